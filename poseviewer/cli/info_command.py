@@ -127,7 +127,7 @@ def _print_scene(path: Path) -> None:
 
 def _print_pose(path: Path) -> None:
     from poseviewer.files.pose import load_pose, recorded_size
-    from poseviewer.files.scene_file import scene_of_set
+    from poseviewer.files.scene_file import scene_of_pose
     from poseviewer.geometry.camera import Perspective
     from poseviewer.geometry.frames import camera_as_integer_centres
 
@@ -144,7 +144,8 @@ def _print_pose(path: Path) -> None:
     if record.undistortion is not None:
         model = record.undistortion.lens.model
         distortion = f"{model}, undone: the camera is that of the undistorted photo"
-    scene, sure, unexplained = scene_of_set(path, record), record.covariance, "not said"
+    count, sure = len(scene_of_pose(path, record).views), record.covariance
+    unexplained = "not said"
     if record.unexplained is not None:
         unexplained = f"{record.unexplained:.3f} (0: all explained, 1: nothing)"
     _print(
@@ -161,7 +162,7 @@ def _print_pose(path: Path) -> None:
         sure=() if sure is None else sure.words(record.model and record.model.unit),
         mask=record.mask or (),
         without=record.without,
-        set=() if scene is None else f"one of {len(scene.views)} photos",
+        set=f"one of {count} photos" if record.in_set else (),
         symmetry=record.symmetry.words or (),
         note=record.warnings,
     )

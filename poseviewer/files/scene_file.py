@@ -161,7 +161,9 @@ class ViewRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
     def reference(self) -> PhotoReference:
         """The photo as pose files name it."""
         photo = self.photo
-        return PhotoReference(printable(self.path.name), photo.width, photo.height, photo.sha256)
+        return PhotoReference(
+            printable(self.path.name) or None, photo.width, photo.height, photo.sha256
+        )
 
 
 def view_record(view: View) -> ViewRecord:
@@ -294,7 +296,7 @@ class SceneRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
     warnings: tuple[str, ...] = ()
 
     def index(self, object_id: str) -> int:
-        """The number of the object that has an id."""
+        """Number of the object that has an id."""
         ids = [one.id for one in self.objects]
         if object_id not in ids:
             raise PoseFileError(
@@ -313,10 +315,11 @@ class SceneRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
         result = one.result or Result(settings=one.settings)
         is_own = result.view == view
         said = {name: getattr(result, name) for name in AS_IN_POSE}
+        model = ModelReference(printable(one.path.name) or None, one.model.sha256, one.model.unit)
         return PoseRecord(
             pose,
             own.reference,
-            ModelReference(printable(one.path.name), one.model.sha256, one.model.unit),
+            None if model == ModelReference() else model,
             **{**said, "chart": result.chart if is_own else None},
             software=self.software,
             undistortion=own.undistortion,
@@ -431,12 +434,16 @@ def _upgraded(reading: Reading, data: dict[str, Any], find: Named) -> dict[str, 
     return {"format": SCENE, "version": 2, "views": [view], "objects": objects}
 
 
-def scene_of_set(path: Path, record: PoseRecord) -> SceneRecord | None:
-    """The scene of a pose file in which earlier versions said a pose in several photos, which lie
-    beside it, or not; None: it says one.
+def scene_of_pose(path: Path, record: PoseRecord) -> SceneRecord:
+    """The scene of a pose file, whose photos, model and masks lie beside it, or not; of several
+    views where an earlier version said the pose in several photos.
     """
+    model, view = record.model or ModelReference(), _view_of_pose(path, record)
+    one = ObjectRecord.of("1", _beside(path, model.file), record, view, model.file or "")
+    more = {"software": record.software, "warnings": record.warnings}
+    scene = SceneRecord(views=(view,), objects=(one,), **more)
     if record.in_set is None:
-        return None
+        return scene
     reading, views = Reading(Path("set")), []
     said = decoded(reading, dict(record.in_set), PoseInSet, raw=("mask",))
     place, size = transform_from(reading, said.set_from_model), said.set_from_model.size
@@ -446,15 +453,26 @@ def scene_of_set(path: Path, record: PoseRecord) -> SceneRecord | None:
         seen = record_from_json(own, entry, photo.width, photo.height)
         moved = seen.pose.camera_from_model
         moved = RigidTransform(moved.rotation, size * moved.translation) @ place.inverse()
-        mask = None if seen.mask is None else path.parent / bare_name(seen.mask)
-        file = path.parent / bare_name(photo.file)
-        more = photo.sha256, seen.undistortion, moved, mask
-        views.append(ViewRecord.of(file, seen.pose.camera, *more))
-    model = path.parent / ((record.model and record.model.file) or "model")
-    one = ObjectRecord.of("1", model, replace(record, seen=None), views[0])
-    one = structs.replace(one, place=place_of(Similarity(place, size)))
+        views.append(structs.replace(_view_of_pose(path, seen), place=Transform.of(moved)))
+    result = structs.replace(one.result or Result(), seen=())
+    one = structs.replace(one, place=place_of(Similarity(place, size)), result=result)
     is_free = said.set_from_model.size_was_free
-    return SceneRecord(views=tuple(views), objects=(one,), unit=said.unit, free_scale=is_free)
+    return structs.replace(
+        scene, views=tuple(views), objects=(one,), unit=said.unit, free_scale=is_free
+    )
+
+
+def _view_of_pose(path: Path, record: PoseRecord) -> ViewRecord:
+    photo = record.photo or PhotoReference()
+    mask = None if record.mask is None else _beside(path, record.mask)
+    more = photo.sha256, record.undistortion, None, mask
+    return ViewRecord.of(_beside(path, photo.file), record.pose.camera, *more)
+
+
+def _beside(path: Path, name: str | None) -> Path:
+    """The file of a name in the folder of a pose; a name is no path."""
+    folder = path if path.is_dir() else path.parent
+    return folder / bare_name(name) if name else Path()
 
 
 def _differ(one: Any, other: Any) -> bool:

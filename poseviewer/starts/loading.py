@@ -36,7 +36,7 @@ from poseviewer.files.scene_file import (
     load_scene,
     mask_text,
     place_of,
-    scene_of_set,
+    scene_of_pose,
     view_record,
 )
 from poseviewer.files.structs import (
@@ -290,7 +290,8 @@ def start_in_views(
         record = load_pose(start, photo.width, photo.height)
         notes = (*record.warnings, *check_against(record.photo, photo.sha256))
         notes += check_against(record.model, model.sha256)
-        if (of_set := scene_of_set(Path(start), record)) is not None:
+        if record.in_set is not None:
+            of_set = scene_of_pose(Path(start), record)
             recorded = 1.0 / of_set.objects[0].place.scale
             masks = _masks_of(of_set, views)
     if not isinstance(record.pose.camera, Perspective):

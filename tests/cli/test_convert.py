@@ -12,6 +12,7 @@ from PIL import Image
 
 from poseviewer.cli import main as cli
 from poseviewer.files.pose import load_pose, save_pose
+from poseviewer.files.scene_file import load_scene
 from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record, write_files
 from tests.schemas import json_schema
 
@@ -39,6 +40,12 @@ def test_there_and_back(pose, tmp_path, capsys):
     assert data["model"] == {"unit": "m"}
     found = load_pose(back, WIDTH, HEIGHT).pose.camera_from_model.translation
     assert found.tolist() == pytest.approx([0.15, -0.1, 6.0], abs=1e-12)
+    files = ("--photo", tmp_path / "000003.png", "--model", tmp_path / "obj_000005.ply")
+    assert (
+        run("convert", out, "--from", "colmap", "--to", "scene", tmp_path / "s.json", *files) == 0
+    )
+    again = load_scene(tmp_path / "s.json").pose(0).camera_from_model.translation
+    assert again.tolist() == found.tolist()
 
 
 def test_a_photo_that_is_stored_turned_is_told(pose, tmp_path, capsys):

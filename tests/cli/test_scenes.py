@@ -98,7 +98,6 @@ def test_the_landscape_is_that_of_one_object_among_the_others(path, tmp_path):
         (("fit", "--pose", "S", "--out", "o.json"), "PHOTO and MODEL are wanted"),
         (("landscape", "S", "--out", "o"), "several objects; say which"),
         (("convert", "S", "o.yml", "--from", "scene", "--to", "opencv"), "choose an object"),
-        (("convert", "S", "o.json", "--from", "opencv", "--to", "scene"), "hold one pose"),
     ],
 )
 def test_what_does_not_go_together_is_said(path, capsys, monkeypatch, arguments, words):

@@ -16,7 +16,7 @@ from poseviewer.files.masks import mask_beside
 from poseviewer.files.photo import save_image
 from poseviewer.files.photo_sets import load_views
 from poseviewer.files.pose import PoseRecord, load_pose
-from poseviewer.files.scene_file import load_scene, mask_in, scene_of_set
+from poseviewer.files.scene_file import load_scene, mask_in, scene_of_pose
 from poseviewer.files.state.autosave import AutosavedSession, load_autosave
 from poseviewer.files.symmetry import read_symmetry
 from poseviewer.files.writing import sha256_of
@@ -107,8 +107,7 @@ def test_what_pose_files_say_beside_the_pose_opens() -> None:
 
 def test_a_pose_in_a_set_of_photos_opens(tmp_path: Path) -> None:
     record, data = opened("in_set")
-    scene = scene_of_set(tmp_path / "in_set.pose.json", record)
-    assert scene is not None
+    scene = scene_of_pose(tmp_path / "in_set.pose.json", record)
     assert scene.objects[0].place.scale == data["set"]["set_from_model"]["size"]
     for view, entry in enumerate(data["set"]["views"]):
         pose, wanted = scene.pose(0, view), entry["camera_from_model"]

@@ -44,7 +44,7 @@ from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.photo_sets import SetChoice, load_views
 from poseviewer.files.pose import load_pose
-from poseviewer.files.scene_file import load_scene, scene_of_set
+from poseviewer.files.scene_file import load_scene, scene_of_pose
 from poseviewer.files.state.autosave import load_autosave
 from poseviewer.files.state.uploads import keep_set
 from poseviewer.files.symmetry import load_symmetry
@@ -95,7 +95,7 @@ READERS: dict[str, Reader] = {
     "mesh": load_mesh,
     "photo": load_photo,
     "pose": lambda path: load_pose(path, *PHOTO_SIZE),
-    "pose_in_a_set": lambda path: scene_of_set(path, load_pose(path, 320, 240)),
+    "pose_in_a_set": lambda path: scene_of_pose(path, load_pose(path, 320, 240)),
     "scene": load_scene,
     "views": load_views,
     "views_in_folder": lambda path: load_views(path.parent),

@@ -28,7 +28,6 @@ from poseviewer.files.formats.conversion import (
     make_record,
     metres_per_unit,
     perspective_of,
-    photo_name,
     size_of,
     unit_of,
 )
@@ -92,43 +91,21 @@ class BopImage:
     objects: tuple[BopObject, ...] = ()
 
 
-def write_bop(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
-    """Append a pose, in each of its photos, to the scene folder ``out``, unless it is there."""
-    images = [
-        (_image_number(asked, photo_name(one)), perspective_of(one, "BOP"), [_entry(one, request)])
-        for one, asked in ((record, request), *request.others)
-    ]
-    return Written(_append(out, images))
-
-
-def write_bop_image(scene: SceneRecord, out: Path, request: ConvertOptions) -> tuple[int, Written]:
-    """Write a scene's objects as one image of the BOP scene ``out``; returns its number, too."""
-    first, number = scene.pose_record(0), _image_number(request, scene.views[0].path.name)
-    entries = []
-    for index, one in enumerate(scene.objects):
-        named = re.fullmatch(MODEL_NAME, one.path.name) or not one.id.isdecimal()
-        asked = request if named else replace(request, object_id=int(one.id))
-        entries.append(_entry(scene.pose_record(index), asked))
-    if str(number) in load_scene_file(out / POSES) and not request.overwrite:
-        raise PoseFileError(
-            f"{out / POSES}: image {number} is there already and was not touched; name another "
-            "with --image NUMBER, or add --overwrite."
-        )
-    images = [(number, perspective_of(first, "BOP"), entries)]
-    return number, Written(_append(out, images, replacing=True))
-
-
-def _append(
-    out: Path,
-    images: Sequence[tuple[int, Perspective, list[dict[str, Any]]]],
-    replacing: bool = False,
-) -> tuple[Path, Path]:
-    """Add poses of images, by number, or put them for those there; returns the scene's files."""
-    reading = Reading(out / CAMERAS)
+def write_bop(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
+    """Append an object's poses to the scene folder ``out``, unless they are there; of several
+    objects, write their poses as the whole image.
+    """
+    reading, is_whole = Reading(out / CAMERAS), len(scene.objects) > 1
     cameras, poses = (load_scene_file(out / name) for name in (CAMERAS, POSES))
-    for number, camera, entries in images:
-        image = str(number)
-        if replacing:
+    for index, view in enumerate(scene.views):
+        image, camera = str(image_number(scene, options, index)), perspective_of(view.camera, "BOP")
+        entries = [_entry(scene, number, index, options) for number in range(len(scene.objects))]
+        if is_whole and image in poses and not options.overwrite:
+            raise PoseFileError(
+                f"{out / POSES}: image {image} is there already and was not touched; name another "
+                "with --image NUMBER, or add --overwrite."
+            )
+        if is_whole:
             cameras.pop(image, None)
             poses.pop(image, None)
         new = {"cam_K": opencv_matrix(camera).reshape(-1).tolist(), "depth_scale": 1.0}
@@ -145,7 +122,7 @@ def _append(
                 f"{out / POSES}: image {image} is not a list; is it a scene of BOP's?"
             )
         of_image += [entry for entry in entries if entry not in of_image]
-    return _save_scene(out, cameras, poses)
+    return Written(_save_scene(out, cameras, poses))
 
 
 def save_masks(
@@ -262,8 +239,8 @@ def same_intrinsics(one: Perspective, other: Perspective) -> bool:
     return bool(np.allclose(*numbers, rtol=SAME, atol=SAME))
 
 
-def _entry(record: PoseRecord, request: ConvertOptions) -> dict[str, Any]:
-    unit, place = unit_of(record, request), record.pose.camera_from_model
+def _entry(scene: SceneRecord, index: int, view: int, options: ConvertOptions) -> dict[str, Any]:
+    unit, place = unit_of(scene, options), scene.pose(index, view).camera_from_model
     if unit is None:
         raise PoseFileError(
             "The pose file does not say the model's unit, and BOP wants mm; add --unit, such as "
@@ -271,19 +248,22 @@ def _entry(record: PoseRecord, request: ConvertOptions) -> dict[str, Any]:
         )
     factor = metres_per_unit(unit) / metres_per_unit(UNIT)
     place = replace(place, translation=place.translation * factor)
-    given = None if request.object_id is None else str(request.object_id)
-    name = record.model.file if record.model else None
-    number = _number(given, MODEL_NAME, name, "object", "obj_000005.ply")
+    one, given = scene.objects[index], options.object_id
+    is_number = len(scene.objects) > 1 and not re.fullmatch(MODEL_NAME, one.path.name)
+    said = one.id if is_number and one.id.isdecimal() else None if given is None else str(given)
+    number = _number(said, MODEL_NAME, one.path.name, "object", "obj_000005.ply")
     return BopObject(number, place).as_json()
 
 
-def _image_number(request: ConvertOptions, name: str | None) -> int:
-    return _number(request.image, PHOTO_NAME, name, "image", "000003.png")
+def image_number(scene: SceneRecord, options: ConvertOptions, view: int = 0) -> int:
+    """Number of a view's image: what the user says, else by the photo's name."""
+    name = scene.views[view].path.name
+    return _number(options.image_of(view), PHOTO_NAME, name, "image", "000003.png")
 
 
-def _number(given: str | None, pattern: str, name: str | None, what: str, example: str) -> int:
+def _number(given: str | None, pattern: str, name: str, what: str, example: str) -> int:
     said = name if given is None else given
-    found = re.fullmatch(pattern, said or "")
+    found = re.fullmatch(pattern, said)
     text = found[1] if found else given or ""
     if not text.isdecimal():
         raise PoseFileError(
@@ -336,4 +316,4 @@ def _objects(reading: Reading, entries: Any, image: str) -> tuple[BopObject, ...
     return tuple(found)
 
 
-BOP = Format(write_bop, read_bop, photos_in="rgb")
+BOP = Format(write_bop, read_bop, several_objects=True, photos_in="rgb")

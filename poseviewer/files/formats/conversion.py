@@ -14,14 +14,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 
 from poseviewer.errors import PhotoFileError, PoseFileError
 from poseviewer.files.checks import Reading, checked_camera, checked_rotation, kind_of
 from poseviewer.files.photo import SAME, load_photo, pixels_for, save_image, undistorted
 from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord
+from poseviewer.files.scene_file import SceneRecord, ViewRecord
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
+from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.transform import RigidTransform
@@ -35,9 +38,9 @@ class ConvertOptions:
     """What is not in the file that is read, or is to be other than it says."""
 
     photo: Path | None = None
-    """The photo's file."""
+    """The photo's file, in place of the one that the source names."""
     model: Path | None = None
-    """The model's file."""
+    """The model's file, likewise; or the folder of a BOP scene's models."""
     photo_size: tuple[int, int] | None = None
     """Width and height of the photo in px, for files that do not say it."""
     unit: str | None = None
@@ -47,8 +50,12 @@ class ConvertOptions:
     object_id: int | None = None
     """Which object (BOP)."""
     overwrite: bool = False
-    others: tuple[tuple[PoseRecord, ConvertOptions], ...] = ()
-    """Of a pose in a set of photos: the same in each of the others, and what is known of that."""
+
+    def image_of(self, view: int) -> str | None:
+        """Name or number of a view's image; numbers count on from the first view's."""
+        if view == 0 or self.image is None:
+            return self.image
+        return str(int(self.image) + view) if self.image.isdecimal() else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +65,8 @@ class Written:
     files: tuple[Path, ...]
     notes: tuple[str, ...] = ()
     """What the user should know about it."""
-    photo: Path | None = None
-    """The photo that all numbers belong to, where it is known."""
+    photo: Path = Path()
+    """The first view's photo, which all its numbers belong to."""
 
 
 LensAs = Callable[[Lens | None], tuple[str, Any] | None]
@@ -70,94 +77,93 @@ LensAs = Callable[[Lens | None], tuple[str, Any] | None]
 class Format:
     """A tool's format."""
 
-    write: Callable[[PoseRecord, Path, ConvertOptions], Written]
-    """Pose, where to, and what else is known."""
+    write: Callable[[SceneRecord, Path, ConvertOptions], Written]
+    """Scene, where to, and what else is known."""
     read: Callable[[Path, ConvertOptions], PoseRecord]
     lens_as: LensAs | None = None
-    several: bool = True
-    """Whether it can say the cameras of several photos."""
+    several_photos: bool = True
+    several_objects: bool = False
+    """Whether it can say several objects, which it does of one photo."""
     both_photos: bool = False
     """Whether it says of the photo as taken and the undistorted one what belongs to which."""
     photos_in: str | None = None
     """Where undistorted photos go: beside the file that is written, or in this folder of it."""
 
-    def lens_name(self, record: PoseRecord) -> str | None:
-        """The format's name for the lens of a pose's undistorted photo; None where it has none."""
-        undistortion, camera = record.undistortion, record.pose.camera
+    def lens_name(self, view: ViewRecord) -> str | None:
+        """The format's name for the lens of a view's undistorted photo; None where it has none."""
+        undistortion, camera = view.undistortion, view.camera
         if undistortion is None or self.lens_as is None or not isinstance(camera, Perspective):
             return None
         same = np.allclose(astuple(camera), astuple(undistortion.camera), rtol=SAME)
         known = self.lens_as(undistortion.lens) if same else None
         return None if known is None else known[0]
 
-    def convert(self, record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
-        """Write a pose for the photo as taken, or else the undistorted photo as well."""
-        views, notes, new, ready = [(record, request), *request.others], [], [], []
-        if len(views) > 1 and not self.several:
+    def convert(self, scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
+        """Write a scene for the photos as taken, or else the undistorted photos as well."""
+        views, notes, new, ready = scene.views, [], [], []
+        several = len(scene.objects) > 1
+        if several and not self.several_objects:
+            raise PoseFileError(
+                "Such a file holds one pose; choose an object of the scene with --object ID, or "
+                "convert all to bop, gltf or meshlab."
+            )
+        if len(views) > 1 and (several or not self.several_photos):
             notes.append(f"It holds one photo: the other {len(views) - 1} of the set are left out.")
             views = views[:1]
-        for one, asked in views:
-            name = photo_name(one) or "the photo"
-            if one.undistortion is not None and not self.both_photos:
-                if (lens := self.lens_name(one)) is not None:
+        for number, view in enumerate(views):
+            name = view.path.name or "the photo"
+            if view.distortion is not None and not self.both_photos:
+                if (lens := self.lens_name(view)) is not None:
                     notes.append(f"Camera and lens ({lens}) are those of {name} as taken.")
-                elif asked.photo is None and ready:
+                elif ready and not view.path.is_file():
                     notes.append(f"{name} is not there to be undistorted: left out.")
                     continue
                 else:
-                    path = self._undistorted_path(out, name, asked)
-                    one, asked = _of_undistorted(one, path, asked)
+                    path = self._undistorted_path(out, options.image_of(number) or name)
+                    view = _of_undistorted(view, path, options)
                     new.append(path)
                     notes.append(
                         f"All numbers of {name} belong to {path.name}, the undistorted photo, "
                         "which is written; not to the photo as taken."
                     )
-            ready.append((one, asked))
-        (first, asked), *others = ready
-        written = self.write(first, out, replace(asked, others=tuple(others)))
-        return Written((*new, *written.files), (*notes, *written.notes), asked.photo)
+            ready.append(view)
+        written = self.write(structs.replace(scene, views=tuple(ready)), out, options)
+        return Written((*new, *written.files), (*notes, *written.notes), ready[0].path)
 
-    def _undistorted_path(self, out: Path, name: str, request: ConvertOptions) -> Path:
+    def _undistorted_path(self, out: Path, name: str) -> Path:
         if self.photos_in is None:
             return out.parent / f"{Path(name).stem}.undistorted.png"
         folder = out / self.photos_in
         make_folder(folder)
         # BOP numbers its images by the names of their files.
-        return folder / f"{Path(request.image or name).stem.zfill(6)}.png"
+        return folder / f"{Path(name).stem.zfill(6)}.png"
 
 
-def _of_undistorted(
-    record: PoseRecord, path: Path, request: ConvertOptions
-) -> tuple[PoseRecord, ConvertOptions]:
-    """Write the undistorted photo of a pose; returns the same of that photo alone."""
-    assert record.undistortion is not None  # asked for such poses alone
-    if request.photo is None:
+def _of_undistorted(view: ViewRecord, path: Path, options: ConvertOptions) -> ViewRecord:
+    """Write the undistorted photo of a view; returns the view of that photo."""
+    if not view.path.is_file():
         raise PoseFileError(
             "The pose is one in the undistorted photo, which has to be written for it, and the "
             "photo as taken is not known; add --photo FILE."
         )
-    taken = load_photo_of(record, request.photo)
-    known = record.photo.sha256 if record.photo else None
+    taken, known = load_photo_of(view), view.photo.sha256
     if known and known.lower() != taken.sha256:
         raise PhotoFileError(
             f"{taken.name}: not the photo that the pose was found on (the fingerprints differ); "
             "name that one with --photo, or this one if you mean it."
         )
-    picture, is_there = undistorted(taken, record.undistortion), path.exists()
-    is_taken = is_there and path.samefile(request.photo)
+    assert view.undistortion is not None  # asked for such views alone
+    picture, is_there = undistorted(taken, view.undistortion), path.exists()
+    is_taken = is_there and path.samefile(view.path)
     same = is_there and not is_taken and np.array_equal(load_photo(path).pixels, picture.pixels)
-    if is_there and not same and (is_taken or not request.overwrite):
+    if is_there and not same and (is_taken or not options.overwrite):
         raise PhotoFileError(
             f"{path}: is there already and was not touched; move it away: the undistorted photo "
             "is to be written there."
         )
     if not same:
         save_image(path, pixels_for(path, picture))
-    camera, image = record.pose.camera, request.image or photo_name(record)
-    photo = PhotoReference(path.name, camera.width, camera.height)
-    return replace(record, undistortion=None, photo=photo), replace(
-        request, photo=path, image=image
-    )
+    return ViewRecord.of(path, view.camera, place=view.place.rigid)
 
 
 def refuse_existing(request: ConvertOptions, *paths: Path) -> None:
@@ -200,19 +206,39 @@ def from_4x4(reading: Reading, rows: Any, what: str) -> RigidTransform:
     return RigidTransform(checked_rotation(reading, matrix[:3, :3]), matrix[:3, 3])
 
 
-def perspective_of(record: PoseRecord, tool: str) -> Perspective:
-    """The record's camera, pixel centres at i + 0.5."""
-    if isinstance(record.pose.camera, Perspective):
-        return record.pose.camera
+def in_one_world(scene: SceneRecord) -> tuple[list[FloatArray], list[Pose]]:
+    """The objects and cameras of a scene in one frame: the model's, or, of several objects, the
+    first camera's with OpenGL's axes; lengths in the models' unit.
+
+    Returns world from model (4, 4) for each object, and each view's camera from the world.
+    """
+    if len(scene.objects) == 1:
+        return [np.eye(4)], [scene.pose(0, view) for view in range(len(scene.views))]
+    camera, places = scene.views[0].camera, []
+    for index in range(len(scene.objects)):
+        pose = scene.pose(index)
+        place = as_4x4(pose.camera_from_model)
+        if isinstance(pose.camera, Parallel) and isinstance(camera, Parallel):
+            # As large in the picture by the one camera, and no farther.
+            place[:3, :3] *= pose.camera.scale / camera.scale
+            place[:2, 3] *= pose.camera.scale / camera.scale
+        places.append(as_4x4(OPENGL_FROM_OPENCV) @ place)
+    return places, [Pose(camera, OPENGL_FROM_OPENCV.inverse())]
+
+
+def perspective_of(camera: Camera, tool: str) -> Perspective:
+    """The camera, unless it is one of parallel projection."""
+    if isinstance(camera, Perspective):
+        return camera
     raise PoseFileError(
         f"The pose is one of parallel projection, which {tool} files cannot hold; convert it to "
         "gltf, or fit it in perspective."
     )
 
 
-def require_file(path: Path | None, what: str, tool: str) -> Path:
+def require_file(path: Path, what: str, tool: str) -> Path:
     """A photo or model that a format cannot do without."""
-    if path is None:
+    if not path.name:
         raise PoseFileError(f"{tool} files name the {what}, and none is known; add --{what} FILE.")
     if not path.is_file():
         raise PoseFileError(f"{path}: no such file; name the {what} with --{what} FILE.")
@@ -228,14 +254,9 @@ def metres_per_unit(unit: str) -> float:
     return METRES[unit]
 
 
-def unit_of(record: PoseRecord, request: ConvertOptions) -> str | None:
-    """The model's unit: what the user says, else what the pose file says."""
-    return request.unit or (record.model.unit if record.model else None)
-
-
-def photo_name(record: PoseRecord) -> str | None:
-    """The name of the photo's file, where the pose has it."""
-    return record.photo.file if record.photo else None
+def unit_of(scene: SceneRecord, options: ConvertOptions) -> str | None:
+    """The models' unit: what the user says, else what the scene says."""
+    return options.unit or next((o.model.unit for o in scene.objects if o.model.unit), None)
 
 
 def size_of(
@@ -298,17 +319,17 @@ def make_record(
     )
 
 
-def seen_as_taken(record: PoseRecord, tool: str, lens_as: LensAs) -> tuple[Perspective, Any]:
+def seen_as_taken(view: ViewRecord, tool: str, lens_as: LensAs) -> tuple[Perspective, Any]:
     """Camera (pixel centres at i + 0.5) of the photo as taken, and the tool's form of its lens."""
-    camera, undistortion = perspective_of(record, tool), record.undistortion
+    camera, undistortion = perspective_of(view.camera, tool), view.undistortion
     if undistortion is None:
         return camera, lens_as(None)
     return undistortion.taken, lens_as(undistortion.lens)
 
 
-def load_photo_of(record: PoseRecord, path: Path) -> Photo:
-    """The photo of a pose."""
-    photo, camera = load_photo(path), record.pose.camera
+def load_photo_of(view: ViewRecord) -> Photo:
+    """The photo of a view."""
+    photo, camera = load_photo(view.path), view.camera
     if (photo.width, photo.height) != (camera.width, camera.height):
         raise PhotoFileError(
             f"{photo.name}: {photo.width}x{photo.height} px, and the pose is one for "

@@ -31,10 +31,10 @@ from poseviewer.files.formats.conversion import (
     Written,
     as_4x4,
     from_4x4,
+    in_one_world,
     load_photo_of,
     make_record,
     metres_per_unit,
-    photo_name,
     require_file,
     size_of,
     the_one,
@@ -53,7 +53,7 @@ from poseviewer.geometry.transform import RigidTransform
 PLANE_BEHIND = 1.05
 """Distance of the photo's plane, in those of the model's furthest point."""
 NEAREST = 1e-3
-"""The near plane, in the model's diameters at the least: for cameras inside the model."""
+"""The near plane, in the models' diameters at the least: for cameras inside a model."""
 LARGEST_JSON = 100_000_000
 """Bytes of JSON in a glTF file."""
 FLOAT, UNSIGNED, VERTICES, INDICES = 5126, 5125, 34962, 34963
@@ -61,113 +61,66 @@ FLOAT, UNSIGNED, VERTICES, INDICES = 5126, 5125, 34962, 34963
 KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3"}
 
 
-def write_gltf(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
-    """Write a GLB file. Lengths become metres where the model's unit is known."""
-    mesh = load_mesh(require_file(request.model, "model", "glTF"))
-    pose = in_front(record.pose, mesh)
-    unit = unit_of(record, request)
-    scale = 1.0 if unit is None else metres_per_unit(unit)
-    file = _Glb()
-    nodes = [file.add("nodes", name="model", mesh=file.add_mesh(mesh))]
-    if scale != 1.0:
-        nodes = [file.add("nodes", name="metres", scale=[scale] * 3, children=nodes)]
-    names = ["photo", *(photo_name(one) or "another photo" for one, _ in request.others)]
-    poses = [pose, *(one.pose for one, _ in request.others)]
-    for name, seen in zip(names, poses, strict=True):
-        nodes.append(file.add_camera(name, seen, view_depths(seen, mesh), scale))
-    far = view_depths(pose, mesh)[1]
-    return _write_view(file, nodes, replace(record, pose=pose), far, scale, out, request)
-
-
-def write_gltf_scene(scene: SceneRecord, out: Path, request: ConvertOptions) -> Written:
-    """Write a scene as a GLB file, in the camera's frame (glTF's axes) and, if known, metres."""
-    records = [scene.pose_record(index) for index in range(len(scene.objects))]
-    known, matrices, span = before_camera(scene)
-    unit = request.unit or next(
-        (found for one in records if (found := unit_of(one, request)) is not None), None
-    )
-    scale, file, nodes = 1.0 if unit is None else metres_per_unit(unit), _Glb(), []
-    index = {path: file.add_mesh(mesh) for path, mesh in known.items()}
-    for one, place in zip(scene.objects, matrices, strict=True):
-        place = as_4x4(OPENGL_FROM_OPENCV) @ place
-        place[:3] *= scale
-        matrix = place.T.reshape(-1).tolist()
-        nodes.append(file.add("nodes", name=one.label, mesh=index[one.path], matrix=matrix))
-    # From the file's world, OpenGL's axes, to the camera's.
-    of_camera = replace(records[0], pose=Pose(scene.views[0].camera, OPENGL_FROM_OPENCV.inverse()))
-    photo = replace(request, photo=request.photo or scene.views[0].path)
-    nodes.append(file.add_camera("photo", of_camera.pose, span, scale))
-    return _write_view(file, nodes, of_camera, span[1], scale, out, photo)
-
-
-def before_camera(
-    scene: SceneRecord,
-) -> tuple[dict[Path, Mesh], list[FloatArray], tuple[float, float]]:
-    """The models of a scene by file; for each object camera from model (4, 4), OpenCV's axes, as
-    large as in the photo; and the depths that hold them all.
+def write_gltf(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
+    """Write a GLB file of models and cameras ``in_one_world``, which is glTF's; lengths become
+    metres where the models' unit is known.
     """
-    known = {path: load_mesh(path) for path in {one.path for one in scene.objects}}
-    pairs = [(scene.pose(i), known[one.path]) for i, one in enumerate(scene.objects)]
-    camera = scene.views[0].camera
-    # Parallel projection has no depth to keep, but what is in front has to stay there.
-    ahead = max(
-        in_front(pose, mesh).camera_from_model.translation[2]
-        - pose.camera_from_model.translation[2]
-        for pose, mesh in pairs
-    )
-    shift, depths, matrices = RigidTransform(np.eye(3), np.array([0.0, 0.0, ahead])), [], []
-    for pose, mesh in pairs:
-        pose = replace(pose, camera_from_model=shift @ pose.camera_from_model)
-        depths.append(view_depths(pose, mesh))
-        place = as_4x4(pose.camera_from_model)
-        if isinstance(pose.camera, Parallel) and isinstance(camera, Parallel):
-            # As large in the picture by the one camera, and no farther.
-            place[:3, :3] *= pose.camera.scale / camera.scale
-            place[:2, 3] *= pose.camera.scale / camera.scale
-        matrices.append(place)
-    return known, matrices, (min(near for near, _ in depths), max(far for _, far in depths))
-
-
-def _write_view(
-    file: _Glb,
-    nodes: list[int],
-    record: PoseRecord,
-    far: float,
-    scale: float,
-    out: Path,
-    request: ConvertOptions,
-) -> Written:
-    """Add the photo of a pose in the file's world, behind the depth ``far``, and write."""
     if out.suffix.lower() != ".glb":
         raise PoseFileError(f"{out.name}: binary glTF files end in .glb; name it so.")
-    notes = []
-    if request.photo is None:
+    unit, (places, poses) = unit_of(scene, options), in_one_world(scene)
+    scale = 1.0 if unit is None else metres_per_unit(unit)
+    paths = [require_file(one.path, "model", "glTF") for one in scene.objects]
+    meshes = {path: load_mesh(path) for path in dict.fromkeys(paths)}
+    corners = [
+        meshes[path].vertices @ place[:3, :3].T + place[:3, 3]
+        for path, place in zip(paths, places, strict=True)
+    ]
+    points, file = np.concatenate(corners), _Glb()
+    index = {path: file.add_mesh(mesh) for path, mesh in meshes.items()}
+    models = [
+        file.add("nodes", name=one.label, mesh=index[one.path], matrix=_column_major(place))
+        for one, place in zip(scene.objects, places, strict=True)
+    ]
+    nodes = [file.add("nodes", name="models", scale=[scale] * 3, children=models)]
+    poses = [_in_front(pose, points) for pose in poses]
+    names = ["photo", *(view.path.name or "another photo" for view in scene.views[1:])]
+    for name, pose in zip(names, poses, strict=True):
+        nodes.append(file.add_camera(name, pose, _depths(pose, points), scale))
+    notes, view = [], scene.views[0]
+    if not view.path.is_file():
         notes.append("No photo is known: the file has no plane with it; add --photo FILE.")
     else:
-        photo = load_photo_of(record, request.photo)
+        photo, (_, far) = load_photo_of(view), _depths(poses[0], points)
         rgb = photo.as_rgb8(photo.width, photo.height)
-        plane = file.add_photo(_plane(record.pose, PLANE_BEHIND * far) * scale, rgb)
+        plane = file.add_photo(_plane(poses[0], PLANE_BEHIND * far) * scale, rgb)
         nodes.append(file.add("nodes", name="photo plane", mesh=plane))
-    return write_new(request, {out: file.as_bytes(nodes)}, *notes)
+    return write_new(options, {out: file.as_bytes(nodes)}, *notes)
 
 
-def view_depths(pose: Pose, mesh: Mesh) -> tuple[float, float]:
-    """Depths of a plane before the model and of its furthest point, in the model's unit."""
-    depths = pose.camera_from_model.apply(mesh.vertices)[:, 2]
-    least = NEAREST * mesh.diameter
+def _depths(pose: Pose, points: FloatArray) -> tuple[float, float]:
+    """Depths of a plane before the points and of the furthest of them."""
+    depths = pose.camera_from_model.apply(points)[:, 2]
+    least = NEAREST * _size(points)
     return max(0.5 * float(depths.min()), least), max(float(depths.max()), 2.0 * least)
 
 
-def in_front(pose: Pose, mesh: Mesh) -> Pose:
-    """The pose with the model before the camera: parallel projection has no depth to keep."""
+def _in_front(pose: Pose, points: FloatArray) -> Pose:
+    """The pose with the points before the camera: parallel projection has no depth to keep."""
     if not isinstance(pose.camera, Parallel):
         return pose
     place = pose.camera_from_model
-    depth = float(place.apply(mesh.vertices)[:, 2].min())
-    shift = np.array([0.0, 0.0, max(mesh.diameter - depth, 0.0)])
-    return replace(
-        pose, camera_from_model=RigidTransform(place.rotation, place.translation + shift)
-    )
+    ahead = max(_size(points) - float(place.apply(points)[:, 2].min()), 0.0)
+    moved = RigidTransform(place.rotation, place.translation + np.array([0.0, 0.0, ahead]))
+    return replace(pose, camera_from_model=moved)
+
+
+def _size(points: FloatArray) -> float:
+    """Diagonal of the points' bounding box."""
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
+def _column_major(matrix: FloatArray) -> list[float]:
+    return matrix.T.reshape(-1).tolist()
 
 
 class _Glb:
@@ -240,7 +193,7 @@ class _Glb:
         place = as_4x4((OPENGL_FROM_OPENCV @ pose.camera_from_model).inverse())
         place[:3, 3] *= scale
         camera = self.add("cameras", name=name, **_camera_as_json(pose.camera, clip, scale))
-        return self.add("nodes", name=name, camera=camera, matrix=place.T.reshape(-1).tolist())
+        return self.add("nodes", name=name, camera=camera, matrix=_column_major(place))
 
     def add_photo(self, corners: FloatArray, rgb: NDArray[np.uint8]) -> int:
         """The photo on a quadrangle (4, 3): upper left, upper right, lower right, lower left."""
@@ -393,4 +346,4 @@ def _camera(
     )
 
 
-GLTF = Format(write_gltf, read_gltf)
+GLTF = Format(write_gltf, read_gltf, several_objects=True)

@@ -16,17 +16,23 @@ from poseviewer.files.formats.conversion import (
     refuse_existing,
     size_of,
 )
-from poseviewer.files.formats.gltf import GLTF, write_gltf_scene
-from poseviewer.files.formats.meshlab import MESHLAB, write_meshlab_scene
+from poseviewer.files.formats.gltf import GLTF
+from poseviewer.files.formats.meshlab import MESHLAB
 from poseviewer.files.formats.opencv import OPENCV
 from poseviewer.files.formats.reconstructions import COLMAP, NERFSTUDIO
-from poseviewer.files.pose import PhotoReference, PoseRecord, record_from_json, save_pose
+from poseviewer.files.masks import load_mask, save_pose_and_mask
+from poseviewer.files.pose import PhotoReference, PoseRecord, record_from_json
+from poseviewer.files.scene_file import SceneRecord
 
 
-def write_own(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
-    """Write a pose file of our own."""
-    refuse_existing(request, out)
-    save_pose(out, record)
+def write_own(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
+    """Write a pose file of our own, and its mask beside it."""
+    refuse_existing(options, out)
+    view, record = scene.views[0], scene.pose_record(0)
+    mask = None
+    if view.mask and Path(view.mask).is_file():
+        mask = load_mask(view.mask, view.photo.width, view.photo.height)
+    save_pose_and_mask(out, record, mask)
     return Written((out,))
 
 
@@ -43,7 +49,7 @@ def read_own(path: Path, request: ConvertOptions) -> PoseRecord:
 
 
 FORMATS = {
-    "poseviewer": Format(write_own, read_own, both_photos=True),
+    "poseviewer": Format(write_own, read_own, several_photos=False, both_photos=True),
     "opencv": OPENCV,
     "bop": BOP,
     "colmap": COLMAP,
@@ -51,5 +57,3 @@ FORMATS = {
     "gltf": GLTF,
     "meshlab": MESHLAB,
 }
-OF_SCENES = {"gltf": write_gltf_scene, "meshlab": write_meshlab_scene}
-"""Those that one file holds all objects of a scene in."""

@@ -8,8 +8,6 @@ corner of the picture, with pixel centres at i + 0.5.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -23,9 +21,9 @@ from poseviewer.files.formats.conversion import (
     Written,
     as_4x4,
     from_4x4,
+    in_one_world,
     make_record,
     perspective_of,
-    photo_name,
     require_file,
     size_of,
     the_one,
@@ -33,7 +31,6 @@ from poseviewer.files.formats.conversion import (
 )
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_file import SceneRecord
-from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_with_rows_from_below
 from poseviewer.geometry.transform import RigidTransform
@@ -42,56 +39,34 @@ SENSOR_MM = 36.0
 """Width of the sensor we claim: MeshLab wants mm, of which only ratios count."""
 
 
-def write_meshlab(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
-    """Write a project that names model and photo by their paths from its folder."""
-    model = require_file(request.model, "model", "MeshLab")
-    return _write_project(record, {model.name: (model, np.eye(4))}, out, request)
-
-
-def write_meshlab_scene(scene: SceneRecord, out: Path, request: ConvertOptions) -> Written:
-    """Write all objects of a scene; the project's world is the camera's frame, OpenCV's axes."""
-    own = scene.views[0]
-    of_camera = replace(scene.pose_record(0), pose=Pose(own.camera, RigidTransform.identity()))
-    models = {
-        one.id: (one.path, as_4x4(scene.pose(index).camera_from_model))
-        for index, one in enumerate(scene.objects)
-    }
-    photo = replace(request, photo=request.photo or own.path)
-    return _write_project(of_camera, models, out, photo)
-
-
-def _write_project(
-    record: PoseRecord,
-    models: Mapping[str, tuple[Path, FloatArray]],
-    out: Path,
-    request: ConvertOptions,
-) -> Written:
-    """Write models by their labels, each with world from model (4, 4), and the record's cameras."""
-    perspective_of(record, "MeshLab")
-    require_file(request.photo, "photo", "MeshLab")
+def write_meshlab(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
+    """Write a project that names models and photos by their paths from its folder."""
+    require_file(scene.views[0].path, "photo", "MeshLab")
+    places, poses = in_one_world(scene)
     add, root = ElementTree.SubElement, ElementTree.Element("MeshLabProject")
     group = add(root, "MeshGroup")
-    for label, (model, place) in models.items():
-        mesh = {"label": label, "visible": "1", "filename": _from_folder(out, model)}
+    for one, place in zip(scene.objects, places, strict=True):
+        model = _from_folder(out, require_file(one.path, "model", "MeshLab"))
+        mesh = {"label": one.label, "visible": "1", "filename": model}
         matrix = add(add(group, "MLMesh", mesh), "MLMatrix44")
         matrix.text = "\n" + "".join(f"{_words(row)} \n" for row in place)
     rasters, notes = add(root, "RasterGroup"), []
-    for one, asked in ((record, request), *request.others):
-        if asked.photo is None:
-            notes.append(f"{photo_name(one)} is not there, and is left out.")
+    for view, pose in zip(scene.views, poses, strict=True):
+        if not view.path.is_file():
+            notes.append(f"{view.path.name} is not there, and is left out.")
             continue
-        raster = add(rasters, "MLRaster", {"label": asked.photo.name})
-        add(raster, "VCGCamera", _shot(one))
-        add(raster, "Plane", {"semantic": "1", "fileName": _from_folder(out, asked.photo)})
+        raster = add(rasters, "MLRaster", {"label": view.path.name})
+        add(raster, "VCGCamera", _shot(pose))
+        add(raster, "Plane", {"semantic": "1", "fileName": _from_folder(out, view.path)})
     ElementTree.indent(root, " ")
     text = "<!DOCTYPE MeshLabDocument>\n" + ElementTree.tostring(root, encoding="unicode") + "\n"
-    return write_new(request, {out: text}, *notes)
+    return write_new(options, {out: text}, *notes)
 
 
-def _shot(record: PoseRecord) -> dict[str, str]:
+def _shot(pose: Pose) -> dict[str, str]:
     """MeshLab's words for a camera."""
-    camera = camera_with_rows_from_below(perspective_of(record, "MeshLab"))
-    place = OPENGL_FROM_OPENCV @ record.pose.camera_from_model
+    camera = camera_with_rows_from_below(perspective_of(pose.camera, "MeshLab"))
+    place = OPENGL_FROM_OPENCV @ pose.camera_from_model
     pixel_mm = SENSOR_MM / camera.width
     focal_mm = camera.fx * pixel_mm
     return {
@@ -162,4 +137,4 @@ def read_meshlab(path: Path, request: ConvertOptions) -> PoseRecord:
     return make_record(reading, pose, raster.get("label"), request.unit)
 
 
-MESHLAB = Format(write_meshlab, read_meshlab)
+MESHLAB = Format(write_meshlab, read_meshlab, several_objects=True)

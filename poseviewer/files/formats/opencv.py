@@ -24,6 +24,7 @@ from poseviewer.files.formats.conversion import (
     write_new,
 )
 from poseviewer.files.pose import PoseRecord
+from poseviewer.files.scene_file import SceneRecord
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.lens import Lens, opencv_matrix
@@ -36,10 +37,10 @@ STORAGES = {
 }
 
 
-def write_opencv(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
+def write_opencv(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
     """Write YAML or JSON, by the ending."""
-    camera, (_, lens) = seen_as_taken(record, "OpenCV", opencv_lens)
-    ending, transform = out.suffix.lower(), record.pose.camera_from_model
+    camera, (_, lens) = seen_as_taken(scene.views[0], "OpenCV", opencv_lens)
+    ending, transform = out.suffix.lower(), scene.pose(0).camera_from_model
     if ending not in STORAGES:
         raise PoseFileError(f"{out.name}: OpenCV files end in {', '.join(STORAGES)}; name one so.")
     mode = cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | STORAGES[ending]
@@ -53,7 +54,7 @@ def write_opencv(record: PoseRecord, out: Path, request: ConvertOptions) -> Writ
         storage.write("fisheye_model", 1)  # as OpenCV's calibration sample says it
     storage.write("rvec", transform.as_rotation_vector().reshape(3, 1))
     storage.write("tvec", np.array(transform.translation).reshape(3, 1))
-    return write_new(request, {out: storage.releaseAndGetString()})
+    return write_new(options, {out: storage.releaseAndGetString()})
 
 
 def opencv_lens(lens: Lens | None) -> tuple[str, Lens | None]:
@@ -89,4 +90,4 @@ def _numbers(
     return np.array(numbers)
 
 
-OPENCV = Format(write_opencv, read_opencv, lens_as=opencv_lens, several=False)
+OPENCV = Format(write_opencv, read_opencv, lens_as=opencv_lens, several_photos=False)

@@ -34,13 +34,13 @@ from poseviewer.files.formats.conversion import (
     as_4x4,
     from_4x4,
     make_record,
-    photo_name,
     seen_as_taken,
     size_of,
     the_one,
     write_new,
 )
 from poseviewer.files.pose import PoseRecord
+from poseviewer.files.scene_file import SceneRecord
 from poseviewer.files.writing import make_folder
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
@@ -56,19 +56,19 @@ LENSES: dict[LensModel, tuple[str, tuple[str, ...]]] = {
 """What nerfstudio calls OpenCV's lens models, and their coefficients."""
 
 
-def write_colmap(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
+def write_colmap(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
     """Write a model's cameras and images, without points, into the folder ``out``."""
     cameras: dict[str, int] = {}
     images = ""
-    for image, one in enumerate((record, *(other for other, _ in request.others)), 1):
-        camera, (model, distortion) = seen_as_taken(one, "COLMAP", colmap_lens)
-        transform = one.pose.camera_from_model
+    for index, view in enumerate(scene.views):
+        camera, (model, distortion) = seen_as_taken(view, "COLMAP", colmap_lens)
+        transform = scene.pose(0, index).camera_from_model
         quaternion = Rotation.from_matrix(transform.rotation).as_quat(scalar_first=True)
         place = " ".join(repr(float(x)) for x in (*quaternion, *transform.translation))
         numbers = " ".join(map(repr, (camera.fx, camera.fy, camera.cx, camera.cy, *distortion)))
         said = f"{model} {camera.width} {camera.height} {numbers}"
         number = cameras.setdefault(said, len(cameras) + 1)
-        images += f"{image} {place} {number} {photo_name(one) or 'photo'}\n\n"
+        images += f"{index + 1} {place} {number} {view.path.name or 'photo'}\n\n"
     make_folder(out)
     texts = {
         "cameras.txt": "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[] (fx, fy, cx, cy, distortion)\n"
@@ -78,7 +78,7 @@ def write_colmap(record: PoseRecord, out: Path, request: ConvertOptions) -> Writ
         "points3D.txt": "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, "
         "POINT2D_IDX)\n",
     }
-    return write_new(request, {out / name: text for name, text in texts.items()})
+    return write_new(options, {out / name: text for name, text in texts.items()})
 
 
 def colmap_lens(lens: Lens | None) -> tuple[str, tuple[float, ...]] | None:
@@ -132,15 +132,16 @@ def _taken(reading: Reading, words: list[str], of_cameras: Reading, rows: list[l
     return " ".join(words[9:]), place, *colmap_camera(of_cameras, row)
 
 
-def write_nerfstudio(record: PoseRecord, out: Path, request: ConvertOptions) -> Written:
+def write_nerfstudio(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
     """Write a file of a frame for each photo; the world is the model's frame."""
     shared, frames = {}, []
-    for one, asked in ((record, request), *request.others):
-        camera, (model, distortion) = seen_as_taken(one, "nerfstudio", nerfstudio_lens)
-        name = photo_name(one) or "photo"
-        if asked.photo is not None:
-            name = Path(os.path.relpath(asked.photo, out.parent)).as_posix()
-        world_from_camera = (OPENGL_FROM_OPENCV @ one.pose.camera_from_model).inverse()
+    for index, view in enumerate(scene.views):
+        camera, (model, distortion) = seen_as_taken(view, "nerfstudio", nerfstudio_lens)
+        name = view.path.name or "photo"
+        if view.path.is_file():
+            name = Path(os.path.relpath(view.path, out.parent)).as_posix()
+        transform = scene.pose(0, index).camera_from_model
+        world_from_camera = (OPENGL_FROM_OPENCV @ transform).inverse()
         own = {
             "camera_model": model,
             "w": camera.width,
@@ -152,7 +153,7 @@ def write_nerfstudio(record: PoseRecord, out: Path, request: ConvertOptions) -> 
         other = {key: value for key, value in own.items() if shared.get(key) != value}
         matrix = as_4x4(world_from_camera).tolist()
         frames.append({"file_path": name, **other, "transform_matrix": matrix})
-    return write_new(request, {out: json.dumps({**shared, "frames": frames}, indent=2) + "\n"})
+    return write_new(options, {out: json.dumps({**shared, "frames": frames}, indent=2) + "\n"})
 
 
 def read_nerfstudio(path: Path, request: ConvertOptions) -> PoseRecord:

@@ -12,6 +12,7 @@ import pytest
 from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.bop import load_bop_images, read_bop, write_bop
 from poseviewer.files.formats.conversion import ConvertOptions
+from poseviewer.files.scene_file import scene_of_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.transform import RigidTransform
 from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record
@@ -37,7 +38,7 @@ def load_scene(folder: Path) -> tuple[dict, dict]:
 @pytest.mark.parametrize(("unit", "millimetres"), [("m", 1000.0), ("mm", 1.0), ("in", 25.4)])
 def test_the_scene_projects_the_model_the_same(tmp_path, unit, millimetres):
     record = perspective_record(unit)
-    write_bop(record, tmp_path / "scene", ConvertOptions())
+    write_bop(scene_of_pose(tmp_path, record), tmp_path / "scene", ConvertOptions())
     cameras, poses = load_scene(tmp_path / "scene")
     camera, (pose,) = cameras[3]["cam_K"], poses[3]
     points = np.random.default_rng(0).uniform(-1.0, 1.0, (20, 3))
@@ -55,9 +56,9 @@ def test_what_is_there_stays(tmp_path):
     (tmp_path / "scene_camera.json").write_text(json.dumps(old_camera))
     (tmp_path / "scene_gt.json").write_text(json.dumps({"0": [old_pose]}))
     record = perspective_record()
-    write_bop(record, tmp_path, ConvertOptions())
-    write_bop(record, tmp_path, ConvertOptions(object_id=6))
-    write_bop(record, tmp_path, ConvertOptions())
+    write_bop(scene_of_pose(tmp_path, record), tmp_path, ConvertOptions())
+    write_bop(scene_of_pose(tmp_path, record), tmp_path, ConvertOptions(object_id=6))
+    write_bop(scene_of_pose(tmp_path, record), tmp_path, ConvertOptions())
     cameras, poses = (
         json.loads((tmp_path / name).read_text()) for name in ("scene_camera.json", "scene_gt.json")
     )
@@ -68,20 +69,20 @@ def test_what_is_there_stays(tmp_path):
 
 def test_an_image_keeps_its_camera(tmp_path):
     record = perspective_record()
-    write_bop(record, tmp_path, ConvertOptions())
+    write_bop(scene_of_pose(tmp_path, record), tmp_path, ConvertOptions())
     before = (tmp_path / "scene_gt.json").read_bytes()
     camera = record.pose.camera
     assert isinstance(camera, Perspective)
     other = replace(record, pose=replace(record.pose, camera=replace(camera, fx=999.0)))
     with pytest.raises(PoseFileError, match="another camera"):
-        write_bop(other, tmp_path, ConvertOptions())
+        write_bop(scene_of_pose(tmp_path, other), tmp_path, ConvertOptions())
     assert (tmp_path / "scene_gt.json").read_bytes() == before
 
 
 def test_damaged_files_are_not_written_over(tmp_path):
     (tmp_path / "scene_gt.json").write_text('{"0": [')
     with pytest.raises(PoseFileError, match=r"scene_gt\.json: not JSON"):
-        write_bop(perspective_record(), tmp_path, ConvertOptions())
+        write_bop(scene_of_pose(tmp_path, perspective_record()), tmp_path, ConvertOptions())
     assert (tmp_path / "scene_gt.json").read_text() == '{"0": ['
     assert not (tmp_path / "scene_camera.json").exists()
 
@@ -92,23 +93,23 @@ def test_damaged_files_are_not_written_over(tmp_path):
 def test_an_image_that_is_no_image_is_said(tmp_path, entry):
     (tmp_path / "scene_camera.json").write_text(f'{{"3": {entry}}}')
     with pytest.raises(PoseFileError, match=r"image 3|3\.cam_K"):
-        write_bop(perspective_record(), tmp_path, ConvertOptions())
+        write_bop(scene_of_pose(tmp_path, perspective_record()), tmp_path, ConvertOptions())
     (tmp_path / "scene_camera.json").unlink()
     (tmp_path / "scene_gt.json").write_text('{"3": {}}')
     with pytest.raises(PoseFileError, match="image 3"):
-        write_bop(perspective_record(), tmp_path, ConvertOptions())
+        write_bop(scene_of_pose(tmp_path, perspective_record()), tmp_path, ConvertOptions())
 
 
 def test_what_is_not_known_is_asked_for(tmp_path):
     record = perspective_record(unit=None)
     with pytest.raises(PoseFileError, match="--unit mm"):
-        write_bop(record, tmp_path, ConvertOptions())
+        write_bop(scene_of_pose(tmp_path, record), tmp_path, ConvertOptions())
     nameless = replace(perspective_record(), photo=None)
     with pytest.raises(PoseFileError, match="--image NUMBER"):
-        write_bop(nameless, tmp_path, ConvertOptions())
+        write_bop(scene_of_pose(tmp_path, nameless), tmp_path, ConvertOptions())
     nameless = replace(perspective_record(), model=None)
     with pytest.raises(PoseFileError, match="--object NUMBER"):
-        write_bop(nameless, tmp_path, ConvertOptions(unit="m"))
+        write_bop(scene_of_pose(tmp_path, nameless), tmp_path, ConvertOptions(unit="m"))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -118,7 +119,11 @@ def test_one_of_many_poses_is_chosen(tmp_path):
         for number in (5, 6):
             place = RigidTransform(np.eye(3), np.array([int(image), number, 700.0]))
             moved = replace(record, pose=replace(record.pose, camera_from_model=place))
-            write_bop(moved, tmp_path, ConvertOptions(image=image, object_id=number))
+            write_bop(
+                scene_of_pose(tmp_path, moved),
+                tmp_path,
+                ConvertOptions(image=image, object_id=number),
+            )
     found = read_bop(tmp_path, ConvertOptions(image="000012", object_id=6, photo_size=SIZE))
     assert found.pose.camera_from_model.translation.tolist() == [12.0, 6.0, 700.0]
     unclear = (

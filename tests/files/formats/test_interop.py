@@ -20,7 +20,7 @@ from poseviewer.files.formats.opencv import write_opencv
 from poseviewer.files.formats.reconstructions import write_colmap, write_nerfstudio
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene_file import load_scene
+from poseviewer.files.scene_file import load_scene, scene_of_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from tests.files.formats.cases import (
@@ -42,7 +42,7 @@ HALF_A_PIXEL_SHOWS = 0.1
 def test_opencv_projects_the_same(tmp_path, name):
     mesh, request = write_files(tmp_path)
     record = perspective_record()
-    write_opencv(record, tmp_path / name, request)
+    write_opencv(scene_of_pose(tmp_path, record), tmp_path / name, request)
     storage = cv2.FileStorage(str(tmp_path / name), cv2.FILE_STORAGE_READ)
     fields = ("rvec", "tvec", "camera_matrix", "distortion_coefficients")
     rvec, tvec, camera, distortion = (storage.getNode(field).mat() for field in fields)
@@ -55,7 +55,7 @@ def test_opencv_projects_the_same(tmp_path, name):
 def test_colmap_projects_the_same_and_counts_pixels_the_same(tmp_path):
     mesh, request = write_files(tmp_path)
     record = perspective_record()
-    write_colmap(record, tmp_path / "model", request)
+    write_colmap(scene_of_pose(tmp_path, record), tmp_path / "model", request)
     points, spots = tmp_path / "points.json", tmp_path / "spots.png"
     points.write_text(json.dumps(mesh.vertices[:50].tolist()))
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
@@ -75,7 +75,7 @@ def test_colmap_projects_the_same_and_counts_pixels_the_same(tmp_path):
 def in_meshlab(tmp_path_factory) -> dict:
     folder = tmp_path_factory.mktemp("meshlab")
     _, request = write_files(folder)
-    write_meshlab(perspective_record(), folder / "project.mlp", request)
+    write_meshlab(scene_of_pose(folder, perspective_record()), folder / "project.mlp", request)
     return read_with("pymeshlab", folder / "project.mlp", out=folder / "out.json")
 
 
@@ -138,7 +138,7 @@ def test_blender_sees_the_same_through_gltf(tmp_path, make_record, unit):
     """glTF has no principal point off the middle: the view is wider, and the photo a part of it."""
     mesh, request = write_files(tmp_path)
     record, wide = make_record(), (224, 168)
-    write_gltf(record, tmp_path / "scene.glb", replace(request, unit=unit))
+    write_gltf(scene_of_pose(tmp_path, record), tmp_path / "scene.glb", replace(request, unit=unit))
     answer, drawn = draw_in_blender(tmp_path / "scene.glb", *wide, aspect_of(record))
     # cx = 112 of 200: the wider view is 224 px wide, and begins where the photo does;
     # cy = 66 of 150: it is 168 px high, and begins 18 px above the photo.
@@ -179,7 +179,7 @@ def test_the_photo_covers_what_gltf_shows_of_it(tmp_path):
     """The plane's corners are seen at the photo's corners."""
     _, request = write_files(tmp_path)
     record = perspective_record(unit="cm")
-    write_gltf(record, tmp_path / "scene.glb", request)
+    write_gltf(scene_of_pose(tmp_path, record), tmp_path / "scene.glb", request)
     scene = trimesh.load_scene(tmp_path / "scene.glb", process=False)
     plane = next(one for name, one in scene.geometry.items() if name.startswith("photo"))
     seen = record.pose.project(np.asarray(plane.vertices) * 100.0)
@@ -195,7 +195,7 @@ def test_nerfstudio_looks_through_the_same_pixels(tmp_path):
     """Its published rule (Cameras.generate_rays), as there is no small reader of it."""
     _, request = write_files(tmp_path)
     record = perspective_record()
-    write_nerfstudio(record, tmp_path / "transforms.json", request)
+    write_nerfstudio(scene_of_pose(tmp_path, record), tmp_path / "transforms.json", request)
     data = json.loads((tmp_path / "transforms.json").read_text())
     world_from_camera = np.array(data["frames"][0]["transform_matrix"])
     row, column = 40, 130

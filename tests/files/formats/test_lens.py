@@ -23,6 +23,7 @@ from poseviewer.files.formats.reconstructions import (
 )
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import PoseRecord, save_pose
+from poseviewer.files.scene_file import scene_of_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens, Undistortion, undistort
 from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record, write_files
@@ -65,7 +66,7 @@ def written(name: str, record: PoseRecord, folder: Path, more: str = "") -> int:
 def test_opencv_sees_the_model_in_the_photo_as_taken(tmp_path, lens):
     mesh, request = write_files(tmp_path)
     record = record_through(lens)
-    write_opencv(record, tmp_path / "pose.yml", request)
+    write_opencv(scene_of_pose(tmp_path, record), tmp_path / "pose.yml", request)
     storage = cv2.FileStorage(str(tmp_path / "pose.yml"), cv2.FILE_STORAGE_READ)
     fields = ("rvec", "tvec", "camera_matrix", "distortion_coefficients")
     rvec, tvec, camera, distortion = (storage.getNode(field).mat() for field in fields)
@@ -82,7 +83,7 @@ def test_opencv_sees_the_model_in_the_photo_as_taken(tmp_path, lens):
 def test_colmap_sees_the_model_in_the_photo_as_taken(tmp_path, name):
     mesh, request = write_files(tmp_path)
     record = record_through(LENSES[name])
-    write_colmap(record, tmp_path / "model", request)
+    write_colmap(scene_of_pose(tmp_path, record), tmp_path / "model", request)
     points = tmp_path / "points.json"
     points.write_text(json.dumps(mesh.vertices[:50].tolist()))
     answer = read_with(
@@ -98,7 +99,7 @@ def test_nerfstudio_undoes_the_same_lens(tmp_path, name):
     """By what its dataloader does: ``k1 k2 p1 p2 k3`` to OpenCV, the centre half a pixel less."""
     _, request = write_files(tmp_path)
     record = record_through(LENSES[name])
-    write_nerfstudio(record, tmp_path / "transforms.json", request)
+    write_nerfstudio(scene_of_pose(tmp_path, record), tmp_path / "transforms.json", request)
     data = json.loads((tmp_path / "transforms.json").read_text())
     k = {key: data.get(key, 0.0) for key in ("k1", "k2", "k3", "k4", "p1", "p2")}
     camera = np.array([[data["fl_x"], 0, data["cx"] - 0.5], [0, data["fl_y"], data["cy"] - 0.5],
@@ -130,7 +131,7 @@ def test_the_lens_reads_back_where_it_is_held(tmp_path, name, lens):
     _, request = write_files(tmp_path)
     record = record_through(LENSES[lens], zoom=1.0)
     out = tmp_path / f"out.{ENDINGS.get(name, 'yml')}"
-    FORMATS[name].convert(record, out, request)
+    FORMATS[name].convert(scene_of_pose(tmp_path, record), out, request)
     found = FORMATS[name].read(out, request)
     assert_same(found, record)
     assert found.undistortion is not None

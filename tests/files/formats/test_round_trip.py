@@ -11,6 +11,7 @@ import pytest
 from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.pose import PoseRecord
+from poseviewer.files.scene_file import scene_of_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.transform import RigidTransform
 from tests.files.formats.cases import (
@@ -56,7 +57,7 @@ def test_a_pose_reads_back(tmp_path, name, out, turn, unit):
     record = perspective_record(unit)
     place = RigidTransform.from_rotation_vector(turn, [0.15, -0.1, 6.0])
     record = replace(record, pose=replace(record.pose, camera_from_model=place))
-    FORMATS[name].write(record, tmp_path / out, request)
+    FORMATS[name].write(scene_of_pose(tmp_path, record), tmp_path / out, request)
     asked = replace(request, photo_size=(WIDTH, HEIGHT), unit=unit)
     assert_same(FORMATS[name].read(tmp_path / out, asked), record)
 
@@ -64,7 +65,7 @@ def test_a_pose_reads_back(tmp_path, name, out, turn, unit):
 @pytest.mark.parametrize(("name", "out"), [(n, o) for n, o in OUTS if n in PARALLEL])
 def test_parallel_projection_reads_back(tmp_path, name, out):
     _, request = write_files(tmp_path)
-    FORMATS[name].write(parallel_record(), tmp_path / out, request)
+    FORMATS[name].write(scene_of_pose(tmp_path, parallel_record()), tmp_path / out, request)
     found = FORMATS[name].read(tmp_path / out, replace(request, unit="m"))
     assert_same(found, parallel_record(), depth_counts=name != "gltf")
 
@@ -73,21 +74,23 @@ def test_parallel_projection_reads_back(tmp_path, name, out):
 def test_parallel_projection_is_refused_where_it_cannot_be_said(tmp_path, name, out):
     _, request = write_files(tmp_path)
     with pytest.raises(PoseFileError, match="parallel projection"):
-        FORMATS[name].write(parallel_record(), tmp_path / out, request)
+        FORMATS[name].write(scene_of_pose(tmp_path, parallel_record()), tmp_path / out, request)
     assert not (tmp_path / out).exists()
 
 
 @pytest.mark.parametrize(("name", "out"), [(n, o) for n, o in OUTS if n != "bop"])
 def test_nothing_is_overwritten_unasked(tmp_path, name, out):
     _, request = write_files(tmp_path)
-    FORMATS[name].write(perspective_record(), tmp_path / out, request)
+    FORMATS[name].write(scene_of_pose(tmp_path, perspective_record()), tmp_path / out, request)
     before = contents(tmp_path)
     moved = replace(perspective_record(), pose=parallel_record().pose)
     moved = moved if name in PARALLEL else with_focal_length(perspective_record(), 400.0)
     with pytest.raises(PoseFileError, match="--overwrite"):
-        FORMATS[name].write(moved, tmp_path / out, request)
+        FORMATS[name].write(scene_of_pose(tmp_path, moved), tmp_path / out, request)
     assert contents(tmp_path) == before
-    FORMATS[name].write(moved, tmp_path / out, replace(request, overwrite=True))
+    FORMATS[name].write(
+        scene_of_pose(tmp_path, moved), tmp_path / out, replace(request, overwrite=True)
+    )
     assert contents(tmp_path) != before
 
 
@@ -135,7 +138,7 @@ def test_a_file_that_is_not_there_is_said(tmp_path, name, out):
 @pytest.mark.parametrize(("name", "out"), [(n, o) for n, o in OUTS if n not in ("bop",)])
 def test_a_photo_of_another_size_is_refused(tmp_path, name, out):
     _, request = write_files(tmp_path)
-    FORMATS[name].write(perspective_record(), tmp_path / out, request)
+    FORMATS[name].write(scene_of_pose(tmp_path, perspective_record()), tmp_path / out, request)
     with pytest.raises(PoseFileError, match="200x150"):
         FORMATS[name].read(tmp_path / out, replace(request, photo_size=(100, 75)))
 
