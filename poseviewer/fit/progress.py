@@ -1,4 +1,4 @@
-"""How a search stands, and how several searches after one another are told as one."""
+"""The progress of a search, and of several searches one after another as one."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from poseviewer.geometry.camera import Pose
 
 
 class Status(enum.Enum):
-    """How a search stands; the value is a sentence for the user, with what to try."""
+    """The state of a search; the value is a sentence for the user, with what to try."""
 
     RUNNING = "Searching."
     CONVERGED = "Converged: restarting the search at its minimum no longer improves it."
@@ -42,19 +42,19 @@ class Status(enum.Enum):
 class FitProgress:
     """A search after one more evaluation: the best pose so far, and where it is looking.
 
-    ``parameters``, ``pose`` and the losses are on the photo itself, whatever the pyramid level that
-    the candidates are on.
+    ``parameters``, ``pose`` and the losses are on the photo itself, the candidates on a pyramid
+    level.
     """
 
     parameters: FloatArray
-    """(d,): of the best pose, in the problem's chart."""
+    """(d,): the best pose, in the problem's chart."""
     pose: Pose
     loss: float
     start_loss: float
     scale: LossScale
-    """How the losses are read."""
+    """Scale of the losses."""
     candidates: FloatArray
-    """(n, d): the parameters that are compared now, the best first: a simplex, or the best of a
+    """(n, d): parameters that are compared now, the best first: a simplex, or the best of a
     population or of a model's samples."""
     candidate_losses: FloatArray
     """(n,): on the candidates' level; infinite where not yet evaluated."""
@@ -64,13 +64,12 @@ class FitProgress:
     seconds: float
     status: Status
     factor: int = 1
-    """How many times smaller the photo is that the candidates are on."""
+    """Times by which the candidates' photo is smaller."""
     verdict: Verdict | None = None
-    """Of the last progress of a ``search``: whether the pose is right."""
+    """Whether the pose is right; given with the last progress of a ``search``."""
     hidden: tuple[NDArray[np.bool_] | None, ...] = ()
-    """For each view, the pixels of the photo that poses are compared on which were taken for
-    something in front of the model, and do not count; empty where there was nothing. The losses are
-    over the others."""
+    """For each view, the pixels of the compared photo that were taken for something in front of the
+    model, and do not count; empty where there was nothing."""
 
     @property
     def unexplained(self) -> float:
@@ -79,19 +78,24 @@ class FitProgress:
 
     @property
     def start_unexplained(self) -> float:
-        """The same of the start's loss."""
+        """The start's loss on that scale."""
         return self.scale.unexplained(self.start_loss)
 
     @property
     def loss_text(self) -> str:
-        """Such as ``unexplained 0.170``; see ``LossScale.text``."""
+        """Text such as ``unexplained 0.170``; see ``LossScale.text``."""
         return self.scale.text(self.loss)
 
 
-def merge(first: FitProgress, second: FitProgress, kept: FitProgress) -> FitProgress:
-    """The progress of two searches, one after the other, with the pose and, at the end, the verdict
-    of the one that is ``kept``.
+def merge(
+    first: FitProgress | None, second: FitProgress, kept: FitProgress | None = None
+) -> FitProgress:
+    """The progress of two searches, one after the other, on the pixels of the first, with the pose
+    and, at the end, the verdict of the one that is ``kept``, by default the second.
     """
+    if first is None:
+        return second
+    kept = second if kept is None else kept
     return replace(
         second,
         parameters=kept.parameters,
@@ -103,5 +107,5 @@ def merge(first: FitProgress, second: FitProgress, kept: FitProgress) -> FitProg
         seconds=first.seconds + second.seconds,
         status=first.status if second.status is Status.NOTHING_SEEN else second.status,
         verdict=None if second.status is Status.RUNNING else kept.verdict,
-        hidden=kept.hidden,
+        hidden=first.hidden,
     )

@@ -1,11 +1,10 @@
 """Search for objects of a scene: first searches, occlusion, verdicts, restarts, and turns.
 
 A search runs the stages (``fit.stages``) from the start, and again while the focal length moves
-far. Pixels on which something else stands in front (``fit.occlusion``) are then left out, and it
-goes on. It ends with a verdict on its pose. Unless that is trusted, the search is continued from
-there, and at last from the pose turned about an axis of the model's own; the pose of such a search
-is taken where the verdict allows it. A start that is an estimate is given back where the end is not
-sure to be better.
+far. It goes on without the pixels on which something else stands in front (``fit.occlusion``), and
+ends with a verdict on its pose. Unless that is trusted, it is continued from there, and at last
+from the pose turned about an axis of the model's own; such a pose is taken where the verdict allows
+it. A start that is an estimate is given back where the end is not sure to be better.
 
 Which pixels objects hide of one another depends on all their poses, so their searches take turns:
 the object seen most goes first, and each is compared where those that stand firm leave it to be
@@ -18,7 +17,7 @@ import math
 import time
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from poseviewer.fit.judge import judge_end
 from poseviewer.fit.occlusion import Hidden, behind, enlarged, find_hidden
 from poseviewer.fit.probing import better_turn
 from poseviewer.fit.problem import (
+    ComparedView,
     FitProblem,
     Hidings,
     Strategy,
@@ -46,30 +46,29 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.render.pyramid.levels import seen_share
-from poseviewer.render.types import PhotoAttributes, Renderer
+from poseviewer.render.types import Renderer
 
 MOST_CONTINUED = 3
 """Number of searches continued from the end of the one before, until the pose is trusted."""
 SURE_FROM = 0.93
-"""Probability below which a search is continued even where the pose is ``found``, and a start that
-is an estimate is kept; from here on no other search follows, as none would be taken."""
+"""Probability below which even a ``found`` pose is continued, and a start that is an estimate is
+kept; from here on no other search follows, as none would be taken."""
 SURE_AMONG_OTHERS = 0.8
-"""Probability from which on no other search follows among other models: the verdict compares poses
-where these hide something else of the model, which makes it less sure of right ones too."""
+"""``SURE_FROM`` among other models: the verdict compares poses where these hide something else of
+the model, which makes it less sure of right ones too."""
 GAIN_THRESHOLD = 0.1
 """Loss that the last search must have gained to be continued."""
 PROBABILITY_MARGIN = 0.1
-"""A turned pose must be more probable by this than the one before; one that was found by continuing
-may be less probable by as much."""
+"""Probability that a turned pose must gain, and that a continued one may lose."""
 TURNED_THRESHOLD = 0.75
 """Probability that a turned pose must have: what no pose explains is not to be looked for far from
 where the user put it."""
 OCCLUSION_PASSES, NEW_SHARE = 2, 0.03
-"""How often a search looks for what is in front: the second time the pose is a better one. Share of
-P by which what it sees then must differ, to search again."""
+"""Number of times that a search looks for what is in front (the second time from a better pose),
+and share of P by which that must differ to search again."""
 FOCAL_THRESHOLD, MOST_SEARCHES = 0.02, 4
-"""Share of the focal length by which a search must move it to be continued from its end, and the
-number of searches in all: along the focal length the loss is nearly flat, and they stop early."""
+"""Share of the focal length by which a search must move it to be continued, and number of searches
+in all: along the focal length the loss is nearly flat, and they stop early."""
 CHANGED = 0.05
 """Share of an object's pixels that others must hide or give free for another search: less moves its
 minimum by less than such a search can tell."""
@@ -88,7 +87,7 @@ class Placing:
     """The last search for an object."""
 
     problem: FitProblem
-    """What was compared, before pixels in front of the object were left out."""
+    """The problem with all pixels, those in front of the object too."""
     progress: FitProgress
 
 
@@ -103,7 +102,7 @@ class SearchProgress:
 
     @property
     def problem(self) -> FitProblem:
-        """What the search under way compares."""
+        """The problem of the search under way."""
         return self.placings[self.index].problem
 
     @property
@@ -112,27 +111,19 @@ class SearchProgress:
         return self.placings[self.index].progress
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Leg:
+class _Leg(NamedTuple):
     """One run of the stages."""
 
     problem: FitProblem
     before: FitProgress | None = None
     """The end of what it continues."""
     keeps_pose: bool = False
-    """Whether the pose of ``before`` is told until the run has ended."""
-
-    def told(self, progress: FitProgress) -> FitProgress:
-        """The progress of all legs so far."""
-        if self.before is None:
-            return progress
-        progress = replace(progress, hidden=self.before.hidden)
-        return merge(self.before, progress, self.before if self.keeps_pose else progress)
+    """Whether the pose of ``before`` is shown until the run has ended."""
 
 
 Outcome = TypeVar("Outcome")
 Plan = Generator[_Leg | FitProgress, FitProgress, Outcome]
-"""What a search does: yields legs, whose ends it is sent, and ends with their verdicts."""
+"""Course of a search: yields legs, whose ends it is sent, and ends with their verdicts."""
 
 
 class Search:
@@ -177,7 +168,8 @@ class Search:
                 continue
             for end in fit_pose(leg.problem, self._renderer, self._threads):
                 if end.status is Status.RUNNING:
-                    yield self._told(leg.told(end))
+                    kept = leg.before if leg.keeps_pose else None
+                    yield self._told(merge(leg.before, end, kept))
 
     def judged(self, problem: FitProblem, progress: FitProgress) -> FitProgress:
         """The progress with the verdict on its pose."""
@@ -185,7 +177,7 @@ class Search:
         return replace(progress, verdict=verdict)
 
     def stopped(self, now: SearchProgress) -> SearchProgress:
-        """What an interrupted search had found, with its verdict."""
+        """The best pose of an interrupted search, with its verdict."""
         if now.progress.status is not Status.RUNNING:
             return now
         self._index, self._problem = now.index, now.problem
@@ -216,7 +208,8 @@ class Search:
                 due.remove(index)
                 hidden = hidings(self.scene, index, self._view)
                 before = compared.get(index)
-                if _is_whole(hidden) or (before is not None and not _differ(before, hidden)):
+                is_whole = all(one is not None and one.is_whole for one in hidden.values())
+                if is_whole or (before is not None and not _differ(before, hidden)):
                     continue
                 if before is None and len(self._indices) == 1:
                     hidden = {number: _all_in_front(one) for number, one in hidden.items()}
@@ -238,8 +231,8 @@ class Search:
     def _place(self, hidden: Hidings) -> Plan[Hidings]:
         """Search for an object of which others hide some pixels; returns those at its end.
 
-        This is looked at again where the coarsest level leads, and where the search ends; only then
-        the verdict and restarts follow, as with wrong pixels they would be in vain.
+        They are looked at again where the coarsest level leads, and where the search ends; only
+        then the verdict and restarts follow, as with wrong pixels they would be in vain.
         """
         problem = self._made(hidden)
         hidden = {view.index: hidden[view.index] for view in problem.views}
@@ -249,13 +242,13 @@ class Search:
         start, done = self._start_of(problem), None
         gain = math.inf  # of the last search, where it continued another on the same pixels
         for look in range(LOOKS + 1):
-            rest = problem.limits if done is None else rest_of(problem.limits, done, done.seconds)
+            rest = rest_of(problem.limits, done)
             if rest is None:
                 break
             part = replace(problem, strategy=strategy, start=start, limits=rest)
             now = yield from self._settle(part, done)
             gain = now.start_loss - now.loss if strategy is Strategy.CONTINUE else gain
-            done = now if done is None else merge(done, now, now)
+            done = merge(done, now)
             start, seen = done.parameters, self._seen_at(problem, done.parameters, hidden)
             is_same = not _differ(hidden, seen)
             if strategy is not Strategy.COARSE and (is_same or look == LOOKS):
@@ -288,9 +281,7 @@ class Search:
         return numbers_of(problem.chart, pose, scale)
 
     def _seen_at(self, problem: FitProblem, parameters: FloatArray, before: Hidings) -> Hidings:
-        """What others hide at ``parameters`` in the views of a problem; ``before`` where that is
-        all of the object.
-        """
+        """The pixels that others hide at ``parameters``, as ``before`` where they hide all."""
         poses = {view.index: view.chart.to_pose(parameters) for view in problem.views}
         now = hidings(self.scene, self._index, problem.views[0].index, poses)
         return {
@@ -302,23 +293,19 @@ class Search:
         """Run the stages, and again without the coarsest level while the focal length moves far;
         ``before``: what this continues.
         """
-        limits, done = problem.limits, None
-        for number in range(1, MOST_SEARCHES + 1):
-            so_far = before if done is None else _Leg(problem, before).told(done)
-            end = yield _Leg(problem, so_far)
-            done = end if done is None else merge(done, end, end)
-            rest = rest_of(limits, done, done.seconds) if number < MOST_SEARCHES else None
-            is_settled = _focal_moved(problem, done) <= FOCAL_THRESHOLD
+        limits, done = problem.limits, (yield _Leg(problem, before))
+        for _ in range(1, MOST_SEARCHES):
+            rest, is_settled = rest_of(limits, done), _focal_moved(problem, done) <= FOCAL_THRESHOLD
             if done.status is not Status.CONVERGED or rest is None or is_settled:
                 break
-            problem = replace(problem, start=done.parameters, limits=rest)
-            if problem.strategy is not Strategy.COARSE:
-                problem = replace(problem, strategy=Strategy.CONTINUE)
-        assert done is not None
+            is_coarse = problem.strategy is Strategy.COARSE
+            strategy = problem.strategy if is_coarse else Strategy.CONTINUE
+            problem = replace(problem, strategy=strategy, start=done.parameters, limits=rest)
+            done = merge(done, (yield _Leg(problem, merge(before, done))))
         return done
 
     def _finish(
-        self, problem: FitProblem, end: FitProgress, among: bool, gain: float = math.inf
+        self, problem: FitProblem, end: FitProgress, among: bool, gain: float
     ) -> Plan[FitProgress]:
         """Leave out what is in front where a first search has ended, judge, and restart unless the
         verdict is sure. ``among``: others may hide something of the object. ``gain``: the loss that
@@ -342,8 +329,7 @@ class Search:
                 if turned is None:
                     break
                 again = replace(again, start=turned)
-            before = best
-            after = replace((yield _Leg(again, before, keeps_pose=True)), hidden=before.hidden)
+            before, after = best, (yield _Leg(again, best, keeps_pose=True))
             if after.loss < before.loss:
                 after = self.judged(again, after)
             best = merge(before, after, after if is_taken(after, before, is_turned) else before)
@@ -358,30 +344,24 @@ class Search:
         """
         problem, views = whole, whole.views
         for _ in range(OCCLUSION_PASSES):
-            rest = rest_of(problem.limits, best, best.seconds)
+            rest = rest_of(problem.limits, best)
             if best.status is not Status.CONVERGED or whole.photo.structure is None or rest is None:
                 break
             known = best.hidden or (None,) * len(views)
             poses = [view.chart.to_pose(best.parameters) for view in views]
-            masks = [
-                find_hidden(view.photo, self._renderer, pose)
-                for view, pose in zip(views, poses, strict=True)
-            ]
+            pairs = zip(views, poses, strict=True)
+            masks = [find_hidden(view.photo, self._renderer, pose) for view, pose in pairs]
             now = tuple(old if new is None else new for old, new in zip(known, masks, strict=True))
-            each = zip(known, now, views, strict=True)
-            if all(_is_same(old, new, view.photo) for old, new, view in each):
+            if all(map(_is_same, known, now, views)):
                 break
-            rest_problem = behind(whole, now)
+            problem = behind(whole, now)
             loss, start_loss = (
-                pose_loss(rest_problem, self._renderer, point)
-                for point in (best.parameters, rest_problem.start)
+                pose_loss(problem, self._renderer, point)
+                for point in (best.parameters, problem.start)
             )
             before = replace(best, loss=loss, start_loss=start_loss, hidden=now)
-            again = replace(
-                rest_problem, strategy=Strategy.CONTINUE, start=best.parameters, limits=rest
-            )
-            after = replace((yield _Leg(again, before, keeps_pose=True)), hidden=now)
-            problem, best = rest_problem, merge(before, after, after)
+            again = replace(problem, strategy=Strategy.CONTINUE, start=best.parameters, limits=rest)
+            best = merge(before, (yield _Leg(again, before, keeps_pose=True)))
         return problem, best
 
     def _kept(self, problem: FitProblem, end: FitProgress) -> FitProgress:
@@ -414,41 +394,34 @@ def with_end(
     scene: Scene, index: int, problem: FitProblem, progress: FitProgress, renderer: Renderer
 ) -> Scene:
     """The scene with an object where a search of its ``problem`` has ended, and its result."""
-    chart, first = problem.chart, problem.views[0]
-    scale = None
+    chart, scale = problem.chart, None
     if isinstance(chart, ViewChart):
         scale = 1.0 / chart.scale_at(progress.parameters)
-    for view in problem.views[1:]:  # of another camera, perhaps, whose focal length was searched
-        scene = scene.with_pose(index, view.chart.to_pose(progress.parameters), view.index, scale)
-    scene = scene.with_pose(index, progress.pose, first.index, scale)
-    return scene.with_object(index, result=result_of(scene, index, problem, progress, renderer))
-
-
-def result_of(
-    scene: Scene, index: int, problem: FitProblem, progress: FitProgress, renderer: Renderer
-) -> SearchResult:
-    """What the end of a search says of an object."""
     seen: list[float] = [math.nan] * len(scene.views)
     hidden: list[Hidden] = [None] * len(scene.views)
-    masks = progress.hidden or (None,) * len(problem.views)
     left = behind(problem, progress.hidden)
-    for view, mask in zip(left.views, masks, strict=True):
+    # The first view comes last, as it has the pose; others may have focal lengths of their own.
+    for number, view in reversed([*enumerate(left.views)]):
         pose = view.chart.to_pose(progress.parameters)
+        scene = scene.with_pose(index, pose if number else progress.pose, view.index, scale)
         seen[view.index] = seen_share(view.photo, renderer, pose)
-        if mask is not None:
+        if progress.hidden and (mask := progress.hidden[number]) is not None:
             photo = scene.views[view.index].photo
             hidden[view.index] = enlarged(mask, view.photo.factor, photo.width, photo.height)
-    result = unsearched_result(scene, index, problem, progress.parameters, progress.loss)
-    notes = (*result.notes, *_least_sure(scene, problem, progress.verdict))
-    return replace(
-        result, verdict=progress.verdict, seen=tuple(seen), hidden=tuple(hidden), notes=notes
+    result = replace(
+        unsearched_result(scene, index, problem, progress.parameters, progress.loss),
+        verdict=progress.verdict,
+        seen=tuple(seen),
+        hidden=tuple(hidden),
     )
+    notes = (*result.notes, *_least_sure(scene, problem, progress.verdict))
+    return scene.with_object(index, result=replace(result, notes=notes))
 
 
 def unsearched_result(
     scene: Scene, index: int, problem: FitProblem, parameters: FloatArray, loss: float
 ) -> SearchResult:
-    """What is known of an object at ``parameters`` without a search."""
+    """The loss of an object at ``parameters`` without a search, and how it is compared."""
     first = problem.views[0].index
     camera = problem.chart.to_pose(parameters).camera
     note = scene.views[first].photo.focal_note(camera)
@@ -478,28 +451,22 @@ def _least_sure(scene: Scene, problem: FitProblem, verdict: Verdict | None) -> t
     )
 
 
-def _is_whole(hidden: Hidings) -> bool:
-    """Whether others leave nothing to be seen of an object in any view."""
-    return all(one is not None and one.is_whole for one in hidden.values())
-
-
 def _differ(before: Hidings, now: Hidings) -> bool:
     """Whether others hide other pixels of an object now than when it was searched for."""
     for number, new in now.items():
-        old = before.get(number)
-        if new is None and old is None:
-            continue
-        drawn = next(one.drawn for one in (new, old) if one is not None)
-        masks = [np.zeros_like(drawn) if one is None else one.hidden for one in (old, new)]
-        changed = np.count_nonzero((masks[0] ^ masks[1]) & drawn)
-        if changed > CHANGED * np.count_nonzero(drawn):
-            return True
+        pair = before.get(number), new
+        drawn = next((one.drawn for one in pair if one is not None), None)
+        if drawn is not None:
+            masks = [np.zeros_like(drawn) if one is None else one.hidden for one in pair]
+            changed = np.count_nonzero((masks[0] ^ masks[1]) & drawn)
+            if changed > CHANGED * np.count_nonzero(drawn):
+                return True
     return False
 
 
 def _all_in_front(seen: Hiding | None) -> Hiding | None:
-    """What others may hide of an object: at a start its depth may be too wrong to tell. The same as
-    given where that leaves too little of it, as of what stands before a wall.
+    """All pixels of the others as hidden, since at a start depth may be too wrong to tell; as given
+    where that leaves too little of the object, as of what stands before a wall.
     """
     if seen is None:
         return None
@@ -514,11 +481,11 @@ def is_start_kept(problem: FitProblem, end: FitProgress) -> bool:
     return problem.keep_start and end.verdict is not None and end.verdict.probability < SURE_FROM
 
 
-def _is_same(one: Hidden, other: Hidden, photo: PhotoAttributes) -> bool:
+def _is_same(one: Hidden, other: Hidden, view: ComparedView) -> bool:
     """Whether two masks differ on hardly any of the pixels that count."""
     if one is None or other is None:
         return one is other
-    counted = photo.weights > 0.0
+    counted = view.photo.weights > 0.0
     return bool(np.sum((one ^ other) & counted) < NEW_SHARE * np.sum(counted))
 
 
@@ -568,9 +535,14 @@ def _focal_moved(problem: FitProblem, progress: FitProgress) -> float:
     return abs(focals[1] / focals[0] - 1.0) if is_searched else 0.0
 
 
-def rest_of(limits: Limits, done: FitProgress, seconds: float) -> Limits | None:
-    """What is left of the ``limits`` after searches that ended in ``done`` and took ``seconds``;
-    None for nothing.
+def rest_of(
+    limits: Limits, done: FitProgress | None, seconds: float | None = None
+) -> Limits | None:
+    """The rest of the ``limits`` after searches that ended in ``done`` and took ``seconds``, by
+    default their own; None for nothing.
     """
-    evaluations, seconds = limits.evaluations - done.evaluations, limits.seconds - seconds
+    if done is None:
+        return limits
+    seconds = limits.seconds - (done.seconds if seconds is None else seconds)
+    evaluations = limits.evaluations - done.evaluations
     return Limits(evaluations, seconds) if evaluations > 0 and seconds > 0.0 else None
