@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from poseviewer.app.state import requests as q
-from poseviewer.app.state.commands import Open, Saved
+from poseviewer.app.state.commands import mark_saved, open_document
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import picture_of, saved_scene
@@ -112,14 +112,14 @@ class Reviewer:
             mask = document.scene.mask(document.active, document.at)
             record = pose_record(saved_scene(now), document.active, document.at)
             result = r.save_corrected(queue, row, record, picture_of(document), mask)
-            return Saved(document), q.RowSaved(index, result)
+            return mark_saved(document), q.RowSaved(index, result)
         _require_saved(now)
         return (q.RowSaved(index, r.decide(queue, row, review)),)
 
     def _opening(self, index: int, by: int, *done: q.Request) -> Found:
         """Open a row after what is ``done``; raises as ``_open_from``."""
         opened = self._open_from(index, by)
-        return Found((*done, Open(opened.document, is_first=True)), opened.warnings)
+        return Found((*done, open_document(opened.document, is_first=True)), opened.warnings)
 
     def _open_from(self, index: int, by: int) -> Opened:
         """Open a row, or, where it cannot be opened, the next one in steps ``by``.

@@ -13,8 +13,9 @@ import pytest
 from poseviewer.app.page.rows import row_text, rows_list
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state import requests as q
-from poseviewer.app.state.commands import Command, Nudge, Undo
-from poseviewer.app.state.hiding import Paint, Stroke
+from poseviewer.app.state.commands import nudge, undo
+from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.hiding import Stroke, paint
 from poseviewer.app.state.session import Session
 from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
@@ -64,9 +65,8 @@ class Review:
         """Do them one after the other; gives the warnings of the last one."""
         warnings: tuple[str, ...] = ()
         for request in requests:
-            if isinstance(request, Command):
+            if isinstance(request, Edit):
                 self.session = update(self.session, request)
-                assert not self.session.error_message
                 continue
             assert self.reviewer.takes(request, self.session)
             task = self.reviewer.task_for(request)
@@ -129,7 +129,7 @@ def test_a_changed_pose_is_kept_or_the_row_is_not_left(review: Review, out: Path
     path = out / review.reviewer.queue.rows[1].result.pose
     picture = out / review.reviewer.queue.rows[1].result.picture
     fitted, drawn = path.read_bytes(), picture.read_bytes()
-    review.do(Nudge("move", 9.0))
+    review.do(nudge("move", 9.0))
     for leaving in (q.StepRow(1), q.OpenRow(2), q.Decide("rejected")):
         with pytest.raises(BatchError, match="pose is changed"):
             review.do(leaving)
@@ -142,9 +142,9 @@ def test_a_changed_pose_is_kept_or_the_row_is_not_left(review: Review, out: Path
     assert path.with_suffix(".fitted.json").read_bytes() == fitted
     assert picture.read_bytes() != drawn
     before = review.session.document
-    review.do(Undo())  # stays in the row
+    review.do(undo())  # stays in the row
     assert review.session.document is before
-    review.do(Nudge("move", 9.0), q.SavePose())
+    review.do(nudge("move", 9.0), q.SavePose())
     assert review.at == 2
     assert not review.session.unsaved
     assert review.words[2] == "mended"
@@ -154,7 +154,7 @@ def test_a_changed_pose_is_kept_or_the_row_is_not_left(review: Review, out: Path
 
 def test_what_is_hidden_is_kept_with_the_row(review: Review, out: Path) -> None:
     points = np.array([[40.0, 60.0], [90.0, 60.0]])
-    review.do(Paint(Stroke("brush", points, 9.0, False)))
+    review.do(paint(Stroke("brush", points, 9.0, False)))
     mask = review.session.document.own.mask
     assert mask is not None
     review.do(q.Decide("accepted"))
@@ -168,7 +168,7 @@ def test_what_is_hidden_is_kept_with_the_row(review: Review, out: Path) -> None:
 
 
 def test_a_session_that_ended_in_a_row_comes_back_to_it(review: Review, tmp_path: Path) -> None:
-    review.do(q.StepRow(1), Nudge("move", 9.0))
+    review.do(q.StepRow(1), nudge("move", 9.0))
     Autosaver(tmp_path / "state").close(review.session)
     (path,) = (tmp_path / "state" / "sessions").iterdir()
     (opened,) = restore(load_autosave(path))

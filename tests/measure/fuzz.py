@@ -28,7 +28,7 @@ from zipfile import ZipFile
 
 from poseviewer.app.below_viser.client_script import _parsed
 from poseviewer.app.page.reports import request_of
-from poseviewer.app.state.commands import Command
+from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.requests import Report
 from poseviewer.app.state.update import update
 from poseviewer.batch.job_table import load_jobs
@@ -87,7 +87,7 @@ def read_report(path: Path) -> None:
     report = _parsed(path.read_bytes().decode("utf-8", "replace"))
     session = make_session()
     request = None if report is None else request_of(Report(report, 1), session)
-    if isinstance(request, Command):
+    if isinstance(request, Edit):
         update(session, request)
 
 

@@ -6,7 +6,7 @@ from html import escape
 
 from poseviewer.app.page.controls import Controls, plain, set_properties
 from poseviewer.app.state.document import label_of, verdict_of
-from poseviewer.app.state.objects import AddObject, AlterObject
+from poseviewer.app.state.objects import add_object, alter_object
 from poseviewer.app.state.session import Session
 from poseviewer.fit.scene import SceneObject
 from poseviewer.render.overlay.looks import LINE_COLOUR
@@ -58,9 +58,9 @@ class MoreObjects:
         self._number = 1
         with controls.gui.add_folder("Several objects", expand_by_default=False):
             controls.upload("Add another object ...", "model", "cube-plus", adds=True)
-            controls.button("Add the same model again", AddObject(), icon="copy")
+            controls.button("Add the same model again", add_object(), icon="copy")
             self._name = controls.gui.add_text("Name", "")
-            controls.field(self._name, lambda name: AlterObject(self._number, name=name))
+            controls.field(self._name, lambda name: alter_object(self._number, name=name))
 
     def show(self, session: Session) -> None:
         """Bring the name to the picked object."""

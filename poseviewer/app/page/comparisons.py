@@ -21,10 +21,10 @@ class MethodsPanel:
     def __init__(self, controls: Controls) -> None:
         self._shown: tuple[MethodEnd, ...] = ()
         self._go = controls.button(
-            "Compare both methods", c.CompareMethods(), hint=HINT, icon="arrows-diff"
+            "Compare both methods", c.compare_methods(), hint=HINT, icon="arrows-diff"
         )
         self._table = controls.gui.add_html("", visible=False)
-        takes = {name.capitalize(): c.TakeEnd(index) for index, name in enumerate(METHODS)}
+        takes = {name.capitalize(): c.take_end(index) for index, name in enumerate(METHODS)}
         self._take = controls.choices("Take", takes, visible=False)
 
     def show(self, session: Session) -> None:

@@ -14,10 +14,10 @@ from poseviewer.geometry.mesh import Mesh
 
 HIDE = "Hide what is in front (H)"
 TOOLS = {
-    "Brush": c.SetTool("brush"),
-    "Polygon": c.SetTool("polygon"),
-    "Scribble": c.SetTool("scribble"),
-    "Part": c.SetTool("part"),
+    "Brush": c.set_tool("brush"),
+    "Polygon": c.set_tool("polygon"),
+    "Scribble": c.set_tool("scribble"),
+    "Part": c.set_tool("part"),
 }
 ENDS = " &nbsp;·&nbsp; Esc: done"
 DRAWING_ENDS = f" &nbsp;·&nbsp; <b>alt</b> erase{ENDS}"
@@ -41,13 +41,13 @@ class HidePanel:
         self._shown: object = None
         self._active = False
         self._go = controls.button_for(
-            HIDE, lambda _: c.SetTool("pose" if self._active else "brush"), icon="brush"
+            HIDE, lambda _: c.set_tool("pose" if self._active else "brush"), icon="brush"
         )
         self._tools = controls.choices("Tool", TOOLS)
-        self._erase = controls.field(controls.gui.add_checkbox("Erase (alt)", False), h.Erase)
+        self._erase = controls.field(controls.gui.add_checkbox("Erase (alt)", False), h.set_erasing)
         self._text = controls.gui.add_markdown("", visible=False)
-        self._found = controls.button("Hide what the search found", h.TakeFound(), visible=False)
-        self._clear = controls.button("Clear hidden areas", h.Unhide())
+        self._found = controls.button("Hide what the search found", h.hide_found(), visible=False)
+        self._clear = controls.button("Clear hidden areas", h.unhide())
         self._parts = controls.gui.add_html("", visible=False)
 
     def show(self, session: Session) -> None:

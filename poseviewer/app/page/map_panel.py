@@ -300,11 +300,11 @@ class LandscapePanel:
         self._note = gui.add_markdown("Drawing the maps ...")
         self._whose = controls.field(
             gui.add_dropdown("Loss of", tuple(WHOSE)),
-            lambda text: c.ChangeLandscape(whose=WHOSE[text]),
+            lambda text: c.change_landscape(whose=WHOSE[text]),
         )
         self._range = controls.field(
             gui.add_slider("Range ± %", 1.0, 50.0, 1.0, 20.0),
-            lambda value: c.ChangeLandscape(half_width=float(value) / 100.0),
+            lambda value: c.change_landscape(half_width=float(value) / 100.0),
         )
         with gui.add_folder("Save the maps", expand_by_default=False):
             controls.download("Sheet (PNG)", "sheet")
@@ -365,7 +365,7 @@ def markers_of(session: Session, latest: LandscapeUpdate) -> Markers:
             covariance = sure.in_chart(chart)
     if search is None or session.search is None or search.problem.chart.names != chart.names:
         return Markers(pose, covariance=covariance)
-    start = session.search.start
+    start = session.search.asked.start
     if start.scene.pose(start.active, first.index) is not latest.case.pose:  # of another chart
         return Markers(pose, covariance=covariance)
     trail = np.array([step.parameters for step in search.improvements])

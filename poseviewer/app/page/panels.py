@@ -127,23 +127,23 @@ class PlacePanel:
         with controls.step(STEPS[1]):
             self._view = gui.add_dropdown("View", (AS_IT_IS, *SIDES))
             controls.field(self._view, self._look_from)
-            controls.choices("History", {"Undo (Z)": c.Undo(), "Redo (Y)": c.Redo()})
+            controls.choices("History", {"Undo (Z)": c.undo(), "Redo (Y)": c.redo()})
             controls.choices(
                 "Start",
-                {"Reset to start (R)": c.ResetToStart(), "Make this the start": c.MakeStart()},
+                {"Reset to start (R)": c.reset_to_start(), "Make this the start": c.make_start()},
             )
             self._quick_start = QuickStartPanel(controls)
             with gui.add_folder("Numbers", expand_by_default=False):
                 self._parameters = [self._parameter(controls, i) for i in range(MOST_PARAMETERS)]
             with gui.add_folder("Camera", expand_by_default=False):
                 self._projection = controls.field(
-                    gui.add_dropdown("Projection", ("perspective", "parallel")), c.SetProjection
+                    gui.add_dropdown("Projection", ("perspective", "parallel")), c.set_projection
                 )
                 self._field_of_view = controls.field(
                     gui.add_number(
                         "Field of view °", 50.0, min=NARROWEST_DEG, max=WIDEST_DEG, step=0.1
                     ),
-                    c.SetFieldOfView,
+                    c.set_field_of_view,
                 )
                 self._intrinsics = [
                     controls.field(gui.add_number(name, 1.0, step=0.01), self._from_intrinsics)
@@ -168,13 +168,13 @@ class PlacePanel:
         if side not in SIDES:
             return None
         self._view.value = AS_IT_IS
-        return c.LookFrom(side)
+        return c.view_from(side)
 
     def _parameter(self, controls: Controls, index: int) -> Field:
         return controls.field(
             controls.gui.add_number("", 0.0, step=10.0**-SHOWN_DIGITS * 50),
             lambda value: (
-                c.SetNumber(self._names[index], float(value)) if index < len(self._names) else None
+                c.set_number(self._names[index], float(value)) if index < len(self._names) else None
             ),
         )
 
@@ -197,7 +197,7 @@ class PlacePanel:
 
     def _from_intrinsics(self, _: float) -> Request:
         fx, fy, cx, cy = (float(field.handle.value) for field in self._intrinsics)
-        return c.SetCamera(fx, fy, cx, cy)
+        return c.set_camera(fx, fy, cx, cy)
 
 
 class QuickStartPanel:
@@ -207,35 +207,35 @@ class QuickStartPanel:
         self._has_region = self._proposing = False
         self._box = controls.button_for(
             FIT_TO_BOX,
-            lambda _: c.StopProposing() if self._proposing else c.SetTool("box"),
+            lambda _: c.stop_proposing() if self._proposing else c.set_tool("box"),
             None,
             icon="frame",
         )
         self._waiting = controls.gui.add_html(WAITING, visible=False)
         self._proposals = controls.gui.add_markdown("", visible=False)
         self._steps = [
-            controls.button("Next proposal", c.StepProposals(1)),
-            controls.button("Start from it", c.TakeProposal(), None, icon="check"),
+            controls.button("Next proposal", c.step_proposals(1)),
+            controls.button("Start from it", c.take_proposal(), None, icon="check"),
         ]
         with controls.gui.add_folder("Quick start", expand_by_default=False):
             controls.choices(
-                "Mark", {"Point pairs": c.SetTool("pairs"), "Wheels": c.SetTool("wheels")}
+                "Mark", {"Point pairs": c.set_tool("pairs"), "Wheels": c.set_tool("wheels")}
             )
             # Wheels are looked for in the region; where there is none yet, it is drawn first.
             self._find = controls.button_for(
                 DRAW_REGION_FIRST,
-                lambda _: FindWheels() if self._has_region else c.SetTool("region"),
+                lambda _: FindWheels() if self._has_region else c.set_tool("region"),
             )
-            self._again = controls.button("Draw another region", c.SetTool("region"))
+            self._again = controls.button("Draw another region", c.set_tool("region"))
             self._propose = controls.button_for(
                 "Propose starts",
-                lambda _: c.StopProposing() if self._proposing else c.ProposeStarts(),
+                lambda _: c.stop_proposing() if self._proposing else c.propose_starts(),
             )
             self._text = controls.gui.add_markdown("")
             self._buttons = [
-                controls.button("Remove last mark", c.RemoveMark()),
-                controls.button("Clear marks", c.ClearMarks()),
-                controls.button("Done (Esc)", c.SetTool("pose")),
+                controls.button("Remove last mark", c.remove_mark()),
+                controls.button("Clear marks", c.clear_marks()),
+                controls.button("Done (Esc)", c.set_tool("pose")),
             ]
 
     def show(self, session: Session) -> None:
@@ -271,22 +271,22 @@ class FitPanel:
         with controls.step(STEPS[2]):
             self._method = controls.field(
                 gui.add_dropdown("Method", tuple(METHODS.values()), hint=METHODS_HINT),
-                lambda name: c.SetMethod(next(m for m, n in METHODS.items() if n == name)),
+                lambda name: c.set_method(next(m for m, n in METHODS.items() if n == name)),
             )
             self._pixels = controls.field(
                 gui.add_dropdown("Pixels", tuple(PIXELS)),
-                lambda text: c.AlterSettings(lambda s: replace(s, pixels=PIXELS[text])),
+                lambda text: c.alter_settings(lambda s: replace(s, pixels=PIXELS[text])),
             )
             self._go = controls.button_for(
                 "Search (space)",
-                lambda _: c.StopSearch() if self._running else c.StartSearch(),
+                lambda _: c.stop_search() if self._running else c.start_search(),
                 "cyan",
                 icon="player-play",
             )
-            self._all = controls.button("Search all", c.SearchAll(), visible=False)
+            self._all = controls.button("Search all", c.search_all(), visible=False)
             self._ended = [
-                controls.button("Keep it", c.AcceptSearch(), None, icon="check", hint=KEEP_HINT),
-                controls.button("Go back", c.RevertSearch(), icon="x", hint=BACK_HINT),
+                controls.button("Keep it", c.accept_search(), None, icon="check", hint=KEEP_HINT),
+                controls.button("Go back", c.revert_search(), icon="x", hint=BACK_HINT),
             ]
             grid = {"stroke": "rgba(128,128,128,.25)", "width": 1}
             below, beside = (
@@ -333,15 +333,15 @@ class FitPanel:
 
         def asked(value: Any) -> Request:
             new = kind(within(handle, value))
-            return c.AlterSettings(lambda settings: _altered(settings, name, new))
+            return c.alter_settings(lambda settings: _altered(settings, name, new))
 
         self._settings.append((controls.field(handle, asked), attrgetter(name)))
 
     def _add_settings(self, controls: Controls) -> None:
         gui, setting = controls.gui, partial(self._add_setting, controls)
         setting(gui.add_dropdown("Parameters", ("auto", "vehicle", "free-body")), "chart")
-        self._region = controls.button("Draw a region", c.SetTool("region"))
-        self._clear = controls.button("Clear the region", c.ClearRegion())
+        self._region = controls.button("Draw a region", c.set_tool("region"))
+        self._clear = controls.button("Clear the region", c.clear_region())
         self._grey = gui.add_checkbox("Use greyscale", False)
         setting(self._grey, "grey")
         setting(gui.add_checkbox("Find the focal length", False), "free_focal")
@@ -363,7 +363,7 @@ class FitPanel:
                 held = {*settings.lock, name} if on else set(settings.lock) - {name}
                 return replace(settings, lock=tuple(sorted(held)))
 
-            return c.AlterSettings(hold)
+            return c.alter_settings(hold)
 
         return controls.field(controls.gui.add_checkbox("", False), asked)
 
@@ -422,14 +422,14 @@ class JudgePanel:
             self._verdict = gui.add_markdown("", visible=False)
             self._look = field(
                 gui.add_dropdown("Model (1-5, 0)", tuple(LOOKS.values())),
-                lambda name: c.ChangeView(name=name, hidden=False),
+                lambda name: c.change_look(name=name, hidden=False),
             )
             self._opacity = field(
                 gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8),
-                lambda share: c.ChangeView(opacity=float(share)),
+                lambda share: c.change_look(opacity=float(share)),
             )
             self._hidden = field(
-                gui.add_checkbox("Photo alone (B)", False), lambda on: c.ChangeView(hidden=on)
+                gui.add_checkbox("Photo alone (B)", False), lambda on: c.change_look(hidden=on)
             )
 
     def show(self, session: Session) -> None:
@@ -597,9 +597,9 @@ def search_text(session: Session) -> str:
     stopped = not search.running and progress.status.name == "RUNNING"
     sentence = "Stopped: the best pose so far is shown." if stopped else progress.status.value
     settings = search.latest.settings
-    count = len(search.methods) if search.running else 1
-    which = f", {search.methods.index(settings) + 1} of {count} methods" if count > 1 else ""
-    if len(search.indices) > 1:
+    count = len(search.asked.methods) if search.running else 1
+    which = f", {search.asked.methods.index(settings) + 1} of {count} methods" if count > 1 else ""
+    if len(search.asked.indices) > 1:
         one = session.document.scene.objects[search.latest.index]
         which += f"  \nOf all objects: **{plain(label_of(one))}**"
     text = (

@@ -11,7 +11,7 @@ import numpy as np
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state import objects as o
-from poseviewer.app.state.objects import CompareView, LookAt
+from poseviewer.app.state.objects import compare_view, show_view
 from poseviewer.app.state.requests import (
     Decide,
     OpenRow,
@@ -29,19 +29,19 @@ LARGEST = 1e6
 """px: the largest distance of a pointer from the photo's corner."""
 FINE, COARSE = 0.1, 10.0
 """Factors of nudges with shift, and with ctrl."""
-NUDGES = {
-    "ArrowLeft": c.Nudge("move", -1.0, 0.0),
-    "ArrowRight": c.Nudge("move", 1.0, 0.0),
-    "ArrowUp": c.Nudge("move", 0.0, -1.0),
-    "ArrowDown": c.Nudge("move", 0.0, 1.0),
-    "KeyJ": c.Nudge("turn", -1.0, 0.0),
-    "KeyL": c.Nudge("turn", 1.0, 0.0),
-    "KeyI": c.Nudge("turn", 0.0, -1.0),
-    "KeyK": c.Nudge("turn", 0.0, 1.0),
-    "KeyU": c.Nudge("roll", -1.0),
-    "KeyO": c.Nudge("roll", 1.0),
-    "PageUp": c.Nudge("scale", 1.0),
-    "PageDown": c.Nudge("scale", -1.0),
+NUDGES: Mapping[str, tuple[c.NudgeKind, float, float]] = {
+    "ArrowLeft": ("move", -1.0, 0.0),
+    "ArrowRight": ("move", 1.0, 0.0),
+    "ArrowUp": ("move", 0.0, -1.0),
+    "ArrowDown": ("move", 0.0, 1.0),
+    "KeyJ": ("turn", -1.0, 0.0),
+    "KeyL": ("turn", 1.0, 0.0),
+    "KeyI": ("turn", 0.0, -1.0),
+    "KeyK": ("turn", 0.0, 1.0),
+    "KeyU": ("roll", -1.0, 0.0),
+    "KeyO": ("roll", 1.0, 0.0),
+    "PageUp": ("scale", 1.0, 0.0),
+    "PageDown": ("scale", -1.0, 0.0),
 }
 LOOKS = {
     "Digit1": "outline",
@@ -59,26 +59,26 @@ REVIEW: Mapping[str, Request] = {
 }
 """Keys of a review."""
 PLAIN: Mapping[str, Request] = {
-    "KeyY": c.Redo(),
-    "KeyR": c.ResetToStart(),
+    "KeyY": c.redo(),
+    "KeyR": c.reset_to_start(),
     "KeyS": SavePose(),
-    "Escape": c.CancelDrag(),
+    "Escape": c.cancel_drag(),
 }
 TOGGLES = ("Space", "KeyB", "KeyH", "KeyZ")
 """Keys whose meaning depends on the session or on shift."""
 OBJECTS: Mapping[str, Callable[[int], Request]] = {
-    "pick": o.PickObject,
-    "remove": o.RemoveObject,
-    "hide": lambda number: o.AlterObject(number, hidden=True),
-    "show": lambda number: o.AlterObject(number, hidden=False),
-    "lock": lambda number: o.AlterObject(number, locked=True),
-    "unlock": lambda number: o.AlterObject(number, locked=False),
+    "pick": o.pick_object,
+    "remove": o.remove_object,
+    "hide": lambda number: o.alter_object(number, hidden=True),
+    "show": lambda number: o.alter_object(number, hidden=False),
+    "lock": lambda number: o.alter_object(number, locked=True),
+    "unlock": lambda number: o.alter_object(number, locked=False),
 }
 """Wishes about an object in the list."""
 PHOTOS: Mapping[str, Callable[[int], Request]] = {
-    "look": LookAt,
-    "compare": lambda index: CompareView(index, True),
-    "leave": lambda index: CompareView(index, False),
+    "look": show_view,
+    "compare": lambda index: compare_view(index, True),
+    "leave": lambda index: compare_view(index, False),
 }
 """Wishes about a photo in the strip."""
 FORWARDED = [*NUDGES, *LOOKS, *TOGGLES, *PLAIN, "KeyF", *REVIEW, "?"]
@@ -121,29 +121,29 @@ def _request_of(report: Report, session: Session) -> Request | None:
     content = report.content
     match content["kind"]:
         case "press" if session.tool == "part":
-            return h.LeaveOut(*_point(content))
+            return h.leave_out(*_point(content))
         case "press":
             held = bool(content.get("shift")), bool(content.get("ctrl"))
-            return c.Press(*_point(content), _zoom(content), *held)
+            return c.press(*_point(content), _zoom(content), *held)
         case "drag":
-            return c.DragTo(*_point(content))
+            return c.drag_to(*_point(content))
         case "release":
-            return c.Release()
+            return c.release()
         case "cancel":
-            return c.CancelDrag()
+            return c.cancel_drag()
         case "stroke":
             return _stroke(content)
         case "part":
-            return h.BringBack(int(content["index"]))
+            return h.bring_back(int(content["index"]))
         case "double":
             if session.tool in h.HIDING:
                 return None
-            return c.DoublePress(*_point(content), _zoom(content))
+            return c.double_press(*_point(content), _zoom(content))
         case "pick":
             pair = int(content["first"]), int(content["second"])
-            return c.PickInLandscape(*pair, _finite(content["u"]), _finite(content["v"]))
+            return c.pick_in_landscape(*pair, _finite(content["u"]), _finite(content["v"]))
         case "enlarge":
-            return c.ChangeLandscape(large=(int(content["first"]), int(content["second"])))
+            return c.enlarge_map(int(content["first"]), int(content["second"]))
         case "object":
             return OBJECTS[content["wish"]](int(content["number"]))
         case "row":
@@ -165,23 +165,24 @@ def _key(content: Mapping[str, Any], session: Session, client: int) -> Request |
     if content.get("key") == "?":
         return ShowHelp(client)
     if code in NUDGES:
-        nudge, factor = NUDGES[code], FINE if shift else COARSE if ctrl else 1.0
-        return c.Nudge(nudge.kind, nudge.x * factor, nudge.y * factor)
+        kind, x, y = NUDGES[code]
+        factor = FINE if shift else COARSE if ctrl else 1.0
+        return c.nudge(kind, x * factor, y * factor)
     if content.get("repeat"):
         return None
     if code in LOOKS and not ctrl:
-        return c.ChangeView(name=LOOKS[code], hidden=False)
+        return c.change_look(name=LOOKS[code], hidden=False)
     if code in REVIEW:
         return None if ctrl else REVIEW[code]
     match code:
         case "Space":
-            return c.StopSearch() if session.searching else c.StartSearch()
+            return c.stop_search() if session.searching else c.start_search()
         case "KeyZ":
-            return c.Redo() if shift else c.Undo()
+            return c.redo() if shift else c.undo()
         case "KeyB":
-            return c.ChangeView(hidden=not session.look.hidden)
+            return c.change_look(hidden=not session.look.hidden)
         case "KeyH":
-            return c.SetTool("pose" if session.tool in h.HIDING else "brush")
+            return c.set_tool("pose" if session.tool in h.HIDING else "brush")
     return PLAIN.get(code)
 
 
@@ -194,7 +195,7 @@ def _stroke(content: Mapping[str, Any]) -> Request:
     if len(points) < (3 if shape == "polygon" else 1):
         raise ValueError("too few points")
     stroke = h.Stroke(shape, points, abs(_finite(content["radius"])), bool(content["erase"]))
-    return h.Grow(stroke) if shape == "scribble" else h.Paint(stroke)
+    return h.Grow(stroke) if shape == "scribble" else h.paint(stroke)
 
 
 def _point(content: Mapping[str, Any]) -> tuple[float, float]:

@@ -35,6 +35,7 @@ MOST_STEPS = 200
 MOST_OPENED = 4
 """Undo reaches back over no more opened photos (or sets of them), and models beside those at hand,
 than this: they fill the memory."""
+UNLOCK = "unlock it in the list of objects"
 
 WHEELS = 2
 

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.app.state.commands import Command
 from poseviewer.app.state.document import product
+from poseviewer.app.state.edits import edit
 from poseviewer.app.state.requests import Request
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
@@ -68,90 +68,71 @@ class Grow(Request, eq=False):
     stroke: Stroke
 
 
-class Paint(Command, eq=False):
+@edit
+def paint(session: Session, stroke: Stroke) -> Session:
     """Hide what a stroke covers, or bring it back."""
-
-    stroke: Stroke
-
-    def __call__(self, session: Session) -> Session:
-        photo = session.document.photo
-        return _painted(session, self.stroke.covers(photo.width, photo.height), self.stroke.erase)
+    photo = session.document.photo
+    return _painted(session, stroke.covers(photo.width, photo.height), stroke.erase)
 
 
-class PaintFound(Command, eq=False):
-    """Hide pixels that were found for a photo, or bring them back."""
-
-    photo: Photo
-    where: NDArray[np.bool_]
-    """(height, width)."""
-    erase: bool = False
-
-    def __call__(self, session: Session) -> Session:
-        if session.document.photo is not self.photo:  # another one by now
-            return session
-        return _painted(session, self.where, self.erase)
+@edit
+def paint_found(
+    session: Session, photo: Photo, where: NDArray[np.bool_], erase: bool = False
+) -> Session:
+    """Hide the pixels ``where`` (height, width) that were found for a photo, or bring them back."""
+    if session.document.photo is not photo:  # another one by now
+        return session
+    return _painted(session, where, erase)
 
 
-class Unhide(Command):
-    """All pixels count again."""
-
-    def __call__(self, session: Session) -> Session:
-        if session.document.own.mask is None:
-            return session
-        return session.with_document(session.document.with_mask(None))
-
-
-class Erase(Command):
-    """Whether strokes bring back what they cover."""
-
-    on: bool
-
-    def __call__(self, session: Session) -> Session:
-        return replace(session, erasing=self.on)
+@edit
+def unhide(session: Session) -> Session:
+    """Let all pixels count again."""
+    if session.document.own.mask is None:
+        return session
+    return session.with_document(session.document.with_mask(None))
 
 
-class LeaveOut(Command):
-    """The part of the model that is seen at a point of the photo is not compared and not drawn."""
-
-    x: float
-    y: float
-
-    def __call__(self, session: Session) -> Session:
-        document = session.document
-        mesh = document.mesh
-        found = surface_hit(mesh, document.pose, np.array([self.x, self.y]))
-        if found is None:
-            raise QuickStartError("There is no model there; press on the part to be left out.")
-        part = mesh.part_names[mesh.face_part[found[0]]]
-        return session.with_document(document.with_mesh(mesh.without([*mesh.left_out, part])))
+@edit
+def set_erasing(session: Session, on: bool) -> Session:
+    """Choose whether strokes bring back what they cover."""
+    return replace(session, erasing=on)
 
 
-class BringBack(Command):
-    """A part that was left out, by its place among them."""
+@edit
+def leave_out(session: Session, x: float, y: float) -> Session:
+    """Leave out the part of the model that is seen at a point of the photo."""
+    document = session.document
+    mesh = document.mesh
+    found = surface_hit(mesh, document.pose, np.array([x, y]))
+    if found is None:
+        raise QuickStartError("There is no model there; press on the part to be left out.")
+    part = mesh.part_names[mesh.face_part[found[0]]]
+    return session.with_document(document.with_mesh(mesh.without([*mesh.left_out, part])))
 
-    index: int
 
-    def __call__(self, session: Session) -> Session:
-        mesh = session.document.mesh
-        if not 0 <= self.index < len(mesh.left_out):
-            return session
-        left = [name for i, name in enumerate(mesh.left_out) if i != self.index]
-        return session.with_document(session.document.with_mesh(mesh.without(left)))
+@edit
+def bring_back(session: Session, index: int) -> Session:
+    """Bring back a part that was left out, by its place among them."""
+    mesh = session.document.mesh
+    if not 0 <= index < len(mesh.left_out):
+        return session
+    left = [name for i, name in enumerate(mesh.left_out) if i != index]
+    return session.with_document(session.document.with_mesh(mesh.without(left)))
 
 
-class TakeFound(Command):
-    """What the search took for something in front is hidden from now on, to be corrected."""
-
-    def __call__(self, session: Session) -> Session:
-        found, document = found_hidden(session), session.document
-        if found is None:
-            return session
-        result, at = document.object.result, document.at
-        if result is not None:  # the same pixels were compared
-            hidden = (*result.hidden[:at], None, *result.hidden[at + 1 :])
-            document = document.with_object(result=replace(result, hidden=hidden))
-        mask = product((document.own.mask, Mask.of(~found)))
-        return session.with_document(document.with_own(mask=mask))
+@edit
+def hide_found(session: Session) -> Session:
+    """Hide what the search took for something in front, to be corrected."""
+    found, document = found_hidden(session), session.document
+    if found is None:
+        return session
+    result, at = document.object.result, document.at
+    if result is not None:  # the same pixels were compared
+        hidden = (*result.hidden[:at], None, *result.hidden[at + 1 :])
+        document = document.with_object(result=replace(result, hidden=hidden))
+    mask = product((document.own.mask, Mask.of(~found)))
+    return session.with_document(document.with_own(mask=mask))
 
 
 def found_hidden(session: Session) -> NDArray[np.bool_] | None:

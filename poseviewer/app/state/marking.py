@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from poseviewer.app.state.document import WHEELS, Document, Marks, Pair
+from poseviewer.app.state.document import UNLOCK, WHEELS, Document, Marks, Pair, label_of
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
@@ -119,6 +119,9 @@ def solved(document: Document, tool: str) -> Document:
         pose = _pose_of_wheels(document) if tool == "wheels" else _pose_of_pairs(document)
     except QuickStartError as error:
         return document.with_marks(note=str(error))
+    if pose is not None and document.object.locked:
+        note = f"{label_of(document.object)} is locked: {UNLOCK} to move it."
+        return document.with_marks(note=note)
     return (document if pose is None else document.at_pose(pose)).with_marks(note="")
 
 
@@ -146,6 +149,7 @@ def _pose_of_pairs(document: Document) -> Pose | None:
     if len(points) < fewest_pairs(pose.camera):
         return None
     free = document.settings.free_focal and len(points) >= FEWEST_FOR_FOCAL
+    free = free and len(document.scene.views) == 1  # the cameras of several views are known
     if free and isinstance(pose.camera, Perspective):
         return focal_from_pairs(points, pixels, pose.camera)[0].pose
     fits = poses_from_pairs(points, pixels, pose.camera)

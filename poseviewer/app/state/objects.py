@@ -1,13 +1,12 @@
-"""What a user asks of the objects of a document, of its views, and of a model's symmetry: which is
-active, or large; one more, one less; which poses are one.
-"""
+"""Edits of the list of objects and of the strip of views, and a sentence on symmetry."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
-from poseviewer.app.state.commands import Command, WorkerUpdate
 from poseviewer.app.state.document import Document
+from poseviewer.app.state.edits import drag_edit, edit
 from poseviewer.app.state.session import Outlines, Session
 from poseviewer.errors import SettingsError
 from poseviewer.fit.scene import InView, LoadedModel, SceneObject
@@ -19,27 +18,19 @@ LONGEST_NAME = 60
 """Letters."""
 
 
-class PickObject(Command):
-    """All that follows is about another object. No step: undo leads to what was done before."""
-
-    number: int
-
-    def __call__(self, session: Session) -> Session:
-        index = session.document.index_of(self.number)
-        return session if index is None else session.with_active(index)
+@edit
+def pick_object(session: Session, number: int) -> Session:
+    """Make another object active. No step: undo leads to what was done before."""
+    index = session.document.index_of(number)
+    return session if index is None else session.with_active(index)
 
 
-class AddObject(Command, eq=False):
-    """One more object of a model that is ready, active, and to be put where a photo has it; None:
-    of the active one's model.
-    """
-
-    model: LoadedModel | None = None
-
-    def __call__(self, session: Session) -> Session:
-        document = session.document
-        added = session.with_document(with_added(document, self.model or document.model))
-        return replace(added, tool="pose", look=replace(added.look, hidden=False))
+@edit
+def add_object(session: Session, model: LoadedModel | None = None) -> Session:
+    """Add an object, active and still to be placed; None: of the active one's model."""
+    document = session.document
+    added = session.with_document(with_added(document, model or document.model))
+    return replace(added, tool="pose", look=replace(added.look, hidden=False))
 
 
 def with_added(document: Document, model: LoadedModel) -> Document:
@@ -65,86 +56,66 @@ def with_added(document: Document, model: LoadedModel) -> Document:
     return document.with_new(new)
 
 
-class RemoveObject(Command):
-    """One of several objects goes."""
-
-    number: int
-
-    def __call__(self, session: Session) -> Session:
-        document = session.document
-        index = document.index_of(self.number)
-        if index is None:
-            return session
-        if len(document.scene.objects) == 1:
-            raise SettingsError("this is the only object; open another model in its place")
-        return session.with_document(document.without(index))
+@edit
+def remove_object(session: Session, number: int) -> Session:
+    """Remove one of several objects."""
+    document = session.document
+    index = document.index_of(number)
+    if index is None:
+        return session
+    if len(document.scene.objects) == 1:
+        raise SettingsError("this is the only object; open another model in its place")
+    return session.with_document(document.without(index))
 
 
-class AlterObject(Command):
-    """Hide or show, lock or unlock, or rename an object; None leaves as it is."""
-
-    number: int
-    hidden: bool | None = None
-    locked: bool | None = None
-    name: str | None = None
-
-    def __call__(self, session: Session) -> Session:
-        index = session.document.index_of(self.number)
-        if index is None:
-            return session
-        one = session.document.scene.objects[index]
-        changes = self.given("hidden", "locked")
-        if self.name is not None:
-            changes["name"] = self.name[:LONGEST_NAME]
-        if all(getattr(one, key) == value for key, value in changes.items()):
-            return session
-        # One step back leads to before the whole of a name, not to its first letter.
-        what = f"name {self.number}"
-        typed_on = session.typed == (what, session.document) and not session.history.future
-        document = session.document.with_object(index, **changes)
-        altered = session.with_document(document, same_step=typed_on and "name" in changes)
-        return replace(altered, typed=(what, document)) if "name" in changes else altered
+@edit
+def alter_object(session: Session, number: int, **changes: Any) -> Session:
+    """Change ``hidden``, ``locked`` or ``name`` of an object."""
+    index = session.document.index_of(number)
+    if index is None:
+        return session
+    one = session.document.scene.objects[index]
+    if "name" in changes:
+        changes["name"] = changes["name"][:LONGEST_NAME]
+    if all(getattr(one, key) == value for key, value in changes.items()):
+        return session
+    # One step back leads to before the whole of a name, not to its first letter.
+    what = f"name {number}"
+    typed_on = session.typed == (what, session.document) and not session.history.future
+    document = session.document.with_object(index, **changes)
+    altered = session.with_document(document, same_step=typed_on and "name" in changes)
+    return replace(altered, typed=(what, document)) if "name" in changes else altered
 
 
-class OutlinesDrawn(WorkerUpdate, eq=False):
-    """A worker has drawn what is drawn beside the active object."""
-
-    outlines: Outlines
-
-    def __call__(self, session: Session) -> Session:
-        return replace(session, outlines=self.outlines)
+@drag_edit
+def outlines_drawn(session: Session, outlines: Outlines) -> Session:
+    """Show what a worker has drawn beside the active object."""
+    return replace(session, outlines=outlines)
 
 
-class LookAt(Command):
-    """Another view is large. No step: undo leads to what was done before; a search goes on."""
-
-    index: int
-
-    def __call__(self, session: Session) -> Session:
-        is_there = 0 <= self.index < len(session.document.scene.views)
-        return session.with_view(self.index) if is_there else session
+@edit
+def show_view(session: Session, index: int) -> Session:
+    """Show another view large. No step: undo leads to what was done before; a search goes on."""
+    is_there = 0 <= index < len(session.document.scene.views)
+    return session.with_view(index) if is_there else session
 
 
-class CompareView(Command):
+@edit
+def compare_view(session: Session, index: int, on: bool) -> Session:
     """Compare the active object with a view, or leave it out."""
-
-    index: int
-    on: bool
-
-    def __call__(self, session: Session) -> Session:
-        document = session.document
-        compared = [own.is_compared for own in document.object.in_views]
-        if not 0 <= self.index < len(compared) or compared[self.index] is self.on:
-            return session
-        if not self.on and sum(compared) == 1:
-            raise SettingsError("one photo at least is compared: switch another one on first")
-        # What a search said was said by other photos.
-        changed = document.with_view(self.index).with_own(is_compared=self.on)
-        return session.with_document(changed.with_object(result=None).with_view(document.at))
+    document = session.document
+    compared = [own.is_compared for own in document.object.in_views]
+    if not 0 <= index < len(compared) or compared[index] is on:
+        return session
+    if not on and sum(compared) == 1:
+        raise SettingsError("one photo at least is compared: switch another one on first")
+    # What a search said was said by other photos.
+    changed = document.with_view(index).with_own(is_compared=on)
+    return session.with_document(changed.with_object(result=None).with_view(document.at))
 
 
 def symmetry_text(model: LoadedModel) -> str:
-    """Which poses count as one."""
+    """Say which poses count as one."""
     if model.whole_symmetry.is_none:
         return "no symmetry"
     if model.symmetry.is_none:

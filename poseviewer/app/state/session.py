@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer import api
-from poseviewer.app.state.document import Document, History, compared
+from poseviewer.app.state.camera_change import with_camera
+from poseviewer.app.state.document import UNLOCK, Document, History, compared, label_of
 from poseviewer.app.state.dragging import Drag, radius_in_photo
 from poseviewer.errors import SettingsError
 from poseviewer.figures.loss_maps import LossMaps
@@ -184,16 +185,23 @@ class LandscapeView:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class SearchRequest:
+    """What is searched for; each request is an object of its own."""
+
+    start: Document
+    """Document that the search begins at."""
+    methods: tuple[FitSettings, ...]
+    """Settings by which the active object is searched for, one after the other, each from the
+    start."""
+    indices: tuple[int, ...]
+    """Objects that are searched for in turn."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Search:
     """A search that runs, or whose result awaits a word."""
 
-    number: int
-    start: Document
-    """What it begins at."""
-    methods: tuple[FitSettings, ...]
-    """By which the active object is searched for, one after the other, each from the start."""
-    indices: tuple[int, ...]
-    """Objects that are searched for in turn."""
+    asked: SearchRequest
     running: bool = True
     latest: SearchUpdate | None = None
 
@@ -202,9 +210,8 @@ class Search:
 class ProposedStarts:
     """Start poses that are being looked for, or were found and await a word."""
 
-    number: int
     document: Document
-    """What they were asked for."""
+    """Document that they were asked for at."""
     running: bool = True
     poses: tuple[Pose, ...] = ()
     """The likeliest first."""
@@ -213,14 +220,14 @@ class ProposedStarts:
     shown: Document | None = None
     """The document that showing it led to."""
 
-    @property
-    def query(self) -> StartQuery:
-        """What they are looked for, with the camera at hand."""
-        document, own = self.document, self.document.own
-        settings = replace(document.settings, region=own.region)
-        inputs = StartInputs(document.photo, document.mesh, document.model.keypoints, own.mask)
-        box = document.marks.box or own.region
-        return StartQuery(inputs, document.pose.camera, box, settings)
+
+def start_query(document: Document) -> StartQuery:
+    """What start poses are looked for at a document, with its camera."""
+    own = document.own
+    settings = replace(document.settings, region=own.region)
+    inputs = StartInputs(document.photo, document.mesh, document.model.keypoints, own.mask)
+    box = document.marks.box or own.region
+    return StartQuery(inputs, document.pose.camera, box, settings)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -253,11 +260,7 @@ class Session:
     look: Look = field(default_factory=Look)
     maps: LandscapeView = field(default_factory=LandscapeView)
     search: Search | None = None
-    searches: int = 0
-    """How many searches were started."""
     proposals: ProposedStarts | None = None
-    proposals_asked: int = 0
-    """How many times proposals were asked for."""
     landscapes: tuple[LandscapeUpdate, ...] = ()
     """One for each loss that is shown."""
     ends: tuple[MethodEnd, ...] = ()
@@ -274,8 +277,6 @@ class Session:
     """What stands in a file."""
     typed: tuple[str, Document] | None = None
     """The parameter that was last typed, and the document that it led to."""
-    error_message: str = ""
-    """What the last command could not do, and why: a sentence for the user."""
 
     @property
     def compared(self) -> Scene:
@@ -307,6 +308,11 @@ class Session:
     def searching(self) -> bool:
         """Whether a search runs."""
         return self.search is not None and self.search.running
+
+    @property
+    def moving(self) -> bool:
+        """Whether a hand or a search moves the model: the next pose will follow at once."""
+        return self.before_drag is not None or self.searching
 
     @property
     def shown_box(self) -> Rectangle | None:
@@ -381,20 +387,19 @@ class Session:
 
         Raises:
             FloatingPointError: the model would be behind the camera, or out of all proportion.
+            SettingsError: a locked object would move.
         """
-        require_in_sight(document)
+        if not is_in_sight(document):
+            raise FloatingPointError(
+                "that pose is behind the camera or out of all proportion; nothing was changed"
+            )
+        _require_unlocked(self.document, document)
         history = self.history if same_step else self.history.with_step(self.document)
         return self.at(history, document)
 
     def with_pose(self, pose: Pose) -> Session:
         """One undoable step to another pose; raises as ``with_document``."""
         return self.with_document(self.document.at_pose(pose))
-
-    def with_error(self, text: str) -> Session:
-        """The same with an error message: with a capital letter first, a full stop last."""
-        text = text[:1].upper() + text[1:]
-        text = text if text.endswith((".", "!", "?")) else f"{text}."
-        return replace(self, error_message=text)
 
 
 def is_in_sight(document: Document) -> bool:
@@ -405,13 +410,14 @@ def is_in_sight(document: Document) -> bool:
     return 0.0 < radius < math.inf and is_finite
 
 
-def require_in_sight(document: Document) -> None:
-    """The model is in front of the camera, and neither infinitely large nor infinitely far.
-
-    Raises:
-        FloatingPointError: it is not.
-    """
-    if not is_in_sight(document):
-        raise FloatingPointError(
-            "that pose is behind the camera or out of all proportion; nothing was changed"
-        )
+def _require_unlocked(before: Document, now: Document) -> None:
+    """Raise unless a locked object is where it was in the photo; under another camera, too."""
+    is_same = before.shows_same(now) and before.pose is not now.pose
+    if not (is_same and before.object.locked and now.object.locked):
+        return
+    kept = with_camera(before.pose, now.pose.camera, now.mesh.centre)
+    old, new = (pose.camera_from_model for pose in (kept, now.pose))
+    same_turn = np.allclose(old.rotation, new.rotation)
+    if not (same_turn and np.allclose(old.translation, new.translation)):
+        label = label_of(now.object)
+        raise SettingsError(f"{label} is locked: {UNLOCK} to move it; nothing was changed")

@@ -1,30 +1,32 @@
-"""Jobs beside the session, a generator each: preparation, search, proposals."""
+"""Jobs beside the session: preparation, search, proposals."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from poseviewer import api
-from poseviewer.app.state.document import reference_view
+from poseviewer.app.state import commands as c
+from poseviewer.app.state.document import Document, reference_view
+from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import (
     MethodEnd,
     Preparation,
-    ProposedStarts,
-    Search,
+    SearchRequest,
     SearchUpdate,
+    Session,
+    start_query,
 )
-from poseviewer.app.workers.worker import lower_priority
-from poseviewer.errors import SettingsError
+from poseviewer.app.workers.worker import Job, lower_priority
+from poseviewer.errors import SettingsError, sentence_of
 from poseviewer.fit import search as fit
 from poseviewer.fit.problem import make_problem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.scene import Scene, SearchResult
 from poseviewer.fit.settings import METHODS, FitSettings
-from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.pool import processors
 from poseviewer.render.types import Renderer
@@ -32,6 +34,12 @@ from poseviewer.starts.automatic import propose
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer
+
+
+COMPILING_FAILED = (
+    "The model cannot be compared with the photo: its kernels could not be compiled; "
+    "restart poseviewer, or install numba again"
+)
 
 
 @lru_cache(maxsize=16)
@@ -61,13 +69,58 @@ def has_renderer(mesh: Mesh) -> bool:
 
 
 def prepare(mesh: Mesh) -> Iterator[Preparation]:
-    """Make ready what draws and compares a model: the kernels, and its renderer."""
+    """Make ready what draws and compares a model: the kernels, and its renderer.
+
+    Raises:
+        SettingsError: the kernels cannot be compiled.
+    """
     from poseviewer.render.software.compiled import compiling, kernels_are_compiled
 
-    if not kernels_are_compiled():
-        yield from map(Preparation, compiling())
-    renderer_of(mesh)
-    yield Preparation()
+    try:
+        if not kernels_are_compiled():
+            yield from map(Preparation, compiling())
+        renderer_of(mesh)
+    except Exception as error:
+        raise SettingsError(f"{COMPILING_FAILED} ({sentence_of(error)}).") from error
+
+
+def preparing(notify: Callable[[], None]) -> Job[Mesh]:
+    """Make ready the model at hand."""
+
+    def asked(session: Session) -> Mesh | None:
+        mesh = session.document.mesh
+        return None if has_renderer(mesh) else mesh
+
+    return Job(
+        "preparation",
+        asked,
+        lambda mesh: map(c.preparation_advanced, prepare(mesh)),
+        lambda _, error: c.preparation_advanced(Preparation(trouble=str(error))),
+        notify,
+    )
+
+
+def searching() -> Job[SearchRequest]:
+    """Search, as soon as all is ready; the loop looks for its updates."""
+    return Job(
+        "search",
+        lambda now: (
+            now.search.asked if now.search and now.searching and not now.preparation else None
+        ),
+        lambda asked: (c.search_advanced(asked, update) for update in run_search(asked)),
+        lambda asked, _: c.search_failed(asked),
+    )
+
+
+def proposing(notify: Callable[[], None]) -> Job[Document]:
+    """Propose start poses, as soon as all is ready."""
+
+    def asked(session: Session) -> Document | None:
+        proposals = session.proposals
+        is_asked = proposals is not None and proposals.running and session.preparation is None
+        return proposals.document if proposals is not None and is_asked else None
+
+    return Job("proposals", asked, propose_starts, lambda *_: c.stop_proposing(), notify)
 
 
 def case_of(
@@ -78,7 +131,7 @@ def case_of(
     return api.Scene(scene, {scene.objects[index].mesh: renderer}, index, view)
 
 
-def run_search(asked: Search) -> Iterator[SearchUpdate]:
+def run_search(asked: SearchRequest) -> Iterator[SearchUpdate]:
     """The search that the session asks for, after every evaluation, by each of its methods in turn;
     of several, the last update has the ends of all.
 
@@ -141,8 +194,8 @@ def ends_of(done: Sequence[SearchUpdate], renderer: Renderer) -> tuple[MethodEnd
     )
 
 
-def propose_starts(asked: ProposedStarts) -> Iterator[tuple[Pose, ...]]:
-    """The proposed start poses, once, the likeliest first."""
-    query = asked.query
+def propose_starts(document: Document) -> Iterator[Edit]:
+    """Show the proposed start poses, the likeliest first."""
+    query = start_query(document)
     found = propose(query, renderer_of(query.inputs.mesh).clone(), lower_priority).found
-    yield tuple(one.pose for one in found)
+    yield c.starts_proposed(document, tuple(one.pose for one in found))

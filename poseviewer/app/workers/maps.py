@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from poseviewer import api
+from poseviewer.app.state.commands import landscape_advanced
 from poseviewer.app.state.document import Document, compared, reference_view
+from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import LandscapeUpdate, SearchUpdate, Session
-from poseviewer.app.workers.jobs import case_of
-from poseviewer.app.workers.worker import lower_priority
+from poseviewer.app.workers.jobs import case_of, renderer_of
+from poseviewer.app.workers.worker import Worker, lower_priority
+from poseviewer.errors import sentence_of
 from poseviewer.fit.scene import Scene
 from poseviewer.fit.settings import FitSettings, Method
 from poseviewer.fit.slices import QUICK_SIZES, Slice, landscape, quick_level, strides
@@ -24,6 +28,8 @@ if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer
 
 SIZE = 41
+SEARCH_MAPS_S = 0.5
+"""Seconds between maps that follow a search: the processor is for the search."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,11 +47,11 @@ class MapJob:
     moving: bool
 
     @classmethod
-    def wanted(cls, session: Session, moving: bool) -> MapJob:
+    def wanted(cls, session: Session) -> MapJob:
         """The maps that the session asks for; coarse ones while the pose moves."""
         losses, width = session.mapped, session.maps.half_width
         latest = session.own_search
-        return cls(session.document, session.compared, latest, losses, width, moving)
+        return cls(session.document, session.compared, latest, losses, width, session.moving)
 
     def replaces(self, other: MapJob | None, busy: bool) -> bool:
         """Whether to begin anew, while ``other`` runs (``busy``) or is done."""
@@ -62,6 +68,56 @@ class MapJob:
         own, its = (compared(job.anchor, job.document.active) for job in (self, other))
         problems = [job.search and job.search.problem for job in (self, other)]
         return same_maps and own == its and problems[0] is problems[1]
+
+
+class MapWorker:
+    """A thread that makes the maps that the session asks for."""
+
+    def __init__(self, note: Callable[[str], None]) -> None:
+        """``note`` is told why there are no maps."""
+        self._note = note
+        self._worker: Worker[tuple[LandscapeUpdate, ...]] = Worker("maps", low_priority=True)
+        self._maker: MapMaker | None = None
+        self._made_for: Mesh | None = None
+        self._job: MapJob | None = None
+        self._begun_at = 0.0
+
+    @property
+    def busy(self) -> bool:
+        """Whether maps are being made."""
+        return self._worker.busy
+
+    def hold(self, held: bool) -> None:
+        """Pause, or go on: what the hand is moving comes first."""
+        self._worker.hold(held)
+
+    def follow(self, session: Session) -> None:
+        """Begin the maps that are wanted by now, in the place of older ones."""
+        mesh = session.document.mesh
+        if session.preparation is not None:
+            self._made_for = None
+            self._worker.stop()
+            return
+        if self._maker is None or self._made_for is not mesh:
+            self._maker, self._made_for, self._job = MapMaker(renderer_of(mesh).clone()), mesh, None
+        job, maker, now = MapJob.wanted(session), self._maker, time.monotonic()
+        follows = session.searching and self._job is not None and self._job.moving
+        is_due = not follows or now - self._begun_at > SEARCH_MAPS_S
+        if is_due and job.replaces(self._job, self._worker.busy):
+            self._job, self._begun_at = job, now
+            self._worker.start(lambda: maker.run(job))
+
+    def take(self) -> Iterator[Edit]:
+        """Give what is new since the last call."""
+        update = self._worker.take()
+        if update is not None and update.error is not None:
+            self._note(sentence_of(update.error))
+        elif update is not None and update.item is not None:
+            yield landscape_advanced(update.item)
+
+    def close(self) -> None:
+        """End the thread."""
+        self._worker.close()
 
 
 class MapMaker:

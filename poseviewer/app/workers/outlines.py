@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from poseviewer.app.state.document import stands
-from poseviewer.app.state.objects import OutlinesDrawn
+from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.objects import outlines_drawn
 from poseviewer.app.state.session import Outlines, Session
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.app.workers.worker import Worker
@@ -38,29 +39,31 @@ class OutlineWorker:
     """A thread that draws outlines, one drawing at a time, when what they come from has changed."""
 
     def __init__(self, notify: Callable[[], None]) -> None:
-        self._worker: Worker[OutlinesDrawn] = Worker("outlines", notify)
+        self._worker: Worker[Outlines] = Worker("outlines", notify)
         self._drawn: object = None
         self._renderers: dict[Mesh, SoftwareRenderer] = {}
         self._lines: dict[tuple[Mesh, Pose], FloatArray] = {}
 
-    def take(self) -> Iterator[OutlinesDrawn]:
-        """Give what is new since the last call."""
+    def take(self) -> Iterator[Edit]:
+        """Give what is new since the last call; raises the error that the drawing ended in."""
         update = self._worker.take()
+        if update is not None and update.error is not None:
+            raise update.error
         if update is not None and update.item is not None:
-            yield update.item
+            yield outlines_drawn(update.item)
 
     def close(self) -> None:
         """End the thread."""
         self._worker.close()
 
-    def start(self, session: Session, moving: bool) -> None:
+    def follow(self, session: Session) -> None:
         """Begin what is to be drawn by now. The active object hides what is behind it only while it
         is at rest.
         """
         own, scene = session.document, session.document.scene
         numbers = [int(one.id) for one in scene.objects]
         large = {numbers[index]: scene.placed(index, own.at) for index in own.others}
-        is_at_rest = large and not moving and stands(own.object)
+        is_at_rest = large and not session.moving and stands(own.object)
         front = [scene.placed(own.active, own.at)] if is_at_rest else []
         shown = [index for index, one in enumerate(scene.objects) if not one.hidden]
         views = range(len(scene.views)) if len(scene.views) > 1 else ()
@@ -77,7 +80,7 @@ class OutlineWorker:
         front: Sequence[PlacedModel],
         small: Sequence[Numbered],
         placed: Sequence[PlacedModel],
-    ) -> OutlinesDrawn:
+    ) -> Outlines:
         """Outlines in the large view, where neither what is drawn nor the ``front`` hides them, and
         in the small ones.
         """
@@ -111,4 +114,4 @@ class OutlineWorker:
                 if not np.array_equal(seen, found.drawn[index]):
                     lines[number] = seen_lines(lines[number], seen, samples)
         views = ({number: share(one) for number, one in view.items()} for view in small)
-        return OutlinesDrawn(Outlines(lines, tuple(views)))
+        return Outlines(lines, tuple(views))

@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from poseviewer.app.state.commands import LossComputed, OverlayDrawn
+from poseviewer.app.state.commands import loss_computed, overlay_drawn
 from poseviewer.app.state.document import Document, reference_view
+from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import Losses, Overlay, OverlayRequest, Session
+from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.app.workers.worker import Worker
-from poseviewer.errors import PoseViewerError
+from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.fit.compared import shown_attributes
 from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.loss import worst_registration_loss
@@ -185,15 +187,18 @@ class OverlayWorkers:
         self._fine: Worker[Overlay] = Worker("fine overlay", notify)
         self._sketcher = SketchDrawer()
         self._drawers: list[OverlayDrawer] = []
+        self._drawers_of: tuple[Mesh, bool] | None = None
         self._drawn: OverlayRequest | None = None
         self._loss_asked = True
         self._moved_at = 0.0
 
-    def use(self, renderer: SoftwareRenderer | None) -> None:
-        """Draw another model; every worker with buffers of its own. None: sketch it meanwhile."""
-        copies = () if renderer is None else (renderer.clone() for _ in range(3))
-        self._drawers = [OverlayDrawer(copy) for copy in copies]
-        self._drawn, self._loss_asked = None, True
+    def _use(self, mesh: Mesh, ready: bool) -> None:
+        """Draw another model, each worker with buffers of its own; sketch it until it is ready."""
+        if self._drawers_of != (mesh, ready):
+            self._drawers_of = mesh, ready
+            copies = (renderer_of(mesh).clone() for _ in range(3)) if ready else ()
+            self._drawers = [OverlayDrawer(copy) for copy in copies]
+            self._drawn, self._loss_asked = None, True
 
     @property
     def busy(self) -> bool:
@@ -204,9 +209,10 @@ class OverlayWorkers:
         """Whether the fine drawing of what is shown is still to be begun."""
         return self._moved_at > 0.0 and not moving and not self._quick.busy
 
-    def start(self, session: Session, moving: bool) -> None:
+    def follow(self, session: Session) -> None:
         """Begin what is to be drawn by now."""
         look = session.look
+        self._use(session.document.mesh, session.preparation is None)
         request = OverlayRequest(session.document, session.compared, look.name, look.opacity)
         # A search finds the losses of its poses itself.
         may_find_loss = self._drawers and not (
@@ -228,27 +234,24 @@ class OverlayWorkers:
             return
         if may_find_loss:
             self._find_loss(request)
-        if self.is_unfinished(moving) and time.monotonic() - self._moved_at > SETTLED_S:
+        if self.is_unfinished(session.moving) and time.monotonic() - self._moved_at > SETTLED_S:
             self._moved_at = 0.0
             if self._drawers:
                 fine = self._drawers[2].draw
                 self._fine.start(lambda: _last(fine(request)))
 
-    def take(
-        self, session: Session, show_error: Callable[[str], None]
-    ) -> Iterator[OverlayDrawn | LossComputed]:
-        """Give what is new since the last call, of the photo and the model at hand."""
+    def take(self) -> Iterator[Edit]:
+        """Give what is new since the last call; raises where the model could not be drawn."""
         for worker in (self._quick, self._fine, self._loss):
             update = worker.take()
             if update is None:
                 continue
             if update.error is not None:
                 if worker is not self._loss:
-                    show_error(f"The model could not be drawn: {update.error}")
-            elif update.item is not None and update.item.request.document.shows_same(
-                session.document
-            ):
-                yield (LossComputed if worker is self._loss else OverlayDrawn)(update.item)
+                    text = f"The model could not be drawn: {update.error}"
+                    raise SettingsError(text) from update.error
+            elif update.item is not None:
+                yield (loss_computed if worker is self._loss else overlay_drawn)(update.item)
 
     def close(self) -> None:
         """End the threads."""

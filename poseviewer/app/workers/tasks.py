@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.app.state.commands import LayWheels, SetTool
-from poseviewer.app.state.hiding import Grow, PaintFound, Stroke
-from poseviewer.app.state.objects import AddObject
+from poseviewer.app.state.commands import lay_wheels, set_tool
+from poseviewer.app.state.hiding import Grow, Stroke, paint_found
+from poseviewer.app.state.objects import add_object
 from poseviewer.app.state.requests import Download, Request, Upload
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import export
@@ -93,7 +93,7 @@ class Tasks:
                 raise FileSetError(f"{display_name(upload.name)}: holds no model; choose one.")
             loaded = [load_model(model) for model in models]
             notes = (note for model in loaded for note in notes_of(model))
-            yield Found(tuple(map(AddObject, loaded)), (*notes, *files.notes))
+            yield Found(tuple(map(add_object, loaded)), (*notes, *files.notes))
 
         self.add(run, size=len(upload.data))
 
@@ -110,7 +110,7 @@ class Tasks:
         update = self._worker.take()
         return None if update is None or not update.finished else (update.item, update.error)
 
-    def start_next(self, now: Session) -> None:
+    def follow(self, now: Session) -> None:
         """Begin the next task, on what is open ``now``, unless one is running."""
         held = now.preparation is not None and not now.preparation.trouble
         at = next(
@@ -146,8 +146,8 @@ def find_wheels_in_region(session: Session) -> Iterator[Found]:
     photo, camera = own.photo, own.pose.camera
     is_guess = camera == photo.default_camera() and photo.focal_length_35mm is None
     found = likely_wheels(inputs, region, camera, is_guess)[0]
-    laid = LayWheels(photo, own.mesh, found.wheels.rear, found.wheels.front, found.fit.pose)
-    yield Found((SetTool("wheels"), laid))
+    laid = lay_wheels(photo, own.mesh, found.wheels.rear, found.wheels.front, found.fit.pose)
+    yield Found((set_tool("wheels"), laid))
 
 
 REACH = 1.0
@@ -165,7 +165,7 @@ def grow(asked: Grow) -> Task:
 
     def run(session: Session) -> Iterator[Found]:
         photo, stroke = session.document.photo, asked.stroke
-        yield Found((PaintFound(photo, grown(photo, stroke), stroke.erase),))
+        yield Found((paint_found(photo, grown(photo, stroke), stroke.erase),))
 
     return run
 

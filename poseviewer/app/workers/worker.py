@@ -14,9 +14,10 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
-from poseviewer.errors import sentence_of
+from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.session import Session
 
 _log = logging.getLogger(__name__)
 
@@ -25,20 +26,7 @@ LET_GO_S = 0.005
 each evaluation of a search it would be a fifth of its time."""
 
 T = TypeVar("T")
-C = TypeVar("C")
-
-
-class Numbered(Protocol):
-    """What the session asks a worker for."""
-
-    @property
-    def number(self) -> int: ...  # noqa: D102
-
-    @property
-    def running(self) -> bool: ...  # noqa: D102
-
-
-A = TypeVar("A", bound=Numbered)
+A = TypeVar("A")
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,35 +188,55 @@ class Worker(Generic[T]):
         return True
 
 
-class NumberedWorker(Worker[T]):
-    """A worker for what the session asks for by number: each number is begun once."""
+class Job(Generic[A]):
+    """A worker for what the session asks for: the newest request wins, and publishes edits."""
 
-    def __init__(self, name: str, notify: Callable[[], None] | None = None) -> None:
-        super().__init__(name, notify)
-        self._number = 0
-
-    def follow(
-        self, asked: A | None, make: Callable[[A], Iterator[T]], may_begin: bool = True
+    def __init__(
+        self,
+        name: str,
+        asked: Callable[[Session], A | None],
+        make: Callable[[A], Iterator[Edit]],
+        failed: Callable[[A, Exception], Edit],
+        notify: Callable[[], None] | None = None,
     ) -> None:
-        """Begin what is asked for and not begun yet, as soon as it ``may_begin``; stop what is not
-        asked for any more.
+        """``asked`` gives what a session asks for, each time the same object (None: nothing),
+        ``make`` the edits that come of it, and ``failed`` the edit where it ends in an error.
         """
-        if asked is None or not asked.running:
-            if self.busy:
-                self.stop()
-        elif asked.number != self._number and may_begin:
-            self._number = asked.number
-            self.start(lambda: make(asked))
+        self._worker: Worker[Edit] = Worker(name, notify)
+        self._asked, self._make, self._failed = asked, make, failed
+        self._begun: A | None = None
 
-    def take_as(
-        self, advanced: Callable[[int, T], C], failed: Callable[[int, str], C]
-    ) -> Iterator[C]:
-        """What is new since the last time, made from the number and the item, or the reason."""
-        update = self.take()
-        if update is not None and update.item is not None:
-            yield advanced(self._number, update.item)
-        if update is not None and update.error is not None:
-            yield failed(self._number, sentence_of(update.error))
+    @property
+    def busy(self) -> bool:
+        """Whether something that was asked for is under way."""
+        return self._worker.busy
+
+    def follow(self, session: Session) -> None:
+        """Begin what the session asks for by now; stop what it does not ask for any more."""
+        asked = self._asked(session)
+        if asked is self._begun:
+            return
+        self._begun = asked
+        if asked is None:
+            self._worker.stop()
+        else:
+            self._worker.start(lambda: self._make(asked))
+
+    def take(self) -> Iterator[Edit]:
+        """Give what is new since the last time; raises the error that the work ended in."""
+        update = self._worker.take()
+        if update is None:
+            return
+        if update.item is not None:
+            yield update.item
+        if update.error is not None:
+            if self._begun is not None:
+                yield self._failed(self._begun, update.error)
+            raise update.error
+
+    def close(self) -> None:
+        """End the thread."""
+        self._worker.close()
 
 
 def lower_priority() -> None:

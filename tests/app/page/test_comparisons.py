@@ -10,7 +10,7 @@ from lxml import html
 
 from poseviewer.app.page.comparisons import ends_table
 from poseviewer.app.page.panels import curve_of
-from poseviewer.app.state.session import Search, SearchUpdate
+from poseviewer.app.state.session import SearchRequest, SearchUpdate
 from poseviewer.app.workers.jobs import ends_of, run_search
 from poseviewer.app.workers.opening import open_files
 from poseviewer.fit.settings import FitSettings, Limits
@@ -25,7 +25,7 @@ def ended(scene) -> list[SearchUpdate]:
     document, limits = open_files(scene.photo, scene.model, scene.start).document, Limits(600)
     methods: Any = ("paper", "default")
     settings = tuple(FitSettings(method, limits=limits) for method in methods)
-    *_, last = run_search(Search(1, document, settings, (0,)))
+    *_, last = run_search(SearchRequest(document, settings, (0,)))
     return [end.update for end in last.ends]
 
 

@@ -67,7 +67,7 @@ def test_reasons_of_a_file_are_no_markup_to_the_page():
 def test_the_line_over_the_photo_says_what_space_does_next():
     session = make_session()
     assert hint_of(session) == ""  # the usual line: it searches
-    searching = after(session, c.StartSearch())
+    searching = after(session, c.start_search())
     assert hint_of(searching) == SEARCHING_HINT
-    assert hint_of(after(searching, c.StopSearch())) == ""
-    assert hint_of(after(searching, c.SetTool("brush"))) != SEARCHING_HINT
+    assert hint_of(after(searching, c.stop_search())) == ""
+    assert hint_of(after(searching, c.set_tool("brush"))) != SEARCHING_HINT

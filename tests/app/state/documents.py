@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from poseviewer.app.state.commands import Command
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.session import Session
+from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.session import SearchRequest, Session
 from poseviewer.app.state.update import update
+from poseviewer.errors import PoseViewerError
 from poseviewer.fit.scene import LoadedModel, scene_at
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
@@ -66,12 +68,27 @@ def make_session(*arguments, **more) -> Session:
     return Session(make_document(*arguments, **more))
 
 
-def after(session: Session, *commands: Command) -> Session:
-    """The session after commands none of which is refused."""
-    for command in commands:
-        session = update(session, command)
-        assert not session.error_message, f"{command}: {session.error_message}"
+def after(session: Session, *edits: Edit) -> Session:
+    """The session after edits none of which is refused."""
+    for edit in edits:
+        session = update(session, edit)
     return session
+
+
+def refused(session: Session, edit: Edit) -> str:
+    """The sentence by which an edit is refused."""
+    with pytest.raises(PoseViewerError) as error:
+        update(session, edit)
+    sentence = str(error.value)
+    assert sentence.endswith(".")
+    assert sentence[0] == sentence[0].upper()
+    return sentence
+
+
+def asked_of(session: Session) -> SearchRequest:
+    """What is searched for."""
+    assert session.search is not None
+    return session.search.asked
 
 
 def moved_document(document: Document, step: float) -> Document:

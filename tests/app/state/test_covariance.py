@@ -7,7 +7,7 @@ import pytest
 
 from poseviewer.app.page.panels import sure_text, verdict_text
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.objects import LookAt
+from poseviewer.app.state.objects import show_view
 from poseviewer.app.state.session import Session
 from poseviewer.fit.scene import SearchResult
 from poseviewer.fit.verdict import Verdict
@@ -35,7 +35,7 @@ def test_the_verdict_says_how_sure_the_pose_is(session: Session) -> None:
     assert sure is not None
     assert sure.words(session.document.mesh.unit) in sure_text(session)
     assert sure_text(session) in verdict_text(session)
-    moved = after(session, c.Nudge("move", 1.0))
+    moved = after(session, c.nudge("move", 1.0))
     assert moved.covariance_in(0) is None
     assert sure_text(moved) == ""
 
@@ -49,7 +49,7 @@ def test_another_view_turns_and_shifts_it() -> None:
     plain = PoseCovariance(document.pose, MESH.centre, here, seventh="log_size")
     verdict = Verdict("found", 0.97, (), None, plain.with_matrix(here, MESH))
     session = Session(document.with_object(result=SearchResult(verdict, 0.1, 0.1)))
-    there = after(session, LookAt(1))
+    there = after(session, show_view(1))
     sure = there.covariance_in(1)
     assert sure is not None
     assert sure.px > 0.0

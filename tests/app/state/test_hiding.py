@@ -11,9 +11,9 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state.commands import found_at
 from poseviewer.app.state.document import Document, verdict_of
-from poseviewer.app.state.objects import AddObject, PickObject
+from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.objects import add_object, pick_object
 from poseviewer.app.state.session import Session
-from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import run_search
 from poseviewer.app.workers.opening import open_files, open_scene, restore
@@ -23,12 +23,21 @@ from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.mask import Mask
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.starts.loading import pose_record
-from tests.app.state.documents import HEIGHT, PERSPECTIVE, WIDTH, after, make_photo, make_session
+from tests.app.state.documents import (
+    HEIGHT,
+    PERSPECTIVE,
+    WIDTH,
+    after,
+    asked_of,
+    make_photo,
+    make_session,
+    refused,
+)
 from tests.meshes import make_two_boxes
 
 
-def brush(*points: tuple[float, float], radius: float = 5.0, erase: bool = False) -> h.Paint:
-    return h.Paint(h.Stroke("brush", np.array(points), radius, erase))
+def brush(*points: tuple[float, float], radius: float = 5.0, erase: bool = False) -> Edit:
+    return h.paint(h.Stroke("brush", np.array(points), radius, erase))
 
 
 def counts(session: Session) -> np.ndarray:
@@ -52,7 +61,7 @@ def test_a_brush_hides_what_lies_within_its_radius():
 
 def test_a_polygon_hides_its_inside():
     corners = np.array([[20.0, 20.0], [60.0, 20.0], [60.0, 50.0], [20.0, 50.0]])
-    session = after(make_session(PERSPECTIVE), h.Paint(h.Stroke("polygon", corners, 1.0)))
+    session = after(make_session(PERSPECTIVE), h.paint(h.Stroke("polygon", corners, 1.0)))
     hidden = counts(session) == 0.0
     assert hidden[21:49, 21:59].all()
     assert not hidden[:19].any()
@@ -80,13 +89,13 @@ def test_strokes_are_undone_and_redone():
     start = make_session(PERSPECTIVE)
     one = after(start, brush((40.0, 30.0)))
     two = after(one, brush((90.0, 70.0)))
-    back = after(two, c.Undo())
+    back = after(two, c.undo())
     assert np.array_equal(counts(back), counts(one))
-    assert after(back, c.Undo()).document.own.mask is None
-    assert np.array_equal(counts(after(back, c.Redo())), counts(two))
-    cleared = after(two, h.Unhide())
+    assert after(back, c.undo()).document.own.mask is None
+    assert np.array_equal(counts(after(back, c.redo())), counts(two))
+    cleared = after(two, h.unhide())
     assert cleared.document.own.mask is None
-    assert np.array_equal(counts(after(cleared, c.Undo())), counts(two))
+    assert np.array_equal(counts(after(cleared, c.undo())), counts(two))
 
 
 def test_shades_of_a_mask_stay_where_nothing_is_painted():
@@ -100,13 +109,13 @@ def test_shades_of_a_mask_stay_where_nothing_is_painted():
 
 def test_a_stroke_ends_a_search_and_is_unsaved():
     session = make_session(PERSPECTIVE)
-    session = after(session, c.Saved(session.document))
+    session = after(session, c.mark_saved(session.document))
     assert not session.unsaved
-    searching = after(session, c.StartSearch())
+    searching = after(session, c.start_search())
     painted = after(searching, brush((40.0, 30.0)))
     assert painted.search is None
     assert painted.unsaved
-    assert not after(painted, c.Saved(painted.document)).unsaved
+    assert not after(painted, c.mark_saved(painted.document)).unsaved
 
 
 def test_pixels_found_for_another_photo_are_dropped():
@@ -114,8 +123,8 @@ def test_pixels_found_for_another_photo_are_dropped():
     where = np.zeros((HEIGHT, WIDTH), bool)
     where[10:20, 10:20] = True
     own = session.document.photo
-    assert np.sum(counts(after(session, h.PaintFound(own, where))) == 0.0) == 100
-    other = after(session, h.PaintFound(make_photo(7), where))
+    assert np.sum(counts(after(session, h.paint_found(own, where))) == 0.0) == 100
+    other = after(session, h.paint_found(make_photo(7), where))
     assert other.document is session.document
 
 
@@ -123,25 +132,21 @@ def test_the_part_that_is_pressed_is_left_out_and_comes_back():
     session = with_two_parts()
     mesh, pose = session.document.mesh, session.document.pose
     mirror = pose.project(mesh.part_vertices("mirror").mean(axis=0))
-    without = after(session, h.LeaveOut(*mirror))
+    without = after(session, h.leave_out(*mirror))
     assert without.document.mesh.left_out == ("mirror",)
     assert without.document.pose is pose
-    assert after(without, h.BringBack(0)).document.mesh is mesh
-    assert after(without, c.Undo()).document.mesh is mesh
-    assert after(without, h.BringBack(5)).document is without.document
+    assert after(without, h.bring_back(0)).document.mesh is mesh
+    assert after(without, c.undo()).document.mesh is mesh
+    assert after(without, h.bring_back(5)).document is without.document
 
 
 def test_the_last_part_and_the_background_are_refused():
     session = with_two_parts()
     mesh, pose = session.document.mesh, session.document.pose
     places = [pose.project(mesh.part_vertices(name).mean(axis=0)) for name in mesh.part_names]
-    one = after(session, h.LeaveOut(*places[1]))
-    refused = update(one, h.LeaveOut(*places[0]))
-    assert refused.document is one.document
-    assert "nothing would be left" in refused.error_message.lower()
-    beside = update(session, h.LeaveOut(1.0, 1.0))
-    assert beside.document is session.document
-    assert beside.error_message.startswith("There is no model there")
+    one = after(session, h.leave_out(*places[1]))
+    assert "nothing would be left" in refused(one, h.leave_out(*places[0])).lower()
+    assert refused(session, h.leave_out(1.0, 1.0)).startswith("There is no model there")
 
 
 def test_undo_reaches_over_many_parts():
@@ -150,9 +155,9 @@ def test_undo_reaches_over_many_parts():
         start = start or session.document
         mesh, pose = session.document.mesh, session.document.pose
         mirror = pose.project(mesh.part_vertices("mirror").mean(axis=0))
-        session = after(session, h.LeaveOut(*mirror), h.BringBack(0))
+        session = after(session, h.leave_out(*mirror), h.bring_back(0))
     for _ in range(12):
-        session = after(session, c.Undo())
+        session = after(session, c.undo())
     assert session.document is start
 
 
@@ -162,9 +167,8 @@ def ended_search(scene, columns: int = WIDTH // 2) -> Session:
     """
     opened = open_files(scene.photo, scene.model, scene.start).document
     settings = FitSettings(limits=Limits(5))
-    session = after(Session(opened.with_object(settings=settings)), c.StartSearch())
-    assert session.search is not None
-    *_, last = run_search(session.search)
+    session = after(Session(opened.with_object(settings=settings)), c.start_search())
+    *_, last = run_search(asked_of(session))
     document = found_at(session.document, last)
     result = document.object.result
     assert result is not None
@@ -172,7 +176,7 @@ def ended_search(scene, columns: int = WIDTH // 2) -> Session:
     hidden[:, :columns] = True
     seen = share_seen(document, Mask.of(~hidden))
     found = replace(last, results={0: replace(result, hidden=(hidden,), seen=(seen,))})
-    return after(session, c.SearchAdvanced(session.searches, found))
+    return after(session, c.search_advanced(asked_of(session), found))
 
 
 def share_seen(document: Document, mask: Mask | None) -> float:
@@ -189,19 +193,19 @@ def test_what_a_search_found_is_hidden_and_can_be_corrected(scene):
     mask = session.document.scene.mask(0)
     assert mask is not None
     assert np.array_equal(mask.weights == 0.0, found)
-    taken = after(session, h.TakeFound())
+    taken = after(session, h.hide_found())
     assert np.array_equal(counts(taken) == 0.0, found)
     assert h.found_hidden(taken) is None  # it is painted now: erase corrects it
     corrected = after(taken, brush((0.0, 0.0), radius=300.0, erase=True))
     assert corrected.document.own.mask is None
-    assert after(taken, c.Undo()).document.own.mask is None
+    assert after(taken, c.undo()).document.own.mask is None
 
 
 def test_without_a_search_nothing_is_found():
     session = make_session(PERSPECTIVE)
     assert h.found_hidden(session) is None
     assert session.document.scene.mask(0) is None
-    assert after(session, h.TakeFound()).document is session.document
+    assert after(session, h.hide_found()).document is session.document
 
 
 def record_of(session: Session) -> PoseRecord:
@@ -212,11 +216,11 @@ def test_what_is_saved_as_seen_is_what_the_mask_leaves(scene):
     session = ended_search(scene)
     for now in (
         session,
-        after(session, c.AcceptSearch()),
-        after(session, h.TakeFound()),
-        after(session, c.AcceptSearch(), h.TakeFound()),
-        after(session, AddObject(), c.Nudge("move", 9.0), PickObject(1)),
-        after(session, h.TakeFound(), AddObject(), c.Nudge("move", 9.0), PickObject(1)),
+        after(session, c.accept_search()),
+        after(session, h.hide_found()),
+        after(session, c.accept_search(), h.hide_found()),
+        after(session, add_object(), c.nudge("move", 9.0), pick_object(1)),
+        after(session, h.hide_found(), add_object(), c.nudge("move", 9.0), pick_object(1)),
     ):
         record, mask = record_of(now), now.document.scene.mask(now.document.active)
         assert record.verdict is not None
@@ -225,14 +229,14 @@ def test_what_is_saved_as_seen_is_what_the_mask_leaves(scene):
         assert record.seen == pytest.approx(share_seen(now.document, mask), abs=0.03)
         assert verdict_of(now.document.object) == record.verdict.word
     # Painting asks for another search, and takes its word from the one before.
-    painted = after(session, c.AcceptSearch(), brush((150.0, 10.0)))
+    painted = after(session, c.accept_search(), brush((150.0, 10.0)))
     assert record_of(painted).seen is None
     assert verdict_of(painted.document.object) == "not searched"
 
 
 def test_each_object_keeps_what_is_hidden_of_it(scene, tmp_path):
-    found = after(ended_search(scene), c.AcceptSearch())
-    session = after(found, AddObject(), c.Nudge("move", 9.0), brush((80.0, 60.0), radius=9.0))
+    found = after(ended_search(scene), c.accept_search())
+    session = after(found, add_object(), c.nudge("move", 9.0), brush((80.0, 60.0), radius=9.0))
     other, own = (session.document.scene.mask(index) for index in range(2))
     assert own is not None
     assert other is not None
@@ -244,7 +248,7 @@ def test_each_object_keeps_what_is_hidden_of_it(scene, tmp_path):
         return one is not None and np.array_equal(one.weights, another.weights)
 
     # After a crash, and in a scene file, whichever is active.
-    for name, now in (("own", session), ("other", after(session, PickObject(1)))):
+    for name, now in (("own", session), ("other", after(session, pick_object(1)))):
         state = tmp_path / name
         autosaver = Autosaver(state)
         autosaver.close(now)

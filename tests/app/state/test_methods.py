@@ -11,7 +11,7 @@ from poseviewer.app.state.session import SearchUpdate, Session, Whose
 from poseviewer.app.workers.jobs import run_search
 from poseviewer.app.workers.opening import open_files
 from poseviewer.fit.settings import FitSettings, Limits, Method
-from tests.app.state.documents import after, assert_same_pose, make_document
+from tests.app.state.documents import after, asked_of, assert_same_pose, make_document
 
 SETTINGS = FitSettings(grey=True, seed=3, limits=Limits(evaluations=40))
 
@@ -21,39 +21,37 @@ def session(scene) -> Session:
     """The small scene, moved a little from its start."""
     document = open_files(scene.photo, scene.model, scene.start).document
     opened = Session(document.with_object(settings=SETTINGS))
-    return after(opened, c.Nudge("move", 2.0))
+    return after(opened, c.nudge("move", 2.0))
 
 
 @pytest.fixture(scope="module")
 def updates(session) -> list[SearchUpdate]:
     """All updates of a comparison of the methods."""
-    asked = after(session, c.CompareMethods()).search
-    assert asked is not None
-    return list(run_search(asked))
+    return list(run_search(asked_of(after(session, c.compare_methods()))))
 
 
 def compared(session: Session, updates: list[SearchUpdate]) -> Session:
     """After the whole of a comparison."""
-    session = after(session, c.CompareMethods())
-    number = session.searches
-    return after(session, *(c.SearchAdvanced(number, update) for update in updates))
+    session = after(session, c.compare_methods())
+    asked = asked_of(session)
+    return after(session, *(c.search_advanced(asked, update) for update in updates))
 
 
 def test_each_method_keeps_what_it_compares(session):
-    paper = after(session, c.SetMethod("paper"))
+    paper = after(session, c.set_method("paper"))
     settings = paper.document.settings
     assert (settings.method, settings.pixels, settings.grey) == ("paper", "clip", True)
     assert (settings.seed, settings.limits) == (SETTINGS.seed, SETTINGS.limits)
-    whole = after(paper, c.AlterSettings(lambda s: replace(s, pixels="whole")))
-    ours = after(whole, c.SetMethod("default"))
+    whole = after(paper, c.alter_settings(lambda s: replace(s, pixels="whole")))
+    ours = after(whole, c.set_method("default"))
     assert ours.document.settings == SETTINGS
-    assert after(ours, c.SetMethod("paper")).document.settings == whole.document.settings
-    assert after(ours, c.SetMethod("default")) is ours
-    assert after(ours, c.Undo(), c.Undo(), c.Undo()).document is session.document
+    assert after(ours, c.set_method("paper")).document.settings == whole.document.settings
+    assert after(ours, c.set_method("default")) is ours
+    assert after(ours, c.undo(), c.undo(), c.undo()).document is session.document
 
 
 def test_the_maps_are_of_the_loss_that_is_asked_for(session):
-    paper = after(session, c.SetMethod("paper"))
+    paper = after(session, c.set_method("paper"))
     for at_hand in (session, paper):
         own = at_hand.document.settings
         assert at_hand.mapped == (own,)
@@ -62,10 +60,10 @@ def test_the_maps_are_of_the_loss_that_is_asked_for(session):
             ("both", ["default", "paper"]),
         ]
         for whose, methods in wanted:
-            mapped = after(at_hand, c.ChangeLandscape(whose=whose)).mapped
+            mapped = after(at_hand, c.change_landscape(whose=whose)).mapped
             assert [settings.method for settings in mapped] == methods
             assert all(s == own for s in mapped if s.method == own.method)
-            assert after(at_hand, c.ChangeLandscape(whose="default")).mapped == (SETTINGS,)
+            assert after(at_hand, c.change_landscape(whose="default")).mapped == (SETTINGS,)
 
 
 def test_a_comparison_searches_from_the_start_by_both_methods(session, updates):
@@ -78,9 +76,9 @@ def test_a_comparison_searches_from_the_start_by_both_methods(session, updates):
     assert methods == sorted(methods, reverse=True)  # the chosen one last
     first = {update.settings.method: update for update in reversed(updates)}
     assert set(first) == {"default", "paper"}
-    running = after(session, c.CompareMethods())
+    running = after(session, c.compare_methods())
     for update in updates[:-1]:
-        running = after(running, c.SearchAdvanced(running.searches, update))
+        running = after(running, c.search_advanced(asked_of(running), update))
         assert running.searching
     done = compared(session, updates)
     assert not done.searching
@@ -95,8 +93,8 @@ def test_a_comparison_searches_from_the_start_by_both_methods(session, updates):
 
 def test_a_stopped_comparison_leaves_the_ends_of_the_one_before(session, updates):
     done = compared(session, updates)
-    stopped = after(done, c.CompareMethods())
-    stopped = after(stopped, c.SearchAdvanced(stopped.searches, updates[5]), c.StopSearch())
+    stopped = after(done, c.compare_methods())
+    stopped = after(stopped, c.search_advanced(asked_of(stopped), updates[5]), c.stop_search())
     assert stopped.ends is done.ends
 
 
@@ -104,20 +102,20 @@ def test_a_stopped_comparison_leaves_the_ends_of_the_one_before(session, updates
 def test_each_end_can_be_taken_with_its_method_and_undone(session, updates, index):
     done = compared(session, updates)
     end = done.ends[index]
-    taken = after(done, c.TakeEnd(index))
+    taken = after(done, c.take_end(index))
     assert_same_pose(taken.document.pose, end.update.progress.pose)
     assert taken.document.settings == end.settings
     assert taken.search is not None
     assert taken.search.latest is end.update
     assert not taken.searching
     assert taken.ends is done.ends
-    assert after(taken, c.Undo()).document is done.document
-    other = after(taken, c.TakeEnd(1 - index))
+    assert after(taken, c.undo()).document is done.document
+    other = after(taken, c.take_end(1 - index))
     assert_same_pose(other.document.pose, done.ends[1 - index].update.progress.pose)
-    assert after(other, c.SetMethod("default")).document.settings == SETTINGS
-    assert after(done, c.TakeEnd(2)) is done
+    assert after(other, c.set_method("default")).document.settings == SETTINGS
+    assert after(done, c.take_end(2)) is done
 
 
 def test_ends_on_another_photo_or_model_are_gone(session, updates):
     done = compared(session, updates)
-    assert after(done, c.Open(make_document())).ends == ()
+    assert after(done, c.open_document(make_document())).ends == ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -9,12 +10,20 @@ import pytest
 
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.document import MOST_STEPS
-from poseviewer.app.state.session import LandscapeUpdate, OverlayRequest, SearchUpdate, Session
+from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.session import (
+    LandscapeUpdate,
+    OverlayRequest,
+    SearchRequest,
+    SearchUpdate,
+    Session,
+)
 from poseviewer.app.state.update import update
 from poseviewer.app.workers.jobs import case_of, run_search
 from poseviewer.app.workers.maps import maps
 from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.overlay import OverlayDrawer
+from poseviewer.errors import PoseViewerError
 from poseviewer.fit.progress import Status
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.render.pool import RendererPool
@@ -23,14 +32,13 @@ from tests.app.state.documents import (
     PARALLEL,
     PERSPECTIVE,
     after,
+    asked_of,
     assert_same_pose,
     make_document,
     make_photo,
 )
 
 SETTINGS = FitSettings(limits=Limits(evaluations=60))
-UPDATES = (c.SearchAdvanced, c.LandscapeAdvanced, c.OverlayDrawn)
-"""They leave an error message standing: it is about what the user did."""
 
 
 @pytest.fixture(scope="module")
@@ -43,9 +51,7 @@ def session(scene) -> Session:
 @pytest.fixture(scope="module")
 def updates(session) -> list[SearchUpdate]:
     """All updates of a short search from the start."""
-    asked = after(session, c.StartSearch()).search
-    assert asked is not None
-    return list(run_search(asked))
+    return list(run_search(asked_of(after(session, c.start_search()))))
 
 
 @pytest.fixture(scope="module")
@@ -61,9 +67,9 @@ def landscape(session) -> tuple[LandscapeUpdate, ...]:
 
 def searched(session: Session, updates, count: int) -> Session:
     """After the start of a search and its first updates."""
-    session = after(session, c.StartSearch())
-    number = session.searches
-    return after(session, *(c.SearchAdvanced(number, item) for item in updates[:count]))
+    session = after(session, c.start_search())
+    asked = asked_of(session)
+    return after(session, *(c.search_advanced(asked, item) for item in updates[:count]))
 
 
 def test_a_search_is_one_step_to_its_best_pose(session, updates):
@@ -72,75 +78,73 @@ def test_a_search_is_one_step_to_its_best_pose(session, updates):
     assert done.search is not None
     assert_same_pose(done.document.pose, updates[-1].progress.pose)
     assert done.history.past == (session.document,)
-    assert after(done, c.Undo()).document is session.document
-    assert after(done, c.RevertSearch()).document is session.document
-    accepted = after(done, c.AcceptSearch())
+    assert after(done, c.undo()).document is session.document
+    assert after(done, c.revert_search()).document is session.document
+    accepted = after(done, c.accept_search())
     assert accepted.search is None
     assert accepted.document is done.document
-    assert after(accepted, c.Undo()).document is session.document
+    assert after(accepted, c.undo()).document is session.document
 
 
 def test_a_stopped_search_keeps_its_best(session, updates):
     running = searched(session, updates, 40)
     assert running.searching
-    assert after(running, c.StartSearch()).searches == running.searches
-    stopped = after(running, c.StopSearch())
+    assert after(running, c.start_search()) is running
+    stopped = after(running, c.stop_search())
     assert not stopped.searching
     assert stopped.document is running.document
     # Updates on their way come too late.
-    assert after(stopped, c.SearchAdvanced(stopped.searches, updates[-1])) is stopped
-    assert after(stopped, c.RevertSearch()).document is session.document
+    assert after(stopped, c.search_advanced(asked_of(stopped), updates[-1])) is stopped
+    assert after(stopped, c.revert_search()).document is session.document
 
 
-@pytest.mark.parametrize("back", [c.Undo(), c.RevertSearch()])
+@pytest.mark.parametrize("back", [c.undo(), c.revert_search()])
 def test_back_in_the_midst_of_a_search_is_before_it(session, updates, back):
     running = searched(session, updates, 40)
     reverted = after(running, back)
     assert reverted.document is session.document
     assert reverted.search is None
-    assert after(reverted, c.SearchAdvanced(running.searches, updates[50])) is reverted
-    assert after(reverted, c.Redo()).document is running.document
+    assert after(reverted, c.search_advanced(asked_of(running), updates[50])) is reverted
+    assert after(reverted, c.redo()).document is running.document
 
 
 def test_updates_of_an_older_search_are_dropped(session, updates):
     first = searched(session, updates, 10)
-    second = after(first, c.StopSearch(), c.StartSearch())
-    assert second.searches == first.searches + 1
-    assert after(second, c.SearchAdvanced(first.searches, updates[30])) is second
-    assert after(second, c.SearchFailed(first.searches, "no")) is second
-    assert after(second, c.SearchAdvanced(second.searches, updates[30])) is not second
+    second = after(first, c.stop_search(), c.start_search())
+    assert after(second, c.search_advanced(asked_of(first), updates[30])) is second
+    assert after(second, c.search_failed(asked_of(first))) is second
+    assert after(second, c.search_advanced(asked_of(second), updates[30])) is not second
 
 
 def test_a_drag_stops_a_search_and_is_kept(session, updates):
     running = searched(session, updates, 40)
     centre = session.document.mesh.centre
     x, y = running.document.pose.project(centre)
-    dragged = after(running, c.Press(x, y))
+    dragged = after(running, c.press(x, y))
     assert dragged.searching  # a click alone does not stop it
-    dragged = after(dragged, c.DragTo(x + 6.0, y - 2.0))
+    dragged = after(dragged, c.drag_to(x + 6.0, y - 2.0))
     assert not dragged.searching
-    assert after(dragged, c.SearchAdvanced(dragged.searches, updates[-1])) is dragged
-    done = after(dragged, c.DragTo(x + 7.0, y - 3.0), c.Release())
+    assert after(dragged, c.search_advanced(asked_of(running), updates[-1])) is dragged
+    done = after(dragged, c.drag_to(x + 7.0, y - 3.0), c.release())
     assert done.document.pose.project(centre) == pytest.approx([x + 7.0, y - 3.0], abs=1e-9)
-    back = after(done, c.Undo())
+    back = after(done, c.undo())
     assert back.document is running.document
-    assert after(back, c.Undo()).document is session.document
+    assert after(back, c.undo()).document is session.document
 
 
-def test_a_search_that_cannot_run_goes_back_and_says_why(session):
-    started = after(session, c.StartSearch())
-    failed = update(started, c.SearchFailed(started.searches, "the region has no pixel"))
-    assert failed.error_message == "The region has no pixel."
+def test_a_search_that_cannot_run_goes_back(session):
+    started = after(session, c.start_search())
+    failed = after(started, c.search_failed(asked_of(started)))
     assert failed.document is session.document
     assert failed.search is None
 
 
 def test_a_picked_point_of_a_map_is_the_pose(session, landscape):
-    with_maps = after(session, c.LandscapeAdvanced(landscape))
+    with_maps = after(session, c.landscape_advanced(landscape))
     (about,) = landscape
     piece = about.slices[0]
     for u, v in ((0.0, 0.0), (1.0, 0.25), (0.5, 0.5)):
-        picked = after(with_maps, c.PickInLandscape(piece.first, piece.second, u, v))
+        picked = after(with_maps, c.pick_in_landscape(piece.first, piece.second, u, v))
         parameters = picked.document.parameters
         wanted = np.array(about.parameters)
         for index, values, share in (
@@ -150,22 +154,22 @@ def test_a_picked_point_of_a_map_is_the_pose(session, landscape):
             wanted[index] = values[0] + share * (values[-1] - values[0])
         assert parameters == pytest.approx(wanted, abs=1e-9)
         assert picked.history.past == (session.document,)
-    beyond = after(with_maps, c.PickInLandscape(piece.first, piece.second, 7.0, -3.0))
-    corner = after(with_maps, c.PickInLandscape(piece.first, piece.second, 1.0, 0.0))
+    beyond = after(with_maps, c.pick_in_landscape(piece.first, piece.second, 7.0, -3.0))
+    corner = after(with_maps, c.pick_in_landscape(piece.first, piece.second, 1.0, 0.0))
     assert np.array_equal(beyond.document.parameters, corner.document.parameters)
-    assert after(with_maps, c.PickInLandscape(0, 99, 0.5, 0.5)) is with_maps
-    assert after(session, c.PickInLandscape(0, 1, 0.5, 0.5)) is session
+    assert after(with_maps, c.pick_in_landscape(0, 99, 0.5, 0.5)) is with_maps
+    assert after(session, c.pick_in_landscape(0, 1, 0.5, 0.5)) is session
 
 
 def test_maps_of_another_photo_are_not_kept(session, landscape):
-    with_maps = after(session, c.LandscapeAdvanced(landscape))
+    with_maps = after(session, c.landscape_advanced(landscape))
     other = make_document(photo=make_photo(1))
-    opened = after(with_maps, c.Open(other))
+    opened = after(with_maps, c.open_document(other))
     assert opened.landscapes == ()
-    again = after(opened, c.LandscapeAdvanced(landscape), c.Undo())
+    again = after(opened, c.landscape_advanced(landscape), c.undo())
     assert again.document is session.document
     assert again.landscapes == ()
-    same = after(with_maps, c.Nudge("move", 2.0), c.Undo())
+    same = after(with_maps, c.nudge("move", 2.0), c.undo())
     assert same.landscapes is landscape
 
 
@@ -174,10 +178,10 @@ def test_maps_of_more_photos_than_are_left_come_too_late(session, landscape):
     one = replace(scene.objects[0], in_views=scene.objects[0].in_views * 2)
     both = replace(session.document, scene=replace(scene, views=scene.views * 2, objects=(one,)))
     late = tuple(replace(maps, document=both) for maps in landscape)
-    assert after(session, c.LandscapeAdvanced(late)) is session
+    assert after(session, c.landscape_advanced(late)) is session
 
 
-def random_command(random, session: Session, updates, landscape, others) -> c.Command:
+def random_command(random, session: Session, updates, landscape, others) -> Edit:
     """Any command, sometimes with nonsense in it."""
     x, y = random.uniform(-20.0, 180.0, 2)
     if random.uniform() < 0.7:
@@ -190,38 +194,39 @@ def random_command(random, session: Session, updates, landscape, others) -> c.Co
     pick = random.integers
     names = (*session.document.chart.names, "nonsense")
     sides = ("three-quarter", "left", "right", "front", "back", "top", "bottom", "nowhere")
-    search_number = session.searches - int(random.uniform() < 0.2)
+    search = session.search and session.search.asked
+    asked = search or SearchRequest(session.document, (), ())
     settings = replace(SETTINGS, free_focal=flip[0], grey=flip[1])
     kinds = ("move", "turn", "roll", "scale")
-    made: list[c.Command] = [
-        *[c.Press(x, y, float(random.uniform(0.3, 4.0)), flip[0], flip[1])] * 3,
-        *[c.DragTo(x, y)] * 5,
-        *[c.Release()] * 2,
-        c.CancelDrag(),
-        *[c.DoublePress(x, y, 2.0)] * 2,
-        c.Nudge(kinds[pick(4)], amount, -amount),
-        c.SetNumber(names[pick(len(names))], float(random.normal() * 0.3)),
-        c.ResetToStart(),
-        c.MakeStart(),
-        c.LookFrom(sides[pick(len(sides))]),
-        c.Undo(),
-        c.Redo(),
-        c.AlterSettings(lambda _: settings),
-        c.SetProjection("parallel" if flip[0] else "perspective"),
-        c.SetCamera(float(random.uniform(-50.0, 500.0)), 300.0, x, y),
-        c.Open(others[pick(len(others))]),
-        c.SetTool("region" if flip[0] else "pose"),
-        c.ChangeView(hidden=flip[0]),
-        c.ChangeLandscape(large=(0, 1)),
-        c.PickInLandscape(int(pick(6)), int(pick(6)), float(random.uniform(-1, 2)), 0.5),
-        *[c.StartSearch()] * 2,
-        c.StopSearch(),
-        c.AcceptSearch(),
-        c.RevertSearch(),
-        *[c.SearchAdvanced(search_number, updates[pick(len(updates))])] * 3,
-        c.SearchFailed(search_number, "it could not"),
-        c.LandscapeAdvanced(landscape),
-        c.Saved(session.document),
+    made: list[Edit] = [
+        *[c.press(x, y, float(random.uniform(0.3, 4.0)), flip[0], flip[1])] * 3,
+        *[c.drag_to(x, y)] * 5,
+        *[c.release()] * 2,
+        c.cancel_drag(),
+        *[c.double_press(x, y, 2.0)] * 2,
+        c.nudge(kinds[pick(4)], amount, -amount),
+        c.set_number(names[pick(len(names))], float(random.normal() * 0.3)),
+        c.reset_to_start(),
+        c.make_start(),
+        c.view_from(sides[pick(len(sides))]),
+        c.undo(),
+        c.redo(),
+        c.alter_settings(lambda _: settings),
+        c.set_projection("parallel" if flip[0] else "perspective"),
+        c.set_camera(float(random.uniform(-50.0, 500.0)), 300.0, x, y),
+        c.open_document(others[pick(len(others))]),
+        c.set_tool("region" if flip[0] else "pose"),
+        c.change_look(hidden=flip[0]),
+        c.enlarge_map(0, 1),
+        c.pick_in_landscape(int(pick(6)), int(pick(6)), float(random.uniform(-1, 2)), 0.5),
+        *[c.start_search()] * 2,
+        c.stop_search(),
+        c.accept_search(),
+        c.revert_search(),
+        *[c.search_advanced(asked, updates[pick(len(updates))])] * 3,
+        c.search_failed(asked),
+        c.landscape_advanced(landscape),
+        c.mark_saved(session.document),
     ]
     return made[pick(len(made))]
 
@@ -235,17 +240,15 @@ def test_any_commands_in_any_order_leave_a_session_that_can_be_undone(
     others = [make_document(PARALLEL), make_document(PERSPECTIVE, vehicle=True), session.document]
     now = session
     for request in OverlayDrawer(renderer).draw(_request(session)):
-        now = after(now, c.OverlayDrawn(request))
+        now = after(now, c.overlay_drawn(request))
     for _ in range(500):
         command = random_command(random, now, updates, landscape, others)
-        before, now = now, update(now, command)
-        assert now.error_message == "" or now.error_message.endswith((".", "!", "?"))
+        with suppress(PoseViewerError):
+            now = update(now, command)
         assert np.isfinite(now.document.parameters).all()
-        if now.error_message and not isinstance(command, (c.SearchFailed, *UPDATES)):
-            assert now.document is before.document
     assert 50 < len(now.history.past) < MOST_STEPS  # so that the first one is in reach
     while now.history.past:
-        now = after(now, c.Undo())
+        now = after(now, c.undo())
     assert now.document is session.document
 
 

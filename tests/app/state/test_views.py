@@ -7,10 +7,15 @@ import pytest
 
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.document import Document, reference_view
-from poseviewer.app.state.hiding import Paint, Stroke
-from poseviewer.app.state.objects import AddObject, AlterObject, CompareView, LookAt, PickObject
+from poseviewer.app.state.hiding import Stroke, paint
+from poseviewer.app.state.objects import (
+    add_object,
+    alter_object,
+    compare_view,
+    pick_object,
+    show_view,
+)
 from poseviewer.app.state.session import Session
-from poseviewer.app.state.update import update
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.scene import LoadedModel, SearchResult
 from poseviewer.fit.stages import fit_pose
@@ -19,7 +24,7 @@ from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.starts.placing import surface_point
-from tests.app.state.documents import after, assert_same_pose
+from tests.app.state.documents import after, asked_of, assert_same_pose, refused
 from tests.app.state.sets import SCALE, make_set_session
 from tests.meshes import make_box
 from tests.view_sets import CAMERA, MESH, OFF, TRUTH, focal_length
@@ -30,12 +35,6 @@ STROKE = Stroke("brush", np.array([[40.0, 40.0], [60.0, 60.0]]), 8.0)
 @pytest.fixture
 def session() -> Session:
     return make_set_session()
-
-
-def refused(session: Session, command: c.Command) -> str:
-    found = update(session, command)
-    assert found.document is session.document
-    return found.error_message
 
 
 def poses_of(session: Session, index: int = 0) -> list[Pose]:
@@ -58,36 +57,36 @@ def test_a_pose_in_the_large_photo_is_one_in_all(session: Session):
 
 
 def test_another_photo_is_large_and_back_it_is_as_it_was(session: Session):
-    seen = after(session, LookAt(1))
+    seen = after(session, show_view(1))
     assert seen.document.photo.name == "b.png"
     assert seen.document.pose is poses_of(session)[1]
     assert not seen.history.past
-    back = after(seen, LookAt(0))
+    back = after(seen, show_view(0))
     assert back.document.pose is session.document.pose
     assert back.document.start is session.document.start
 
 
 def test_looking_at_another_photo_is_no_change_to_be_saved(session: Session):
-    saved = after(session, c.Saved(session.document))
-    assert not after(saved, LookAt(2)).unsaved
-    assert after(saved, LookAt(2), c.Nudge("move", 1.0)).unsaved
+    saved = after(session, c.mark_saved(session.document))
+    assert not after(saved, show_view(2)).unsaved
+    assert after(saved, show_view(2), c.nudge("move", 1.0)).unsaved
 
 
 def test_a_drag_in_any_photo_moves_all_and_undo_brings_all_back(session: Session):
     x, y = TRUTH[1].project(MESH.centre)
-    dragged = after(session, LookAt(1), c.Press(x, y), c.DragTo(x + 20.0, y), c.Release())
+    dragged = after(session, show_view(1), c.press(x, y), c.drag_to(x + 20.0, y), c.release())
     moved = poses_of(dragged)[1].project(MESH.centre)
     np.testing.assert_allclose(moved, [x + 20.0, y], atol=1e-6)
     place = poses_of(dragged)[0].project(MESH.centre)
     assert np.linalg.norm(place - TRUTH[0].project(MESH.centre)) > 5.0
-    assert_poses_are(after(dragged, c.Undo()), TRUTH)
+    assert_poses_are(after(dragged, c.undo()), TRUTH)
 
 
 def test_a_pin_of_one_photo_holds_the_model_in_another(session: Session):
     x, y = TRUTH[0].project(MESH.centre)
     u, v = TRUTH[1].project(MESH.centre) + np.array([25.0, 0.0])
-    pinned = after(session, c.DoublePress(x, y), LookAt(1), c.DoublePress(u, v))
-    dragged = after(pinned, c.Press(u, v), c.DragTo(u, v + 15.0), c.Release())
+    pinned = after(session, c.double_press(x, y), show_view(1), c.double_press(u, v))
+    dragged = after(pinned, c.press(u, v), c.drag_to(u, v + 15.0), c.release())
     poses, (pin, moved) = poses_of(dragged), dragged.document.state.pins
     np.testing.assert_allclose(poses[1].project(pin), TRUTH[1].project(pin), atol=0.5)
     np.testing.assert_allclose(poses[1].project(moved), [u, v + 15.0], atol=0.5)
@@ -96,90 +95,88 @@ def test_a_pin_of_one_photo_holds_the_model_in_another(session: Session):
 
 
 def test_masks_marks_and_regions_belong_to_their_photo(session: Session):
-    painted = after(session, Paint(STROKE), LookAt(1))
+    painted = after(session, paint(STROKE), show_view(1))
     assert painted.document.own.mask is None
     region = Rectangle(10, 10, 40, 40)
-    held = c.SetTool("region"), c.Press(10.0, 10.0), c.DragTo(50.0, 50.0), c.Release()
-    drawn = after(painted, *held, LookAt(0))
+    held = c.set_tool("region"), c.press(10.0, 10.0), c.drag_to(50.0, 50.0), c.release()
+    drawn = after(painted, *held, show_view(0))
     assert drawn.document.own.region is None
     assert drawn.document.own.mask is not None
     assert drawn.document.object.in_views[1].region == region
-    assert after(drawn, LookAt(1)).document.own.region == region
+    assert after(drawn, show_view(1)).document.own.region == region
     # Undo leads to where it was done.
-    undone = after(drawn, c.Undo(), c.Undo())
+    undone = after(drawn, c.undo(), c.undo())
     assert all(own.mask is None and own.region is None for own in undone.document.object.in_views)
 
 
 def test_a_photo_is_left_out_and_taken_back(session: Session):
-    left = after(session, CompareView(2, False))
+    left = after(session, compare_view(2, False))
     assert [own.is_compared for own in left.document.object.in_views] == [True, True, False]
     assert left.document.at == 0
     assert left.unsaved
-    last = after(left, CompareView(0, False))
+    last = after(left, compare_view(0, False))
     assert reference_view(last.document.scene, 0, 0) == 1
-    assert "one photo" in refused(last, CompareView(1, False)).lower()
-    back = after(left, CompareView(2, True)).document
+    assert "one photo" in refused(last, compare_view(1, False)).lower()
+    back = after(left, compare_view(2, True)).document
     assert all(own.is_compared for own in back.object.in_views)
 
 
 def test_what_a_search_said_goes_with_the_photos_that_it_compared(session: Session):
     result = SearchResult(None, 0.1, 0.1)
     found = replace(session, document=session.document.with_object(result=result))
-    assert after(found, LookAt(1)).document.object.result is result
-    left = after(found, CompareView(2, False))
-    painted = after(found, Paint(STROKE))
-    for changed in (left, painted, after(found, c.Nudge("move", 1.0))):
+    assert after(found, show_view(1)).document.object.result is result
+    left = after(found, compare_view(2, False))
+    painted = after(found, paint(STROKE))
+    for changed in (left, painted, after(found, c.nudge("move", 1.0))):
         assert changed.document.object.result is None
 
 
 def test_the_size_is_the_seventh_number_where_the_scale_is_not_known():
     session = make_set_session(free_scale=True)
     assert session.document.chart.names[-1] == "log_size"
-    larger = after(session, c.SetNumber("log_size", np.log(1.1)))
+    larger = after(session, c.set_number("log_size", np.log(1.1)))
     assert size_of(larger) == pytest.approx(SCALE * 1.1)
     assert float(larger.document.parameters[-1]) == pytest.approx(np.log(1.1))
     # The model stays where it is among the cameras, so that it is seen larger, in all photos.
     for before, now in zip(TRUTH, poses_of(larger), strict=True):
         np.testing.assert_allclose(now.project(MESH.centre), before.project(MESH.centre), atol=1e-6)
-    assert_poses_are(after(larger, c.ResetToStart()), TRUTH)
-    assert size_of(after(larger, c.ResetToStart())) == SCALE
+    assert_poses_are(after(larger, c.reset_to_start()), TRUTH)
+    assert size_of(after(larger, c.reset_to_start())) == SCALE
     assert len(make_set_session().document.chart.names) == 6
 
 
 def test_known_cameras_stay(session: Session):
-    for command in (c.SetFieldOfView(30.0), c.SetProjection("parallel")):
+    for command in (c.set_field_of_view(30.0), c.set_projection("parallel")):
         assert "cameras of several photos are known" in refused(session, command)
 
 
 def test_several_objects_in_several_photos(session: Session):
     model = LoadedModel(make_box((1.0, 1.5, 0.8)), "box.ply", "1" * 64)
-    added = after(session, AddObject(model))
+    added = after(session, add_object(model))
     assert not added.document.object.is_placed
     x, y = TRUTH[0].project(MESH.centre) + np.array([60.0, 20.0])
-    placed = after(added, c.Press(x, y), c.Release())
+    placed = after(added, c.press(x, y), c.release())
     np.testing.assert_allclose(poses_of(placed, 1)[0].project(model.mesh.centre), [x, y], atol=1e-6)
     assert_poses_are(placed, TRUTH)
     # What is done in one photo is done in all, to the active object alone.
     there = after(
-        placed, LookAt(2), c.Nudge("move", 9.0), Paint(STROKE), AlterObject(2, locked=True)
+        placed, show_view(2), c.nudge("move", 9.0), paint(STROKE), alter_object(2, locked=True)
     )
     moved = poses_of(there, 1)[0].project(model.mesh.centre)
     assert np.linalg.norm(moved - [x, y]) > 2.0
     assert_poses_are(there, TRUTH)
     assert [own.mask is None for own in there.document.object.in_views] == [True, True, False]
-    back = after(there, PickObject(1))
+    back = after(there, pick_object(1))
     assert (back.document.own.mask, back.document.at) == (None, 2)
-    asked = after(back, LookAt(0), c.SearchAll()).search
-    assert asked is not None
-    assert asked.indices == (0,)
+    assert asked_of(after(back, show_view(0), c.search_all())).indices == (0,)
     # Unless nothing tells how large they are.
     free = make_set_session(free_scale=True)
-    assert "scale is not known" in refused(free, AddObject(model))
+    assert "scale is not known" in refused(free, add_object(model))
 
 
 def test_many_photos_of_a_set_are_one_in_the_history(session: Session):
     for step in range(12):
-        session = after(session, LookAt(step % 3), c.Nudge("move", 1.0))
+        session = after(session, show_view(step % 3), c.nudge("move", 1.0))
     assert len(session.history.past) == 12
 
 
@@ -190,9 +187,9 @@ def test_a_photo_behind_whose_camera_the_model_is_does_not_become_large(session:
     away = replace(scene.views[1], camera_from_world=turned)
     scene = replace(scene, views=(scene.views[0], away, scene.views[2]))
     session = replace(session, document=replace(session.document, scene=scene))
-    assert "does not show the model" in refused(session, LookAt(1))
+    assert "does not show the model" in refused(session, show_view(1))
     # Nor does it stay large where an object is picked that is.
-    added = after(session, AddObject(), c.Press(100.0, 80.0), c.Release())
+    added = after(session, add_object(), c.press(100.0, 80.0), c.release())
     assert replace(added.document, at=1).with_active(0).at == 0
 
 
@@ -213,8 +210,8 @@ def test_pairs_of_one_photo_place_the_model_in_all():
     for point in [p for p in MESH.vertices[::7] if is_seen_at(session, p)][:6]:
         found = surface_point(MESH, pose, pose.project(point))
         assert found is not None
-        session = after(session, c.Press(*pose.project(point)))
-        session = after(session, c.Press(*TRUTH[0].project(found)))
+        session = after(session, c.press(*pose.project(point)))
+        session = after(session, c.press(*TRUTH[0].project(found)))
         pose = session.document.pose
     assert_poses_are(session, TRUTH, atol=1e-3)
 

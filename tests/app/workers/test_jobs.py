@@ -10,7 +10,7 @@ import pytest
 
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.session import OverlayRequest, Search, SearchUpdate, Session
+from poseviewer.app.state.session import OverlayRequest, SearchRequest, SearchUpdate, Session
 from poseviewer.app.state.update import update
 from poseviewer.app.workers.jobs import case_of, run_search
 from poseviewer.app.workers.maps import MapJob, MapMaker, maps
@@ -47,7 +47,7 @@ def request_of(document: Document, look="outline", **more) -> OverlayRequest:
 
 def searched(document: Document) -> list[SearchUpdate]:
     """All updates of a search from where the model is, but for the last word."""
-    *updates, _ = run_search(Search(1, document, (document.settings,), (0,)))
+    *updates, _ = run_search(SearchRequest(document, (document.settings,), (0,)))
     return updates
 
 
@@ -204,8 +204,8 @@ def test_the_papers_loss_is_drawn_as_it_is_searched(document, renderer, pixels):
 
 def test_two_losses_are_mapped_about_one_pose(document, renderer):
     session = Session(document)
-    session = update(session, c.ChangeLandscape(whose="both"))
-    job = MapJob.wanted(session, moving=True)
+    session = update(session, c.change_landscape(whose="both"))
+    job = replace(MapJob.wanted(session), moving=True)
     found = list(MapMaker(renderer).run(job))
     assert all(len(item) == 2 for item in found)  # none is shown without the other
     ours, paper = found[-1]
@@ -218,4 +218,4 @@ def test_two_losses_are_mapped_about_one_pose(document, renderer):
         assert np.array_equal(one.second_values, other.second_values)
         assert other.losses.max() <= 1.0 < one.losses.max()
     other = replace(session, maps=replace(session.maps, whose="paper"))
-    assert MapJob.wanted(other, moving=True).replaces(job, busy=True)
+    assert replace(MapJob.wanted(other), moving=True).replaces(job, busy=True)

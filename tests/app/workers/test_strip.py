@@ -7,7 +7,7 @@ from threading import Event
 
 import numpy as np
 
-from poseviewer.app.state.objects import AddObject
+from poseviewer.app.state.objects import add_object
 from poseviewer.app.state.session import Outlines, Session
 from poseviewer.app.workers.outlines import OutlineWorker
 from tests.app.state.documents import after
@@ -19,16 +19,18 @@ def drawn_in(session: Session) -> Outlines:
     """The objects in all photos, as the worker draws it."""
     drawn = Event()
     with closing(OutlineWorker(drawn.set)) as worker:
-        worker.start(session, moving=False)
+        worker.follow(session)
         while drawn.wait(60.0):
             drawn.clear()
-            for update in worker.take():
-                return update.outlines
+            for edit in worker.take():
+                drawn_session = edit(session)
+                assert drawn_session.outlines is not None
+                return drawn_session.outlines
     raise AssertionError("nothing was drawn")
 
 
 def test_all_objects_are_drawn_in_all_photos():
-    session = after(make_set_session(), AddObject())
+    session = after(make_set_session(), add_object())
     for pose, drawn in zip(TRUTH, drawn_in(session).small, strict=True):
         assert set(drawn) == {1, 2}
         assert len(drawn[2])

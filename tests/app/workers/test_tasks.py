@@ -24,18 +24,18 @@ def test_a_task_that_is_dropped_brings_nothing(tmp_path: Path):
     def slow(_: object) -> Iterator[Found]:
         begun.set()
         ended.wait(PATIENCE_S)
-        yield Found((c.Undo(),))
+        yield Found((c.undo(),))
 
     assert not tasks.drop()
     tasks.add(slow)
     tasks.add(slow)
-    tasks.start_next(session)
+    tasks.follow(session)
     assert begun.wait(PATIENCE_S)
     assert tasks.drop()
     assert not tasks.drop()
     ended.set()
-    tasks.add(lambda _: iter([Found((c.Redo(),))]))
-    tasks.start_next(session)
+    tasks.add(lambda _: iter([Found((c.redo(),))]))
+    tasks.follow(session)
     found = None
     while found is None:
         assert told.wait(PATIENCE_S)
@@ -44,7 +44,7 @@ def test_a_task_that_is_dropped_brings_nothing(tmp_path: Path):
     result, error = found
     assert error is None
     assert isinstance(result, Found)
-    assert result.requests == (c.Redo(),)
+    assert result.requests == (c.redo(),)
     tasks.close()
 
 

@@ -14,7 +14,7 @@ from poseviewer.errors import SettingsError
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.transform import RigidTransform
-from tests.app.state.documents import after, assert_same_pose
+from tests.app.state.documents import after, asked_of, assert_same_pose
 from tests.app.state.sets import document_of
 from tests.several import MESHES, STARTS, TRUTH
 
@@ -22,7 +22,7 @@ from tests.several import MESHES, STARTS, TRUTH
 def among(*poses) -> Session:
     """The ball, active, and what stands in front of it."""
     document = document_of(poses, FitSettings(limits=Limits(800)))
-    return after(Session(document.with_object(1, locked=True)), c.StartSearch())
+    return after(Session(document.with_object(1, locked=True)), c.start_search())
 
 
 @pytest.mark.slow
@@ -33,12 +33,11 @@ def test_the_active_one_is_searched_for_until_the_others_hide_no_more_of_it():
     near = RigidTransform(place.rotation, 0.76 * place.translation + np.array([0.2, 0.0, 0.0]))
     start = replace(STARTS[0].pose, camera_from_model=near)
     session = among(start, TRUTH[1].pose)
-    assert session.search is not None
-    number, rounds = session.searches, []
-    for update in run_search(session.search):
+    asked, rounds = asked_of(session), []
+    for update in run_search(asked):
         if not rounds or update.problem is not rounds[-1]:
             rounds.append(update.problem)
-        session = after(session, c.SearchAdvanced(number, update))
+        session = after(session, c.search_advanced(asked, update))
     assert len(rounds) > 1  # at the start other pixels of it were hidden
     assert session.search is not None
     assert not session.search.running
@@ -49,7 +48,7 @@ def test_the_active_one_is_searched_for_until_the_others_hide_no_more_of_it():
     )
     assert now < 0.8 * before  # as far off as that start is, it is no more in so few evaluations
     assert_same_pose(document.scene.pose(1), TRUTH[1].pose)
-    assert_same_pose(after(session, c.Undo()).document.pose, start)
+    assert_same_pose(after(session, c.undo()).document.pose, start)
 
 
 def test_what_stands_wholly_behind_another_is_said():
@@ -57,6 +56,5 @@ def test_what_stands_wholly_behind_another_is_said():
     place = front.camera_from_model
     far = RigidTransform(place.rotation, 3.0 * place.translation)
     session = among(replace(front, camera_from_model=far), front)
-    assert session.search is not None
     with pytest.raises(SettingsError, match="stands wholly behind other objects"):
-        list(run_search(session.search))
+        list(run_search(asked_of(session)))

@@ -12,8 +12,8 @@ import pytest
 
 from poseviewer.api import load
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.hiding import Paint, Stroke
-from poseviewer.app.state.objects import AddObject, CompareView, LookAt, PickObject
+from poseviewer.app.state.hiding import Stroke, paint
+from poseviewer.app.state.objects import add_object, compare_view, pick_object, show_view
 from poseviewer.app.state.session import Overlay, OverlayRequest, Session
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import filed_view, saved_scene
@@ -27,7 +27,7 @@ from poseviewer.files.state.autosave import load_autosave
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.starts.loading import pose_record
-from tests.app.state.documents import after, assert_same_pose
+from tests.app.state.documents import after, asked_of, assert_same_pose
 from tests.view_sets import MESH, NAMES, TRUTH, write_views
 
 STROKE = Stroke("brush", np.array([[300.0, 20.0], [310.0, 30.0]]), 8.0)
@@ -62,53 +62,57 @@ def test_the_loss_is_the_mean_over_the_photos_that_are_compared(session: Session
     assert set(overlay.losses.of_views) == {0, 1, 2}
     losses = [one.loss for one in overlay.losses.of_views.values()]
     assert overlay.losses.mean.loss == pytest.approx(np.mean(losses))
-    left = drawn(after(session, CompareView(2, False)))
+    left = drawn(after(session, compare_view(2, False)))
     assert left.losses.mean is not None
     assert left.losses.mean.loss == pytest.approx(np.mean(losses[:2]))
     # It is the same, whichever photo is large.
-    other = drawn(after(session, LookAt(1)))
+    other = drawn(after(session, show_view(1)))
     assert other.losses.of_views[0].loss == pytest.approx(losses[0], abs=1e-6)
 
 
 @pytest.mark.slow
 def test_maps_are_of_the_mean_loss_and_a_press_moves_all(session: Session):
     maker = MapMaker(SoftwareRenderer(session.document.mesh))
-    job = MapJob.wanted(session, moving=True)
+    job = replace(MapJob.wanted(session), moving=True)
     *_, (latest,) = maker.run(job)
     assert len(latest.case.problem.views) == 3
     mapped = replace(session, landscapes=(latest,))
-    picked = after(mapped, c.PickInLandscape(0, 3, 1.0, 0.5))
+    picked = after(mapped, c.pick_in_landscape(0, 3, 1.0, 0.5))
     np.testing.assert_allclose(picked.document.parameters, [0.2, 0, 0, 0, 0, 0], atol=1e-9)
     assert picked.document.scene.pose(0, 2) is not session.document.scene.pose(0, 2)
 
 
 @pytest.mark.slow
 def test_a_search_finds_the_pose_in_all_photos_and_says_of_each(session: Session):
-    asked = after(session, c.StartSearch())
-    assert asked.search is not None
-    for update in run_search(asked.search):
+    asked = after(session, c.start_search())
+    request = asked_of(asked)
+    for update in run_search(request):
         # Another photo may be looked at meanwhile.
-        asked = after(asked, c.SearchAdvanced(1, update), LookAt(update.progress.evaluations % 3))
+        asked = after(
+            asked, c.search_advanced(request, update), show_view(update.progress.evaluations % 3)
+        )
     result = asked.document.object.result
     assert result is not None
     assert result.verdict is not None
     assert [one.word for one in (result.verdict, *result.verdict.views)] == ["found"] * 4
     for index in range(3):
-        seen = after(asked, LookAt(index))
+        seen = after(asked, show_view(index))
         assert pose_error(MESH, seen.document.pose, TRUTH[index]).percent < 1.0
         sure = seen.covariance_in(index)
         assert sure is not None
         own, its = sure.pose.camera_from_model, seen.document.pose.camera_from_model
         np.testing.assert_allclose(own.translation, its.translation, atol=1e-9)
     # A pose file says it of the photo that the search began in.
-    record = saved_record(after(asked, LookAt(2)))
+    record = saved_record(after(asked, show_view(2)))
     assert record.photo is not None
     assert record.photo.file == "a.png"
     assert record.verdict is not None
 
 
 def test_a_session_on_a_set_is_kept_to_the_last_digit(session: Session, tmp_path: Path):
-    changed = after(session, Paint(STROKE), CompareView(2, False), LookAt(1), c.Nudge("roll", 3.0))
+    changed = after(
+        session, paint(STROKE), compare_view(2, False), show_view(1), c.nudge("roll", 3.0)
+    )
     document = changed.document
     Autosaver(tmp_path).close(changed)
     (path,) = (tmp_path / "sessions").iterdir()
@@ -126,7 +130,7 @@ def test_a_session_on_a_set_is_kept_to_the_last_digit(session: Session, tmp_path
 
 
 def test_a_pose_file_opens_in_its_photo_of_the_set(session: Session, files):
-    looked = after(session, LookAt(2), c.Nudge("move", 30.0))
+    looked = after(session, show_view(2), c.nudge("move", 30.0))
     opened = open_pose(looked.document, files[2])
     assert opened.document.photo.name == "a.png"
     for index in range(3):
@@ -137,16 +141,16 @@ def test_a_pose_file_opens_in_its_photo_of_the_set(session: Session, files):
 def test_a_set_opens_without_a_pose_and_waits_for_a_press(files):
     document = open_set(files[0], files[1], None).document
     assert not document.object.is_placed
-    placed = after(Session(document), c.Press(100.0, 80.0), c.Release())
+    placed = after(Session(document), c.press(100.0, 80.0), c.release())
     assert placed.document.object.is_placed
 
 
 def test_a_model_that_no_photo_shows_is_said(session: Session):
-    away = after(session, c.Nudge("move", 3000.0))
-    asked = after(away, c.StartSearch())
+    away = after(session, c.nudge("move", 3000.0))
+    asked = after(away, c.start_search())
     assert asked.search is not None
     with pytest.raises(SettingsError, match="bring the start onto the photo"):
-        next(iter(run_search(asked.search)))
+        next(iter(run_search(asked_of(asked))))
 
 
 def one_photo(data: dict) -> None:
@@ -174,8 +178,10 @@ def test_a_set_that_cannot_be_used_is_one_sentence(tmp_path: Path, change, said:
 def test_several_objects_in_several_photos_are_saved_and_opened_again(
     session: Session, tmp_path: Path
 ):
-    added = after(session, AddObject(), c.Press(250.0, 60.0), c.Release(), LookAt(1), Paint(STROKE))
-    changed = after(added, PickObject(1), CompareView(2, False), Paint(STROKE))
+    added = after(
+        session, add_object(), c.press(250.0, 60.0), c.release(), show_view(1), paint(STROKE)
+    )
+    changed = after(added, pick_object(1), compare_view(2, False), paint(STROKE))
     saver = Autosaver(tmp_path)
     path = saver.save(changed)
     assert path.name == "b.scene.json"

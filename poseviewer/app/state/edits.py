@@ -1,0 +1,50 @@
+"""Edits: changes of the session that a page or a worker asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, Concatenate, ParamSpec
+
+from poseviewer.app.state.requests import Request
+from poseviewer.app.state.session import Session
+
+P = ParamSpec("P")
+
+
+class Edit(Request):
+    """A function from a session to the next one, with the arguments that follow the session."""
+
+    change: Callable[..., Session]
+    arguments: tuple[Any, ...]
+    named: dict[str, Any]
+    keeps_drag: bool
+    """Whether a drag under way goes on; all others end it first, so that steps stay in order."""
+
+    def __call__(self, session: Session) -> Session:
+        """The session after the edit; the same object where nothing changes.
+
+        Raises:
+            PoseViewerError: the edit cannot be made; so do the errors of charts and of arithmetic.
+        """
+        return self.change(session, *self.arguments, **self.named)
+
+
+def edit(change: Callable[Concatenate[Session, P], Session]) -> Callable[P, Edit]:
+    """Make a function of a session one that gives the ``Edit``."""
+    return _maker(change, False)
+
+
+def drag_edit(change: Callable[Concatenate[Session, P], Session]) -> Callable[P, Edit]:
+    """Make a function of a session one that gives an ``Edit`` that leaves drags as they are."""
+    return _maker(change, True)
+
+
+def _maker(
+    change: Callable[Concatenate[Session, P], Session], keeps_drag: bool
+) -> Callable[P, Edit]:
+    @wraps(change)
+    def make(*arguments: P.args, **named: P.kwargs) -> Edit:
+        return Edit(change, arguments, named, keeps_drag)
+
+    return make
