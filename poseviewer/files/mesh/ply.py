@@ -5,9 +5,9 @@ Read here rather than by ``plyfile``, which takes two to ten times as long on mo
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from struct import Struct, calcsize, unpack_from
 from typing import Any
 
 import numpy as np
@@ -56,22 +56,25 @@ class Element:
 
 def read_ply(path: Path) -> tuple[list[Part], list[str]]:
     """The parts (one for each texture) of a PLY file, and notes for the user."""
-    with path.open("rb") as file:
-        data = file.read(LONGEST_HEADER)
-        elements, encoding, textures, at = read_header(path.name, data)
-        data += file.read()
-    body = memoryview(data)
+    data = path.read_bytes()
+    elements, encoding, textures, at = read_header(path.name, data)
+    order, body = ORDERS[encoding], memoryview(data)
     if encoding == "ascii":  # made the bytes of a file in which all is a double
-        try:
-            body = memoryview(numbers_from_text(data[at:].decode("ascii", "replace")).tobytes())
-        except ValueError:
-            raise MeshFileError(
-                f"{path.name}: something else than numbers below the PLY header; export it again."
-            ) from None
-        at = 0
+        numbers = numbers_from_text(data[at:].decode("ascii", "replace"))
+        at, body = 0, memoryview(numbers.tobytes())
     columns = {}
     for element in elements:
-        columns[element.name], at = _read_element(path.name, element, body, at, encoding)
+        kinds = [
+            (count and order + ("d" if encoding == "ascii" else count),
+             order + ("d" if encoding == "ascii" else value))
+            for _, count, value in element.properties
+        ]  # fmt: skip
+        table = _read_table(element.count, body, at, kinds)
+        values, at = table or _walk(element.count, body, at, kinds)
+        columns[element.name] = {
+            name: found if count else found.astype(value)
+            for (name, count, value), found in zip(element.properties, values, strict=True)
+        }
     return _parts(path, columns, textures)
 
 
@@ -109,91 +112,55 @@ def read_header(name: str, data: bytes) -> tuple[list[Element], str, list[str], 
     return elements, encoding, textures, start
 
 
-def _read_element(
-    name: str, element: Element, data: memoryview, at: int, encoding: str
-) -> tuple[Columns, int]:
-    """An element's columns, from the byte ``at`` on, and where it ends."""
-    order, is_text = ORDERS[encoding], encoding == "ascii"
-    kinds = [  # as they are stored
-        (key, order + ("d" if is_text else count), order + ("d" if is_text else value))
-        if count
-        else (key, "", order + ("d" if is_text else value))
-        for key, count, value in element.properties
-    ]
-    try:
-        columns, at = _read_table(element, data, at, kinds) or _walk(element, data, at, kinds)
-    except (struct.error, OverflowError):
-        raise MeshFileError(
-            f"{name}: the header promises {element.count:,} of {element.name!r}, but the file "
-            "ends before; it is cut short, copy or export it again."
-        ) from None
-    for key, count, value in element.properties:
-        if not count:
-            columns[key] = columns[key].astype(value)
-    return columns, at
+Kinds = list[tuple[str | None, str]]
+"""NumPy's types as they are stored: of the count (lists only), and of the values."""
 
 
-def _read_table(
-    element: Element, data: memoryview, at: int, kinds: list[tuple[str, str, str]]
-) -> tuple[Columns, int] | None:
-    """Rows that are all as long as the first, cut out as a table; None where they are not."""
-    fields, end = [], at  # named by their places: a file may name two columns alike
-    for i, (_, count, value) in enumerate(kinds):
-        if not count:
-            fields.append((f"{i}", value))
-        else:
-            length = int(struct.unpack_from(count, data, end)[0]) if element.count else 0
-            if not 0 <= length <= len(data):
-                raise OverflowError
-            fields += [(f"count {i}", count), (f"{i}", value, (length,))]
-            end += struct.calcsize(count) + (length - 1) * struct.calcsize(value)
-        end += struct.calcsize(value)
+def _read_table(rows: int, data: memoryview, at: int, kinds: Kinds) -> tuple[list[Any], int] | None:
+    """Columns of rows all as long as the first, and where they end; None where they are not."""
+    fields: list[Any] = []
+    for i, (count, value) in enumerate(kinds):
+        shape = ()
+        if count:
+            start = at + np.dtype(fields).itemsize
+            shape = (int(np.frombuffer(data, count, 1, start)[0]) if rows else 0,)
+            fields.append((f"count {i}", count))
+        fields.append((f"{i}", value, shape))
     row = np.dtype(fields)
-    end = at + element.count * row.itemsize
-    if end > len(data) or not row.itemsize:
+    end = at + rows * row.itemsize
+    if end > len(data):
         return None
-    table = np.frombuffer(data, row, element.count, at)
-    columns: Columns = {}
-    for i, (key, count, _) in enumerate(kinds):
-        columns[key] = table[f"{i}"]
+    table = np.frombuffer(data, row, rows if row.itemsize else 0, at)
+    columns = []
+    for i, (count, _) in enumerate(kinds):
+        values = table[f"{i}"]
         if count:
             counts = table[f"count {i}"].astype(np.int64)
-            if np.any(counts != columns[key].shape[1]):
+            if np.any(counts != values.shape[1]):
                 return None
-            columns[key] = counts, columns[key].ravel()
+            values = counts, values.ravel()
+        columns.append(values)
     return columns, end
 
 
-def _walk(
-    element: Element, data: memoryview, at: int, kinds: list[tuple[str, str, str]]
-) -> tuple[Columns, int]:
-    """Rows of any lengths, one by one; raises struct.error where the file ends before."""
-    found: dict[str, tuple[list, list]] = {key: ([], []) for key, _, _ in kinds}
-    sizes = [
-        (*found[key], struct.Struct(count) if count else None, value[0], value[1],
-         struct.calcsize(value))
-        for key, count, value in kinds
-    ]  # fmt: skip
-    for _ in range(element.count):
-        for counts, values, count, order, letter, width in sizes:
+def _walk(rows: int, data: memoryview, at: int, kinds: Kinds) -> tuple[list[Any], int]:
+    """Columns of rows of any lengths; raises struct.error where the file ends before."""
+    plan = [
+        ([], [], Struct(count) if count else None, value, calcsize(value)) for count, value in kinds
+    ]
+    for _ in range(rows):
+        for counts, values, count, value, size in plan:
             length = 1
-            if count is not None:
+            if count:
                 length = int(count.unpack_from(data, at)[0])
                 at += count.size
-                if not 0 <= length <= len(data):
-                    raise OverflowError
-            counts.append(length)
-            values.extend(struct.unpack_from(f"{order}{length}{letter}", data, at))
-            at += length * width
-    columns: Columns = {}
-    for key, count, value in kinds:
-        counts, values = found[key]
-        columns[key] = (
-            (np.array(counts, np.int64), np.array(values, float))
-            if count
-            else np.array(values, value)
-        )
-    return columns, at
+                counts.append(length)
+            values += unpack_from(f"{value[0]}{length}{value[1]}", data, at)
+            at += length * size
+    return [
+        (np.array(counts), np.array(values, float)) if count else np.array(values, value)
+        for counts, values, count, value, _ in plan
+    ], at
 
 
 def _stack(columns: Columns, *choices: tuple[str, ...]) -> NDArray | None:
