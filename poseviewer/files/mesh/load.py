@@ -165,28 +165,9 @@ def _read_scene(path: Path, linear: bool = False) -> Read:
 
     beside = Beside(str(path))
     scene = trimesh.load_scene(path, resolver=beside, process=False, maintain_order=True)
-    places, parents = {scene.graph.base_frame: np.eye(4)}, scene.graph.transforms.parents
-    edges = scene.graph.transforms.edge_data
-
-    def place(node: str) -> NDArray:
-        """World from node; each is looked for once, that long chains take no square of time."""
-        above: dict[str, None] = {}
-        while node not in places:
-            if node in above:
-                raise ValueError("a node is above itself")
-            above[node] = None
-            node = parents[node]
-        matrix = places[node]
-        for below in reversed(above):
-            matrix = places[below] = matrix @ edges[node, below].get("matrix", np.eye(4))
-            node = below
-        return matrix
-
-    shown = []
     notes: list[str] = []
-    for node in scene.graph.nodes_geometry:
-        geometry: Any = scene.geometry[scene.graph.transforms.node_data[node]["geometry"]]
-        shown.append((node, place(node), geometry))
+    placed = [(node, *scene.graph[node]) for node in scene.graph.nodes_geometry]
+    shown: list[Any] = [(node, matrix, scene.geometry[name]) for node, matrix, name in placed]
     pictures = _textures_of([geometry for _, _, geometry in shown], notes)
     parts: list[Part] = []
     for node, matrix, geometry in shown:
@@ -196,7 +177,7 @@ def _read_scene(path: Path, linear: bool = False) -> Read:
         name = ""
         if path.suffix.lower() in GLTF:
             # trimesh adds a random suffix where a node's mesh has several primitives.
-            parent = parents.get(node)
+            parent = scene.graph.transforms.parents.get(node)
             name = parent if parent is not None and node.startswith(f"{parent}_") else node
         parts.append(_trimesh_part(name, geometry, linear, pictures).moved(matrix))
     return parts, notes

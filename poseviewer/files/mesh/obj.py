@@ -7,6 +7,7 @@ and gets relative indices in mid-file wrong.
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -22,15 +23,12 @@ from poseviewer.files.mesh.parts import (
     load_textures,
     material_text,
     no_faces,
-    numbers_from_text,
     split_by,
 )
 
-KINDS = ("v", "vt", "vn", "f")
-
-
 Material = tuple[NDArray | None, NDArray[np.uint8] | None]
 """An MTL file's diffuse RGB (3,) in [0, 1], and texture."""
+KINDS = ("v", "vt", "vn", "f")
 
 
 @dataclass
@@ -39,7 +37,9 @@ class _Lines:
 
     values: dict[str, list[str]] = field(default_factory=lambda: {k: [] for k in KINDS})
     """Behind ``v``, ``vt``, ``vn`` and ``f``."""
-    changes: list[tuple[int, str, str]] = field(default_factory=list)
+    relative: dict[int, tuple[int, ...]] = field(default_factory=dict)
+    """How many ``v``, ``vt`` and ``vn`` stand before a face whose indices count backwards."""
+    changes: list[tuple[int, str, str]] = field(default_factory=lambda: [(0, "", "")])
     """(faces so far, part name, material name)."""
     libraries: list[str] = field(default_factory=list)
 
@@ -47,27 +47,25 @@ class _Lines:
 def read_obj(path: Path) -> tuple[list[Part], list[str]]:
     """The parts of an OBJ file, one for each part name and material, and notes for the user."""
     lines = _sort_lines(path.read_text(encoding="utf-8", errors="replace"))
-    v, vt, vn, f = (lines.values[kind] for kind in KINDS)
-    vertices, colours = _read_vertices(path.name, v)
-    uvs, normals = read_table(path.name, "vt", vt, 2), read_table(path.name, "vn", vn, 3)
+    v, vt, vn, _ = lines.values.values()
+    vertices, colours = _read_vertices(v)
+    uvs = read_table([f"{line} 0" for line in vt], 2)  # the second number may be left out
+    normals = read_table(vn, 3)
     notes: list[str] = []
-    counts, corners = _read_faces(path.name, f)
-    triangles = fan_corners(counts)
+    counts, corners = _read_faces(lines)
     _check_range(path.name, corners, (len(vertices), len(uvs), len(normals)))
-    if len(counts) and counts[-1] < 3:
-        raise MeshFileError(
-            f"{path.name}: the last face has {counts[-1]} corners; the file is cut short, "
-            "copy or export it again."
-        )
     if np.any(counts < 3):
         notes.append(f"Faces of fewer than 3 corners, left out: {np.sum(counts < 3):,}.")
     materials = _read_materials(path, lines.libraries, notes)
-    which, keys = _part_of_face(lines)
+    starts = [start for start, _, _ in lines.changes]
+    names = [(name, material) for _, name, material in lines.changes]
+    keys = list(dict.fromkeys(names))
+    which = np.repeat([keys.index(key) for key in names], np.diff([*starts, len(counts)]))
     of_part = split_by(np.repeat(which, np.maximum(counts - 2, 0)), len(keys))
-    parts = []
     missing = sorted({m for _, m in keys if m and m not in materials})
     if missing and materials:
         notes.append(f"Materials not in the MTL file: {', '.join(missing)[:120]}.")
+    triangles, parts = fan_corners(counts), []
     for (name, material), own in zip(keys, of_part, strict=True):
         used = corners[triangles[own]]
         if len(used):
@@ -83,8 +81,10 @@ def _sort_lines(text: str) -> _Lines:
     for line in text.replace("\\\n", " ").replace("\\\r\n", " ").splitlines():
         word, _, rest = line.strip().partition(" ")
         if word in values:
-            is_relative = word == "f" and "-" in rest
-            values[word].append(_absolute(rest, values) if is_relative else rest)
+            if word == "f" and "-" in rest:
+                ends = tuple(len(values[kind]) for kind in KINDS[:3])
+                lines.relative[len(values["f"])] = ends
+            values[word].append(rest)
         elif word in ("o", "g", "usemtl"):
             rest = rest.strip()
             thing, group = (rest, "") if word == "o" else (thing, rest if word == "g" else group)
@@ -96,120 +96,52 @@ def _sort_lines(text: str) -> _Lines:
     return lines
 
 
-def _absolute(face: str, values: dict[str, list[str]]) -> str:
-    """Indices that count backwards from the line they stand in, made to count from the start."""
-    ends = [len(values[kind]) for kind in KINDS[:3]]
-
-    def one(index: str, end: int) -> str:
-        return str(end + 1 + int(index)) if index.startswith("-") else index
-
-    try:
-        return " ".join(
-            "/".join(one(index, end) for index, end in zip(corner.split("/"), ends, strict=False))
-            for corner in face.split()
-        )
-    except ValueError:
-        return face  # not a number: refused where the faces are read
-
-
-def read_table(name: str, kind: str, lines: list[str], columns: int) -> NDArray:
-    """(N, columns) of the first numbers of each line; further ones are dropped."""
+def read_table(lines: list[str], columns: int) -> NDArray:
+    """(N, columns) of the first numbers of each line; raises ValueError where one has fewer."""
     if not lines:
         return np.zeros((0, columns))
-    try:
-        table = numbers_from_text("\n".join(lines)).reshape(len(lines), -1)
-        widths = {len(lines[0].split()), len(lines[-1].split())}
-        if widths == {table.shape[1]} and table.shape[1] >= columns:
-            return table[:, :columns]
-    except ValueError:
-        pass
-    rows = []
-    for line in lines:
-        try:
-            rows.append([float(word) for word in line.split()[:columns]])
-        except ValueError:
-            rows.append([])
-        if kind == "vt" and len(rows[-1]) == 1:
-            rows[-1].append(0.0)
-        if len(rows[-1]) < columns:
-            raise MeshFileError(
-                f"{name}: the line {f'{kind} {line}'[:60]!r} does not hold {columns} numbers; "
-                "the file is damaged or cut short, export it again."
-            )
-    return np.array(rows)
+    table = np.loadtxt(lines, usecols=range(columns), comments=None, ndmin=2)
+    if len(table) != len(lines):
+        raise ValueError("a line without numbers")
+    return table
 
 
-def _read_vertices(name: str, lines: list[str]) -> tuple[NDArray, NDArray | None]:
+def _read_vertices(lines: list[str]) -> tuple[NDArray, NDArray | None]:
     """Vertices (V, 3), and colours (V, 3) where every vertex line has them behind its place."""
-    has_colours = bool(lines) and len(lines[0].split()) >= 6
-    if has_colours and all(len(line.split()) >= 6 for line in lines):
-        table = read_table(name, "v", lines, 6)
-        return table[:, :3], colours_from_numbers(table[:, 3:])
-    return read_table(name, "v", lines, 3), None
+    if lines and len(lines[0].split()) >= 6:
+        with suppress(ValueError):
+            table = read_table(lines, 6)
+            return table[:, :3], colours_from_numbers(table[:, 3:])
+    return read_table(lines, 3), None
 
 
-def _read_faces(name: str, lines: list[str]) -> tuple[NDArray, NDArray]:
+def _read_faces(lines: _Lines) -> tuple[NDArray, NDArray]:
     """Corners of each face (N,), and (C, 3) their indices into v, vt, vn; from 0, -1 for none."""
-    words = [line.split() for line in lines]
-    counts = np.fromiter(map(len, words), dtype=np.int64, count=len(words))
-    joined = " ".join(lines)
-    total, slashes, empty = int(counts.sum()), joined.count("/"), joined.count("//")
-    columns = None
-    if slashes == 0:
-        columns = (0,)
-    elif slashes == total:
-        columns = (0, 1)
-    elif slashes == 2 * total and empty in (0, total):
-        columns = (0, 2) if empty else (0, 1, 2)
-    corners = np.full((total, 3), -1, dtype=np.int64)
-    if columns is not None:
-        try:
-            numbers = numbers_from_text(joined.replace("/", " "))
-            if len(numbers) == total * len(columns) and np.all(numbers == np.rint(numbers)):
-                corners[:, columns] = numbers.reshape(total, len(columns)).astype(np.int64) - 1
-                return counts, corners
-        except ValueError:
-            pass
-    at = 0
-    for line in words:
-        for word in line:
-            corners[at] = _read_corner(name, word)
-            at += 1
-    return counts, corners
-
-
-def _read_corner(name: str, word: str) -> list[int]:
-    try:
-        indices = [int(index) - 1 if index else -1 for index in word.split("/")]
-        if word[0] != "/" and len(indices) <= 3:
-            return indices + [-1] * (3 - len(indices))
-    except ValueError:
-        pass
-    raise MeshFileError(
-        f"{name}: a face has the corner {word[:40]!r}; wanted whole numbers such as 3/1/2, "
-        "the file is damaged, export it again."
-    )
+    faces = lines.values["f"]
+    counts = np.array([len(line.split()) for line in faces], dtype=np.int64)
+    words = " ".join(faces).replace("//", "/0/").split()
+    corners = np.zeros((len(words), 3), dtype=np.int64)
+    if len({word.count("/") for word in words}) > 1:
+        words = [word + "/0" * (2 - word.count("/")) for word in words]
+    numbers = np.array(" ".join(words).replace("/", " ").split(), dtype=np.int64)
+    numbers = numbers.reshape(len(words), -1) if words else corners
+    corners[:, : numbers.shape[1]] = numbers
+    if lines.relative:
+        ends = np.zeros((len(faces), 3), dtype=np.int64)
+        ends[list(lines.relative)] = list(lines.relative.values())
+        corners += np.where(corners < 0, 1 + np.repeat(ends, counts, axis=0), 0)
+    return counts, corners - 1
 
 
 def _check_range(name: str, corners: NDArray, sizes: tuple[int, int, int]) -> None:
-    for column, (kind, size) in enumerate(zip(("v", "vt", "vn"), sizes, strict=True)):
-        least = 0 if column == 0 else -1
+    for column, (kind, size) in enumerate(zip(KINDS, sizes, strict=False)):
+        least = 0 if kind == "v" else -1
         bad = (corners[:, column] < least) | (corners[:, column] >= size)
         if np.any(bad):
             raise MeshFileError(
                 f"{name}: a face asks for {kind} number {corners[bad, column][0] + 1}, but there "
                 f"are {size}; the file is damaged or cut short, export it again."
             )
-
-
-def _part_of_face(lines: _Lines) -> tuple[NDArray, list[tuple[str, str]]]:
-    """(N,) which of the (part name, material) each face belongs to, in order of appearance."""
-    changes = [(0, "", ""), *lines.changes]
-    keys = list(dict.fromkeys((name, material) for _, name, material in changes))
-    number = {key: i for i, key in enumerate(keys)}
-    starts = np.array([start for start, _, _ in changes] + [len(lines.values["f"])])
-    which = [number[name, material] for _, name, material in changes]
-    return np.repeat(which, np.diff(starts)), keys
 
 
 def _as_part(
