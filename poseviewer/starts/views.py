@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.geometry.transform import RigidTransform, rotation_about
+from poseviewer.geometry.transform import RigidTransform
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints, model_axes
 
 GROUND_STEP_DEG = 10.0
@@ -74,7 +74,8 @@ def poses_filling(
     rectangle's middle and, by the geometric mean of width and height, its size.
     """
     if isinstance(camera, Perspective):
-        rotations = _towards(camera, box) @ rotations
+        to_sight = Rotation.align_vectors([camera.rays(box.centre)], [(0.0, 0.0, 1.0)])[0]
+        rotations = to_sight.as_matrix() @ rotations
     # Under parallel projection any depth will do.
     depth = 4.0 * float(np.linalg.norm(points - centre, axis=1).max())
     chunks = [rotations[at : at + CHUNK] for at in range(0, len(rotations), CHUNK)]
@@ -87,16 +88,6 @@ def poses_filling(
         wanted = np.log(box.width / box.height)
         aspect_errors.append(np.abs(np.log(sizes[:, 0] / sizes[:, 1]) - wanted))
     return ViewPoses(tuple(poses), np.concatenate(aspect_errors))
-
-
-def _towards(camera: Perspective, box: Rectangle) -> FloatArray:
-    """(3, 3): the least rotation that takes the optical axis to the rectangle's middle."""
-    ray = camera.rays(box.centre)
-    ray = ray / np.linalg.norm(ray)
-    axis = np.cross([0.0, 0.0, 1.0], ray)
-    sine = float(np.linalg.norm(axis))
-    turn = axis * (np.arctan2(sine, ray[2]) / sine) if sine > 0.0 else axis
-    return rotation_about(*turn.tolist())
 
 
 def _place(box: Rectangle, turned: FloatArray, camera: Camera) -> tuple[FloatArray, FloatArray]:

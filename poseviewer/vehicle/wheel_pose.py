@@ -17,10 +17,11 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Camera, Parallel, Pose
+from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.rectangle import non_maximum_suppression
 from poseviewer.vehicle.chart import VehicleChart
@@ -84,13 +85,6 @@ class Ellipse:
         gradient = 2.0 * np.linalg.norm(unit / [self.a, self.b], axis=1)
         return value / np.maximum(gradient, 1e-9)
 
-    def conic(self) -> FloatArray:
-        """(3, 3): symmetric, ``(u, v, 1) C (u, v, 1)^T = 0`` on the ellipse, below 0 inside."""
-        to_unit = np.linalg.inv(self._axes())
-        h = np.eye(3)
-        h[:2, :2], h[:2, 2] = to_unit, -to_unit @ [self.cx, self.cy]
-        return h.T @ np.diag([1.0, 1.0, -1.0]) @ h
-
     def _axes(self) -> FloatArray:
         c, s = math.cos(self.angle), math.sin(self.angle)
         return np.array([[self.a * c, -self.b * s], [self.a * s, self.b * c]])
@@ -122,46 +116,6 @@ def ellipse_through(points: ArrayLike) -> Ellipse:
             "click points of one rim, all around it."
         )
     return ellipse
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SeenCircle:
-    """A circle in space, of unknown size, that an ellipse shows."""
-
-    normal: FloatArray
-    """(3,): unit, in the camera's frame, towards the camera."""
-    centre: FloatArray
-    """(2,): where its centre is seen, px: not the ellipse's own, in perspective."""
-
-
-def circles_of(ellipse: Ellipse, camera: Camera) -> tuple[SeenCircle, SeenCircle]:
-    """Both circles that an ellipse can show.
-
-    *Parallel*: the shorter over the longer axis is the cosine of the tilt, to either side.
-    *Perspective*: the circular sections of the cone through eye and ellipse, by its eigenvectors
-    (K. Kanatani and W. Liu, *3D interpretation of conics and orthogonality*, 1993).
-    """
-    if isinstance(camera, Parallel):
-        tilt = math.sqrt(1.0 - (ellipse.b / ellipse.a) ** 2)
-        shorter = np.array([-math.sin(ellipse.angle), math.cos(ellipse.angle)])
-        facing, centre = -ellipse.b / ellipse.a, np.array([ellipse.cx, ellipse.cy])
-        one, other = (np.array([*(sign * tilt * shorter), facing]) for sign in (1.0, -1.0))
-        return SeenCircle(one, centre), SeenCircle(other, centre)
-    matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
-    cone = matrix.T @ ellipse.conic() @ matrix
-    values, vectors = np.linalg.eigh(cone)
-    least, middle, most = values  # one below 0: the cone's own axis; two above
-    across = math.sqrt(max(most - middle, 0.0) / (most - least))
-    along = math.sqrt(max(middle - least, 0.0) / (most - least))
-    found = []
-    for sign in (1.0, -1.0):
-        normal = sign * across * vectors[:, 2] + along * vectors[:, 0]
-        # The pole of the section's vanishing line is the centre's line of sight.
-        sight = np.linalg.solve(cone, normal)
-        sight *= np.sign(sight[2])
-        normal = normal * -np.sign(normal @ sight)
-        found.append(SeenCircle(normal, camera.project(sight)))
-    return found[0], found[1]
 
 
 RIM_POINTS = 24
@@ -235,8 +189,22 @@ def _rotation(fit: WheelFit) -> FloatArray:
 
 
 def _axles(wheels: Wheels, camera: Camera) -> list[FloatArray]:
-    """(3,) each: the directions of the axle that the wheels leave, two each."""
-    return [c.normal for wheel in (wheels.rear, wheels.front) for c in circles_of(wheel, camera)]
+    """(3,) each: the axle's directions about which the wheels look as flat as they do, two each.
+
+    The shorter over the longer half axis is the cosine of the tilt, to either side, exactly so in
+    parallel projection and about so along a line of sight.
+    """
+    found = []
+    for wheel in (wheels.rear, wheels.front):
+        flatness, turn = wheel.b / wheel.a, np.eye(3)
+        if isinstance(camera, Perspective):
+            sight = camera.rays((wheel.cx, wheel.cy))
+            turn = Rotation.align_vectors([sight], [(0.0, 0.0, 1.0)])[0].as_matrix()
+        across = math.sqrt(1.0 - flatness**2) * np.array(
+            [-math.sin(wheel.angle), math.cos(wheel.angle), 0.0]
+        )
+        found += [turn @ (tilt - [0.0, 0.0, flatness]) for tilt in (across, -across)]
+    return found
 
 
 def _fitted(
