@@ -89,27 +89,7 @@ def test_a_polynomial_that_turns_back_shows_nothing_twice():
     assert radii.max() == pytest.approx(1.0 / np.sqrt(2.4), abs=0.01)
 
 
-def test_strips_of_a_large_photo_fit_together():
-    """More pixels than one strip has: the same picture as in one go, up to OpenCV's rounding."""
-    rng = np.random.default_rng(0)
-    large = TAKEN.resized(1600, 1200)
-    smooth = np.kron(rng.integers(0, 255, (12, 16, 3), dtype=np.uint8), np.ones((100, 100, 1)))
-    pixels = smooth.astype(np.uint8)
-    whole, covered = undistort(pixels, Undistortion.of(LENSES["5"], large))
-    lower = Undistortion(LENSES["5"], large, large.cropped(0, 600, 1600, 600))
-    part, seen = undistort(pixels, lower)
-    np.testing.assert_array_equal(covered[600:], seen)
-    assert np.mean(np.abs(whole[600:].astype(int) - part) > 2) < 1e-3
-
-
 @pytest.mark.parametrize(("model", "count"), [("opencv", 3), ("opencv", 6), ("fisheye", 5)])
 def test_an_unknown_number_of_coefficients_is_refused(model, count):
     with pytest.raises(ValueError, match=f"{count} coefficients"):
         Lens(model, (0.0,) * count)
-
-
-def test_crop_and_resize_see_the_same_points():
-    point = np.array([0.3, -0.2, 2.0])
-    seen = TAKEN.project(point)
-    np.testing.assert_allclose(TAKEN.cropped(100, 50, 300, 200).project(point), seen - [100, 50])
-    np.testing.assert_allclose(TAKEN.resized(320, 240).project(point), seen / 2)

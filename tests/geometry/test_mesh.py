@@ -22,15 +22,6 @@ def test_a_part_that_is_left_out_leaves_the_others_as_they_are():
     assert mirror.part_names == ("mirror",)
 
 
-def test_parts_come_back():
-    mesh = make_two_boxes()
-    body = mesh.without(["mirror"])
-    assert body.without([]) is mesh
-    assert body.without(["mirror"]) is body
-    assert mesh.without([]) is mesh
-    assert body.without(["body"]).left_out == ("body",)
-
-
 def test_a_part_that_is_not_there_is_said_with_those_that_are():
     with pytest.raises(SettingsError, match=r"no part 'antenna'; it has body, mirror"):
         make_two_boxes().without(["antenna"])

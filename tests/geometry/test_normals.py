@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -52,14 +51,6 @@ def test_winding_of_a_soup_of_triangles_is_repaired_over_equal_places() -> None:
     assert np.array_equal(winding_to_flip(soup, turned(faces, which)), which)
 
 
-def test_pieces_are_repaired_each_for_itself() -> None:
-    pieces = [trimesh.creation.box(), trimesh.creation.icosphere(subdivisions=1)]
-    pieces[1].apply_translation([5.0, 0.0, 0.0])
-    both: Any = trimesh.util.concatenate(pieces)
-    which = np.arange(len(both.faces)) >= len(pieces[0].faces)  # one piece is inside out
-    assert np.array_equal(winding_to_flip(both.vertices, turned(both.faces, which)), which)
-
-
 def test_of_an_open_surface_the_smaller_area_is_turned() -> None:
     vertices, faces = wavy_sheet(12)
     which = np.random.default_rng(0).random(len(faces)) < 0.3
@@ -104,13 +95,6 @@ def test_a_sphere_is_smooth_also_over_seams() -> None:
     soup = sphere.vertices[sphere.faces].reshape(-1, 3)
     _, faces, normals = crease_normals(soup, np.arange(len(soup)).reshape(-1, 3))
     np.testing.assert_allclose(normals[faces].reshape(-1, 3), soup, atol=0.01)
-
-
-def test_normals_and_areas_of_one_triangle() -> None:
-    vertices = np.array([[0.0, 0, 0], [2, 0, 0], [0, 3, 0], [4, 0, 0]])
-    normals, areas = face_normals_and_areas(vertices, np.array([[0, 1, 2], [0, 1, 3]]))
-    np.testing.assert_allclose(normals, [[0, 0, 1], [0, 0, 0]])
-    np.testing.assert_allclose(areas, [3.0, 0.0])
 
 
 @pytest.mark.parametrize("function", [winding_to_flip, crease_normals])

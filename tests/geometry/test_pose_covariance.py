@@ -133,14 +133,6 @@ def test_a_free_focal_length_makes_the_depth_less_sure() -> None:
     assert "focal length ±" in free.words()
 
 
-def test_numbers_that_are_held_are_sure() -> None:
-    pose = pose_by(PERSPECTIVE)
-    only_turns = np.diag([1e-4, 1e-4, 1e-4, 0.0, 0.0, 0.0])
-    sure = PoseCovariance.from_chart(MESH, pose, FreeBodyChart.near(MESH, pose), only_turns)
-    assert sure.degrees == pytest.approx(math.degrees(0.01))
-    assert sure.depth == pytest.approx(0.0, abs=1e-12)
-
-
 def test_a_parallel_projection_tells_its_scale() -> None:
     pose = pose_by(PARALLEL)
     sure = PoseCovariance.from_chart(

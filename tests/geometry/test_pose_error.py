@@ -13,12 +13,6 @@ from tests.meshes import make_box
 MESH = make_box()
 
 
-def test_the_same_pose_has_no_error():
-    pose = Pose(Parallel(50.0, 80.0, 60.0, 160, 120), RigidTransform.identity())
-    error = pose_error(MESH, pose, pose)
-    assert (error.reprojection_px, error.percent, error.rotation_deg) == (0, 0, 0)
-
-
 def test_a_shift_is_measured_in_px_and_in_per_cent():
     camera = Parallel(50.0, 80.0, 60.0, 160, 120)
     truth = Pose(camera, RigidTransform.identity())

@@ -11,7 +11,7 @@ from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.pool import CHUNK, RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.render.types import PhotoAttributes, Renderer
+from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_bumpy
 
 CAMERA = Perspective(120.0, 120.0, 48.0, 36.0, 96, 72)
@@ -31,19 +31,6 @@ def make_photo() -> PhotoAttributes:
     return PhotoAttributes(channels, np.ones((72, 96), np.float32), clipped=False)
 
 
-class Alone(Renderer):
-    """A renderer that cannot be cloned, as OpenGL's."""
-
-    def render(self, pose):
-        return RENDERER.render(pose)
-
-    def covers(self, pose):
-        return RENDERER.covers(pose)
-
-    def moments(self, pose, photo):
-        return RENDERER.moments(pose, photo)
-
-
 @pytest.mark.parametrize("threads", [1, 2, 5])
 @pytest.mark.parametrize("count", [0, 1, CHUNK, 61])
 def test_moments_are_those_of_one_renderer_in_order(threads, count):
@@ -56,14 +43,6 @@ def test_moments_are_those_of_one_renderer_in_order(threads, count):
         assert ours.pixels == theirs.pixels
         assert np.array_equal(ours.mean, theirs.mean)
         assert np.array_equal(ours.covariance, theirs.covariance)
-
-
-def test_renderers_that_cannot_be_cloned_go_alone():
-    renderer = Alone()
-    with RendererPool(renderer, 4) as pool:
-        assert pool.threads == 1
-        users = list(pool.map(lambda one, _: one, range(30)))
-    assert all(user is renderer for user in users)
 
 
 def test_no_renderer_is_used_twice_at_once():

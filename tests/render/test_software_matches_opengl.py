@@ -12,11 +12,17 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.opengl import OpenGLRenderer
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import AttributeImage
-from tests.meshes import make_box, make_bumpy, make_painted, make_soup
+from tests.meshes import make_box, make_bumpy, make_mesh, make_painted, make_soup, make_sphere
 from tests.opengl import require_opengl
 
 WIDTH, HEIGHT = 320, 240
 POSES = 40
+
+
+def make_crowded() -> Mesh:
+    """A box after 70,000 faces without area."""
+    box = make_box()
+    return make_mesh(box.vertices, np.concatenate([np.zeros((70_000, 3), int), box.faces]))
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -53,8 +59,8 @@ def angles_deg(a: AttributeImage, b: AttributeImage, where: np.ndarray) -> np.nd
 
 @pytest.mark.parametrize(
     "mesh",
-    [make_box(), make_bumpy(), make_soup(3), make_painted()],
-    ids=["sharp", "smooth", "soup", "painted"],
+    [make_box(), make_bumpy(), make_soup(3), make_painted(), make_crowded()],
+    ids=["sharp", "smooth", "soup", "painted", "face numbers beyond two bytes"],
 )
 def test_software_matches_opengl(mesh):
     opengl, software = OpenGLRenderer(mesh), SoftwareRenderer(mesh)
@@ -79,3 +85,16 @@ def test_software_matches_opengl(mesh):
         assert np.mean(differences > 0.02) < 3e-3  # a sliver may get the next texture level
     assert seen > 0.7 * POSES
     opengl.close()
+
+
+def test_several_renderers_sizes_and_closing_do_not_disturb_one_another():
+    first, second = OpenGLRenderer(make_sphere(2)), OpenGLRenderer(make_sphere(3))
+    camera = Perspective(410.0, 395.0, 97.3, 148.6, 251, 203)
+    pose = Pose(camera, RigidTransform(np.eye(3), np.array([0.1, 0.0, 5.0])))
+    before = first.render(pose)
+    assert second.render(pose.scaled(0.5)).mask.shape == (102, 126)
+    first.close()
+    assert second.render(pose).mask.any()
+    assert (first.render(pose).face_ids == before.face_ids).all()
+    first.close()
+    second.close()

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from poseviewer.fit.loss import lighting_loss, registration_loss, worst_registration_loss
+from poseviewer.fit.loss import registration_loss, worst_registration_loss
 from poseviewer.geometry.camera import Parallel, Perspective, Pose, level_pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.moments import moments_of_images
@@ -75,17 +75,6 @@ def test_the_loss_rises_away_from_the_truth():
         assert shifted == sorted(shifted)
 
 
-def test_edges_of_the_model_itself_agree_best():
-    photo, renderer = make_photo(make_pose()), SoftwareRenderer(MESH)
-    true = renderer.moments(make_pose(), photo).edge_cosine
-    assert true is not None
-    assert true > 0.6
-    beside = renderer.moments(make_pose(shift=0.15), photo).edge_cosine
-    assert beside is not None
-    assert beside < 0.7 * true
-    assert renderer.moments(make_pose(shift=30.0), photo).edge_cosine == 0.0
-
-
 def test_a_photo_in_negative_has_the_same_edges():
     """Strength and sign of an edge say nothing; the tone curve in front of it does a little."""
     channels = make_channels(make_pose())
@@ -139,16 +128,6 @@ def test_a_photo_of_few_colours_has_as_many_classes():
     rare = np.zeros((60, 60, 3), np.float32)  # colours that a few pixels have
     rare[1, 1 : CLASSES - 2, 0] = np.arange(1, CLASSES - 2) / CLASSES
     assert len(make_structure(rare, np.ones((60, 60), np.float32)).shares) == CLASSES - 2
-
-
-def test_what_does_not_count_changes_nothing():
-    photo = make_photo(make_pose())
-    other = photo.channels.copy()
-    other[:20, :30] = 0.9
-    again = structured(PhotoAttributes(other, photo.weights, False), 1)
-    renderer = SoftwareRenderer(MESH)
-    one, two = (renderer.moments(make_pose(0.1), p) for p in (photo, again))
-    assert lighting_loss(one) == pytest.approx(lighting_loss(two), abs=1e-9)
 
 
 def test_a_pose_that_shows_nothing_costs_the_most():

@@ -30,26 +30,9 @@ def test_every_level_keeps_the_mean_and_halves_the_size():
     assert (table[1, 3:] == table[1, 2]).all()
 
 
-def test_no_textures_make_empty_tables():
-    texels, table = flatten_textures(())
-    assert texels.shape == (0, 3)
-    assert table.shape == (0, 1, 3)
-
-
 def test_large_textures_are_reduced_first():
     _, table = flatten_textures([np.zeros((4, 2 * LARGEST_TEXTURE, 3), np.uint8)])
     assert table[0, 0].tolist() == [0, LARGEST_TEXTURE, 2]
-
-
-def test_texel_centres_give_the_texel_with_v_upwards():
-    (texture,) = make_textures((6, 4))
-    pyramid = TexturePyramid(*flatten_textures([texture]))
-    rows, columns = np.mgrid[:4, :6]
-    uv = np.stack([(columns + 0.5) / 6, 1.0 - (rows + 0.5) / 4], axis=-1).reshape(-1, 2)
-    zero = np.zeros(24, int)
-    expected = texture.reshape(-1, 3) / 255
-    assert pyramid.sample(zero, zero, uv) == pytest.approx(expected, abs=1e-6)
-    assert pyramid.sample(zero, zero, uv + np.array([-3, 5])) == pytest.approx(expected, abs=1e-6)
 
 
 def test_between_texels_is_bilinear_also_across_the_border():

@@ -58,22 +58,6 @@ def test_an_edge_that_changes_its_sign_is_one_outline():
     assert best.support > 0.6
 
 
-@pytest.mark.slow
-def test_half_an_outline_has_half_the_support():
-    whole = find_ellipses(picture(WHEEL, levels=(0.9,)))[0]
-    hidden = picture(WHEEL, levels=(0.9,))
-    hidden[: int(WHEEL.cy)] = hidden[0]
-    half = max(
-        (one.support for one in find_ellipses(hidden) if is_near(one.ellipse, WHEEL)), default=0.0
-    )
-    assert whole.support > 0.85
-    assert half < 0.75
-
-
-def is_near(one: Ellipse, other: Ellipse) -> bool:
-    return bool(np.hypot(one.cx - other.cx, one.cy - other.cy) < 4.0)
-
-
 def test_there_is_none_in_texture():
     noise = np.random.default_rng(1).normal(0.5, 0.2, (HEIGHT, WIDTH))
     assert find_ellipses(np.asarray(noise, np.float32)) == []

@@ -74,16 +74,6 @@ def test_points_in_a_plane_have_both_mirror_images(seed: int, count: int):
 
 
 @SEEDS
-def test_the_least_squares_is_no_worse_than_the_truth_with_noise(seed: int):
-    for camera in (PINHOLE, FLAT):
-        pose, points = make_pose(camera, seed), make_points(9, seed)
-        noise = np.random.default_rng(seed).normal(0.0, 1.5, (9, 2))
-        best = poses_from_pairs(points, pose.project(points) + noise, camera)[0]
-        assert best.rms_px <= np.sqrt(np.mean(np.sum(noise**2, axis=1)))
-        assert rotation_off(best.pose, pose) < 0.15
-
-
-@SEEDS
 def test_six_pairs_give_the_focal_length(seed: int):
     near = RigidTransform.from_rotation_vector(make_points(1, seed)[0], [0.2, 0.1, 7.0])
     pose, points = Pose(PINHOLE, near), make_points(6, seed)

@@ -147,14 +147,6 @@ def test_names(name: str, expected: bool) -> None:
     assert is_wheel_name(name) is expected
 
 
-def test_wheels_of_the_audi(shared_data: Path) -> None:
-    """Its wheels have no word for the front; in the photo's pose it is towards +x."""
-    keypoints = find_wheels(load_mesh(shared_data / "car_audi_tts" / "model.obj"))
-    assert keypoints is not None
-    np.testing.assert_allclose(keypoints.left.front_wheel, [0.244, -0.072, -0.198], atol=0.002)
-    np.testing.assert_allclose(keypoints.right.rear_wheel, [-0.232, -0.072, 0.198], atol=0.002)
-
-
 def test_wheels_of_the_bmw(shared_data: Path) -> None:
     """Its wheels are named the wrong way round: "wheel FL" is at the tail lamps' end."""
     keypoints = find_wheels(load_mesh(shared_data / "mesh_bmw_e34" / "car.glb"))

@@ -11,8 +11,7 @@ import pytest
 
 from poseviewer.errors import RendererUnavailableError
 from poseviewer.fit.loss import registration_loss
-from poseviewer.geometry.camera import Parallel, Perspective, Pose
-from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.camera import Pose
 from poseviewer.render.gpu import device as device_of
 from poseviewer.render.gpu import gpu_renderer as gpu_renderer
 from poseviewer.render.gpu.gpu_renderer import GpuRenderer
@@ -23,18 +22,11 @@ from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.structure import make_structure
 from poseviewer.render.types import Moments, PhotoAttributes
 from tests.gpu import gpu_unavailable_reason, require_gpu
-from tests.meshes import make_box, make_bumpy, make_painted, make_soup, make_sphere
+from tests.render.software.test_software_renderer import MESHES, random_pose
 
 WIDTH, HEIGHT = 96, 72
 POSES = 100
 AGREEMENT = 1e-4
-MESHES = {
-    "box": make_box(),
-    "bumpy": make_bumpy(3),
-    "soup": make_soup(0),
-    "all kinds of reflectance": make_painted(),
-    "tiny triangles": make_sphere(4, radius=0.5),
-}
 LOSSES = {
     "clipped, grey": (1, {"clipped": True}),
     "clipped": (3, {"clipped": True}),
@@ -62,18 +54,6 @@ def make_photo(loss: str, random: np.random.Generator) -> PhotoAttributes:
     return PhotoAttributes(channels, weights, structure=structure, **settings)
 
 
-def make_pose(random: np.random.Generator, parallel: bool) -> Pose:
-    """The model somewhere in, or partly out of, the picture; sometimes around the camera."""
-    transform = RigidTransform.from_rotation_vector(
-        random.normal(size=3) * 2.0, [*random.uniform(-0.7, 0.7, 2), random.uniform(0.3, 6.0)]
-    )
-    cx, cy = random.uniform(0.2, 0.8, 2) * (WIDTH, HEIGHT)
-    if parallel:
-        return Pose(Parallel(random.uniform(6.0, 45.0), cx, cy, WIDTH, HEIGHT), transform)
-    fx, fy = random.uniform(50.0, 150.0, 2)
-    return Pose(Perspective(fx, fy, cx, cy, WIDTH, HEIGHT), transform)
-
-
 def disagreement(one: Moments, other: Moments) -> float:
     """The greatest difference, as a share of the attributes' root mean squares."""
     if one.weight == 0.0:
@@ -90,12 +70,11 @@ def disagreement(one: Moments, other: Moments) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MESHES)
 def test_gpu_matches_software(name):
-    random = np.random.default_rng(7)
-    software = SoftwareRenderer(MESHES[name])
-    on_gpu, seen = GpuRenderer(MESHES[name]), 0
+    random, mesh = np.random.default_rng(7), MESHES[name]
+    software, on_gpu, seen = SoftwareRenderer(mesh), GpuRenderer(mesh), 0
     for loss in LOSSES:
         photo = make_photo(loss, random)
-        poses = [make_pose(random, k % 2 == 0) for k in range(POSES // len(LOSSES) + 1)]
+        poses = [random_pose(random, k % 2 == 0) for k in range(POSES // len(LOSSES) + 1)]
         for pose, found in zip(poses, on_gpu.moments_at(poses, photo), strict=True):
             wanted = software.moments(pose, photo)
             seen += wanted.pixels > 100
@@ -109,7 +88,7 @@ def test_gpu_matches_software(name):
 
 def make_poses(count: int, seed: int = 3) -> list[Pose]:
     random = np.random.default_rng(seed)
-    return [make_pose(random, parallel=True) for _ in range(count)]
+    return [random_pose(random, parallel=True) for _ in range(count)]
 
 
 def test_a_pool_judges_together_what_asks_one_pose_after_another(monkeypatch):

@@ -5,14 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from poseviewer.fit.loss import lighting_loss
 from poseviewer.geometry.camera import Parallel, Perspective, Pose, level_pose
-from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.optimise import nelder_mead
-from poseviewer.render.moments import moments_of_images
 from poseviewer.render.pyramid.levels import (
-    Level,
     make_level,
     smaller,
 )
@@ -52,43 +47,6 @@ def test_pixels_of_a_level_are_those_that_its_poses_project_to(parallel):
         assert level_pose(pose, factor).project(MESH.vertices) == pytest.approx(points / factor)
 
 
-def minimum(chart, parameters, level: Level, step: float) -> np.ndarray:
-    """Where the loss of a level is least, about ``numbers``."""
-    scales = chart.scales(parameters)
-
-    def losses(points):
-        for x in points:
-            yield lighting_loss(level.renderer.moments(chart.to_pose(x), level.photo))
-
-    tolerances = nelder_mead.NelderMeadOptions(x_tolerance=1e-4 * scales, f_tolerance=1e-6)
-
-    for edge in (step, 0.3 * step):
-        *_, end = nelder_mead.minimise(losses, parameters, np.diag(edge * scales), tolerances)
-        parameters = end.best
-    return parameters
-
-
-def assert_same_minimum(mesh, chart, truth, photo, renderer, factors, step=0.01):
-    """Minima from the truth show the model's vertices within a pixel of the level."""
-    pixels = renderer.moments(chart.to_pose(truth), photo).pixels
-    best = minimum(chart, truth, Level(1, photo, renderer), step)
-    places = chart.to_pose(best).project(mesh.vertices)
-    for factor in factors:
-        level = make_level(photo, renderer, factor, pixels)
-        found = chart.to_pose(minimum(chart, best, level, step)).project(mesh.vertices)
-        assert np.linalg.norm(found - places, axis=1).max() < factor
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("parallel", [False, True])
-def test_levels_with_simplified_models_have_the_minimum_of_the_full_photo(parallel):
-    pose = make_pose(parallel)
-    photo = make_photo(pose, clipped=False, colour_reflectance=True)
-    chart = FreeBodyChart.near(MESH, pose)
-    renderer = SoftwareRenderer(MESH)
-    assert_same_minimum(MESH, chart, chart.from_pose(pose), photo, renderer, (2, 4))
-
-
 def test_models_have_no_more_triangles_than_the_level_shows():
     pose = make_pose(False)
     photo, renderer = make_photo(pose), SoftwareRenderer(MESH)
@@ -98,16 +56,6 @@ def test_models_have_no_more_triangles_than_the_level_shows():
         shown = np.unique(level.renderer.render(level_pose(pose, factor)).face_ids)
         area = pixels / factor**2
         assert 0.1 * area < len(shown) < area
-
-
-def test_a_level_judges_the_pose_that_its_smaller_picture_shows():
-    pose = make_pose(False)
-    renderer, photo = SoftwareRenderer(MESH), smaller(make_photo(pose), 4)
-    fast = renderer.moments(pose, photo)
-    plain = moments_of_images(renderer.render(level_pose(pose, 4)), photo)
-    assert photo.weights.shape == (60, 80)
-    assert fast.pixels == plain.pixels
-    assert fast.covariance == pytest.approx(plain.covariance, rel=1e-5, abs=1e-6)
 
 
 @pytest.mark.parametrize(("width", "height", "factor"), [(320, 240, 4), (317, 241, 4), (5, 3, 8)])

@@ -8,7 +8,6 @@ import pytest
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.software.raster_surface import make_surface
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_bumpy, make_mesh, make_soup
@@ -60,14 +59,3 @@ def test_of_two_faces_at_the_same_depth_the_same_one_is_always_seen():
     renderer, random = SoftwareRenderer(twice), np.random.default_rng(1)
     for _ in range(10):
         assert renderer.render(random_pose(random, False)).face_ids.max() < len(mesh.faces)
-
-
-def test_the_surface_has_every_face_once_and_those_seen_first():
-    mesh = make_filled()
-    seen = np.random.default_rng(2).uniform(size=len(mesh.faces)) > 0.5
-    surface = make_surface(mesh, seen)
-    assert np.array_equal(np.sort(surface.order), np.arange(len(mesh.faces)))
-    assert np.all(seen[surface.order[: seen.sum()]])
-    corners = (surface.vertices.T[surface.faces]).astype(float)
-    wanted = mesh.vertices[mesh.faces[surface.order]] - surface.centre
-    assert corners == pytest.approx(wanted, abs=1e-7 * mesh.diameter)
