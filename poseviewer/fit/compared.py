@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError
 from poseviewer.fit.loss import fewest_pixels
-from poseviewer.fit.scene import InView, Scene
+from poseviewer.fit.scene import Scene
 from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.visibility import Hiding
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh, hull_in_photo
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.geometry.view import View
 from poseviewer.render.pyramid.levels import smaller, structured
 from poseviewer.render.types import PhotoAttributes
 
@@ -50,16 +49,16 @@ def compared_levels(
     models of less reach even where the photos are no finer. Raises ``SettingsError`` where too few
     pixels count.
     """
-    view, mesh, pose = scene.views[number], scene.objects[index].mesh, scene.pose(index, number)
-    photo = plain = _plain(view, scene.in_view(index, number), mesh, pose, settings, hidden)
+    photo = plain = _plain(scene, index, number, settings, hidden)
     counted = np.count_nonzero(plain.weights)
+    mesh, pose = scene.objects[index].mesh, scene.pose(index, number)
     factor, finest = (working_factor(mesh, pose, most) for most in (WORKING_PIXELS, FINE_PIXELS))
     if counted and not plain.clipped and settings.method == "default":
         photo = structured(plain, factor, is_steep=factor == finest)
     fewest = fewest_pixels(photo.photo_channels + photo.model_channels)
     if counted < fewest:
         raise SettingsError(
-            f"{view.photo.name}: {counted} pixels count, and a fit needs at least "
+            f"{scene.views[number].photo.name}: {counted} pixels count, and a fit needs at least "
             f"{fewest}; use a larger photo or region, or hide less of it"
         )
     is_refined = photo.structure is not None and (finest < factor or not is_alone)
@@ -73,14 +72,10 @@ def shown_attributes(photo: PhotoAttributes) -> PhotoAttributes:
 
 
 def _plain(
-    view: View,
-    own: InView,
-    mesh: Mesh,
-    pose: Pose,
-    settings: FitSettings,
-    hidden: Hiding | None,
+    scene: Scene, index: int, number: int, settings: FitSettings, hidden: Hiding | None
 ) -> PhotoAttributes:
     """F and P at the photo's own size, without structure."""
+    view, own = scene.views[number], scene.in_view(index, number)
     photo = view.photo
     weights = np.ones((photo.height, photo.width), np.float32)
     for mask in (view.mask, own.mask):
@@ -92,7 +87,8 @@ def _plain(
     for rectangle in (settings.region, own.region):
         weights = weights if rectangle is None else weights * _inside(rectangle, photo)
     if settings.pixels == "near" and np.any(weights > 0.0):
-        weights = weights * box_near(mesh, pose).mask(*weights.shape)
+        near = box_near(scene.objects[index].mesh, scene.pose(index, number))
+        weights = weights * near.mask(*weights.shape)
         if not np.any(weights > 0.0):
             raise SettingsError(
                 "no pixel that counts lies near the start pose: bring the start onto the photo "

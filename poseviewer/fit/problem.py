@@ -46,17 +46,17 @@ class ComparedView:
     chart: Chart
     """The pose in this view, by the problem's parameters."""
     fine_photo: PhotoAttributes | None = None
-    """Finer pyramid level, without structure, on which a search is refined. None: there is none."""
+    """Finer pyramid level, without structure, on which a search is refined, if any."""
     index: int = 0
-    """Which of the scene's views it is."""
+    """Number of the view in the scene."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FitProblem:
-    """All that a search needs but a renderer; nothing in it changes."""
+    """The views, start and settings of a search: all that it needs but a renderer."""
 
     views: tuple[ComparedView, ...]
-    """The loss is the mean over them; the first one's chart names the parameters."""
+    """The loss is their mean; the first view's chart names the parameters."""
     start: FloatArray
     """(d,): the chart's parameters of the start pose."""
     free: tuple[bool, ...] = ()
@@ -109,7 +109,7 @@ class FitProblem:
 
     @property
     def scale(self) -> LossScale:
-        """How its losses are read."""
+        """The scale of its losses."""
         return LossScale.of(self.photo)
 
     def complete(self, free_parameters: FloatArray) -> FloatArray:
@@ -144,10 +144,9 @@ def _mean(losses: Sequence[float]) -> float:
 
 
 def loss_of(method: Method, moments: Moments, photo: PhotoAttributes) -> float:
-    """What a method minimises, from the ``moments`` of a pose on a photo."""
-    if method == "paper":
-        return paper_loss(moments, photo.clipped)
-    return registration_loss(moments)
+    """The loss that a method minimises, from the ``moments`` of a pose on a photo."""
+    is_paper = method == "paper"
+    return paper_loss(moments, photo.clipped) if is_paper else registration_loss(moments)
 
 
 WHOLLY_BEHIND = (
@@ -156,15 +155,15 @@ WHOLLY_BEHIND = (
 )
 
 Hidings = Mapping[int, Hiding | None]
-"""What other objects hide of a model in the views that show it, by the views' numbers; None where
-there are no others."""
+"""Pixels that other objects hide of a model in the views that show it, by the views' numbers; None
+where there are no others."""
 
 
 def make_problem(
     scene: Scene, index: int = 0, view: int = 0, hidden: Hidings | None = None
 ) -> tuple[FitProblem, tuple[str, ...]]:
     """The problem of fitting an object of a scene, by the chart in one ``view``; and notes on the
-    chart and on views left out. ``hidden``: what other objects hide, by default where it starts.
+    chart and on views left out. ``hidden``: by default as other objects hide it where it starts.
 
     Raises:
         SettingsError: the settings do not go with a photo, the model or several views; no view
@@ -188,10 +187,8 @@ def make_problem(
                 "sees the model where it starts; bring the start nearer, or check the set's scale "
                 "(--scale)."
             )
-        pose = scene.pose(index, order[0])
-        chart, note = choose_chart(
-            settings.chart, model.mesh, model.keypoints, pose, settings.free_focal
-        )
+        pose, keypoints = scene.pose(index, order[0]), model.keypoints
+        chart, note = choose_chart(settings.chart, model.mesh, keypoints, pose, settings.free_focal)
         charts, start = [chart], chart.from_pose(pose)
         notes += [f"the free-body chart is used: {note}."] if note else []
     else:
@@ -244,18 +241,18 @@ def numbers_of(chart: Chart, pose: Pose, scale: float = 1.0) -> FloatArray:
 def hidings(
     scene: Scene, index: int, view: int = 0, poses: Mapping[int, Pose] | None = None
 ) -> dict[int, Hiding | None]:
-    """What other objects hide of one, in each view that shows it at its place in the scene, or at
-    ``poses`` by the views' numbers; ``view`` comes first, and is there in any case.
+    """Pixels that other objects hide of one, in each view that shows it at its place in the scene,
+    or at ``poses`` by the views' numbers; ``view`` comes first, and is there in any case.
     """
     mesh = scene.objects[index].mesh
-    found: dict[int, Hiding | None] = {}
+    hidden: dict[int, Hiding | None] = {}
     for number in (view, *(i for i in range(len(scene.views)) if i != view)):
         pose = scene.pose(index, number) if poses is None else poses.get(number)
         is_wanted = pose is not None and scene.in_view(index, number).is_compared
         if pose is not None and (number == view or (is_wanted and is_seen(mesh, pose))):
             occluders = scene.occluders(index, number)
-            found[number] = hiding(PlacedModel(mesh, pose), occluders) if occluders else None
-    return found
+            hidden[number] = hiding(PlacedModel(mesh, pose), occluders) if occluders else None
+    return hidden
 
 
 def is_seen(mesh: Mesh, pose: Pose) -> bool:

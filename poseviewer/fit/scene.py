@@ -1,8 +1,7 @@
 """A scene: views times objects.
 
 A view is a photo with its camera and where that stands in the world; an object is a model with its
-place in the world. One photo of one thing is one view and one object. The world is the first view's
-camera frame where nothing else is given.
+place in the world. The world is the first view's camera frame where nothing else is given.
 
     camera_from_model(view, object) = view.camera_from_world @ object.world_from_model
 """
@@ -61,7 +60,7 @@ class PlacedModel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InView:
-    """What one view has of one object alone."""
+    """The settings of one object in one view."""
 
     mask: Mask | None = None
     """Weight of each pixel for this object, besides the view's mask."""
@@ -73,7 +72,7 @@ class InView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchResult:
-    """What the last search said of an object; it holds as long as the object stays there."""
+    """The result of the last search for an object, valid as long as it stays there."""
 
     verdict: Verdict | None
     loss: float
@@ -88,7 +87,7 @@ class SearchResult:
     seen: tuple[float, ...] = ()
     """For each view, the share of the model's pixels that count, in [0, 1]; nan: not compared."""
     hidden: tuple[NDArray[np.bool_] | None, ...] = ()
-    """For each view, (height, width) of its photo: what was taken for something in front."""
+    """For each view, (height, width): pixels of its photo taken for something in front."""
     notes: tuple[str, ...] = ()
     view: int = 0
     """Number of the view that the chart and the verdict's covariance are of."""
@@ -106,7 +105,7 @@ class SceneObject:
     which are each as large as the photo has them."""
     settings: FitSettings = field(default_factory=FitSettings)
     name: str = ""
-    """What the user calls it; "": its id is shown."""
+    """Name given by the user; "": its id is shown."""
     in_views: tuple[InView, ...] = ()
     """For each view of the scene; empty: nothing is the object's own."""
     hidden: bool = False
@@ -117,7 +116,7 @@ class SceneObject:
     """Whether anybody has said yet where it is."""
     result: SearchResult | None = None
     notes: tuple[str, ...] = ()
-    """What the user should know about how its files were read."""
+    """Notes for the user on how its files were read."""
 
     @property
     def mesh(self) -> Mesh:
@@ -126,7 +125,7 @@ class SceneObject:
 
     @property
     def label(self) -> str:
-        """What it is called."""
+        """Name to show."""
         return self.name.strip() or self.id
 
     @property
@@ -151,7 +150,7 @@ class Scene:
     free_scale: bool = False
     """Whether nothing tells the world's unit in the model's: then it is searched for."""
     notes: tuple[str, ...] = ()
-    """What the user should know about how the files were read."""
+    """Notes for the user on how the files were read."""
 
     def __post_init__(self) -> None:
         """Raises ``SettingsError`` where ids repeat, a mask or camera has another size than its
@@ -167,19 +166,19 @@ class Scene:
                 f"{len(self.objects)} objects; give the scale, or search for one object alone."
             )
         for index, view in enumerate(self.views):
-            size, photo = (view.photo.width, view.photo.height), view.photo
-            if (view.camera.width, view.camera.height) != size:
+            photo, camera = view.photo, view.camera
+            size = f"{photo.width}x{photo.height} px"
+            if (camera.width, camera.height) != (photo.width, photo.height):
                 raise SettingsError(
-                    f"the camera of {view.name} is for {view.camera.width}x{view.camera.height} "
-                    f"px, and the photo has {size[0]}x{size[1]} px; use the photo that the camera "
-                    "is of."
+                    f"the camera of {view.name} is for {camera.width}x{camera.height} px, and the "
+                    f"photo has {size}; use the photo that the camera is of."
                 )
             masks = [view.mask, *(one.in_views[index].mask for one in self.objects if one.in_views)]
             for mask in masks:
-                if mask is not None and (mask.width, mask.height) != size:
+                if mask and (mask.width, mask.height) != (photo.width, photo.height):
                     raise SettingsError(
                         f"the mask has {mask.width}x{mask.height} px, the photo {photo.name} has "
-                        f"{size[0]}x{size[1]} px; make the mask in the photo's size."
+                        f"{size}; make the mask in the photo's size."
                     )
 
     def index(self, object_id: str) -> int:
@@ -204,7 +203,7 @@ class Scene:
         return PlacedModel(self.objects[index].mesh, self.pose(index, view))
 
     def in_view(self, index: int, view: int = 0) -> InView:
-        """What is an object's own in a view."""
+        """The settings of an object in a view alone."""
         own = self.objects[index].in_views
         return own[view] if own else InView()
 

@@ -25,7 +25,6 @@ from poseviewer.geometry.camera import level_pose
 from poseviewer.optimise import cma_es, quadratic, restarts
 from poseviewer.optimise.cma_es import CmaOptions
 from poseviewer.optimise.quadratic import QuadraticOptions
-from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.optimise.state import State
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import (
@@ -37,36 +36,35 @@ from poseviewer.render.pyramid.levels import (
 from poseviewer.render.types import Renderer
 
 FEWEST_PIXELS = 5000
-"""That the model covers at the start on the coarsest level, 70 along each side: on a coarser one
-side valleys reach up to the start."""
+"""Pixels that the model covers at the start on the coarsest level, 70 along each side: on a coarser
+one side valleys reach up to the start."""
 FEWEST_OF_STRUCTURE = 2000
-"""The same where classes and edges are compared: they reach farther than shades do."""
+"""``FEWEST_PIXELS`` where classes and edges are compared, which reach farther than shades do."""
 COARSE_POPULATION = CmaOptions(least_sigma=0.04)
 """Ends early: the coarse minimum is up to 5 % beside the photo's."""
 FINE_POPULATION = CmaOptions(sigma=0.06, population=16, generations=24, least_sigma=2e-3)
-"""On the photo itself: as wide as the coarse level can be wrong, and half as many as there, as side
-valleys are behind."""
+"""On the photo itself: as wide as the coarse level can be wrong, past its side valleys."""
 LAST_MODELS = QuadraticOptions(reach=2.0, rise=0.6)
-"""In standard deviations of the population before. The loss is some 40 in all: a gain of less than
-0.02 moves the model by less than a twentieth of a pixel."""
+"""Reach in standard deviations of the population before. The loss is some 40 in all: a gain of less
+than 0.02 moves the model by less than a twentieth of a pixel."""
 REFINING_MODELS = QuadraticOptions(reach=1.0, rise=0.3)
-"""On the fine photo, in the reach of the models before: its minimum is a pixel away at most."""
+"""Reach in that of the models before: the fine photo's minimum is a pixel away at most."""
 WITHOUT_STRUCTURE = 1 / 30
 """A difference in loss without structure as a share of one with it, where logarithms are summed."""
 COARSE_STARTS, COARSE_STEP, COARSE_TOLERANCE = 1.5, 2.0, 8.0
 """Number of starts, edge of the simplex and tolerances on a coarse level, times the options'."""
 FINE_STEP = 0.3
 """Edge of the simplex on the photo after a coarse level, times the options': one coarse pixel."""
-RESCORE_EVERY = 32
-"""Number of evaluations after which the best point of a coarse level is scored on the photo."""
 PAPER_WHOLE_STEP = 0.3
 """Edge of the paper's simplex over the whole photo, in the parameters' scales: as wide as the
 deviations that it is to mend. Clipped, the loss tells nothing from far: the usual one is better."""
 PAPER_PATIENCE = 3
 """Number of the paper's restarts in a row without improvement that ends its search."""
+RESCORE_EVERY = 32
+"""Number of evaluations after which the best point of a coarse level is scored on the photo."""
 REFINE_TOLERANCE = 1.0
-"""A refined pose whose loss on the photo is higher by more than this has left the valley; on
-synthetic photos the two minima differ by a tenth of it."""
+"""Loss on the photo by which a refined pose that is higher has left the valley; on synthetic photos
+the two minima differ by a tenth of it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,9 +73,8 @@ class Stage:
 
     levels: tuple[Level, ...]
     minimise: Callable[..., Iterator[State]]
-    """As in ``poseviewer.optimise``."""
+    """One of ``poseviewer.optimise``, which takes ``options``."""
     options: Any
-    """The minimiser's own."""
     along_axes: bool = False
     """Whether lengths are measured along the axes that the stage before found."""
     rescore_every: float = 0.0
@@ -85,11 +82,6 @@ class Stage:
     end; 0: the level is the photo itself."""
     tolerance: float = 0.0
     """A scored point is kept if it costs less than this more than the best so far."""
-
-    @property
-    def factor(self) -> int:
-        """How many times smaller the first view's photo is."""
-        return self.levels[0].factor
 
 
 def make_stages(problem: FitProblem, renderer: Renderer) -> tuple[Stage, ...]:
@@ -111,9 +103,19 @@ def make_stages(problem: FitProblem, renderer: Renderer) -> tuple[Stage, ...]:
     if photo.clipped:
         if coarse[0].factor == 1:
             return (Stage(full, restarts.minimise, options),)
+        wide = replace(
+            options,
+            multi_starts=round(COARSE_STARTS * options.multi_starts),
+            step=COARSE_STEP * options.step,
+            patience=1,
+            x_tolerance=COARSE_TOLERANCE * options.x_tolerance,
+            f_tolerance=COARSE_TOLERANCE * options.f_tolerance,
+            least_gain=COARSE_TOLERANCE * options.least_gain,
+        )
+        near = replace(options, multi_starts=0, step=FINE_STEP * options.step, patience=1)
         return (
-            Stage(coarse, restarts.minimise, coarse_options(options), rescore_every=every),
-            Stage(full, restarts.minimise, fine_options(options)),
+            Stage(coarse, restarts.minimise, wide, rescore_every=every),
+            Stage(full, restarts.minimise, near),
         )
     light = tuple(lighter_level(*start) for start in starts)
     first, second, last = COARSE_POPULATION, FINE_POPULATION, LAST_MODELS
@@ -122,8 +124,8 @@ def make_stages(problem: FitProblem, renderer: Renderer) -> tuple[Stage, ...]:
         first, second = (replace(c, nearness=share * c.nearness) for c in (first, second))
         last = replace(last, rise=share * last.rise, least_gain=share * last.least_gain)
     stages = (Stage(light, cma_es.minimise, second, rescore_every=every),)
-    wide = tuple(c if c.factor > 1 else own for c, own in zip(coarse, light, strict=True))
-    widest = Stage(wide, cma_es.minimise, first, rescore_every=every)
+    least = tuple(c if c.factor > 1 else own for c, own in zip(coarse, light, strict=True))
+    widest = Stage(least, cma_es.minimise, first, rescore_every=every)
     if problem.strategy is Strategy.COARSE:
         return (widest,)
     if problem.strategy is Strategy.FIRST:
@@ -136,24 +138,6 @@ def make_stages(problem: FitProblem, renderer: Renderer) -> tuple[Stage, ...]:
         Stage(light, quadratic.minimise, LAST_MODELS, True, every),
         Stage(fine, quadratic.minimise, REFINING_MODELS, True, math.inf, REFINE_TOLERANCE),
     )
-
-
-def coarse_options(options: RestartOptions) -> RestartOptions:
-    """How to search a coarse level: widely, and less exactly than the photo."""
-    return replace(
-        options,
-        multi_starts=round(COARSE_STARTS * options.multi_starts),
-        step=COARSE_STEP * options.step,
-        patience=1,
-        x_tolerance=COARSE_TOLERANCE * options.x_tolerance,
-        f_tolerance=COARSE_TOLERANCE * options.f_tolerance,
-        least_gain=COARSE_TOLERANCE * options.least_gain,
-    )
-
-
-def fine_options(options: RestartOptions) -> RestartOptions:
-    """How to search the photo from where a coarse level led: at once, and nearby."""
-    return replace(options, multi_starts=0, step=FINE_STEP * options.step, patience=1)
 
 
 def fit_pose(problem: FitProblem, renderer: Renderer, threads: int = 1) -> Iterator[FitProgress]:
@@ -169,7 +153,7 @@ def fit_pose(problem: FitProblem, renderer: Renderer, threads: int = 1) -> Itera
 
 
 class _Run:
-    """What has been spent so far, and the best pose on the photo itself."""
+    """The evaluations so far, and the best pose on the photo itself."""
 
     def __init__(self, problem: FitProblem, renderer: Renderer, threads: int) -> None:
         self._problem, self._renderer, self._threads = problem, renderer, threads
@@ -193,7 +177,7 @@ class _Run:
 
     def _run_stage(self, stage: Stage, following: Stage | None) -> Iterator[FitProgress]:
         """Search a stage's level; the photos of the ``following`` one are made meanwhile."""
-        factor, scored, due = stage.factor, None, stage.rescore_every
+        factor, scored, due = stage.levels[0].factor, None, stage.rescore_every
         problem = self._on_level(stage) if self._ready is None else self._ready()
         renderers = tuple(map(partial(self._renderer_of, stage), stage.levels, self._problem.views))
         with RendererPool(renderers, self._threads) as pool:
@@ -247,16 +231,16 @@ class _Run:
         renderers: tuple[Renderer, ...],
         pool: RendererPool,
     ) -> Iterator[State]:
-        """The minimiser's, from the best point so far."""
+        """The minimiser's states, from the best point so far."""
         before, loss = self._restart, partial(pose_loss, problem)
 
         def objective(points: Sequence[FloatArray]) -> Iterator[float]:
             wanted = [problem.complete(point) for point in points]
             single = len(wanted) == 1
             losses = [loss(renderers, wanted[0])] if single else pool.map(loss, wanted)
-            for found in losses:
+            for value in losses:
                 self._evaluations += 1
-                yield found
+                yield value
 
         scale = self._axes if stage.along_axes else self._scale
         for state in stage.minimise(objective, self._best, scale, stage.options, problem.seed):

@@ -30,12 +30,12 @@ MARGIN_PX = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Visibility:
-    """What a photo shows of several models."""
+    """The pixels of a photo that show each of several models."""
 
     nearest: NDArray[np.int32]
     """(height, width): the index of the model that a pixel shows; ``NOTHING`` where none is."""
     drawn: tuple[NDArray[np.bool_], ...]
-    """Of each model, (height, width): where it would be seen if it were alone."""
+    """For each model, (height, width): where it would be seen if it were alone."""
 
     def seen(self, index: int) -> NDArray[np.bool_]:
         """(height, width): where a model is seen."""
@@ -43,8 +43,8 @@ class Visibility:
 
     @property
     def shares(self) -> FloatArray:
-        """(n,): how much of each model the others leave to be seen, of what of it lies within the
-        photo, in [0, 1]; 0 for one that lies outside.
+        """(n,): the share of each model within the photo that the others leave to be seen, in
+        [0, 1]; 0 for one that lies outside.
         """
         whole = np.array([np.count_nonzero(drawn) for drawn in self.drawn], float)
         seen = np.array([np.count_nonzero(self.seen(i)) for i in range(len(self.drawn))], float)
@@ -53,12 +53,11 @@ class Visibility:
 
 def visibility(models: Sequence[PlacedModel]) -> Visibility:
     """Which pixel shows which of one or more models."""
-    depths = [depth_image(model) for model in models]
-    return visibility_of_depths(depths)
+    return visibility_of_depths([depth_image(model) for model in models])
 
 
 def visibility_of_depths(depths: Sequence[DepthImage]) -> Visibility:
-    """The same of depth images that are there already; of two as near, the first is shown."""
+    """Which pixel shows which model, by their depth images; of two as near, the first is shown."""
     nearest = np.argmin(depths, axis=0).astype(np.int32)
     drawn = tuple(np.isfinite(depth) for depth in depths)
     nearest[~np.logical_or.reduce(drawn)] = NOTHING
@@ -67,7 +66,7 @@ def visibility_of_depths(depths: Sequence[DepthImage]) -> Visibility:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hiding:
-    """What other models hide of one."""
+    """The pixels that other models hide of one."""
 
     drawn: NDArray[np.bool_]
     """(height, width): where the model would be seen if it were alone."""
@@ -90,11 +89,11 @@ class Hiding:
 
 
 def hiding(model: PlacedModel, others: Sequence[PlacedModel]) -> Hiding:
-    """Where the ``others`` stand in front of a model.
+    """Pixels in which the ``others`` stand in front of a model.
 
-    Where both are drawn, depth decides. Where the other is drawn alone, it is in front if it is so
-    in most of the pixels that they share, or, without any, if its centre is nearer: that is where
-    the model may be found yet.
+    Depth decides where both are drawn. Another that is drawn alone is in front if it is so in most
+    of the pixels that they share, or, without any, if its centre is nearer: the model may be found
+    there yet.
     """
     own = depth_image(model)
     drawn = np.isfinite(own)

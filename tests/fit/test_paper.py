@@ -65,7 +65,7 @@ def test_it_searches_the_photo_alone_and_from_one_start(clipped):
         (ComparedView(photo, FreeBodyChart.near(MESH, POSE)),), np.zeros(6), method="paper"
     )
     (stage,) = make_stages(problem, RENDERER)
-    assert stage.factor == 1
+    assert stage.levels[0].factor == 1
     assert (stage.options.multi_starts, stage.options.patience) == (0, PAPER_PATIENCE)
     assert stage.options.step == usual.step if clipped else stage.options.step > usual.step
 

@@ -173,7 +173,7 @@ def test_populations_are_judged_on_a_lighter_model_where_no_level_is_coarser():
     lit = make_problem(160)
     plain = replace(lit.photo, clipped=False, colour_reflectance=False)
     wide, population, last = make_stages(with_photo(lit, structured(plain, 2)), RENDERER)
-    assert wide.factor == population.factor == last.factor == 1
+    assert [stage.levels[0].factor for stage in (wide, population, last)] == [1, 1, 1]
     renderers: list[Any] = [stage.levels[0].renderer for stage in (wide, population, last)]
     faces = [len(renderer.mesh.faces) for renderer in renderers]
     assert faces[0] == faces[1] < faces[2] == len(MESH.faces)
