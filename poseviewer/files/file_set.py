@@ -181,15 +181,9 @@ def model_files(path: Path, others: Sequence[Path]) -> ModelFiles:
 
 
 def _alike(written: str, by_name: dict[str, list[Path]]) -> Path | None:
-    """The file of this name whose folders are most like those written."""
-    folders = [plain_name(part) for part in written.replace("\\", "/").split("/")][::-1]
-
-    def shared_folders(path: Path) -> int:
-        parts = [plain_name(part) for part in path.parts][::-1]
-        pairs = zip(folders, parts, strict=False)
-        return next((i for i, (a, b) in enumerate(pairs) if a != b), len(folders))
-
-    return max(by_name.get(plain_name(bare_name(written)), ()), key=shared_folders, default=None)
+    """The file of this name; of several the one that has the written folders above it."""
+    paths, end = by_name.get(plain_name(written), []), written.replace("\\", "/")
+    return max(paths, key=lambda path: path.as_posix().endswith(end), default=None)
 
 
 def _walk(root: Path) -> Iterator[Path]:

@@ -224,9 +224,6 @@ BROKEN = {
     "second.yml": ("%YAML:1.0\n---\na: 1\n---\n1\n-x", "no camera_matrix"),
     "glued.yml": ("%YAML:1.0\n----a\n-M--\nim", "as OpenCV writes"),
     "sequence.yml": ("# none\n---\n- a\n- b\n", "as OpenCV writes"),
-    "rows.yml": (MATRIX_TEXT.replace("rows: 3", "rows: -3"), "rows is '-3'"),
-    "count.yml": (MATRIX_TEXT.replace("rows: 3", "rows: 2"), "9 numbers in 2 rows of 3"),
-    "nul.yml": (MATRIX_TEXT + "\0", "not a text"),
     "cameras.bin": (b"\x01\x00", ".bin"),
 }
 

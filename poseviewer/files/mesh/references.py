@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mmap
 import re
 import struct
 from pathlib import Path
@@ -33,8 +32,8 @@ def names_in(path: Path) -> dict[str, bool]:
 
 
 def _of_obj(path: Path) -> dict[str, bool]:
-    found = [name.decode("utf-8", "replace").strip() for (name,) in _search(path, MTLLIB)]
-    return dict.fromkeys(found, True)
+    found = MTLLIB.findall(path.read_bytes())
+    return dict.fromkeys((name.decode("utf-8", "replace").strip() for name in found), True)
 
 
 def _of_mtl(path: Path) -> dict[str, bool]:
@@ -62,15 +61,9 @@ def _of_gltf(path: Path) -> dict[str, bool]:
 def _of_3ds(path: Path) -> dict[str, bool]:
     return {
         name.decode("latin-1"): True
-        for length, name in _search(path, PICTURE_3DS)
+        for length, name in PICTURE_3DS.findall(path.read_bytes())
         if struct.unpack("<I", length)[0] == CHUNK_HEADER + len(name) + 1
     }
-
-
-def _search(path: Path, pattern: re.Pattern[bytes]) -> list[tuple[bytes, ...]]:
-    """The groups of all matches; the file need not fit in memory."""
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        return [match.groups() for match in pattern.finditer(data)]
 
 
 NAMES = {
