@@ -20,10 +20,7 @@ from poseviewer.files.mesh.off import read_off
 from poseviewer.files.mesh.parts import (
     Part,
     load_textures,
-    no_faces,
-    noted,
-    texture_from_image,
-    texture_side,
+    textures_from_images,
 )
 from poseviewer.files.mesh.ply import read_ply
 from poseviewer.files.mesh.surface import as_mesh
@@ -166,33 +163,23 @@ def _read_scene(path: Path, linear: bool = False) -> Read:
     beside = Beside(str(path))
     scene = trimesh.load_scene(path, resolver=beside, process=False, maintain_order=True)
     notes: list[str] = []
-    placed = [(node, *scene.graph[node]) for node in scene.graph.nodes_geometry]
-    shown: list[Any] = [(node, matrix, scene.geometry[name]) for node, matrix, name in placed]
-    pictures = _textures_of([geometry for _, _, geometry in shown], notes)
+    shown: list[tuple[str, NDArray, trimesh.Trimesh]] = []
+    for node in scene.graph.nodes_geometry:
+        matrix, key = scene.graph[node]
+        if isinstance(geometry := scene.geometry[key], trimesh.Trimesh):  # not a cloud of points
+            shown.append((node, matrix, geometry))
+    pictures = [_picture_of(geometry) for _, _, geometry in shown]
+    images = {id(image): ("a picture", image) for image in pictures if image is not None}
+    textures = textures_from_images(images, notes)
     parts: list[Part] = []
     for node, matrix, geometry in shown:
-        if not isinstance(geometry, trimesh.Trimesh):
-            parts += no_faces(np.asarray(geometry.vertices)[:, :3])
-            continue
         name = ""
         if path.suffix.lower() in GLTF:
             # trimesh adds a random suffix where a node's mesh has several primitives.
             parent = scene.graph.transforms.parents.get(node)
             name = parent if parent is not None and node.startswith(f"{parent}_") else node
-        parts.append(_trimesh_part(name, geometry, linear, pictures).moved(matrix))
+        parts.append(_trimesh_part(name, geometry, linear, textures).moved(matrix))
     return parts, notes
-
-
-def _textures_of(geometries: list[Any], notes: list[str]) -> dict[int, NDArray]:
-    """The pictures of all geometries by their ids, each decoded once."""
-    images = {id(image): image for image in map(_picture_of, geometries) if image is not None}
-    side = texture_side([image.size for image in images.values()], notes)
-    found = {}
-    for key, image in images.items():
-        with noted("a picture", notes):
-            found[key] = texture_from_image(image, side)
-            image.close()
-    return found
 
 
 def _picture_of(geometry: Any) -> Any:
@@ -204,7 +191,7 @@ def _picture_of(geometry: Any) -> Any:
 
 
 def _trimesh_part(
-    name: str, geometry: trimesh.Trimesh, linear: bool, pictures: dict[int, NDArray]
+    name: str, geometry: trimesh.Trimesh, linear: bool, textures: dict[int, NDArray]
 ) -> Part:
     visual: Any = geometry.visual
     colours, texture, uvs = None, None, None
@@ -220,7 +207,7 @@ def _trimesh_part(
             colours = colours * (extra / top)
         image = _picture_of(geometry)
         if image is not None:
-            texture, uvs = pictures.get(id(image)), visual.uv
+            texture, uvs = textures.get(id(image)), visual.uv
     if colours is not None and linear:
         colours = srgb_from_linear(colours)
     # Asking for vertex_normals would compute them; only the cache tells whether the file had some.

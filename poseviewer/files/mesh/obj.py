@@ -59,8 +59,8 @@ def read_obj(path: Path) -> tuple[list[Part], list[str]]:
     materials = _read_materials(path, lines.libraries, notes)
     starts = [start for start, _, _ in lines.changes]
     names = [(name, material) for _, name, material in lines.changes]
-    keys = list(dict.fromkeys(names))
-    which = np.repeat([keys.index(key) for key in names], np.diff([*starts, len(counts)]))
+    keys = {key: number for number, key in enumerate(dict.fromkeys(names))}
+    which = np.repeat([keys[key] for key in names], np.diff([*starts, len(counts)]))
     of_part = split_by(np.repeat(which, np.maximum(counts - 2, 0)), len(keys))
     missing = sorted({m for _, m in keys if m and m not in materials})
     if missing and materials:

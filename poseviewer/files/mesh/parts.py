@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from poseviewer.errors import MeshFileError
 from poseviewer.files.checks import Reading, quiet_libraries
 from poseviewer.files.mesh.named import bare_name, find_named
 
+Key = TypeVar("Key")
 LARGEST_SIDE = 8192
 """px of a texture; longer ones are shrunk."""
 MOST_TEXELS = 100_000_000
@@ -125,55 +127,49 @@ def load_textures(
     if len(names) > MOST_TEXTURES:
         notes.append(f"Textures left out: all but {MOST_TEXTURES:,} of {len(names):,}.")
     paths: dict[str, Path] = {}
+    images: dict[Path, tuple[str, Image.Image]] = {}
     for name in names[:MOST_TEXTURES]:
         path = find_named(folder, name)
         if path is None:
             notes.append(f"Texture left out: {bare_name(name)} is not there.")
-        else:
-            paths[name] = path.resolve()
-    sizes: dict[Path, tuple[int, int]] = {}
-    for path in paths.values():
-        with noted(path.name, notes), Image.open(path) as image:
-            sizes[path] = image.size
-    side = texture_side(sizes.values(), notes)
-    found: dict[Path, NDArray[np.uint8]] = {}
-    for path in sizes:
-        # From a file, Pillow reads as many bytes as a damaged chunk says it has.
-        with noted(path.name, notes), Image.open(BytesIO(path.read_bytes())) as image:
-            found[path] = texture_from_image(image, side)
-    return {name: found[path] for name, path in paths.items() if path in found}
+        elif path not in images:
+            with _noted(path.name, notes):
+                # From a file, Pillow reads as many bytes as a damaged chunk says it has.
+                images[path] = path.name, Image.open(BytesIO(path.read_bytes()))
+        if path is not None:
+            paths[name] = path
+    textures = textures_from_images(images, notes)
+    return {name: textures[path] for name, path in paths.items() if path in textures}
+
+
+def textures_from_images(
+    images: Mapping[Key, tuple[str, Image.Image]], notes: list[str]
+) -> dict[Key, NDArray[np.uint8]]:
+    """RGB (h, w, 3) of pictures with their names, shrunk to have few texels together."""
+    sizes = np.array([image.size for _, image in images.values()], float).reshape(-1, 2)
+    side, areas, longest = LARGEST_SIDE, sizes.prod(axis=1), sizes.max(axis=1, initial=1.0)
+    while side > 1 and np.sum(areas * np.minimum(1.0, side / longest) ** 2) > MOST_TEXELS:
+        side = side * 4 // 5
+    if side < LARGEST_SIDE:
+        notes.append(f"Textures shrunk to {side} px: together they are very large.")
+    textures: dict[Key, NDArray[np.uint8]] = {}
+    for key, (name, image) in images.items():
+        with _noted(name, notes), image:
+            if image.width * image.height > MOST_TEXELS:
+                raise Image.DecompressionBombError
+            if max(image.size) > side:
+                image.thumbnail((side, side))
+            textures[key] = np.asarray(image.convert("RGB"))
+    return textures
 
 
 @contextmanager
-def noted(name: str, notes: list[str]) -> Iterator[None]:
-    """What goes wrong with a picture inside becomes a note: a model without it is still one."""
+def _noted(name: str, notes: list[str]) -> Iterator[None]:
+    """Make what goes wrong with a picture a note: a model without it is still one."""
     try:
         with quiet_libraries():
             yield
     except Image.DecompressionBombError:
         notes.append(f"Texture left out: {name} has too many pixels.")
-    except OSError as error:
+    except (OSError, SyntaxError, ValueError) as error:
         notes.append(f"Texture left out: {error}.")
-
-
-def texture_side(sizes: Iterable[tuple[int, int]], notes: list[str]) -> int:
-    """The longest side, px, to which textures are shrunk, with a note, to have few texels."""
-    shapes = np.array([size for size in sizes if max(size) > 0], dtype=float).reshape(-1, 2)
-    side, areas, longest = LARGEST_SIDE, shapes.prod(axis=1), shapes.max(axis=1, initial=1.0)
-    while side > 1 and np.sum(areas * np.minimum(1.0, side / longest) ** 2) > MOST_TEXELS:
-        side = side * 4 // 5
-    if side < LARGEST_SIDE:
-        notes.append(f"Textures shrunk to {side} px: together they are very large.")
-    return side
-
-
-def texture_from_image(image: Image.Image, side: int = LARGEST_SIDE) -> NDArray[np.uint8]:
-    """RGB (h, w, 3) of a picture, at most ``side`` px long; raises OSError where it is damaged."""
-    if image.width * image.height > MOST_TEXELS:
-        raise Image.DecompressionBombError
-    try:
-        if max(image.size) > side:
-            image.thumbnail((side, side))
-        return np.asarray(image.convert("RGB"))
-    except (SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise OSError(str(error)) from error
