@@ -11,19 +11,17 @@ import logging
 import secrets
 import time
 from contextlib import suppress
-from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
 
 import msgspec
-import numpy as np
 from msgspec import Struct, structs
 
 from poseviewer.errors import AutosaveError, PoseViewerError
 from poseviewer.files.checks import Reading
 from poseviewer.files.photo_sets import SetChoice, load_views
-from poseviewer.files.pose import PoseRecord, record_from_json
+from poseviewer.files.pose import record_from_json
 from poseviewer.files.scene_file import (
     INLINE,
     InViewRecord,
@@ -36,10 +34,9 @@ from poseviewer.files.scene_file import (
     scene_from_json,
     view_record,
 )
-from poseviewer.files.structs import CameraNumbers, Number, Pixels, Positive, decoded
+from poseviewer.files.structs import CameraNumbers, Number, decoded
 from poseviewer.files.writing import lock_file, write_whole
-from poseviewer.geometry.camera import Parallel, Pose
-from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.camera import Parallel
 from poseviewer.geometry.view import world_from_pose
 
 FORMAT, VERSION = "poseviewer-autosave", 2
@@ -74,52 +71,6 @@ class AutosavedSession(Struct, frozen=True, kw_only=True):
     def model_name(self) -> str:
         """Name of the active object's model."""
         return self.scene.objects[self.scene.index(self.active_object)].path.name
-
-
-class _Exact(Struct, frozen=True):
-    width: Pixels
-    height: Pixels
-    cx: Number
-    cy: Number
-    rotation: tuple[tuple[Number, Number, Number], ...]
-
-
-class _Pose(Struct, frozen=True):
-    file: dict[str, Any]
-    exact: _Exact
-
-
-class _Set(Struct, frozen=True):
-    path: str
-    scale: Positive
-    start_scale: Positive
-    free_size: bool
-    photos: tuple[str, ...] = ()
-    folder: str | None = None
-    rig_object: int | None = None
-    left_out: tuple[str, ...] = ()
-    masks: dict[str, str] = {}
-
-
-class _Session(Struct, frozen=True):
-    """An object as version 1 kept it: as if it were the only one."""
-
-    pose: _Pose
-    start: _Pose
-    settings: dict[str, Any]
-    saved_at: Number
-    photo: str | None = None
-    photo_name: str = ""
-    photo_sha256: str | None = None
-    model: str | None = None
-    model_name: str = ""
-    mask: str | None = None
-    number: int = 1
-    name: str = ""
-    hidden: bool = False
-    locked: bool = False
-    others: tuple[_Session, ...] = ()
-    views: _Set | None = None
 
 
 class SessionFile:
@@ -229,7 +180,7 @@ def _lock_path(path: Path) -> Path:
 def _from_json(reading: Reading, data: dict[str, Any]) -> AutosavedSession:
     said = data.get("format"), data.get("version")
     if said == (FORMAT, 1):
-        session = _of_version_1(reading, decoded(reading, data, _Session, raw=PATHS))
+        session = _from_version_1(reading, data)
     elif said == (FORMAT, VERSION):
         session = decoded(reading, data, AutosavedSession, raw=PATHS)
         scene = scene_from_json(reading, data["scene"], is_exact=True)
@@ -250,74 +201,63 @@ PATHS = ("photo", "model", "path", "folder", "mask", "file")
 """Keys of paths, which may hold bytes that are no text."""
 
 
-def _of_version_1(reading: Reading, said: _Session) -> AutosavedSession:
-    poses = {id(one): _pose(reading, one.pose) for one in (said, *said.others)}
-    own, at = poses[id(said)], 0
-    photo = Path(said.photo or said.photo_name)
-    views = [ViewRecord.of(photo, own.pose.camera, said.photo_sha256, own.undistortion)]
-    unit, names = None, (said.photo_name,)
-    if (kept := said.views) is not None:
-        folder = None if kept.folder is None else Path(kept.folder)
-        choice = SetChoice(kept.photos, folder, kept.rig_object)
-        loaded = load_views(Path(kept.path), choice)
-        views = [view_record(view) for view in loaded.views]
-        unit, names = loaded.unit, tuple(view.name for view in loaded.views)
-        known = [i for i, one in enumerate(views) if one.photo.sha256 == said.photo_sha256]
-        if not known:
-            raise reading.error(f"{said.photo_name} is not in {Path(kept.path).name}", "wanted it")
-        at = known[0]
-    objects = []
-    for one in sorted((said, *said.others), key=lambda one: one.number):
-        record, start, view = poses[id(one)], _pose(reading, one.start).pose, views[at]
-        masks, left_out = {names[at]: one.mask}, ()
-        scales = 1.0, 1.0
-        if kept is not None:
-            masks, left_out = kept.masks, kept.left_out
-            scales = 1.0 / kept.scale, 1.0 / kept.start_scale
-        places = [
-            place_of(world_from_pose(view.camera, view.place.rigid, pose, scale))
-            for pose, scale in zip((record.pose, start), scales, strict=True)
-        ]
+def _from_version_1(reading: Reading, old: dict[str, Any]) -> AutosavedSession:
+    """Session of version 0.1.0: an object as if it were alone, and the others likewise."""
+    size = old["pose"]["exact"]["width"], old["pose"]["exact"]["height"]
+    all_old = sorted((old, *old["others"]), key=lambda one: one["number"])
+    records, starts = (
+        [record_from_json(reading, one[key]["file"], *size) for one in all_old]
+        for key in ("pose", "start")
+    )
+    own = records[all_old.index(old)]
+    photo, sha256 = Path(old["photo"] or old["photo_name"]), old["photo_sha256"]
+    views = [ViewRecord.of(photo, own.pose.camera, sha256, own.undistortion)]
+    names, unit, at, scales = (old["photo_name"],), None, 0, (1.0, 1.0)
+    if (kept := old["views"]) is not None:
+        folder = None if kept["folder"] is None else Path(kept["folder"])
+        choice = SetChoice(tuple(kept["photos"]), folder, kept["rig_object"])
+        loaded = load_views(kept["path"], choice)
+        views, unit = [view_record(view) for view in loaded.views], loaded.unit
+        names = tuple(view.name for view in loaded.views)
+        at = [one.photo.sha256 for one in views].index(sha256)
+        scales = 1.0 / kept["scale"], 1.0 / kept["start_scale"]
+    view, objects = views[at], []
+    for one, record, start in zip(all_old, records, starts, strict=True):
+        masks = {names[at]: one["mask"]} if kept is None else kept["masks"]
         in_views = tuple(
-            InViewRecord(INLINE + text if text else None, None, name not in left_out)
+            InViewRecord(INLINE + masks[name] if masks.get(name) else None, None, is_compared)
             for name in names
-            for text in (masks.get(name),)
+            for is_compared in (kept is None or name not in kept["left_out"],)
         )
-        model = Path(one.model or one.model_name)
-        made = ObjectRecord.of(str(one.number), model, record, view, one.name)
-        is_same = len(views) > 1 or isinstance(start.camera, Parallel)
-        is_same = is_same or start.camera == view.camera
+        places = [
+            place_of(world_from_pose(view.camera, view.place.rigid, said.pose, scale))
+            for said, scale in zip((record, start), scales, strict=True)
+        ]
+        is_same = (
+            kept or isinstance(start.pose.camera, Parallel) or start.pose.camera == view.camera
+        )
+        model = Path(one["model"] or one["model_name"])
+        made = ObjectRecord.of(str(one["number"]), model, record, view, one["name"])
         result = made.result
-        if result is not None and len(views) > 1:
+        if result is not None and kept is not None:
             result = structs.replace(result, view=at, seen=())
         made = structs.replace(
             made,
             result=result,
             place=places[0],
             start=places[1],
-            start_cameras=() if is_same else (CameraNumbers.of(start.camera),),
-            settings=one.settings,
-            in_views=in_views if any(own != InViewRecord() for own in in_views) else (),
-            hidden=one.hidden,
-            locked=one.locked,
+            start_cameras=() if is_same else (CameraNumbers.of(start.pose.camera),),
+            settings=one["settings"],
+            in_views=in_views if any(one != InViewRecord() for one in in_views) else (),
+            hidden=one["hidden"],
+            locked=one["locked"],
         )
         objects.append(made)
-    free = kept is not None and kept.free_size
-    scene = SceneRecord(views=tuple(views), objects=tuple(objects), unit=unit, free_scale=free)
+    free = kept is not None and kept["free_size"]
     return AutosavedSession(
-        saved_at=said.saved_at,
-        active_object=str(said.number),
+        saved_at=old["saved_at"],
+        active_object=str(old["number"]),
         active_view=at,
         photo_names=names,
-        scene=scene,
+        scene=SceneRecord(views=tuple(views), objects=tuple(objects), unit=unit, free_scale=free),
     )
-
-
-def _pose(reading: Reading, said: _Pose) -> PoseRecord:
-    """A pose of version 1, which had beside a pose file's content the numbers that this rounds."""
-    exact = said.exact
-    record = record_from_json(reading, said.file, exact.width, exact.height)
-    camera = replace(record.pose.camera, cx=exact.cx, cy=exact.cy)
-    translation = record.pose.camera_from_model.translation
-    place = RigidTransform(np.array(exact.rotation), translation)
-    return replace(record, pose=Pose(camera, place))
