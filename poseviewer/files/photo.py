@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from dataclasses import astuple, replace
 from io import BytesIO
 from pathlib import Path
 
 import cv2
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image, UnidentifiedImageError
@@ -16,7 +16,8 @@ from PIL import ExifTags, Image, UnidentifiedImageError
 from poseviewer.errors import CalibrationFileError, PhotoFileError, printable
 from poseviewer.files.cameras import Calibration, load_calibration
 from poseviewer.files.checks import Reading, quiet_libraries
-from poseviewer.files.pose import PoseRecord, distortion_as_json
+from poseviewer.files.pose import PoseRecord
+from poseviewer.files.structs import Distortion
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.camera import Camera, Perspective
 from poseviewer.geometry.frames import camera_as_integer_centres
@@ -272,7 +273,8 @@ def photo_text(photo: Photo) -> str:
     text = f"Photo: {photo.label}; SHA-256 of its file: {photo.sha256}"
     if photo.undistortion is None:
         return text
-    return f"{text}; distortion: {json.dumps(distortion_as_json(photo.undistortion))}"
+    distortion = msgspec.json.encode(Distortion.of(photo.undistortion)).decode()
+    return f"{text}; distortion: {distortion}"
 
 
 def pixels_for(path: Path, photo: Photo) -> NDArray:

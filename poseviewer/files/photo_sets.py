@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta, Struct
@@ -35,6 +35,7 @@ from poseviewer.files.structs import (
     SCENE,
     VIEWS,
     CameraNumbers,
+    LensName,
     Number,
     Positive,
     Transform,
@@ -43,6 +44,7 @@ from poseviewer.files.structs import (
     transform_from,
 )
 from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
@@ -60,7 +62,7 @@ NERF_ENDINGS = ("", ".png", ".jpg", ".jpeg")
 class LensNumbers(Struct, frozen=True):
     """A lens, its coefficients in OpenCV's order."""
 
-    model: Literal["opencv", "opencv-fisheye"]
+    model: LensName
     coefficients: tuple[Number, ...]
 
 
@@ -108,21 +110,8 @@ class SetChoice:
     not say it."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Shot:
-    """A photo of a set before it is read."""
-
-    path: Path
-    place: RigidTransform
-    """Camera from the set's frame."""
-    camera: Perspective | CameraNumbers | ViewRecord | dict[str, Any]
-    """As taken, 0x0 px where the size is not said; or what is to be read for the photo's size."""
-    lens: Lens | None = None
-    mask: Path | None = None
-
-
 def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews:
-    """The set in a file or a folder, with its photos, undistorted.
+    """Load the set in a file or a folder, with its photos, undistorted.
 
     Raises:
         PoseViewerError: it is none, or of fewer than two photos; a photo or a mask is not there, is
@@ -131,9 +120,13 @@ def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews
     path, choice = Path(path), choice or SetChoice()
     reading = Reading(path, kind=KIND)
     with reading.naming_errors():
-        shots, unit, scale = _shots(reading, choice)
-        shots = _chosen(reading, shots, choice.photos)
-        views = [_view(reading, shot) for shot in shots]
+        views, unit, scale = _views(reading, choice)
+        for wanted in choice.photos:
+            if not any(_is_chosen(str(view.path), [wanted]) for view in views):
+                raise reading.error(f"it has no photo {wanted}", "choose others with --photos")
+        if len(views) < 2:
+            found = f"{len(views)} photo{'' if len(views) == 1 else 's'}"
+            raise reading.error(found, "a set has two or more; fit one photo without --views")
         _require_different(reading, views)
         return LoadedViews(path.name, with_names(views), unit, scale)
 
@@ -168,8 +161,8 @@ def open_mask(text: str, width: int, height: int) -> Mask:
     return mask_in(text) if text.startswith(INLINE) else load_mask(text, width, height)
 
 
-def _shots(reading: Reading, choice: SetChoice) -> tuple[list[_Shot], str | None, float | None]:
-    """The photos, the unit of the set's lengths, and its scale."""
+def _views(reading: Reading, choice: SetChoice) -> tuple[list[View], str | None, float | None]:
+    """The chosen photos, the unit of the set's lengths, and its scale."""
     path = reading.path
     if path.is_dir():
         for name in COLMAP_FOLDERS:
@@ -184,8 +177,9 @@ def _shots(reading: Reading, choice: SetChoice) -> tuple[list[_Shot], str | None
         return _of_frames(reading, data, choice), None, None
     if data.get("format") == SCENE:
         scene = load_scene(path)
-        shots = [_Shot(one.path, one.place.rigid, one) for one in scene.views]
-        return shots, scene.unit, None if scene.free_scale or scene.unit else 1.0
+        chosen = [one for one in scene.views if _is_chosen(one.photo.file, choice.photos)]
+        scale = None if scene.free_scale or scene.unit else 1.0
+        return [open_view(one)[0] for one in chosen], scene.unit, scale
     if data.get("format") != VIEWS:
         found = f"format is {kind_of(data.get('format'))}"
         raise reading.error(found, f"wanted {SCENE!r} or {VIEWS!r}, or nerfstudio's frames")
@@ -193,22 +187,25 @@ def _shots(reading: Reading, choice: SetChoice) -> tuple[list[_Shot], str | None
     said = decoded(reading, data, SetFile, raw=("photo", "mask"))
     # The units tell the scale where it is left out; null says that it is not known.
     scale = said.scale if "scale" in data or said.unit is not None else 1.0
-    return _of_views(reading, said), said.unit, scale
+    return _of_version_1(reading, said, choice), said.unit, scale
 
 
-def _of_views(reading: Reading, said: SetFile) -> list[_Shot]:
-    folder, found = reading.path.parent, []
+def _of_version_1(reading: Reading, said: SetFile, choice: SetChoice) -> list[View]:
+    folder, views = reading.path.parent, []
     for number, one in enumerate(said.views):
         own, lens = replace(reading, path=Path(f"{reading.path.name}, views[{number}]")), None
         if one.distortion is not None:
             lens = lens_of(own, MODELS[one.distortion.model], list(one.distortion.coefficients))
-        place = transform_from(own, one.camera_from_set)
-        mask = None if one.mask is None else folder / one.mask
-        found.append(_Shot(folder / one.photo, place, one.camera, lens, mask))
-    return found
+        if _is_chosen(one.photo, choice.photos):
+            place = transform_from(own, one.camera_from_set)
+            camera = perspective_from(own, one.camera, 0, 0)
+            mask = None if one.mask is None else folder / one.mask
+            path = folder / one.photo
+            views.append(_view(own, path, load_photo(path), place, camera, lens, mask))
+    return views
 
 
-def _of_colmap(reading: Reading, model: Path, choice: SetChoice) -> list[_Shot]:
+def _of_colmap(reading: Reading, model: Path, choice: SetChoice) -> list[View]:
     taken = colmap_images(model)
     named = [one for one in taken if _is_chosen(one[0], choice.photos)]
     folders = [model / name for name in PHOTO_FOLDERS]
@@ -222,11 +219,14 @@ def _of_colmap(reading: Reading, model: Path, choice: SetChoice) -> list[_Shot]:
             f"{missing[0]}",
             "name their folder with --photo-folder, or those that are there with --photos",
         )
-    return [_Shot(most / name, place, camera, lens) for name, place, camera, lens in named]
+    return [
+        _view(reading, most / name, load_photo(most / name), place, camera, lens)
+        for name, place, camera, lens in named
+    ]
 
 
-def _of_frames(reading: Reading, data: dict[str, Any], choice: SetChoice) -> list[_Shot]:
-    found = []
+def _of_frames(reading: Reading, data: dict[str, Any], choice: SetChoice) -> list[View]:
+    views = []
     for frame in data["frames"]:
         own = data | reading.object(frame, "a frame")
         name = reading.text(own.get("file_path"), "file_path") or ""
@@ -234,17 +234,19 @@ def _of_frames(reading: Reading, data: dict[str, Any], choice: SetChoice) -> lis
             continue
         tried = [reading.path.parent / f"{name}{ending}" for ending in NERF_ENDINGS]
         path = next((path for path in tried if is_there(path)), tried[0])
-        place = frame_taken(reading, {"fl_x": 1.0, "cx": 0.0, "cy": 0.0, **own}, 1, 1)[1]
-        found.append(_Shot(path, place, own))
-    return found
+        photo, sizes = load_photo(path), [reading.size(own.get(key), key) for key in ("w", "h")]
+        width, height = sizes[0] or photo.width, sizes[1] or photo.height
+        _, place, camera, lens = frame_taken(reading, own, width, height)
+        views.append(_view(reading, path, photo, place, camera, lens))
+    return views
 
 
-def _of_bop(reading: Reading, choice: SetChoice) -> list[_Shot]:
-    """By the scene's world; else by where the cameras see one of its objects."""
+def _of_bop(reading: Reading, choice: SetChoice) -> list[View]:
+    """Views by the scene's world; else by where the cameras see one of its objects."""
     folder = reading.path
     cameras, images = load_scene_file(folder / CAMERAS), load_bop_images(folder)
     own = replace(reading, path=folder / CAMERAS)
-    found = []
+    views = []
     for image in images:
         if not _is_chosen(image.photo, choice.photos):
             continue
@@ -269,8 +271,9 @@ def _of_bop(reading: Reading, choice: SetChoice) -> list[_Shot]:
                 "name an object that stands still, whose poses tell how the camera moved, with "
                 "--rig-object",
             )
-        found.append(_Shot(folder / image.photo, place, image.camera))
-    return found
+        path = folder / image.photo
+        views.append(_view(reading, path, load_photo(path), place, image.camera))
+    return views
 
 
 def _is_chosen(name: str, photos: Sequence[str]) -> bool:
@@ -285,28 +288,16 @@ def _is_chosen(name: str, photos: Sequence[str]) -> bool:
     return any(f"/{whole}".endswith(ends) for whole in (path, path.with_suffix("")))
 
 
-def _chosen(reading: Reading, shots: list[_Shot], photos: Sequence[str]) -> list[_Shot]:
-    for wanted in photos:
-        if not any(_is_chosen(shot.path.as_posix(), [wanted]) for shot in shots):
-            raise reading.error(f"it has no photo {wanted}", "choose others with --photos")
-    shots = [shot for shot in shots if _is_chosen(shot.path.as_posix(), photos)]
-    if len(shots) < 2:
-        found = f"{len(shots)} photo{'' if len(shots) == 1 else 's'}"
-        raise reading.error(found, "a set has two or more; fit one photo without --views")
-    return shots
-
-
-def _view(reading: Reading, shot: _Shot) -> View:
-    camera, lens = shot.camera, shot.lens
-    if isinstance(camera, ViewRecord):
-        return open_view(camera)[0]
-    photo = load_photo(shot.path)
-    if isinstance(camera, CameraNumbers):
-        camera = perspective_from(reading, camera, photo.width, photo.height)
-    elif isinstance(camera, dict):
-        sizes = [reading.size(camera.get(key), key) for key in ("w", "h")]
-        width, height = sizes[0] or photo.width, sizes[1] or photo.height
-        _, _, camera, lens = frame_taken(reading, camera, width, height)
+def _view(
+    reading: Reading,
+    path: Path,
+    photo: Photo,
+    place: RigidTransform,
+    camera: Perspective,
+    lens: Lens | None = None,
+    mask: Path | None = None,
+) -> View:
+    """The view of a camera as taken, 0x0 px where its size is not said."""
     if not camera.width:
         camera = replace(camera, width=photo.width, height=photo.height)
     if (camera.width, camera.height) != (photo.width, photo.height):
@@ -318,8 +309,8 @@ def _view(reading: Reading, shot: _Shot) -> View:
     opened = replace(photo, camera=camera)
     if lens is not None:
         opened = undistorted(photo, Undistortion.of(lens, camera))
-    mask = None if shot.mask is None else load_mask(shot.mask, photo.width, photo.height)
-    return View(photo.name, opened, opened.camera or camera, shot.place, mask, shot.path)
+    weights = None if mask is None else load_mask(mask, photo.width, photo.height)
+    return View(photo.name, opened, opened.camera or camera, place, weights, path)
 
 
 def _require_different(reading: Reading, views: Sequence[View]) -> None:

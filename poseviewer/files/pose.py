@@ -23,11 +23,10 @@ from poseviewer.files.structs import (
     RecordedVerdict,
     Transform,
     Uncertainty,
-    camera_as_json,
     camera_from,
     covariance_from,
     decoded,
-    distortion_as_json,
+    projection_of,
     transform_from,
     uncertainty_of,
     undistortion_from,
@@ -109,7 +108,7 @@ class PoseRecord:
     covariance: PoseCovariance | None = None
     """How sure the pose is, if it is right; in files under ``uncertainty``."""
     symmetry: Symmetry = field(default=NO_SYMMETRY, compare=False)
-    """The model's; in files, the pose is the canonical one of those that are equal."""
+    """The model's. In files that a scene is saved as, the pose is the canonical of equal ones."""
     in_set: Mapping[str, Any] | None = None
     """Where it was found on several photos: the pose in the set's frame, and in each photo; in
     files under ``set``."""
@@ -182,19 +181,18 @@ def save_pose(path: str | Path, record: PoseRecord) -> None:
 
 def record_as_json(record: PoseRecord) -> dict[str, Any]:
     """What a pose file says, as JSON has it."""
-    pose, lens = record.symmetry.canonical(record.pose), record.undistortion
-    sure = record.covariance
+    lens, sure = record.undistortion, record.covariance
     data = {
         "format": FORMAT,
         "version": VERSION,
-        **camera_as_json(pose.camera),
-        "camera_from_model": Transform.of(pose.camera_from_model),
+        "projection": projection_of(record.pose.camera),
+        "camera": CameraNumbers.of(record.pose.camera),
+        "camera_from_model": Transform.of(record.pose.camera_from_model),
         **{name: getattr(record, name) for name in AS_IN_FILE},
-        "uncertainty": sure and uncertainty_of(sure.about(pose)),
-        "distortion": None if lens is None else distortion_as_json(lens),
+        "uncertainty": sure and uncertainty_of(sure),
+        "distortion": lens and Distortion.of(lens),
         "symmetry": SymmetryTurns.of(record.symmetry),
         "set": record.in_set,
-        "chart": record.chart if pose is record.pose else None,
     }
     data = {k: value for k, value in data.items() if value or not isinstance(value, tuple | None)}
     kept = {"settings": dict(data.pop("settings"))} if "settings" in data else {}

@@ -39,11 +39,10 @@ from poseviewer.files.structs import (
     Sha256,
     Transform,
     Uncertainty,
-    camera_as_json,
     camera_from,
     covariance_from,
     decoded,
-    distortion_as_json,
+    projection_of,
     transform_from,
     uncertainty_of,
     undistortion_from,
@@ -131,15 +130,14 @@ class ViewRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
         """The view of a camera (pixel centres at i + 0.5) that stands in the world at a ``place``,
         ``camera_from_world``.
         """
-        data = {
-            **camera_as_json(camera),
-            "photo": {"file": str(photo), "width": camera.width, "height": camera.height},
-            "distortion": None if undistortion is None else distortion_as_json(undistortion),
-            "camera_from_world": Transform.of(place or RigidTransform.identity()),
-            "mask": mask_text(mask),
-        }
-        made = msgspec.convert(data, cls)
-        return structs.replace(made, photo=structs.replace(made.photo, sha256=sha256))
+        return cls(
+            photo=PhotoFile(str(photo), camera.width, camera.height, sha256),
+            projection=projection_of(camera),
+            numbers=CameraNumbers.of(camera),
+            distortion=undistortion and Distortion.of(undistortion),
+            place=Transform.of(place or RigidTransform.identity()),
+            mask=mask_text(mask),
+        )
 
     @property
     def path(self) -> Path:

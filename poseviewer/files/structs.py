@@ -46,7 +46,8 @@ PROJECTIONS: Any = {
     ]
 }
 """Schema of what a camera needs by its projection."""
-MODELS: dict[str, LensModel] = {"opencv": "opencv", "opencv-fisheye": "fisheye"}
+LensName = Literal["opencv", "opencv-fisheye"]
+MODELS: dict[LensName, LensModel] = {"opencv": "opencv", "opencv-fisheye": "fisheye"}
 """Names of lens models in files."""
 NOTE = (
     "The pose, its camera and its chart belong to the undistorted photo, not to the photo as taken."
@@ -115,8 +116,10 @@ class CameraNumbers(Struct, frozen=True, omit_defaults=True, kw_only=True):
 
     @classmethod
     def of(cls, camera: Camera) -> Self:
-        """A camera (pixel centres at i + 0.5) as files say it."""
-        return msgspec.convert(camera_as_json(camera)["camera"], cls)
+        """The numbers of a camera (pixel centres at i + 0.5)."""
+        shifted = camera_as_integer_centres(camera)
+        scales = ("scale",) if isinstance(shifted, Parallel) else ("fx", "fy")
+        return cls(**{name: float(getattr(shifted, name)) for name in (*scales, "cx", "cy")})
 
 
 class Transform(Struct, frozen=True):
@@ -146,11 +149,20 @@ class Distortion(Struct, frozen=True):
     fisheye's k1 k2 k3 k4) to camera_undistorted, in the same size, gives the undistorted photo.
     """
 
-    model: Literal["opencv", "opencv-fisheye"]
+    model: LensName
     coefficients: tuple[Number, ...]
     camera_as_taken: CameraNumbers
     camera_undistorted: CameraNumbers
     note: str = ""
+
+    @classmethod
+    def of(cls, undistortion: Undistortion) -> Self:
+        """All that is needed to make the undistorted photo of the one as taken."""
+        lens = undistortion.lens
+        name: LensName = "opencv-fisheye" if lens.model == "fisheye" else "opencv"
+        coefficients = tuple(map(float, lens.coefficients))
+        taken, camera = map(CameraNumbers.of, (undistortion.taken, undistortion.camera))
+        return cls(name, coefficients, taken, camera, NOTE)
 
     def __post_init__(self) -> None:
         known = COEFFICIENTS[MODELS[self.model]]
@@ -244,15 +256,9 @@ def transform_from(reading: Reading, said: Transform) -> RigidTransform:
     return RigidTransform(checked_rotation(reading, rigid.rotation), rigid.translation)
 
 
-def camera_as_json(camera: Camera) -> dict[str, Any]:
-    """``projection`` and ``camera`` as files say them, pixel centres at integers."""
-    shifted = camera_as_integer_centres(camera)
-    is_parallel = isinstance(shifted, Parallel)
-    names = ("scale", "cx", "cy") if is_parallel else ("fx", "fy", "cx", "cy")
-    return {
-        "projection": "parallel" if is_parallel else "perspective",
-        "camera": {name: float(getattr(shifted, name)) for name in names},
-    }
+def projection_of(camera: Camera) -> Projection:
+    """The camera's projection, by its name in files."""
+    return "parallel" if isinstance(camera, Parallel) else "perspective"
 
 
 def perspective_from(
@@ -276,18 +282,6 @@ def camera_from(
         raise reading.error("camera.scale is missing", "wanted a number above 0")
     found = Parallel(said.scale, said.cx, said.cy, width, height)
     return camera_from_integer_centres(checked_camera(reading, found))
-
-
-def distortion_as_json(undistortion: Undistortion) -> dict[str, Any]:
-    """All that is needed to make the undistorted photo of the one as taken."""
-    lens = undistortion.lens
-    return {
-        "note": NOTE,
-        "model": next(name for name, model in MODELS.items() if model == lens.model),
-        "coefficients": [float(value) for value in lens.coefficients],
-        "camera_as_taken": camera_as_json(undistortion.taken)["camera"],
-        "camera_undistorted": camera_as_json(undistortion.camera)["camera"],
-    }
 
 
 def undistortion_from(

@@ -26,6 +26,7 @@ from poseviewer.files.pose import (
 )
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.pose_covariance import PoseCovariance
+from poseviewer.geometry.symmetry_group import Symmetry, Turn
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
 from tests.schemas import json_schema
 
@@ -46,6 +47,7 @@ def full_record(camera: Perspective | Parallel = PERSPECTIVE) -> PoseRecord:
         settings={"restarts": 8, "clipped": True},
         software={"name": "poseviewer", "version": "0.1.0"},
         notes=("The focal length is assumed.",),
+        symmetry=Symmetry.from_turns([0.0, 0.0, 0.1], [Turn(np.array([0.0, 0.0, 1.0]), 2)]),
     )
 
 
@@ -83,7 +85,7 @@ def test_what_is_written_is_read_to_the_last_digit(
     np.testing.assert_array_equal(read.pose.camera_from_model.rotation, TRANSFORM.rotation)
     np.testing.assert_array_equal(read.pose.camera_from_model.translation, TRANSFORM.translation)
     assert replace(read, pose=record.pose) == record
-    assert read.warnings == ()
+    assert (read.symmetry.words, read.warnings) == (record.symmetry.words, ())
     save_pose(tmp_path / "again.json", read)
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "pose.json").read_bytes()
 

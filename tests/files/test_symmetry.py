@@ -12,12 +12,7 @@ import trimesh
 
 from poseviewer.errors import MeshFileError, PoseFileError
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.files.symmetry import load_symmetry, symmetry_path
-from poseviewer.geometry.camera import Perspective, Pose
-from poseviewer.geometry.pose_covariance import PoseCovariance
-from poseviewer.geometry.symmetry_group import Symmetry, Turn
-from poseviewer.geometry.transform import RigidTransform
 from tests.schemas import json_schema
 
 _, _, Z = np.eye(3)
@@ -117,39 +112,3 @@ def test_a_bop_symmetry_that_cannot_be_used_is_said(model: Path, discrete, said:
     (model.parent / "models_info.json").write_text(json.dumps(info))
     with pytest.raises((MeshFileError, PoseFileError), match=rf"^models_info\.json: .*{said}"):
         load_symmetry(model, load_mesh(model))
-
-
-def test_pose_files_of_equal_poses_have_one_pose_and_name_the_symmetry(tmp_path: Path) -> None:
-    symmetry = Symmetry.from_turns([0.0, 0.0, 0.1], [Turn(Z, 2)])
-    camera = Perspective(600.0, 600.0, 80.0, 60.0, 160, 120)
-    place = RigidTransform.from_rotation_vector([0.1, 0.2, 0.3], [0.0, 0.0, 5.0])
-    read = []
-    for motion in symmetry.transforms():
-        path = tmp_path / "p.json"
-        save_pose(path, PoseRecord(Pose(camera, place @ motion), symmetry=symmetry))
-        jsonschema.validate(json.loads(path.read_text()), json_schema("pose"))
-        read.append(load_pose(path, 160, 120))
-        assert read[-1].symmetry.words == symmetry.words
-        save_pose(path, read[-1])
-        again = load_pose(path, 160, 120).pose.camera_from_model
-        np.testing.assert_array_equal(again.rotation, read[-1].pose.camera_from_model.rotation)
-    one, other = (record.pose.camera_from_model for record in read)
-    np.testing.assert_allclose(one.rotation, other.rotation, atol=1e-12)
-    np.testing.assert_allclose(one.translation, other.translation, atol=1e-12)
-
-
-def test_how_sure_an_equal_pose_is_stays_about_the_same_point(tmp_path: Path) -> None:
-    symmetry = Symmetry.from_turns([0.0, 0.0, 0.1], [Turn(Z, 2)])
-    camera = Perspective(600.0, 600.0, 80.0, 60.0, 160, 120)
-    place = RigidTransform.from_rotation_vector([0.1, 0.2, 0.3], [0.0, 0.0, 5.0])
-    path, deviation = tmp_path / "p.json", np.array([0.1, -0.2, 0.1, 0.3, 0.1, -0.2])
-    for motion in symmetry.transforms():
-        pose = Pose(camera, place @ motion)
-        covariance = PoseCovariance(pose, np.array([0.4, 0.2, 0.0]), np.eye(6))
-        save_pose(path, PoseRecord(pose, symmetry=symmetry, covariance=covariance))
-        read = load_pose(path, 160, 120).covariance
-        assert read is not None
-        moved = symmetry.canonical(covariance.moved(deviation)).camera_from_model
-        found = read.moved(deviation).camera_from_model
-        np.testing.assert_allclose(found.rotation, moved.rotation, atol=1e-9)
-        np.testing.assert_allclose(found.translation, moved.translation, atol=1e-9)

@@ -105,20 +105,30 @@ def test_a_model_that_has_lost_a_part_has_no_result(path):
 
 def test_equal_poses_are_saved_as_one(path):
     symmetry = Symmetry.from_turns([0.0, 0.0, 0.1], [Turn(np.array([0.0, 0.0, 1.0]), 2)])
-    scene = searched(open_scene(path))
+    scene = open_scene(path)
     scene = scene.with_object(0, model=replace(scene.objects[0].model, whole_symmetry=symmetry))
     turned = [
-        scene.with_pose(0, replace(pose, camera_from_model=pose.camera_from_model @ motion))
+        searched(scene.with_pose(0, replace(pose, camera_from_model=pose.camera_from_model @ turn)))
         for pose in (scene.pose(0),)
-        for motion in symmetry.transforms()
+        for turn in symmetry.transforms()
     ]
-    records = [record_of(one).objects[0] for one in turned]
-    first, second = (one.place.similarity.rigid for one in records)
-    np.testing.assert_allclose(first.rotation, second.rotation, atol=1e-12)
-    np.testing.assert_allclose(first.translation, second.translation, atol=1e-12)
-    kept = [record_of(one, canonical=False).pose(0).camera_from_model for one in turned]
-    for one, place in zip(turned, kept, strict=True):
-        assert np.array_equal(place.rotation, one.pose(0).camera_from_model.rotation)
+    canonical, deviation = symmetry.canonical(scene.pose(0)), np.full(6, 0.1)
+    for one in turned:
+        record, result = record_of(one).pose_record(0), one.objects[0].result
+        sure = result and result.verdict and result.verdict.covariance
+        require_near(record.pose, canonical)
+        assert record.covariance
+        assert sure
+        moved = symmetry.canonical(sure.moved(deviation))
+        require_near(record.covariance.moved(deviation), moved)
+        kept = record_of(one, canonical=False).pose(0).camera_from_model
+        assert np.array_equal(kept.rotation, one.pose(0).camera_from_model.rotation)
+
+
+def require_near(pose, wanted) -> None:
+    place, wanted = pose.camera_from_model, wanted.camera_from_model
+    np.testing.assert_allclose(place.rotation, wanted.rotation, atol=1e-9)
+    np.testing.assert_allclose(place.translation, wanted.translation, atol=1e-9)
 
 
 def test_a_pose_record_is_that_of_a_pose_file(path):
