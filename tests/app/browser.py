@@ -16,7 +16,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from poseviewer.app.page.controls import STEPS
+from poseviewer.app.page.page import STEPS
 
 FLAGS = (
     "--no-sandbox",
@@ -110,9 +110,9 @@ class AppPage:
         )
 
     def open_step(self, number: int) -> None:
-        """Open a step of the left panel, and close the others; once it is there."""
+        """Open a step of the left panel, once it is there."""
         is_open = "label => window.poseviewer.openStep(label)"
-        self.page.wait_for_function(is_open, arg=STEPS[number - 1])
+        self.page.wait_for_function(is_open, arg=list(STEPS)[number - 1])
 
     def drag(
         self,

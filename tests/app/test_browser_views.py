@@ -48,7 +48,7 @@ def photos(tab: AppPage) -> Locator:
 
 def outlines(tab: AppPage) -> list[str]:
     return photos(tab).evaluate_all(
-        "cells => cells.map(cell => cell.querySelector('path').getAttribute('d') || '')"
+        "cells => cells.map(cell => cell.querySelector('.pv-small path')?.getAttribute('d') || '')"
     )
 
 

@@ -1,9 +1,9 @@
 // The page's own part: the view of the photo (zoom, pan), and what the mouse and the keys do there.
 // Everything else on the page is viser's. Sent by client_script.py, which fills in CONFIG:
-// channel (uuid of the text field that takes reports), plane {depth, side} (world units), steps (labels of the left panel's folders, of which one is open) and search (the one
-// that a search opens), keys (event.code or event.key that are taken), leave (of them, those left to
-// the browser where ctrl is held), largest and most (bytes and files of an upload), title, style,
-// icon.
+// channel (uuid of the text field that takes reports), plane {depth, side} (world units), steps
+// (labels of the left panel's tabs), first (the one that is open at first) and search (the one that
+// a search opens), keys (event.code or event.key that are taken), leave (of them, those left to the
+// browser where ctrl is held), largest and most (bytes and files of an upload), title, style, icon.
 //
 // viser's camera stays at the origin and looks along +z at the photo's plane; zoom and pan are
 // three.js view offsets, which cut a piece out of the picture and leave the registration alone.
@@ -24,13 +24,13 @@ const state = {
   centre: [0.5, 0.5], // the photo's point, in shares of its size, in the middle of the view
   size: [0, 0],
   covered: 0, // CSS px at the canvas's lower end that the strip of photos lies over
+  large: -1, // index of the large photo in the strip
   pointer: null, // "drag", "draw" or "pan" while a button is down
   anchor: [0, 0], // the photo's point that is panned with the pointer, px
-  pending: null,
+  pending: null, // the drag that is sent with the next frame
   sequence: Date.now(), // viser drops a report that equals the last one, of an earlier page too
-  hint: "",
-  modifiers: "",
   sent: "", // the name of the set that was sent last
+  step: CONFIG.first, // to be opened as soon as it is there
 };
 const vm = () => window.__viserMutable;
 
@@ -45,46 +45,32 @@ function send(message) {
 
 // --- the view -----------------------------------------------------------------------------------
 
-function fitted() {
-  // Where the whole photo lies in the canvas at zoom 1: CSS px per photo px.
-  const [w, h] = state.photo;
-  return Math.min(state.size[0] / w, (state.size[1] - state.covered) / h);
-}
-
-const scale = () => fitted() * state.zoom; // CSS px per photo px
+// CSS px per photo px: with the whole photo in the canvas, and as it is shown.
+const fitted = () =>
+  Math.min(state.size[0] / state.photo[0], (state.size[1] - state.covered) / state.photo[1]);
+const scale = () => fitted() * state.zoom;
 const unit = () => CONFIG.plane.side / Math.max(...state.photo); // world units per photo px
 
-function middle() {
-  // The middle of what the photo has of the canvas.
-  return [state.size[0] / 2, (state.size[1] - state.covered) / 2];
-}
+// The middle of what the photo has of the canvas, and where its upper left corner lies: CSS px.
+const middle = () => [state.size[0] / 2, (state.size[1] - state.covered) / 2];
+const corner = () => middle().map((m, i) => m - state.centre[i] * state.photo[i] * scale());
 
 function photoFromCanvas(x, y) {
-  const k = scale();
-  const [mx, my] = middle();
-  return [
-    state.centre[0] * state.photo[0] + (x - mx) / k,
-    state.centre[1] * state.photo[1] + (y - my) / k,
-  ];
+  const [left, top] = corner();
+  return [(x - left) / scale(), (y - top) / scale()];
 }
 
 function canvasFromPhoto(x, y) {
-  const k = scale();
-  const [mx, my] = middle();
-  return [
-    (x - state.centre[0] * state.photo[0]) * k + mx,
-    (y - state.centre[1] * state.photo[1]) * k + my,
-  ];
+  const [left, top] = corner();
+  return [x * scale() + left, y * scale() + top];
 }
 
 function applyView() {
-  const viewer = vm();
-  if (!viewer || !viewer.camera || !viewer.canvas) return;
-  const canvas = viewer.canvas;
-  const [w, h] = [canvas.clientWidth, canvas.clientHeight];
-  if (!w || !h) return;
+  const { canvas, camera } = vm();
+  const [w, h] = [canvas?.clientWidth, canvas?.clientHeight];
+  if (!camera || !w || !h) return;
   state.size = [w, h];
-  const camera = viewer.camera;
+  state.covered = strip.offsetHeight;
   const k = fitted();
   const seen = (h / k) * unit(); // height of the plane that the whole view shows
   camera.fov = (2 * Math.atan(seen / 2 / CONFIG.plane.depth) * 180) / Math.PI;
@@ -96,35 +82,27 @@ function applyView() {
   camera.updateProjectionMatrix();
   sizeHandles();
   drawSheet();
-  viewer.requestRender();
+  vm().requestRender();
   document.documentElement.dataset.poseviewerView = JSON.stringify({
     zoom: state.zoom, centre: state.centre, scale: scale(), covered: state.covered,
   });
 }
 
+// Handles are drawn in screen px: their nodes are scaled to it, whatever the zoom.
 function sizeHandles() {
-  // Handles are drawn in screen px: their nodes are scaled to it, whatever the zoom.
-  const viewer = vm();
-  if (!viewer) return;
   const perPixel = unit() / scale();
-  let changed = false;
-  for (const name in viewer.nodeRefFromName) {
-    const node = viewer.nodeRefFromName[name];
+  for (const [name, node] of Object.entries(vm().nodeRefFromName)) {
     if (!node || !name.startsWith("/handles/")) continue;
-    if (Math.abs(node.scale.x - perPixel) > 1e-9 * perPixel) {
-      node.scale.setScalar(perPixel);
-      changed = true;
-    }
+    if (Math.abs(node.scale.x / perPixel - 1) < 1e-9) continue;
+    node.scale.setScalar(perPixel);
+    vm().requestRender();
   }
-  if (changed) viewer.requestRender();
 }
 
 // Show a point of the photo at a place of the canvas.
-function showAt(point, x, y) {
-  const k = scale();
-  const [mx, my] = middle();
-  const centre = [point[0] - (x - mx) / k, point[1] - (y - my) / k];
-  state.centre = centre.map((v, i) => Math.min(Math.max(v / state.photo[i], -0.5), 1.5));
+function showAt(point, ...spot) {
+  const centre = middle().map((m, i) => (point[i] - (spot[i] - m) / scale()) / state.photo[i]);
+  state.centre = centre.map((v) => Math.min(Math.max(v, -0.5), 1.5));
   applyView();
 }
 
@@ -147,31 +125,25 @@ function place(event) {
   return [event.clientX - box.left, event.clientY - box.top];
 }
 
-function overPhoto(event) {
-  const viewer = vm();
-  return viewer && viewer.canvas && event.target === viewer.canvas;
-}
+const overPhoto = (event) => event.target === vm()?.canvas;
 
 function taken(event) {
   event.stopImmediatePropagation();
   event.preventDefault();
 }
 
+const ctrl = (event) => event.ctrlKey || event.metaKey;
+
 function at(event) {
-  const [x, y] = place(event);
-  const [u, v] = photoFromCanvas(x, y);
-  return {
-    x: u, y: v, zoom: scale(),
-    shift: event.shiftKey, ctrl: event.ctrlKey || event.metaKey,
-  };
+  const [x, y] = photoFromCanvas(...place(event));
+  return { x, y, zoom: scale(), shift: event.shiftKey, ctrl: ctrl(event) };
 }
 
 addEventListener("pointerdown", (event) => {
   if (!overPhoto(event) || state.pointer) return;
   taken(event);
-  if (document.activeElement) document.activeElement.blur();
-  const canvas = vm().canvas;
-  try { canvas.setPointerCapture(event.pointerId); } catch (error) { /* a synthetic pointer */ }
+  document.activeElement?.blur();
+  try { vm().canvas.setPointerCapture(event.pointerId); } catch (error) { /* a synthetic pointer */ }
   state.anchor = photoFromCanvas(...place(event));
   if (event.button === 0 && pen.shape) {
     state.pointer = "draw";
@@ -182,14 +154,11 @@ addEventListener("pointerdown", (event) => {
   } else {
     state.pointer = "pan";
   }
-  showHint();
 }, true);
 
 function flush() {
-  if (!state.pending) return;
-  const message = state.pending;
+  if (state.pending) send(state.pending);
   state.pending = null;
-  send(message);
 }
 
 addEventListener("pointermove", (event) => {
@@ -215,7 +184,6 @@ function ended(event, kind) {
   }
   if (state.pointer === "draw") lift(kind);
   state.pointer = null;
-  showHint();
 }
 addEventListener("pointerup", (event) => ended(event, "release"), true);
 addEventListener("pointercancel", (event) => ended(event, "cancel"), true);
@@ -235,25 +203,22 @@ addEventListener("wheel", (event) => {
   if (!overPhoto(event)) return;
   taken(event);
   const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1;
-  const [x, y] = place(event);
   const factor = Math.exp(-event.deltaY * lines * 0.0016);
-  if (pen.shape === "brush" && !event.ctrlKey && !event.metaKey) sizePen(factor);
-  else zoomAt(x, y, factor);
+  if (pen.shape === "brush" && !ctrl(event)) sizePen(factor);
+  else zoomAt(...place(event), factor);
 }, { capture: true, passive: false });
 
 // --- strokes ------------------------------------------------------------------------------------
 
 // Where a tool draws, the main button leaves a stroke. It is drawn here at once, on a sheet over the
 // photo, and sent when it is done; it stays on the sheet until the server has taken it.
-const sheet = document.createElement("canvas");
-sheet.id = "poseviewer-sheet";
-sheet.style.cssText = "position:absolute;left:0;top:0;width:100%;height:100%;z-index:4;" +
-  "pointer-events:none";
+const sheet = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+sheet.classList.add("pv-sheet");
 const pen = {
   shape: "", // "brush", "polygon", "scribble"
   erases: false, // unless alt or shift is held
   radius: 18, // of the brush, CSS px
-  at: null, // where the pointer is, CSS px of the canvas
+  at: null, // where the pointer is, photo px
   now: null, // the stroke that is being drawn: {shape, points (photo px), radius (photo px), erase}
   done: [], // strokes that the server has not taken yet
 };
@@ -275,12 +240,12 @@ function sizePen(factor) {
 }
 
 const erasing = (event) => pen.erases !== (event.altKey || event.shiftKey);
-const apart = (one, other) =>
-  Math.hypot(one[0] - other[0], one[1] - other[1]) * scale();
+const apart = (one, other) => Math.hypot(one[0] - other[0], one[1] - other[1]) * scale();
+const penRadius = () => (pen.shape === "scribble" ? SCRIBBLE : pen.radius) / scale();
 
 function hover(event) {
   if (!pen.shape) return;
-  pen.at = overPhoto(event) || state.pointer ? place(event) : null;
+  pen.at = overPhoto(event) || state.pointer ? photoFromCanvas(...place(event)) : null;
   pen.preview = erasing(event);
   drawSheet();
 }
@@ -291,18 +256,17 @@ function beginStroke(event) {
   if (stroke && pen.shape === "polygon") {
     if (stroke.points.length > 2 && apart(point, stroke.points[0]) < NEAR) finishStroke();
     else if (apart(point, stroke.points.at(-1)) >= STEP) stroke.points.push(point);
-    if (pen.now) pen.now.before = pen.now.points.length;
+    stroke.before = stroke.points.length;
   } else {
-    const half = pen.shape === "scribble" ? SCRIBBLE : pen.radius;
-    const radius = half / scale();
-    pen.now = { shape: pen.shape, points: [point], radius, erase: erasing(event), before: 1 };
+    const [shape, radius, erase] = [pen.shape, penRadius(), erasing(event)];
+    pen.now = { shape, points: [point], radius, erase, before: 1 };
   }
   drawSheet();
 }
 
 function goOn(event) {
   if (!pen.now) return;
-  const events = event.getCoalescedEvents ? event.getCoalescedEvents() : [];
+  const events = event.getCoalescedEvents?.() ?? [];
   for (const one of events.length ? events : [event]) {
     const point = photoFromCanvas(...place(one));
     if (apart(point, pen.now.points.at(-1)) >= STEP) pen.now.points.push(point);
@@ -310,22 +274,28 @@ function goOn(event) {
   drawSheet();
 }
 
+function dropStroke() {
+  pen.now = null;
+  drawSheet();
+}
+
 function lift(kind) {
   const stroke = pen.now;
   if (!stroke) return;
-  if (kind === "cancel") { pen.now = null; drawSheet(); return; }
-  if (stroke.shape !== "polygon" || stroke.points.length - stroke.before >= LASSO) finishStroke();
+  if (kind === "cancel") dropStroke();
+  else if (stroke.shape !== "polygon" || stroke.points.length - stroke.before >= LASSO) {
+    finishStroke();
+  }
 }
 
 function finishStroke() {
   const stroke = pen.now;
   if (!stroke || (stroke.shape === "polygon" && stroke.points.length < 3)) return;
-  pen.now = null;
   pen.done.push(stroke);
   const points = stroke.points.flat().map((v) => Math.round(v * 100) / 100);
   const { shape, radius, erase } = stroke;
   send({ kind: "stroke", shape, points, radius, erase });
-  drawSheet();
+  dropStroke();
 }
 
 function forgetStrokes() {
@@ -337,80 +307,38 @@ function forgetStrokes() {
   }, 150);
 }
 
-let drawing = false;
+// The sheet's unit is a px of the photo.
 function drawSheet() {
-  if (drawing || (!pen.shape && !pen.done.length && !sheet.width)) return;
-  drawing = true;
-  requestAnimationFrame(() => { drawing = false; paintSheet(); });
+  if (!state.size[0]) return;
+  vm().canvas.style.cursor = pen.shape ? "crosshair" : "";
+  const size = state.size.map((side) => side / scale());
+  sheet.setAttribute("viewBox", [...photoFromCanvas(0, 0), ...size].join(" "));
+  sheet.innerHTML = [...pen.done, pen.now].map((stroke) => stroke && drawn(stroke)).join("") +
+    (pen.at && (pen.shape === "brush" || pen.shape === "scribble") ? cursor() : "");
 }
 
-function paintSheet() {
-  const viewer = vm();
-  if (!viewer || !viewer.canvas) return;
-  viewer.canvas.style.cursor = pen.shape ? "crosshair" : "";
-  const ratio = window.devicePixelRatio || 1;
-  const size = [viewer.canvas.clientWidth, viewer.canvas.clientHeight].map((v) => v * ratio);
-  const strokes = [...pen.done, ...(pen.now ? [pen.now] : [])];
-  const empty = !strokes.length && !(pen.shape && pen.at);
-  if (empty && !sheet.width) return;
-  [sheet.width, sheet.height] = empty ? [0, 0] : size;
-  if (empty) return;
-  const ink = sheet.getContext("2d");
-  ink.scale(ratio, ratio);
-  ink.lineCap = ink.lineJoin = "round";
-  for (const stroke of strokes) drawStroke(ink, stroke);
-  if (!pen.shape || !pen.at || pen.shape === "polygon") return;
-  const radius = pen.shape === "brush" ? pen.radius : SCRIBBLE;
-  for (const [colour, width] of [["rgba(0,0,0,.6)", 3], [pen.preview ? "#fff" : "#ff4040", 1.4]]) {
-    ink.beginPath();
-    ink.arc(...pen.at, radius, 0, 2 * Math.PI);
-    ink.strokeStyle = colour;
-    ink.lineWidth = width;
-    ink.stroke();
-  }
-}
+const circle = (kind, [x, y], radius) =>
+  `<circle class="pv-${kind}" cx="${x}" cy="${y}" r="${radius}"/>`;
+const cursor = () => circle("halo", pen.at, penRadius()) +
+  circle(pen.preview ? "erase" : "hide", pen.at, penRadius());
 
-function drawStroke(ink, stroke) {
-  const places = stroke.points.map(([x, y]) => canvasFromPhoto(x, y));
-  const open = stroke === pen.now;
-  ink.beginPath();
-  places.forEach(([x, y], i) => (i ? ink.lineTo(x, y) : ink.moveTo(x, y)));
-  if (places.length === 1) ink.lineTo(...places[0]);
-  const tint = stroke.erase ? "rgba(255,255,255,.4)" : "rgba(255,64,64,.5)";
-  const line = stroke.erase ? "#fff" : "#ff4040";
-  if (stroke.shape !== "polygon") {
-    ink.strokeStyle = stroke.shape === "scribble" ? line : tint;
-    ink.lineWidth = 2 * stroke.radius * scale();
-    ink.stroke();
-    return;
-  }
-  if (open && pen.at) ink.lineTo(...pen.at);
-  ink.fillStyle = tint;
-  ink.fill();
-  ink.strokeStyle = line;
-  ink.lineWidth = 1.6;
-  if (!open) ink.closePath();
-  ink.stroke();
-  if (!open) return;
-  ink.beginPath();
-  ink.arc(...places[0], 4.5, 0, 2 * Math.PI);
-  ink.fillStyle = line;
-  ink.fill();
+function drawn(stroke) {
+  const kind = stroke.erase ? "erase" : "hide";
+  const path = (end) => `<path class="pv-${kind} pv-${stroke.shape}" ` +
+    `stroke-width="${2 * stroke.radius}" d="M${stroke.points.join("L")}${end}"/>`;
+  if (stroke.shape !== "polygon") return path("h0"); // a single point is a dot
+  if (stroke !== pen.now) return path("Z");
+  return path(pen.at ? `L${pen.at}` : "") + circle(`${kind} pv-full`, stroke.points[0], 4.5 / scale());
 }
 
 // --- keys ---------------------------------------------------------------------------------------
 
 function typing(event) {
   const element = event.target;
-  if (!element || !element.tagName) return false;
-  const kind = element.tagName;
   // viser's dropdowns are text fields: they take keys only while their list is open.
-  if (element.getAttribute("aria-haspopup") === "listbox") {
-    return element.getAttribute("aria-expanded") === "true";
-  }
-  if (kind === "TEXTAREA" || kind === "SELECT" || element.isContentEditable) return true;
-  const silent = ["checkbox", "radio", "range", "button"];
-  return kind === "INPUT" && !silent.includes(element.type);
+  if (element.ariaHasPopup === "listbox") return element.ariaExpanded === "true";
+  return element.matches?.("textarea, select, [contenteditable=true], input:not([type=checkbox], " +
+    "[type=radio], [type=range], [type=button])");
 }
 
 // A dialog that is open has the keys; Esc, and ? again, close it where it may be closed.
@@ -429,25 +357,22 @@ addEventListener("keydown", (event) => {
   noteModifiers(event);
   // Else the browser's own menu has the keys next.
   if (event.key === "Alt" && pen.shape) event.preventDefault();
-  if (typing(event)) return;
-  if (dialogTakes(event)) return;
+  if (typing(event) || dialogTakes(event)) return;
   if (pen.now && ["Enter", "Escape"].includes(event.key)) {
     taken(event);
     if (event.key === "Enter") finishStroke();
-    else { pen.now = null; drawSheet(); }
+    else dropStroke();
     return;
   }
   if (!CONFIG.keys.includes(event.code) && !CONFIG.keys.includes(event.key)) return;
-  if ((event.ctrlKey || event.metaKey) && CONFIG.leave.includes(event.code)) return;
+  if (ctrl(event) && CONFIG.leave.includes(event.code)) return;
   taken(event);
-  if (document.activeElement) document.activeElement.blur();
+  document.activeElement?.blur();
   if (event.code === "KeyF") { showAll(); return; }
   if (event.code === "Space") openSearch();
   if (event.key === "Escape" && state.pointer === "drag") state.pointer = null;
-  send({
-    kind: "key", code: event.code, key: event.key, repeat: event.repeat,
-    shift: event.shiftKey, ctrl: event.ctrlKey || event.metaKey,
-  });
+  const { code, key, repeat } = event;
+  send({ kind: "key", code, key, repeat, shift: event.shiftKey, ctrl: ctrl(event) });
 }, true);
 // Then it is typed, and the keys are the page's again: once viser has seen the key, and before the
 // next one comes.
@@ -456,20 +381,17 @@ addEventListener("keydown", (event) => {
   if (done && typing(event) && event.target.tagName === "INPUT") event.target.blur();
 });
 addEventListener("keyup", noteModifiers, true);
-addEventListener("blur", () => { state.modifiers = ""; showHint(); });
+addEventListener("blur", noteModifiers);
 // A pressed button must not take the keys with it: neither itself, nor the field that it steps.
 addEventListener("pointerup", (event) => setTimeout(() => {
   const element = document.activeElement;
-  const stepped = element && element.tagName === "INPUT" && element !== event.target;
-  const pressed = event.target instanceof Element && event.target.closest("button");
-  if (element && (element.tagName === "BUTTON" || (stepped && pressed))) element.blur();
+  const stepped = element?.tagName === "INPUT" && element !== event.target;
+  const pressed = event.target.closest?.("button");
+  if (element?.tagName === "BUTTON" || (stepped && pressed)) element.blur();
 }, 0));
 
 function noteModifiers(event) {
-  const held = event.ctrlKey || event.metaKey ? "ctrl" : event.shiftKey ? "shift" : "";
-  if (held === state.modifiers) return;
-  state.modifiers = held;
-  showHint();
+  bar.dataset.held = ctrl(event) ? "ctrl" : event.shiftKey ? "shift" : "plain";
 }
 
 // --- files --------------------------------------------------------------------------------------
@@ -537,55 +459,58 @@ async function filesOf(entry, found) {
 
 // What is dropped anywhere goes to the button that takes folders; else the browser would open it.
 addEventListener("dragover", (event) => {
-  if (event.dataTransfer && event.dataTransfer.types.includes("Files")) event.preventDefault();
+  if (event.dataTransfer?.types.includes("Files")) event.preventDefault();
 }, true);
 addEventListener("drop", async (event) => {
-  const input = document.querySelector("input[type=file][accept=folder]") ||
-    document.querySelector("input[type=file]");
+  const input = document.querySelector("input[type=file][accept=folder]");
   const dropped = event.dataTransfer;
-  if (!dropped || !dropped.types.includes("Files") || !input) return;
+  if (!dropped?.types.includes("Files") || !input) return;
   taken(event);
   // Both are gone after the first wait.
   const files = [...dropped.files].map((file) => [file.name, file]);
-  const entries = [...dropped.items].map((item) => item.webkitGetAsEntry && item.webkitGetAsEntry());
-  if (!entries.some((entry) => entry && entry.isDirectory)) { give(input, files); return; }
+  const entries = [...dropped.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
+  if (!entries.some((entry) => entry.isDirectory)) { give(input, files); return; }
   const found = [];
   try {
-    for (const entry of entries) if (entry) await filesOf(entry, found);
+    for (const entry of entries) await filesOf(entry, found);
   } catch (error) {
-    send({ kind: "unreadable", name: entries.find((entry) => entry).name });
+    send({ kind: "unreadable", name: entries[0].name });
     return;
   }
   if (found.length) give(input, found);
-  else send({ kind: "empty", name: entries.find((entry) => entry).name });
+  else send({ kind: "empty", name: entries[0].name });
 }, true);
 
 // --- the panels ---------------------------------------------------------------------------------
 
-const folders = () => [...document.querySelectorAll(".mantine-Paper-root > .mantine-Paper-root")]
-  .filter((header) => CONFIG.steps.includes(header.textContent));
-const isOpen = (header) => header.querySelector(".tabler-icon-chevron-up") !== null;
+// Docked tabs are opened by Enter, those of a narrow page by a click.
+const tabOf = (step) =>
+  [...document.querySelectorAll("[role=tab]")].find((tab) => tab.textContent === step);
+const isOpen = (step) => tabOf(step)?.ariaSelected === "true";
 
-// Open a step and close the others; give whether it is open already.
-function openStep(label) {
-  for (const header of folders()) {
-    if (isOpen(header) !== (header.textContent === label)) header.click();
-  }
-  return folders().some((header) => header.textContent === label && isOpen(header));
+// Open a step; give whether it is open.
+function openStep(step) {
+  tabOf(step)?.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
+  tabOf(step)?.click();
+  return isOpen(step);
 }
 
 // What a search begun by its key leads to is kept or undone there.
 function openSearch() {
-  const open = folders().findIndex(isOpen);
-  if (open < CONFIG.steps.indexOf(CONFIG.search)) openStep(CONFIG.search);
+  if (CONFIG.steps.findIndex(isOpen) < CONFIG.steps.indexOf(CONFIG.search)) openStep(CONFIG.search);
 }
 
-// A step that is opened closes the others.
-addEventListener("click", (event) => {
-  if (!event.isTrusted) return;
-  const header = folders().find((one) => one.contains(event.target));
-  if (header && !isOpen(header)) folders().filter(isOpen).forEach((other) => other.click());
-}, true);
+// Presses, by Enter too, on what has a report: with the place from its left and lower border, each
+// as a share of its side.
+function report(event) {
+  const node = event.target.closest?.("[data-report]");
+  if (!node || (event.type === "keydown" && event.key !== "Enter")) return;
+  const box = node.getBoundingClientRect();
+  const u = (event.clientX - box.left) / box.width;
+  send({ ...JSON.parse(node.dataset.report), u, v: (box.bottom - event.clientY) / box.height });
+}
+addEventListener("pointerdown", report);
+addEventListener("keydown", report);
 
 // The page is as light as the browser prefers.
 const light = matchMedia("(prefers-color-scheme: light)");
@@ -595,75 +520,28 @@ light.addEventListener("change", sendTheme);
 // --- what lies over the photo -------------------------------------------------------------------
 
 const bar = document.createElement("div");
-bar.id = "poseviewer-hint";
-bar.style.cssText =
-  "position:absolute;left:50%;bottom:14px;transform:translateX(-50%);z-index:5;" +
-  "pointer-events:none;padding:5px 12px;border-radius:14px;background:rgba(13,15,19,.78);" +
-  "color:#d7dae0;font:12px/1.5 system-ui,sans-serif;width:max-content;max-width:94%;" +
-  "box-sizing:border-box;text-align:center";
+bar.className = "pv-hint";
+bar.dataset.held = "plain";
 
-function showHint() {
-  const strong = (text, on) => (on ? `<b style="color:#35e6ff">${text}</b>` : text);
-  const held = state.modifiers;
-  bar.innerHTML = state.hint || [
-    strong("drag", held === "") + " move",
-    strong("shift", held === "shift") + " turn",
-    strong("ctrl", held === "ctrl") + " roll, scale",
-    "<b>wheel</b> zoom", "<b>right drag</b> pan", "<b>F</b> all", "<b>space</b> search",
-    "<b>?</b> keys",
-  ].map((text) => `<span style="white-space:nowrap">${text}</span>`).join(" &nbsp; ");
-}
-
-// Several photos: a press on one makes it the large one.
-const STRIP = 136; // CSS px: its height, as the style has it
-const EYE = '<svg viewBox="0 0 16 16"><path d="M1 8s2.6-4.5 7-4.5S15 8 15 8s-2.6 4.5-7 4.5S1 8 1 8z"/>' +
-  '<circle cx="8" cy="8" r="2"/></svg>';
+// Several photos: small ones below the large one.
 const strip = document.createElement("div");
 strip.className = "pv-strip";
 strip.hidden = true;
+const pictures = document.createElement("style");
 
-function setStrip(photos) {
-  strip.replaceChildren(...photos.map((photo, index) => {
-    const cell = document.createElement("div");
-    cell.className = "pv-photo";
-    cell.tabIndex = 0;
-    cell.innerHTML = '<div class="pv-small"><img alt="" draggable="false">' +
-      '<svg viewBox="0 0 1000 1000" preserveAspectRatio="none"></svg>' +
-      `</div><div class="pv-said"><button type="button">${EYE}</button><b></b><span></span></div>`;
-    cell.querySelector("img").src = photo.picture;
-    cell.querySelector(".pv-small").style.aspectRatio = `${photo.width}/${photo.height}`;
-    cell.querySelector("b").textContent = photo.name;
-    const look = () => send({ kind: "photo", wish: "look", index });
-    cell.onclick = look;
-    cell.onkeydown = (event) => { if (event.key === "Enter") look(); };
-    cell.querySelector("button").onclick = (event) => {
-      event.stopPropagation();
-      send({ kind: "photo", wish: cell.classList.contains("pv-off") ? "compare" : "leave", index });
-    };
-    return cell;
-  }));
-  strip.hidden = !photos.length;
-  state.covered = strip.hidden ? 0 : STRIP;
-  bar.style.bottom = `${14 + state.covered}px`;
-  applyView();
+function setPictures(urls) {
+  pictures.textContent = urls.map((url, index) =>
+    `.pv-photo:nth-child(${index + 1}) .pv-small{background-image:url(${url})}`).join("");
 }
 
-function setStripRows(rows) {
-  rows.forEach((row, index) => {
-    const cell = strip.children[index];
-    if (!cell) return;
-    cell.classList.toggle("pv-at", row.large);
-    cell.classList.toggle("pv-off", row.off);
-    cell.title = row.large ? "the large photo" : "press: make it the large one";
-    cell.querySelector("button").title = row.off ? "compare it again" : "do not compare it";
-    cell.querySelector("span").textContent = [row.said, row.word].filter(Boolean).join(" · ");
-    cell.querySelector(".pv-small svg").innerHTML = row.paths.map(([path, colour]) =>
-      `<path class="pv-halo" d="${path}"/><path style="stroke:${colour}" d="${path}"/>`).join("");
-    if (row.large && strip.dataset.at !== String(index)) {
-      strip.dataset.at = index;
-      cell.scrollIntoView({ block: "nearest", inline: "nearest" });
-    }
-  });
+function setStrip(cells) {
+  strip.innerHTML = cells;
+  strip.hidden = !cells;
+  const large = [...strip.children].findIndex((cell) => cell.classList.contains("pv-at"));
+  if (large >= 0 && large !== state.large) {
+    strip.children[large].scrollIntoView({ block: "nearest", inline: "nearest" });
+  }
+  state.large = large;
 }
 
 // --- life ---------------------------------------------------------------------------------------
@@ -674,36 +552,32 @@ function watch() {
     // Only where it is on: to set it has viser draw the scene anew.
     if (viewer.cameraControl.enabled) viewer.cameraControl.enabled = false;
     const host = viewer.canvas.parentElement;
-    if (bar.parentElement !== host) { host.append(sheet, bar, strip); showHint(); }
+    if (bar.parentElement !== host) host.append(sheet, strip, bar);
     // The picture is shifted where the strip lies over it: what it leaves free is as dark.
     viewer.canvas.style.background = "#16181d";
-    const [w, h] = [viewer.canvas.clientWidth, viewer.canvas.clientHeight];
-    const view = viewer.camera.view;
-    if (w !== state.size[0] || h !== state.size[1] || !view || !view.enabled) applyView();
+    const is = [viewer.canvas.clientWidth, viewer.canvas.clientHeight, strip.offsetHeight];
+    const was = [...state.size, state.covered];
+    if (!viewer.camera.view?.enabled || is.some((side, i) => side !== was[i])) applyView();
     sizeHandles();
+    if (state.step && openStep(state.step)) state.step = "";
   }
   requestAnimationFrame(watch);
 }
 
-window.poseviewerPick = (first, second, u, v) => send({ kind: "pick", first, second, u, v });
-window.poseviewerOpen = (first, second) => send({ kind: "enlarge", first, second });
-window.poseviewerPart = (index) => send({ kind: "part", index });
-window.poseviewerRow = (index) => send({ kind: "row", index });
-window.poseviewerObject = (wish, number) => send({ kind: "object", wish, number });
 window.poseviewer = {
   setPhoto(width, height) {
     state.photo = [width, height];
     showAll();
   },
-  setHint(text) { state.hint = text; showHint(); },
-  setPen, forgetStrokes, setStrip, setStripRows,
+  setHint(html) { bar.innerHTML = html; },
+  setPen, forgetStrokes, setPictures, setStrip,
   canvasFromPhoto, photoFromCanvas,
   zoomAt, showAll, openStep, sent: () => state.sent,
 };
 document.title = CONFIG.title;
 const style = document.createElement("style");
 style.textContent = CONFIG.style;
-document.head.appendChild(style);
+document.head.append(style, pictures);
 document.querySelector("link[rel~='icon']").href = CONFIG.icon;
 sendTheme();
 if (window.name.startsWith("cut off ")) {

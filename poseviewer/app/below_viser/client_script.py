@@ -1,12 +1,11 @@
 """The page's own script, ``client.js``, and what it reports.
 
-Why: viser has no zoom and pan that keep the registration, no keys, no drop of files, no folders of
-which one is open.
+Why: viser has no zoom and pan that keep the registration, no drags beyond 20 Hz, no drop of files,
+nothing that opens a tab; its hotkeys know neither dialogs nor a slider or checkbox with the focus.
 Written for viser 1.1.1: the message ``RunJavascriptMessage``, put into
 ``client.gui._websock_interface``; a field's ``_impl.uuid``; and in the page
-``window.__viserMutable`` (its camera, canvas, nodes, ``sendMessage``), the headers of folders
-(Mantine's ``Paper`` in a ``Paper``, with a chevron that says whether it is open), and the notice of
-an upload (``upload-...``).
+``window.__viserMutable`` (its camera, canvas, nodes, ``sendMessage``), tabs that Enter opens, and
+the notice of an upload (``upload-...``).
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
-from poseviewer.app.page.controls import Controls, plain, set_properties
+from poseviewer.app.page.controls import Controls, on_press, plain, set_properties
 from poseviewer.app.state.document import label_of, verdict_of
 from poseviewer.app.state.objects import add_object, alter_object
 from poseviewer.app.state.session import Session
@@ -77,7 +77,6 @@ def objects_list(objects: tuple[SceneObject, ...], picked: int) -> str:
 def _row(one: SceneObject, is_picked: bool) -> str:
     name, number = escape(label_of(one)), int(one.id)
     colour = LINE_COLOUR if is_picked else object_colour(number)
-    pick = f"window.poseviewerObject('pick',{number})"
     hide = ("show", "show it") if one.hidden else ("hide", "hide it")
     lock = ("unlock", "unlock it") if one.locked else ("lock", "leave it where it is")
     icons = (
@@ -85,21 +84,22 @@ def _row(one: SceneObject, is_picked: bool) -> str:
         _button(number, *lock, "lock" if one.locked else "open", not one.locked),
         _button(number, "remove", "remove it", "away"),
     )
+    at, pick = (
+        " class=pv-at" if is_picked else "",
+        on_press(kind="object", wish="pick", number=number),
+    )
     return (
-        f'<tr{" class=pv-at" if is_picked else ""} tabindex="0" title="{name}: pick it" '
-        f'onpointerdown="{pick}" onkeydown="if(event.key==\'Enter\'){{{pick}}}">'
+        f'<tr{at} tabindex="0" title="{name}: pick it" {pick}>'
         f'<td><i style="background:rgb{colour}"></i></td><td>{name}</td>'
         f"<td>{escape(verdict_of(one))}</td><td>{''.join(icons)}</td></tr>"
     )
 
 
 def _button(number: int, wish: str, hint: str, icon: str, is_faint: bool = False) -> str:
-    press = f"window.poseviewerObject('{wish}',{number})"
+    faint = "class=pv-faint " if is_faint else ""
     return (
-        f'<button type="button" title="{hint}" aria-label="{wish} {number}" '
-        f"{'class=pv-faint ' if is_faint else ''}"
-        f'onpointerdown="event.stopPropagation();{press}" '
-        f"onkeydown=\"if(event.key=='Enter'){{event.stopPropagation();{press}}}\">"
+        f'<button type="button" title="{hint}" aria-label="{wish} {number}" {faint}'
+        f"{on_press(kind='object', wish=wish, number=number)}>"
         f'<svg viewBox="0 0 16 16">{ICONS[icon]}</svg></button>'
     )
 

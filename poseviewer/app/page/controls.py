@@ -4,9 +4,11 @@ written back only where it differs.
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from html import escape
 from typing import Any
 
 import viser
@@ -17,14 +19,6 @@ from poseviewer.files.file_set import Kind
 from poseviewer.files.state.uploads import ACCEPTED
 
 Post = Callable[[Request], None]
-
-STEPS = ("1 · Open", "2 · Place", "3 · Fit", "4 · Judge", "5 · Save")
-"""The folders of the left panel in the order of the work; the page's script keeps one open."""
-FIRST_STEP = STEPS[1]
-"""Open at first: photo and model are there by the command line."""
-SEARCH_STEP = STEPS[2]
-"""Opened where an earlier one is when a search begins by its key."""
-
 
 MARKUP = re.compile(r"[\\`*{}\[\]<>#|~!]|(?<![^\W_])_|_(?![^\W_])")
 """Characters that mean more in markdown; a picture there would make viser read its file."""
@@ -65,10 +59,6 @@ class Controls:
 
     gui: viser.GuiApi
     post: Post
-
-    def step(self, label: str) -> viser.GuiFolderHandle:
-        """The folder of one of the ``STEPS``."""
-        return self.gui.add_folder(label, expand_by_default=label == FIRST_STEP)
 
     def field(self, handle: Any, command: Callable[[Any], Request | None]) -> Field:
         """An input whose new values ask for ``command(value)``."""
@@ -116,6 +106,11 @@ class Controls:
             if event.client is not None:
                 file = take_upload(handle)
                 self.post(Upload(kind, file.name, file.content, adds))
+
+
+def on_press(**report: Any) -> str:
+    """HTML attribute that has the page's script report a press, or Enter, on an element."""
+    return f'data-report="{escape(json.dumps(report))}"'
 
 
 def show_at_hand(choices: Any, label: str | None) -> None:

@@ -6,7 +6,7 @@ from html import escape
 
 import numpy as np
 
-from poseviewer.app.page.controls import Controls, set_properties, show_at_hand
+from poseviewer.app.page.controls import Controls, on_press, set_properties, show_at_hand
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state.session import Session
@@ -88,7 +88,7 @@ def parts_left_out(mesh: Mesh) -> str:
     """The parts that are left out, each with a button that brings it back (HTML)."""
     rows = "".join(
         f'<li>{escape(name or "(unnamed)")}<button type="button" '
-        f'onclick="window.poseviewerPart({index})">Bring back</button></li>'
+        f"{on_press(kind='part', index=index)}>Bring back</button></li>"
         for index, name in enumerate(mesh.left_out)
     )
     return f'<div class="pv-parts">Left out of the model:<ul>{rows}</ul></div>' if rows else ""

@@ -1,9 +1,7 @@
 """The loss landscape at the right: the panel with all maps, and one of them large.
 
-All maps are one piece of HTML, in a triangle as a corner plot. The client's script answers presses:
-``window.poseviewerPick(first, second, u, v, event)`` with the place from the map's left and lower
-border, each as a share of its side, and ``window.poseviewerOpen(first, second)``. Until it is
-there, presses do nothing. How the classes ``pv-...`` look stands in ``page.css``.
+All maps are one piece of HTML, in a triangle as a corner plot. The looks of its classes ``pv-...``
+stand in ``page.css``.
 """
 
 from __future__ import annotations
@@ -24,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from poseviewer.app.page.controls import Controls, plain, set_properties
+from poseviewer.app.page.controls import Controls, on_press, plain, set_properties
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.session import LandscapeUpdate, Session, Whose
 from poseviewer.errors import PoseViewerError
@@ -46,11 +44,6 @@ LONGEST_TRAIL = 60
 """Points of a trail that are drawn, at most, on each map."""
 FEWEST_COLUMNS = 4
 """Columns that the maps are sized for: fewer maps grow no larger, and leave room for the key."""
-_PICK = (
-    "var r=this.getBoundingClientRect();window.poseviewerPick&&poseviewerPick({first},{second},"
-    "(event.clientX-r.left)/r.width,(r.bottom-event.clientY)/r.height,event)"
-)
-_OPEN = "event.stopPropagation();window.poseviewerOpen&&poseviewerOpen({first},{second})"
 _DOTS = '<g class="pv-dots"><path class="pv-halo" d="{0}"/><path d="{0}"/></g>'
 _CROSS = '<path class="pv-halo" d="M-5-5L5 5M-5 5L5-5"/><path d="M-5-5L5 5M-5 5L5-5"/>'
 
@@ -117,7 +110,7 @@ def landscape_grid(
     return (
         f'<div class="pv-with">{shown_large}<div class="pv-land{dim}" '
         f'data-centre="{" ".join(map(repr, options.centre))}" '
-        f'style="grid-template-columns:auto repeat({columns},minmax(0,1fr))">'
+        f'style="grid-template-columns:26px repeat({columns},minmax(0,1fr))">'
         f"{_labels(parameters, names)}{''.join(cells)}{_key(markers, options)}</div>"
         "</div>"
     )
@@ -173,7 +166,7 @@ def _cell(
     if piece is None:
         return f'<div class="pv-cell pv-none" style="{place}"></div>'
     first, second = pair
-    pick, enlarge = (escape(script.format(first=first, second=second)) for script in (_PICK, _OPEN))
+    pick, enlarge = (on_press(kind=k, first=first, second=second) for k in ("pick", "enlarge"))
     what = escape(f"{short_name(names[first])}, {short_name(names[second])}")
     least = slice_minimum(piece)
     # The map from its first to its last grid point: half of each border pixel is cut off.
@@ -181,12 +174,11 @@ def _cell(
     step = 100.0 / (len(piece.first_values) - 1)
     side, start = f"{100.0 + step:.6g}", f"{-step / 2.0:.6g}"
     return (
-        f'<div class="pv-cell" style="{place}"><svg viewBox="0 0 100 100" onpointerdown="{pick}">'
+        f'<div class="pv-cell" style="{place}"><svg viewBox="0 0 100 100" {pick}>'
         f"<title>{what}{f': lowest {least.loss:.3f}' if least else ''}</title>"
         f'<image href="data:image/png;base64,{data}" x="{start}" y="{start}" width="{side}" '
         f'height="{side}" preserveAspectRatio="none"/>{_markers(piece, markers)}</svg>'
-        f'<button type="button" title="{what}: large, and back" onpointerdown="{enlarge}" '
-        f"onkeydown=\"if(event.key=='Enter'){{{enlarge}}}\">⤢</button></div>"
+        f'<button type="button" title="{what}: large, and back" {enlarge}>⤢</button></div>'
     )
 
 
@@ -259,7 +251,7 @@ def _key(markers: Markers, options: GridOptions) -> str:
     gradient = ",".join("#" + bytes(colour).hex() for colour in stops)
     entries = {
         "pose": f'<g class="pv-pose" transform="translate(50 50)">{_CROSS}</g>',
-        "lowest of its map": '<circle class="pv-least" cx="50" cy="50" r="4"/>',
+        "lowest": '<circle class="pv-least" cx="50" cy="50" r="4"/>',
     }
     if markers.candidates is not None:
         entries["candidates"] = _DOTS.format("M43 55h0M57 55h0M52 44h0")

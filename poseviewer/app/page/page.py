@@ -13,7 +13,7 @@ from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.below_viser.upload_limits import bound_uploads
 from poseviewer.app.below_viser.values import check_values
 from poseviewer.app.page.above_steps import ObjectsPanel, PreparingPanel
-from poseviewer.app.page.controls import SEARCH_STEP, STEPS, Controls, Post, plain
+from poseviewer.app.page.controls import Controls, Post, plain
 from poseviewer.app.page.map_panel import LandscapePanel
 from poseviewer.app.page.panels import (
     FitPanel,
@@ -39,17 +39,25 @@ from poseviewer.files.state.uploads import LARGEST_UPLOAD
 
 PANEL_PX, MAPS_PX = 300, 380
 """Widths of the left panel and of the maps; either border can be dragged."""
-PANELS = StatusPanel, ObjectsPanel, OpenPanel, PlacePanel, FitPanel, JudgePanel
+STEPS = {
+    "Open": OpenPanel,
+    "Place": PlacePanel,
+    "Fit": FitPanel,
+    "Judge": JudgePanel,
+    "Save": SavePanel,
+}
+"""Tabs of the left panel in the order of the work."""
 PANELS_S = 0.1
 """Panels are brought up to date no oftener than this; the photo always is."""
 PAGE_CONFIG = {
     "plane": {"depth": DEPTH, "side": SIDE},
-    "steps": STEPS,
+    "steps": list(STEPS),
+    "first": "Place",  # photo and model are there by the command line
+    "search": "Fit",
     "keys": FORWARDED,
     "leave": LEFT_TO_BROWSER,
     "largest": LARGEST_UPLOAD,
     "most": MOST_FILES,
-    "search": SEARCH_STEP,
     "title": "poseviewer",
     "style": Path(__file__).with_name("page.css").read_text(encoding="utf-8"),
 }
@@ -74,8 +82,11 @@ class Page:
         controls = Controls(gui, post)
         preparing = PreparingPanel(controls)
         self._rows = None if review is None else RowsPanel(controls, review)
-        self._panels = preparing, *(make_panel(controls) for make_panel in PANELS)
-        self._save = SavePanel(controls)
+        self._panels = [preparing, StatusPanel(controls), ObjectsPanel(controls)]
+        tabs = gui.add_tab_group()
+        for step, make_panel in STEPS.items():
+            with tabs.add_tab(step):
+                self._panels.append(make_panel(controls))
         maps = gui.add_panel()
         with maps.add_tab("Loss landscape", viser.Icon.GRID_DOTS):
             self._landscape = LandscapePanel(controls)
@@ -120,8 +131,7 @@ class Page:
         # Together: who answers to one field must not find the next one still to be written.
         with self._server.atomic():
             for panel in self._panels:
-                panel.show(session)
-            self._save.show(session, where)
+                panel.show(session, where) if isinstance(panel, SavePanel) else panel.show(session)
         self._late = not self._landscape.show(session)
         self._next_panels = time.monotonic() + PANELS_S
 

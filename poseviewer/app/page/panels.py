@@ -1,4 +1,4 @@
-"""The folders of the left panel, in the order of the work: open, place, fit, look, save.
+"""The tabs of the left panel, in the order of the work: open, place, fit, judge, save.
 
 Each is made once with the page's controls; ``show`` brings it to the session.
 """
@@ -17,7 +17,7 @@ from viser import uplot
 
 from poseviewer.app.page.above_steps import MoreObjects, loss_bar
 from poseviewer.app.page.comparisons import MethodsPanel
-from poseviewer.app.page.controls import STEPS, Controls, Field, plain, set_properties
+from poseviewer.app.page.controls import Controls, Field, plain, set_properties
 from poseviewer.app.page.hide_panel import HINTS, HidePanel
 from poseviewer.app.page.reports import LOOKS
 from poseviewer.app.state import commands as c
@@ -59,6 +59,20 @@ FIT_TO_BOX = "Fit to box"
 FIND_WHEELS, DRAW_REGION_FIRST = "Find wheels in the region", "Find wheels: draw a region"
 SAVE, SAVE_SCENE = "Save pose (S)", "Save scene (S)"
 PREPARING = "Preparing the first picture ..."
+USUAL_HINT = " ".join(
+    f"<span>{text}</span>"
+    for text in (
+        '<i class="pv-plain">drag</i> move',
+        '<i class="pv-shift">shift</i> turn',
+        '<i class="pv-ctrl">ctrl</i> roll, scale',
+        "<b>wheel</b> zoom",
+        "<b>right drag</b> pan",
+        "<b>F</b> all",
+        "<b>space</b> search",
+        "<b>?</b> keys",
+    )
+)
+"""Hint where a drag moves the model; the page's style marks what a drag does with the held keys."""
 REGION_HINT = "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it"
 BOX_HINT = (
     "drag a rectangle about the object: the model goes there, and starting poses will be "
@@ -93,17 +107,16 @@ class StatusPanel:
 
 
 class OpenPanel:
-    """Folder "Open"."""
+    """Tab "Open"."""
 
     def __init__(self, controls: Controls) -> None:
-        with controls.step(STEPS[0]):
-            self._what = controls.gui.add_markdown("")
-            controls.upload("Photo ...", "photo", "photo")
-            controls.upload("Model ...", "model", "cube")
-            controls.upload("Folder ...", None, "folder-open")
-            controls.upload("Pose file ...", "pose", "file-import")
-            self._more = MoreObjects(controls)
-            controls.button_for("Keys and mouse (?)", ShowHelp, icon="help")
+        self._what = controls.gui.add_markdown("")
+        controls.upload("Photo ...", "photo", "photo")
+        controls.upload("Model ...", "model", "cube")
+        controls.upload("Folder ...", None, "folder-open")
+        controls.upload("Pose file ...", "pose", "file-import")
+        self._more = MoreObjects(controls)
+        controls.button_for("Keys and mouse (?)", ShowHelp, icon="help")
 
     def show(self, session: Session) -> None:
         """Say what is open."""
@@ -119,36 +132,35 @@ class OpenPanel:
 
 
 class PlacePanel:
-    """Folder "Place": views, history, quick start, the chart's parameters, the camera."""
+    """Tab "Place": views, history, quick start, the chart's parameters, the camera."""
 
     def __init__(self, controls: Controls) -> None:
         gui = controls.gui
         self._names: tuple[str, ...] = ()
-        with controls.step(STEPS[1]):
-            self._view = gui.add_dropdown("View", (AS_IT_IS, *SIDES))
-            controls.field(self._view, self._look_from)
-            controls.choices("History", {"Undo (Z)": c.undo(), "Redo (Y)": c.redo()})
-            controls.choices(
-                "Start",
-                {"Reset to start (R)": c.reset_to_start(), "Make this the start": c.make_start()},
+        self._view = gui.add_dropdown("View", (AS_IT_IS, *SIDES))
+        controls.field(self._view, self._look_from)
+        controls.choices("History", {"Undo (Z)": c.undo(), "Redo (Y)": c.redo()})
+        controls.choices(
+            "Start",
+            {"Reset to start (R)": c.reset_to_start(), "Make this the start": c.make_start()},
+        )
+        self._quick_start = QuickStartPanel(controls)
+        with gui.add_folder("Numbers", expand_by_default=False):
+            self._parameters = [self._parameter(controls, i) for i in range(MOST_PARAMETERS)]
+        with gui.add_folder("Camera", expand_by_default=False):
+            self._projection = controls.field(
+                gui.add_dropdown("Projection", ("perspective", "parallel")), c.set_projection
             )
-            self._quick_start = QuickStartPanel(controls)
-            with gui.add_folder("Numbers", expand_by_default=False):
-                self._parameters = [self._parameter(controls, i) for i in range(MOST_PARAMETERS)]
-            with gui.add_folder("Camera", expand_by_default=False):
-                self._projection = controls.field(
-                    gui.add_dropdown("Projection", ("perspective", "parallel")), c.set_projection
-                )
-                self._field_of_view = controls.field(
-                    gui.add_number(
-                        "Field of view °", 50.0, min=NARROWEST_DEG, max=WIDEST_DEG, step=0.1
-                    ),
-                    c.set_field_of_view,
-                )
-                self._intrinsics = [
-                    controls.field(gui.add_number(name, 1.0, step=0.01), self._from_intrinsics)
-                    for name in ("fx  (px)", "fy  (px)", "cx  (px)", "cy  (px)")
-                ]
+            self._field_of_view = controls.field(
+                gui.add_number(
+                    "Field of view °", 50.0, min=NARROWEST_DEG, max=WIDEST_DEG, step=0.1
+                ),
+                c.set_field_of_view,
+            )
+            self._intrinsics = [
+                controls.field(gui.add_number(name, 1.0, step=0.01), self._from_intrinsics)
+                for name in ("fx  (px)", "fy  (px)", "cx  (px)", "cy  (px)")
+            ]
 
     def show(self, session: Session) -> None:
         """Bring the controls to the session."""
@@ -260,7 +272,7 @@ class QuickStartPanel:
 
 
 class FitPanel:
-    """Folder "Fit": start and stop, how the search goes, what it may change."""
+    """Tab "Fit": start and stop, how the search goes, what it may change."""
 
     def __init__(self, controls: Controls) -> None:
         gui = controls.gui
@@ -268,61 +280,60 @@ class FitPanel:
         self._names: tuple[str, ...] = ()
         self._settings: list[tuple[Field, Callable[[FitSettings], Any]]] = []
         self._running = False
-        with controls.step(STEPS[2]):
-            self._method = controls.field(
-                gui.add_dropdown("Method", tuple(METHODS.values()), hint=METHODS_HINT),
-                lambda name: c.set_method(next(m for m, n in METHODS.items() if n == name)),
-            )
-            self._pixels = controls.field(
-                gui.add_dropdown("Pixels", tuple(PIXELS)),
-                lambda text: c.alter_settings(lambda s: replace(s, pixels=PIXELS[text])),
-            )
-            self._go = controls.button_for(
-                "Search (space)",
-                lambda _: c.stop_search() if self._running else c.start_search(),
-                "cyan",
-                icon="player-play",
-            )
-            self._all = controls.button("Search all", c.search_all(), visible=False)
-            self._ended = [
-                controls.button("Keep it", c.accept_search(), None, icon="check", hint=KEEP_HINT),
-                controls.button("Go back", c.revert_search(), icon="x", hint=BACK_HINT),
-            ]
-            grid = {"stroke": "rgba(128,128,128,.25)", "width": 1}
-            below, beside = (
-                uplot.Axis(stroke="#8a92a0", grid=grid, ticks=grid, size=size)  # pyright: ignore
-                for size in (30, 54)
-            )
-            self._curve = gui.add_uplot(
-                (np.zeros(2), np.zeros(2), np.zeros(2)),
-                (
-                    {"label": "evaluation"},
-                    {"label": "best loss", "stroke": "#17a2b8", "width": 2},
-                    {
-                        "label": "restart",
-                        "stroke": "#e0a92e",
-                        "width": 1,
-                        "scale": "restart",
-                        "points": {"show": False},
-                    },
-                ),
-                scales={
-                    "x": uplot.Scale(time=False, auto=True),
-                    "y": uplot.Scale(auto=True),
-                    # From above 0: where there is no restart, nothing is drawn.
-                    "restart": uplot.Scale(auto=False, range=(0.2, 0.8)),
+        self._method = controls.field(
+            gui.add_dropdown("Method", tuple(METHODS.values()), hint=METHODS_HINT),
+            lambda name: c.set_method(next(m for m, n in METHODS.items() if n == name)),
+        )
+        self._pixels = controls.field(
+            gui.add_dropdown("Pixels", tuple(PIXELS)),
+            lambda text: c.alter_settings(lambda s: replace(s, pixels=PIXELS[text])),
+        )
+        self._go = controls.button_for(
+            "Search (space)",
+            lambda _: c.stop_search() if self._running else c.start_search(),
+            "cyan",
+            icon="player-play",
+        )
+        self._all = controls.button("Search all", c.search_all(), visible=False)
+        self._ended = [
+            controls.button("Keep it", c.accept_search(), None, icon="check", hint=KEEP_HINT),
+            controls.button("Go back", c.revert_search(), icon="x", hint=BACK_HINT),
+        ]
+        grid = {"stroke": "rgba(128,128,128,.25)", "width": 1}
+        below, beside = (
+            uplot.Axis(stroke="#8a92a0", grid=grid, ticks=grid, size=size)  # pyright: ignore
+            for size in (30, 54)
+        )
+        self._curve = gui.add_uplot(
+            (np.zeros(2), np.zeros(2), np.zeros(2)),
+            (
+                {"label": "evaluation"},
+                {"label": "best loss", "stroke": "#17a2b8", "width": 2},
+                {
+                    "label": "restart",
+                    "stroke": "#e0a92e",
+                    "width": 1,
+                    "scale": "restart",
+                    "points": {"show": False},
                 },
-                axes=(below, beside),
-                legend=uplot.Legend(show=False),
-                title="best loss so far (vertical lines: restarts)",
-                height=150,
-                padding=(10, 12, 0, 0),
-                visible=False,
-            )
-            self._hide = HidePanel(controls)
-            self._methods = MethodsPanel(controls)
-            with gui.add_folder("Settings", expand_by_default=False):
-                self._add_settings(controls)
+            ),
+            scales={
+                "x": uplot.Scale(time=False, auto=True),
+                "y": uplot.Scale(auto=True),
+                # From above 0: where there is no restart, nothing is drawn.
+                "restart": uplot.Scale(auto=False, range=(0.2, 0.8)),
+            },
+            axes=(below, beside),
+            legend=uplot.Legend(show=False),
+            title="best loss so far (vertical lines: restarts)",
+            height=150,
+            padding=(10, 12, 0, 0),
+            visible=False,
+        )
+        self._hide = HidePanel(controls)
+        self._methods = MethodsPanel(controls)
+        with gui.add_folder("Settings", expand_by_default=False):
+            self._add_settings(controls)
 
     def _add_setting(
         self, controls: Controls, handle: Any, name: str, kind: Callable[[Any], Any] = lambda v: v
@@ -414,23 +425,22 @@ class FitPanel:
 
 
 class JudgePanel:
-    """Folder "Judge": the verdict with its reasons, and how the model is shown."""
+    """Tab "Judge": the verdict with its reasons, and how the model is shown."""
 
     def __init__(self, controls: Controls) -> None:
         gui, field = controls.gui, controls.field
-        with controls.step(STEPS[3]):
-            self._verdict = gui.add_markdown("", visible=False)
-            self._look = field(
-                gui.add_dropdown("Model (1-5, 0)", tuple(LOOKS.values())),
-                lambda name: c.change_look(name=name, hidden=False),
-            )
-            self._opacity = field(
-                gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8),
-                lambda share: c.change_look(opacity=float(share)),
-            )
-            self._hidden = field(
-                gui.add_checkbox("Photo alone (B)", False), lambda on: c.change_look(hidden=on)
-            )
+        self._verdict = gui.add_markdown("", visible=False)
+        self._look = field(
+            gui.add_dropdown("Model (1-5, 0)", tuple(LOOKS.values())),
+            lambda name: c.change_look(name=name, hidden=False),
+        )
+        self._opacity = field(
+            gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8),
+            lambda share: c.change_look(opacity=float(share)),
+        )
+        self._hidden = field(
+            gui.add_checkbox("Photo alone (B)", False), lambda on: c.change_look(hidden=on)
+        )
 
     def show(self, session: Session) -> None:
         """Bring the controls to the session."""
@@ -442,14 +452,13 @@ class JudgePanel:
 
 
 class SavePanel:
-    """Folder "Save"."""
+    """Tab "Save"."""
 
     def __init__(self, controls: Controls) -> None:
-        with controls.step(STEPS[4]):
-            self._state = controls.gui.add_markdown("")
-            self._save = controls.button(SAVE, SavePose(), "cyan", icon="device-floppy")
-            controls.download("Download pose", "pose")
-            controls.download("Download overlay", "overlay", icon="photo-down")
+        self._state = controls.gui.add_markdown("")
+        self._save = controls.button(SAVE, SavePose(), "cyan", icon="device-floppy")
+        controls.download("Download pose", "pose")
+        controls.download("Download overlay", "overlay", icon="photo-down")
 
     def show(self, session: Session, where: str) -> None:
         """Say whether the pose stands in a file; ``where`` it was or will be written."""
@@ -481,7 +490,7 @@ def reflectance_text(mesh: Mesh) -> str:
 
 
 def hint_of(session: Session) -> str:
-    """The line over the photo: what the next click is for; "" for the usual line."""
+    """The line over the photo (HTML): what the next click is for."""
     marks = session.document.marks
     match session.tool:
         case "region":
@@ -506,7 +515,7 @@ def hint_of(session: Session) -> str:
         case _ if session.searching:
             return SEARCHING_HINT
         case _:
-            return "" if session.document.object.is_placed else PLACE_HINT
+            return USUAL_HINT if session.document.object.is_placed else PLACE_HINT
     return f"<b>{what}</b>{MARKING_HINT}"
 
 

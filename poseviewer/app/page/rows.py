@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from poseviewer.app.page.controls import Controls, plain, set_properties
+from poseviewer.app.page.controls import Controls, on_press, plain, set_properties
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.requests import Annotate, Decide, Request, StepRow
 from poseviewer.app.state.session import Session
@@ -80,12 +80,12 @@ def rows_list(queue: ReviewQueue, at: int | None) -> str:
 def _row(folder: Path, row: Row, index: int, is_open: bool) -> str:
     result, name = row.result, escape(Path(row.job.photo).name)
     word = result.review or ("failed" if result.failed else result.verdict or "not searched")
-    show = f"window.poseviewerRow({index})"
+    press = on_press(kind="row", index=index)
     picture = DOT if result.failed else thumbnail(folder / result.picture)
     here = f' class="pv-at"><img class="pv-here" alt="" src="{DOT}" onload="{TO_ROW}"'
     return (
         f'<div tabindex="0" title="row {row.job.row}: {escape(row.job.photo)}" '
-        f'onpointerdown="{show}" onkeydown="if(event.key==\'Enter\'){{{show}}}"'
+        f"{press}"
         f'{here if is_open else ""}><img alt="" src="{picture}">'
         f"<span>{name}<br><small>{escape(Path(row.job.model).stem)}</small></span>"
         f'<b class="pv-{word.split()[0]}">{escape(word)}</b></div>'

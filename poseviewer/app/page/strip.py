@@ -6,17 +6,18 @@ from __future__ import annotations
 
 import base64
 import math
-from typing import Any
+from html import escape
 
 import cv2
 import numpy as np
 
 from poseviewer.app.below_viser.client_script import ClientScript
-from poseviewer.app.page.above_steps import object_colour
+from poseviewer.app.page.above_steps import ICONS, object_colour
+from poseviewer.app.page.controls import on_press
 from poseviewer.app.state.session import Session
+from poseviewer.files.photo import Photo
 from poseviewer.fit.scene import SceneObject
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.view import View
 from poseviewer.render.overlay.looks import LINE_COLOUR
 
 THUMBNAIL = 240
@@ -32,45 +33,62 @@ class PhotoStrip:
 
     def __init__(self, script: ClientScript) -> None:
         self._script = script
-        self._photos: object = None
+        self._photos: list[Photo] = []
 
     def show(self, session: Session) -> None:
         """Bring it to the session; what has not changed is not sent."""
-        views = session.document.scene.views
-        photos = [view.photo for view in views]
+        photos = [view.photo for view in session.document.scene.views]
+        if len(photos) == 1:
+            photos = []
         if photos != self._photos:
             self._photos = photos
-            self._script.show("setStrip", list(map(_small, views)) if len(views) > 1 else [])
-            self._script.show("setStripRows", [])
-        if len(views) > 1:
-            rows = [_row(session, index) for index in range(len(views))]
-            self._script.show("setStripRows", rows)
+            self._script.show("setPictures", list(map(_small_picture, photos)))
+        cells = "".join(_cell(session, index) for index in range(len(photos)))
+        self._script.show("setStrip", cells)
 
 
-def _small(view: View) -> dict[str, Any]:
-    photo = view.photo
+def _small_picture(photo: Photo) -> str:
     factor = min(1.0, THUMBNAIL / max(photo.width, photo.height))
     width, height = (max(1, round(side * factor)) for side in (photo.width, photo.height))
     pixels = photo.as_rgb8(width, height)[..., ::-1]
     data = np.asarray(cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1])
-    picture = f"data:image/jpeg;base64,{base64.b64encode(data.tobytes()).decode()}"
-    return {"name": view.name, "picture": picture, "width": width, "height": height}
+    return f"data:image/jpeg;base64,{base64.b64encode(data.tobytes()).decode()}"
 
 
-def _row(session: Session, index: int) -> dict[str, Any]:
-    outlines, own, paths = session.outlines, session.document, []
-    is_shown = not session.look.hidden and session.look.name != "none"
-    if is_shown and outlines is not None and index < len(outlines.small):
-        for number, lines in outlines.small[index].items():
-            colour = LINE_COLOUR if number == own.number else object_colour(number)
-            paths.append([outline_path(lines), f"rgb{colour}"])
-    return {
-        "large": index == own.at,
-        "off": not own.object.in_views[index].is_compared,
-        "said": said_of(session, index),
-        "word": word_of(own.object, index),
-        "paths": paths,
-    }
+def _cell(session: Session, index: int) -> str:
+    """HTML of a photo in the strip; a press makes it the large one."""
+    document = session.document
+    view, is_compared = document.scene.views[index], document.object.in_views[index].is_compared
+    at = " pv-at" if index == document.at else ""
+    wish, hint = ("leave", "do not compare it") if is_compared else ("compare", "compare it again")
+    said = " · ".join(filter(None, (said_of(session, index), word_of(document.object, index))))
+    return (
+        f'<div class="pv-photo{at}{"" if is_compared else " pv-off"}" tabindex="0" '
+        f'title="{"the large photo" if at else "press: make it the large one"}" '
+        f"{on_press(kind='photo', wish='look', index=index)}>"
+        f'<div class="pv-small" style="aspect-ratio:{view.photo.width}/{view.photo.height}">'
+        f'<svg viewBox="0 0 {UNITS} {UNITS}" preserveAspectRatio="none">'
+        f"{_outlines(session, index)}</svg></div>"
+        f'<div class="pv-said"><button type="button" title="{hint}" '
+        f"{on_press(kind='photo', wish=wish, index=index)}>"
+        f'<svg viewBox="0 0 16 16">{ICONS["eye"]}</svg></button>'
+        f"<b>{escape(view.name)}</b><span>{escape(said)}</span></div></div>"
+    )
+
+
+def _outlines(session: Session, index: int) -> str:
+    """SVG of the objects' outlines over a small picture."""
+    outlines, document = session.outlines, session.document
+    if session.look.hidden or session.look.name == "none":
+        return ""
+    if outlines is None or index >= len(outlines.small):
+        return ""
+    drawn = []
+    for number, lines in outlines.small[index].items():
+        colour = LINE_COLOUR if number == document.number else object_colour(number)
+        path = outline_path(lines)
+        drawn.append(f'<path class="pv-halo" d="{path}"/><path stroke="rgb{colour}" d="{path}"/>')
+    return "".join(drawn)
 
 
 def outline_path(lines: FloatArray) -> str:
@@ -80,19 +98,19 @@ def outline_path(lines: FloatArray) -> str:
 
 
 def said_of(session: Session, index: int) -> str:
-    """Say what a photo leaves unexplained at the pose at hand, or why that is not known."""
+    """Say what a photo leaves unexplained at the current pose, or why that is not known."""
     if not session.document.object.in_views[index].is_compared:
         return "not compared"
     overlay = session.overlay
     if session.searching or overlay is None or not overlay.losses.of_views:
         return ""
-    found = overlay.losses.of_views.get(index)
-    return "not seen" if found is None else f"{found.scale.shown(found.loss):.3f}"
+    result = overlay.losses.of_views.get(index)
+    return "not seen" if result is None else f"{result.scale.shown(result.loss):.3f}"
 
 
-def word_of(one: SceneObject, index: int) -> str:
+def word_of(scene_object: SceneObject, index: int) -> str:
     """The verdict by a view alone on an object's pose; "": there is none."""
-    result = one.result
+    result = scene_object.result
     if result is None or result.verdict is None or not result.verdict.views:
         return ""
     compared = [i for i, seen in enumerate(result.seen) if not math.isnan(seen)]

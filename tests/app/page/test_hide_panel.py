@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from lxml import html
 
 from poseviewer.app.page.hide_panel import HINTS, hidden_text, parts_left_out
 from poseviewer.app.page.reports import request_of
@@ -27,9 +29,11 @@ def test_the_share_that_is_hidden_is_said():
 def test_names_of_parts_are_text():
     mesh = replace(make_two_boxes(), part_names=("body", "<b>mirror</b>"))
     assert parts_left_out(mesh) == ""
-    html = parts_left_out(mesh.without(["<b>mirror</b>"]))
-    assert "&lt;b&gt;mirror&lt;/b&gt;" in html
-    assert "poseviewerPart(0)" in html
+    page = html.fromstring(parts_left_out(mesh.without(["<b>mirror</b>"])))
+    assert "<b>mirror</b>" in page.text_content()
+    assert [json.loads(report) for report in page.xpath("//button/@data-report")] == [
+        {"kind": "part", "index": 0}
+    ]
 
 
 def test_every_tool_has_its_hint():

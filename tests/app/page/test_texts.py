@@ -11,6 +11,7 @@ import pytest
 from poseviewer.app.page.controls import plain
 from poseviewer.app.page.panels import (
     SEARCHING_HINT,
+    USUAL_HINT,
     focal_note,
     hint_of,
     marks_text,
@@ -66,8 +67,8 @@ def test_reasons_of_a_file_are_no_markup_to_the_page():
 
 def test_the_line_over_the_photo_says_what_space_does_next():
     session = make_session()
-    assert hint_of(session) == ""  # the usual line: it searches
+    assert hint_of(session) == USUAL_HINT  # it searches
     searching = after(session, c.start_search())
     assert hint_of(searching) == SEARCHING_HINT
-    assert hint_of(after(searching, c.stop_search())) == ""
+    assert hint_of(after(searching, c.stop_search())) == USUAL_HINT
     assert hint_of(after(searching, c.set_tool("brush"))) != SEARCHING_HINT
