@@ -1,4 +1,4 @@
-"""poseviewer as a library: load, fit, look, map and save.
+"""Library: load, fit, draw, map and save scenes.
 
 ::
 

@@ -1,4 +1,4 @@
-"""The errors a user can cause.
+"""Errors that a user can cause.
 
 Each message says what, what was found, what was wanted and what to do.
 """

@@ -40,7 +40,7 @@ def rooms_as_svg() -> str:
         for column, room in enumerate(row):
             x = MARGIN + column * (width + GAP)
             words = purpose(room)
-            limit = int(width / 6.1)
+            limit = int(width / 6.9)
             if len(words) > limit:
                 words = words[: words.rindex(" ", 0, limit)].rstrip(" ,;:") + " ..."
             boxes.append(

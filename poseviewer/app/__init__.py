@@ -1,1 +1,1 @@
-"""The app in the browser: the only room that imports viser."""
+"""App in the browser, the only room that imports viser."""

@@ -1,5 +1,5 @@
-"""Many photos: rows of a table on all cores.
+"""Fits of the rows of a table, on all cores or on a cluster.
 
-Or on a cluster; their results, the report, and the review. What cannot be read, fitted or written
-raises a BatchError, or the PoseViewerError of its file.
+Results, report and review belong to it. A BatchError, or the PoseViewerError of a file, says what
+cannot be read, fitted or written.
 """

@@ -1,1 +1,1 @@
-"""The command line: a file for each command."""
+"""Command line, a file for each command."""

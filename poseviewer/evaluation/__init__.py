@@ -1,1 +1,1 @@
-"""Measure how often fits find the pose, on synthetic and on real photos with known poses."""
+"""Reliability and speed of fits, on photos with known poses."""

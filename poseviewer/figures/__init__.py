@@ -1,1 +1,1 @@
-"""Landscapes drawn for print, and tables. The only user of matplotlib."""
+"""Sheets of maps for print, and tables; the only room that imports matplotlib."""

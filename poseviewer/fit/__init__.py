@@ -1,1 +1,1 @@
-"""Numbers only: the loss, the search, the landscape. No disk, no thread, no window."""
+"""Loss, search, verdict and maps of the loss, without disk, threads or windows."""

@@ -1,1 +1,4 @@
-"""From mesh and pose to attributes and moments, by three renderers; the overlay; the pyramid."""
+"""Attributes and moments of a pose.
+
+Three renderers give them; overlays and the image pyramid are here as well.
+"""

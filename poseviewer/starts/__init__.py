@@ -1,1 +1,1 @@
-"""Start poses: from views, point pairs, wheels."""
+"""Scenes from files, and start poses from a rectangle, point pairs or wheels."""

@@ -1,1 +1,1 @@
-"""The paper's car: chart, key points, wheels."""
+"""Chart, key points and wheels of the paper's car."""

@@ -1,1 +1,1 @@
-"""Panels, the scene over the photo, and maps: all that a person sees."""
+"""Panels, the scene over the photo, and maps."""

@@ -1,1 +1,1 @@
-"""What the user has open, and how a command changes it: no disk, no thread, no GUI."""
+"""Session of the user, and functions that change it, without disk, threads or GUI."""

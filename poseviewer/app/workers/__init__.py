@@ -1,1 +1,1 @@
-"""What runs beside the main loop, in threads."""
+"""Computations in threads beside the main loop."""

@@ -1,1 +1,1 @@
-"""Model files."""
+"""Readers of models."""

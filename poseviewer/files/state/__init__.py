@@ -1,1 +1,1 @@
-"""What the app keeps between runs."""
+"""Session and uploads that the app keeps between runs."""

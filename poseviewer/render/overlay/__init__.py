@@ -1,4 +1,4 @@
-"""Pictures for a person."""
+"""Pictures of the model over the photo."""
 
 from typing import Literal, get_args
 

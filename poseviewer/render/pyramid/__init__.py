@@ -1,1 +1,1 @@
-"""Smaller pictures and lighter models: the levels of a search."""
+"""Levels of a search: smaller photos and lighter models."""
