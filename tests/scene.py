@@ -7,7 +7,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import trimesh
 
 from poseviewer.files.photo import save_image
 from poseviewer.files.pose import PoseRecord, save_pose
@@ -17,6 +16,7 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from tests.meshes import make_bumpy
+from tests.several import save_model
 
 LIGHT = np.array([0.4, -0.7, -0.6])  # unit length and never a shadow: the lit part stays positive
 
@@ -43,13 +43,7 @@ def make_scene(folder: Path) -> Scene:
 def make_scene_of(mesh: Mesh, folder: Path) -> Scene:
     """The same of another mesh."""
     scene = Scene(*(folder / name for name in ("p.png", "m.ply", "true.json", "start.json")))
-    shape = trimesh.Trimesh(
-        mesh.vertices,
-        mesh.faces,
-        vertex_colors=np.rint(mesh.colours * 255).astype(np.uint8),
-        process=False,
-    )
-    shape.export(str(scene.model))
+    save_model(scene.model, mesh)
     pose = Pose(
         Perspective(300.0, 300.0, 83.0, 58.0, 160, 120),
         RigidTransform.from_rotation_vector([0.4, -0.3, 0.2], [0.1, 0.05, 7.0]),

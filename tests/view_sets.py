@@ -89,25 +89,6 @@ SET_FROM_BOX = RigidTransform.from_rotation_vector(
 BOX_TRUTH = tuple(Pose(CAMERA, place @ SET_FROM_BOX) for place in CAMERAS_FROM_SET)
 
 
-def write_two(folder: Path) -> tuple[Path, Path, Path]:
-    """Photos of the shape and a box beside it, the cameras' file, which knows their scale, and both
-    models; returns the cameras' file and the models'.
-    """
-    entries: list[dict[str, Any]] = []
-    for index, place in enumerate(CAMERAS_FROM_SET):
-        placed = [PlacedModel(MESH, TRUTH[index]), PlacedModel(BOX, BOX_TRUTH[index])]
-        lit = lit_models(placed, np.array(LIGHTS[index]), np.random.default_rng(index))
-        save_image(folder / NAMES[index], lit)
-        camera = {"fx": 600.0, "fy": 600.0, "cx": 160.0, "cy": 120.0}
-        view = {"photo": NAMES[index], "camera": camera}
-        entries.append({**view, "camera_from_set": msgspec.to_builtins(Transform.of(place))})
-    data = {"format": "poseviewer-views", "version": 1, "scale": 1.0, "views": entries}
-    (folder / "set.json").write_text(json.dumps(data))
-    save_model(folder / "ball.ply", MESH)
-    save_model(folder / "box.ply", BOX)
-    return folder / "set.json", folder / "ball.ply", folder / "box.ply"
-
-
 LIGHTS = ((0.4, -0.7, -0.6), (-0.5, -0.5, -0.7), (0.1, -0.9, -0.4))
 """Unit: each photo has its own."""
 
@@ -123,19 +104,39 @@ def make_views(unit: float = 1.0, scale: float | None = 1.0) -> LoadedViews:
     return LoadedViews("set", tuple(views), None, scale)
 
 
+def write_set(folder: Path, **more: Any) -> Path:
+    """The cameras of the photos as version 0.1.0 wrote them; ``more``: what else the file says."""
+    camera = {"fx": 600.0, "fy": 600.0, "cx": 160.0, "cy": 120.0}
+    places = [msgspec.to_builtins(Transform.of(place)) for place in CAMERAS_FROM_SET]
+    views = [
+        {"photo": name, "camera": camera, "camera_from_set": place}
+        for name, place in zip(NAMES, places, strict=True)
+    ]
+    data = {"format": "poseviewer-views", "version": 1, "views": views, **more}
+    (folder / "set.json").write_text(json.dumps(data))
+    return folder / "set.json"
+
+
 def write_views(folder: Path) -> tuple[Path, Path, Path]:
     """Photos, model, start and our own set file; returns the set's, the model's and the start's."""
-    entries: list[dict[str, Any]] = []
-    for index, place in enumerate(CAMERAS_FROM_SET):
-        save_image(folder / NAMES[index], make_pixels(index, LIGHTS[index]))
-        camera = {"fx": 600.0, "fy": 600.0, "cx": 160.0, "cy": 120.0}
-        view = {"photo": NAMES[index], "camera": camera}
-        entries.append({**view, "camera_from_set": msgspec.to_builtins(Transform.of(place))})
-    data = {"format": "poseviewer-views", "version": 1, "views": entries}
-    (folder / "set.json").write_text(json.dumps(data))
+    for index, name in enumerate(NAMES):
+        save_image(folder / name, make_pixels(index, LIGHTS[index]))
     save_model(folder / "m.ply", MESH)
     save_pose(folder / "start.json", PoseRecord(START, PhotoReference(NAMES[0], 320, 240)))
-    return folder / "set.json", folder / "m.ply", folder / "start.json"
+    return write_set(folder), folder / "m.ply", folder / "start.json"
+
+
+def write_two(folder: Path) -> tuple[Path, Path, Path]:
+    """Photos of the shape and a box beside it, the cameras' file, which knows their scale, and both
+    models; returns the cameras' file and the models'.
+    """
+    for index, name in enumerate(NAMES):
+        placed = [PlacedModel(MESH, TRUTH[index]), PlacedModel(BOX, BOX_TRUTH[index])]
+        lit = lit_models(placed, np.array(LIGHTS[index]), np.random.default_rng(index))
+        save_image(folder / name, lit)
+    save_model(folder / "ball.ply", MESH)
+    save_model(folder / "box.ply", BOX)
+    return write_set(folder, scale=1.0), folder / "ball.ply", folder / "box.ply"
 
 
 def write_colmap(model: Path, names: Sequence[str] = NAMES) -> Path:

@@ -287,56 +287,22 @@ def _poses() -> Contents:
         "null": (".json", "null"),
         "deep": (".json", "[" * 100_000),
         "empty object": (".json", "{}"),
-        "wrong format": changed(lambda pose: pose.update(format="colmap")),
-        "wrong version": changed(lambda pose: pose.update(version=2)),
-        "version as text": changed(lambda pose: pose.update(version="1")),
-        "unknown projection": changed(lambda pose: pose.update(projection="fisheye")),
-        "projection as list": changed(lambda pose: pose.update(projection=[1])),
-        "no projection": changed(lambda pose: pose.pop("projection")),
-        "no camera": changed(lambda pose: pose.pop("camera")),
-        "camera as list": changed(lambda pose: pose.update(camera=[500, 500, 39.5, 31.5])),
-        "no camera_from_model": changed(lambda pose: pose.pop("camera_from_model")),
-        "parallel without scale": changed(lambda pose: pose.update(projection="parallel")),
         **{what: (".json", data) for what, data in ODD.items()},
         "fx beyond any lens": camera(fx=1e9),
-        "huge fy": camera(fy=1e308),
-        "tiny fx": camera(fx=1e-300),
         "cy beyond any picture": camera(cy=1e12),
-        "huge scale": changed(
-            lambda pose: pose.update(
-                projection="parallel", camera={"scale": 1e308, "cx": 1, "cy": 1}
-            )
-        ),
         "huge translation": changed(
             lambda pose: pose["camera_from_model"].update(translation=[0, 1e300, 5])
         ),
         "very long projection": changed(lambda pose: pose.update(projection="x" * 100_000)),
         "number of 5000 digits": (".json", text.replace("39.5", "1" + "0" * 5000)),
-        "negative fx": camera(fx=-500.0),
-        "zero fy": camera(fy=0),
-        "fx as text": camera(fx="500"),
-        "fx as bool": camera(fx=True),
         "nan cx": camera(cx=float("nan")),
-        "infinite cy": camera(cy=float("inf")),
         "whole number beyond floats": (".json", text.replace("39.5", "1" + "0" * 400)),
-        "no cx": changed(lambda pose: pose["camera"].pop("cx")),
         "reflection": rotation([[1, 0, 0], [0, 1, 0], [0, 0, -1]]),
         "not a rotation": rotation([[1, 0.5, 0], [0, 1, 0], [0, 0, 1]]),
         "scaled rotation": rotation([[2, 0, 0], [0, 2, 0], [0, 0, 2]]),
         "zero rotation": rotation([[0, 0, 0], [0, 0, 0], [0, 0, 0]]),
-        "rotation of two rows": rotation([[1, 0, 0], [0, 1, 0]]),
-        "rotation as one list": rotation([1, 0, 0, 0, 1, 0, 0, 0, 1]),
-        "rotation of texts": rotation([["1", "0", "0"], [0, 1, 0], [0, 0, 1]]),
         "nan rotation": rotation([[float("nan"), 0, 0], [0, 1, 0], [0, 0, 1]]),
-        "short translation": changed(
-            lambda pose: pose["camera_from_model"].update(translation=[0, 5])
-        ),
-        "translation with null": changed(
-            lambda pose: pose["camera_from_model"].update(translation=[0, None, 5])
-        ),
-        "photo width as text": changed(lambda pose: pose.update(photo={"width": "80"})),
         "chart of unequal lengths": changed(
             lambda pose: pose.update(chart={"name": "free", "names": ["x"], "numbers": [1, 2]})
         ),
-        "settings as list": changed(lambda pose: pose.update(settings=[1])),
     }

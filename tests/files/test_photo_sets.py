@@ -100,11 +100,6 @@ def test_a_bop_scene_is_read_by_its_world_or_by_an_object(folder):
         load_views(scene)
 
 
-def test_some_photos_can_be_chosen(folder):
-    found = load_views(folder / "set.json", SetChoice(("a", "c.png")))
-    assert [view.name for view in found.views] == ["a.png", "c.png"]
-
-
 def test_every_photo_has_its_own_lens(folder):
     models = ("opencv", "opencv-fisheye", None)
 

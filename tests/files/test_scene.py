@@ -27,7 +27,7 @@ from poseviewer.files.scene_file import (
     save_scene,
 )
 from poseviewer.files.state.uploads import taken_out
-from poseviewer.geometry.camera import Parallel, Pose
+from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.transform import RigidTransform
@@ -106,15 +106,6 @@ def test_what_is_written_is_read_to_the_last_digit(path, tmp_path):
     assert again.objects[0].start == scene.objects[0].start
 
 
-def test_a_view_and_an_object_are_a_pose_file(path):
-    scene = load_scene(path)
-    for index, one in enumerate(STARTS):
-        record, wanted = scene.pose_record(index), one.pose.camera_from_model
-        assert record.pose.camera == CAMERA
-        assert np.array_equal(record.pose.camera_from_model.rotation, wanted.rotation)
-        assert np.array_equal(record.pose.camera_from_model.translation, wanted.translation)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_schemas_are_those_of_the_structs(kind):
     assert json.loads(schema(kind)) == json_schema(kind)
@@ -151,26 +142,18 @@ def test_the_same_model_may_be_there_twice(path):
     ("change", "words"),
     [
         (lambda d: d["objects"][1]["model"].update(file="gone.ply"), "gone.ply, and there is no"),
-        (lambda d: d["objects"][1]["model"].update(file="/x/y.ply"), "/x/y.ply, and there is no"),
         (lambda d: d["objects"][1]["model"].pop("file"), r"objects\[1\].model.file is missing"),
-        (lambda d: d["objects"][1].pop("model"), r"objects\[1\].model is missing"),
         (lambda d: d["objects"][1].update(id="ball"), "two objects have the id 'ball'"),
-        (lambda d: d["objects"][1].update(id=7), r"objects\[1\].id is 7; wanted a text"),
         (lambda d: d["objects"][1].pop("world_from_model"), "world_from_model is missing"),
         (lambda d: d["objects"][1].update(in_views=[{"mask": "gone.png"}]), "gone.png, and there"),
         (lambda d: d["objects"][1].update(in_views=[{}, {}]), r"\[1\]: in_views is a list of 2"),
-        (lambda d: d["objects"][1]["world_from_model"].update(scale=-1), "scale is -1; wanted a n"),
         (lambda d: d.update(free_scale=True), "its scale is not known, and it has 3 objects"),
-        (lambda d: d.update(free_scale="yes"), "free_scale is 'yes'; wanted true or false"),
         (lambda d: d.update(format="poseviewer-pose"), "wanted 'poseviewer-scene'"),
         (lambda d: d.update(version=3), "version is 3"),
         (lambda d: d["views"].clear(), "views is a list of 0; wanted a list of"),
-        (lambda d: d["views"][0]["photo"].update(file="gone.png"), "gone.png, and there is no"),
         (lambda d: d["views"][0]["photo"].pop("width"), r"views\[0\].photo.width is missing"),
-        (lambda d: d["views"][0].pop("camera"), r"views\[0\].camera is missing"),
         (lambda d: d["views"][0]["camera"].update(fx=1e9), r"views\[0\]: fx is 1e\+09 px"),
         (lambda d: d["views"][0].update(projection="x"), r"projection is 'x'; wanted one of"),
-        (lambda d: d["views"][0]["camera"].update(cy="x"), r"camera.cy is 'x'; wanted a n"),
     ],
 )
 def test_what_is_wrong_is_said(path, change, words):
@@ -187,8 +170,6 @@ def test_what_is_wrong_is_said(path, change, words):
         (lambda d: d["objects"][1].pop("pose"), "pose is missing"),
         (lambda d: d["objects"][1]["pose"].clear(), r"objects\[1\].world_from_model is missing"),
         (lambda d: d["objects"].clear(), "objects is a list of 0; wanted a list of one or more"),
-        (lambda d: d["photo"].pop("width"), "photo.width is missing"),
-        (lambda d: d.pop("camera"), "camera is missing"),
     ],
 )
 def test_what_is_wrong_in_version_1_is_said(path, change, words):
@@ -228,26 +209,6 @@ def test_a_mask_of_another_size_is_said(path, tmp_path):
     assert (tmp_path / "three.scene.1.mask.png").is_file()
     with pytest.raises(PoseViewerError, match="20x10 px, the photo 320x240"):
         open_scene(path)
-
-
-def test_objects_have_scales_of_their_own_under_parallel_projection(path, tmp_path):
-    flat, scene = Parallel(40.0, 160.5, 120.5, 320, 240), load_scene(path)
-    view = ViewRecord.of(tmp_path / "three.png", flat)
-    cameras = (replace(flat, scale=30.0), replace(flat, scale=55.5), flat)
-    poses = [Pose(c, one.pose.camera_from_model) for c, one in zip(cameras, STARTS, strict=True)]
-    objects = tuple(
-        ObjectRecord.of(one.id, one.path, PoseRecord(pose), view)
-        for one, pose in zip(scene.objects, poses, strict=True)
-    )
-    save_scene(path, SceneRecord(views=(view,), objects=objects))
-    again = load_scene(path)
-    for index, wanted in enumerate(poses):
-        found = again.pose(index)
-        assert isinstance(found.camera, Parallel)
-        assert found.camera.scale == pytest.approx(cameras[index].scale, rel=1e-15)
-        np.testing.assert_allclose(
-            found.camera_from_model.translation, wanted.camera_from_model.translation, rtol=1e-15
-        )
 
 
 def test_files_are_sought_where_they_may_lie(path, tmp_path):

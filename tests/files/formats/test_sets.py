@@ -147,8 +147,6 @@ def test_a_pose_file_of_version_0_1_0_holds_all_its_photos(
     "change",
     [
         lambda data: data["set"].pop("set_from_model"),
-        lambda data: data["set"]["set_from_model"].update(size=0),
-        lambda data: data["set"].update(views=3),
         lambda data: data["set"]["views"][1].pop("photo"),
         lambda data: data["set"]["views"][2].pop("camera"),
     ],

@@ -167,10 +167,9 @@ def test_a_zip_that_says_less_than_it_holds_is_refused(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("cut", [0, 10, 0.5, -1])
-def test_a_damaged_zip_is_refused_in_one_sentence(tmp_path: Path, cut: float) -> None:
-    data = zipped({"a.obj": TRIANGLE, "b.png": os.urandom(3000)})
-    part = data[: int(cut * len(data))] if isinstance(cut, float) else data[:cut]
+@pytest.mark.parametrize("cut", [0, 10, 1500, -1])
+def test_a_damaged_zip_is_refused_in_one_sentence(tmp_path: Path, cut: int) -> None:
+    part = zipped({"a.obj": TRIANGLE, "b.png": os.urandom(3000)})[:cut]
     with pytest.raises(FileSetError, match=r"^b\.zip: not a zip that can be read .*Make it again"):
         keep(tmp_path, {"b.zip": part})
     assert list(tmp_path.iterdir()) == []
@@ -178,12 +177,9 @@ def test_a_damaged_zip_is_refused_in_one_sentence(tmp_path: Path, cut: float) ->
 
 def test_why_a_page_sends_nothing() -> None:
     assert why_unfit("a/b.ply", LARGEST_UPLOAD + 1).startswith("b.ply: 200,000,001 bytes; up to")
-    assert why_unfit("trip", 10**9, 1000).startswith("trip (1,000 files): 1,000,000,000 bytes; up")
     assert why_unfit("disk", 10**9, MOST_FILES + 1).startswith("disk: more than 10,000 files; drop")
     assert why_unfit("fine.ply", LARGEST_UPLOAD) == ""
     assert why_not_sent("new", "empty").startswith("new: an empty folder; drop one that")
-    assert why_not_sent("b.ply", "cut off").startswith("b.ply: the upload was cut off; nothing")
-    assert why_not_sent("b.ply", "unreadable").startswith("b.ply: cannot be read any more;")
 
 
 def test_only_the_newest_uploads_stay(tmp_path: Path) -> None:
