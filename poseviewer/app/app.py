@@ -15,12 +15,10 @@ from pathlib import Path
 import viser
 
 from poseviewer.app.page.page import Page
-from poseviewer.app.page.reports import newest_drags, request_of
+from poseviewer.app.page.reports import newest_drags
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state import commands as c
-from poseviewer.app.state import requests as r
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.hiding import Grow
 from poseviewer.app.state.session import Preparation, Session
 from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
@@ -32,10 +30,14 @@ from poseviewer.app.workers.overlay import OverlayWorkers
 from poseviewer.app.workers.tasks import (
     Exported,
     Found,
+    Greet,
+    Request,
+    Restore,
     Result,
+    SavePose,
+    ShowHelp,
+    Task,
     Tasks,
-    find_wheels_in_region,
-    grow,
 )
 from poseviewer.app.workers.worker import Mailbox
 from poseviewer.errors import PoseViewerError, sentence_of
@@ -61,7 +63,7 @@ class App:
         review: Reviewer | None = None,
     ) -> None:
         sys.setswitchinterval(INTERPRETER_SHARE_S)
-        self._mailbox: Mailbox[r.Request] = Mailbox()
+        self._mailbox: Mailbox[Request] = Mailbox()
         document = opened.document
         saved = None if opened.restored else document
         self.session = Session(document, anchor=document.scene, saved=saved)
@@ -85,10 +87,10 @@ class App:
                 self.step()
         finally:
             self._autosaver.close(self.session)
-            if self._review is not None:
-                self._review.close()
             for worker in (*self._workers, self._tasks):
                 worker.close()
+            if self._review is not None:
+                self._review.close()
 
     def stop(self) -> None:
         """End the loop; from any thread."""
@@ -127,48 +129,27 @@ class App:
 
     # --- requests --------------------------------------------------------------------------------
 
-    def _handle(self, request: r.Request) -> None:
-        if self._review is not None and self._review.takes(request, self.session):
-            draws = isinstance(request, r.Decide | r.SavePose)
-            self._tasks.add(self._review.task_for(request), draws)
-            return
+    def _handle(self, request: Request) -> None:
         match request:
             case Edit():
                 self._edit(request)
                 if request == c.cancel_drag() and self._tasks.drop():
                     self._page.working("")
-            case r.Report():
-                meant = request_of(request, self.session)
-                if meant is not None:
-                    self._handle(meant)
-            case r.Upload():
-                self._tasks.add_upload(request)
-                self._page.working(f"Reading {request.name[:60]} ...", STOPPED_BY)
-            case r.Unfit():
-                self._page.show_error_to(request.client, request.why)
-            case r.SavePose():
+            case Task():
+                self._tasks.add(request)
+                if request.working:
+                    self._page.working(request.working, STOPPED_BY)
+            case SavePose():
                 self._save()
-            case r.Download():
-                self._tasks.add_export(request, self.session)
-                drawn = "Drawing ..." if request.what in ("overlay", "sheet") else ""
-                self._page.working(drawn, STOPPED_BY)
-            case r.FindWheels():
-                self._tasks.add(find_wheels_in_region, draws=True)
-                self._page.working("Looking for wheels ...", STOPPED_BY)
-            case Grow():
-                self._tasks.add(grow(request))
-                self._page.working("Finding its edge ...", STOPPED_BY)
-            case r.ShowHelp():
-                self._page.show_help(request.client)
-            case r.Greet():
-                self._page.greet(request.client, self._autosaver.offer())
-            case r.Restore():
-                kept = self._autosaver.take_offer(request.wanted)
+            case ShowHelp(client):
+                self._page.show_help(client)
+            case Greet(client):
+                self._page.greet(client, self._autosaver.offer())
+            case Restore(wanted):
+                kept = self._autosaver.take_offer(wanted)
                 self._page.close_offer()
-                if request.wanted and kept is not None:
-                    self._tasks.add(lambda _: restore(kept))
-            case _:
-                pass  # keys that mean something in a review alone
+                if wanted and kept is not None:
+                    self._tasks.add(Task(lambda *_: restore(kept)))
 
     def _edit(self, edit: Edit) -> None:
         self.session = update(self.session, edit)
@@ -179,6 +160,9 @@ class App:
         return row or self._autosaver.where(self.session)
 
     def _save(self) -> None:
+        if self._review is not None and self._review.row_at(self.session.document) is not None:
+            self._tasks.add(self._review.save())
+            return
         path = self._autosaver.save(self.session)
         self._page.tell(f"Saved {path.name}", str(path))
         self._edit(c.mark_saved(self.session.document))
@@ -187,10 +171,14 @@ class App:
 
     def _work(self) -> None:
         """Take what the workers have found out, and let them begin what is asked for by now."""
-        ended = self._tasks.collect()
+        ended = self._tasks.take()
         if ended is not None:
+            self._page.working("")
+            self._page.forget_strokes()
             with self._told():
-                self._finish(*ended)
+                self._finish(ended.item)
+                if ended.error is not None:
+                    raise ended.error
         ready = has_renderer(self.session.document.mesh)
         if ready is not (self.session.preparation is None):
             self._edit(c.preparation_advanced(None if ready else Preparation()))
@@ -202,20 +190,16 @@ class App:
         for worker in (*self._workers, self._tasks):
             worker.follow(self.session)
 
-    def _finish(self, result: Result | None, error: Exception | None) -> None:
+    def _finish(self, result: Result | None) -> None:
         """Take what a task has brought."""
-        self._page.working("")
-        self._page.forget_strokes()
-        if error is not None:
-            self._page.show_error(sentence_of(error))
         match result:
             case Opened():
                 self._open(result)
                 self._page.tell_all(result.warnings)
             case Found():
-                for request in result.requests:
+                for edit in result.edits:
                     with self._told():
-                        self._handle(request)
+                        self._edit(edit)
                 self._page.tell_all(result.warnings)
             case Exported():
                 self._page.send(result)

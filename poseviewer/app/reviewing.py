@@ -7,17 +7,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
-from poseviewer.app.state import requests as q
 from poseviewer.app.state.commands import mark_saved, open_document
 from poseviewer.app.state.document import Document
+from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import picture_of, saved_scene
 from poseviewer.app.workers.opening import Opened, open_files
 from poseviewer.app.workers.tasks import Found, Task
 from poseviewer.app.workers.worker import Worker
 from poseviewer.batch import review as r
-from poseviewer.batch.results import ACCEPTED, Row
+from poseviewer.batch.results import ACCEPTED, JobResult, Row
 from poseviewer.errors import BatchError, PoseViewerError
 from poseviewer.starts.loading import pose_record
 
@@ -56,67 +57,83 @@ class Reviewer:
         self._reporter.finish()
         r.save_reviewed(self.queue)
 
-    def takes(self, request: q.Request, session: Session) -> bool:
-        """Whether a request is for the review."""
-        if isinstance(request, q.SavePose):
-            return self.row_at(session.document) is not None
-        kinds = q.OpenRow, q.StepRow, q.Decide, q.Annotate, q.RowSaved
-        return isinstance(request, kinds)
+    def open_row(self, index: int) -> Task:
+        """Open a row of the batch."""
+        return Task(lambda now, _: iter([self._going(now, index, 0)]))
 
-    def task_for(self, request: q.Request) -> Task | None:
-        """The task that a request asks for; None where it is done at once."""
-        if not isinstance(request, q.RowSaved):
-            return lambda now: self._answer(request, now)
-        self.queue = queue = self.queue.renewed(request.index, request.result)
+    def step(self, by: int) -> Task:
+        """Open the next row, or with -1 the one before."""
+
+        def run(now: Session, _: Path) -> Iterator[Found]:
+            at = self.row_at(now.document)
+            yield self._going(now, by - 1 if at is None else at + by, by)
+
+        return Task(run)
+
+    def annotate(self, index: int, note: str) -> Task:
+        """Keep a note on a row."""
+
+        def run(*_: object) -> Iterator[Found]:
+            self._keep(index, r.annotate(self.queue, self.queue.rows[index], note))
+            yield Found(())
+
+        return Task(run)
+
+    def save(self) -> Task:
+        """Keep the pose of the row that is open, accepted."""
+        return Task(lambda now, _: iter([Found(self._decided(now, ACCEPTED)[1])]), draws=True)
+
+    def decide(self, review: Literal["accepted", "rejected", ""]) -> Task:
+        """Keep a person's verdict on the row that is open ("": none); the next row follows."""
+
+        def run(now: Session, _: Path) -> Iterator[Found]:
+            at, done = self._decided(now, review)
+            rows = list(enumerate(self.queue.rows))[at + 1 :]
+            left = [index for index, row in rows if not row.result.review]
+            try:
+                yield self._opening(left[0], 1, *done) if review and left else Found(done)
+            except PoseViewerError as error:
+                yield Found(done, (str(error),))
+
+        return Task(run, draws=True)
+
+    def _going(self, now: Session, index: int, by: int) -> Found:
+        """Leave the row that is open for another one; raises as ``_open_from``."""
+        _require_saved(now)
+        return self._opening(index, by)
+
+    def _decided(self, now: Session, review: str) -> tuple[int, tuple[Edit, ...]]:
+        """Keep a verdict on the row that is open; a pose that is changed and accepted is the row's
+        from now on. Gives the row's index, and edits that follow.
+
+        Raises:
+            BatchError: no row is open, or its pose is changed and not accepted.
+        """
+        queue, document, index = self.queue, now.document, self.row_at(now.document)
+        if index is None:
+            raise BatchError("What is open is no row's; press a row in the list to open it.")
+        row = queue.rows[index]
+        if review == ACCEPTED and now.unsaved:
+            mask = document.scene.mask(document.active, document.at)
+            record = pose_record(saved_scene(now), document.active, document.at)
+            result = r.save_corrected(queue, row, record, picture_of(document), mask)
+            self._keep(index, result)
+            return index, (mark_saved(document),)
+        _require_saved(now)
+        self._keep(index, r.decide(queue, row, review))
+        return index, ()
+
+    def _keep(self, index: int, result: JobResult) -> None:
+        """Show the review of a row, now that its file holds it; the report follows."""
+        self.queue = queue = self.queue.renewed(index, result)
 
         def report() -> Iterator[None]:
             r.save_reviewed(queue)
             yield
 
         self._reporter.start(report)
-        return None
 
-    def _answer(self, request: q.Request, now: Session) -> Iterator[Found]:
-        """Do what is asked of the row that is open by now.
-
-        Raises:
-            PoseViewerError: it cannot be done.
-        """
-        queue, at = self.queue, self.row_at(now.document)
-        match request:
-            case q.OpenRow(index):
-                _require_saved(now)
-                yield self._opening(index, 0)
-            case q.StepRow(by):
-                _require_saved(now)
-                yield self._opening(by - 1 if at is None else at + by, by)
-            case q.Annotate(index, note):
-                yield Found((q.RowSaved(index, r.annotate(queue, queue.rows[index], note)),))
-            case _ if at is None:
-                raise BatchError("What is open is no row's; press a row in the list to open it.")
-            case q.SavePose():
-                yield Found(self._decided(now, at, "accepted"))
-            case q.Decide(review):
-                done = self._decided(now, at, review)
-                rows = list(enumerate(queue.rows))[at + 1 :]
-                left = [index for index, row in rows if not row.result.review]
-                try:
-                    yield self._opening(left[0], 1, *done) if review and left else Found(done)
-                except PoseViewerError as error:
-                    yield Found(done, (str(error),))
-
-    def _decided(self, now: Session, index: int, review: str) -> tuple[q.Request, ...]:
-        """Keep a person's verdict; a pose that is changed and accepted is the row's from now on."""
-        queue, row, document = self.queue, self.queue.rows[index], now.document
-        if review == ACCEPTED and now.unsaved:
-            mask = document.scene.mask(document.active, document.at)
-            record = pose_record(saved_scene(now), document.active, document.at)
-            result = r.save_corrected(queue, row, record, picture_of(document), mask)
-            return mark_saved(document), q.RowSaved(index, result)
-        _require_saved(now)
-        return (q.RowSaved(index, r.decide(queue, row, review)),)
-
-    def _opening(self, index: int, by: int, *done: q.Request) -> Found:
+    def _opening(self, index: int, by: int, *done: Edit) -> Found:
         """Open a row after what is ``done``; raises as ``_open_from``."""
         opened = self._open_from(index, by)
         return Found((*done, open_document(opened.document, is_first=True)), opened.warnings)

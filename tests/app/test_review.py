@@ -12,7 +12,6 @@ import pytest
 
 from poseviewer.app.page.rows import row_text, rows_list
 from poseviewer.app.reviewing import Reviewer
-from poseviewer.app.state import requests as q
 from poseviewer.app.state.commands import nudge, undo
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.hiding import Stroke, paint
@@ -21,7 +20,7 @@ from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import prepare
 from poseviewer.app.workers.opening import restore
-from poseviewer.app.workers.tasks import Found
+from poseviewer.app.workers.tasks import Found, Task
 from poseviewer.batch.job import run_job
 from poseviewer.batch.results import load_batch
 from poseviewer.batch.run import open_batch, save_summaries
@@ -52,37 +51,35 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out"
 
 
-class Review:
+class Review(Reviewer):
     """A review without its page: what is asked is done at once."""
 
     def __init__(self, out: Path) -> None:
-        self.reviewer = Reviewer(out)
-        document = self.reviewer.open_first().document
+        super().__init__(out)
+        document = self.open_first().document
         list(prepare(document.mesh))
         self.session = Session(document, saved=document)
 
-    def do(self, *requests: q.Request) -> tuple[str, ...]:
-        """Do them one after the other; gives the warnings of the last one."""
+    def do(self, *asked: Edit | Task) -> tuple[str, ...]:
+        """Do what is asked, one after the other; gives the warnings of the last one."""
         warnings: tuple[str, ...] = ()
-        for request in requests:
+        for request in asked:
             if isinstance(request, Edit):
                 self.session = update(self.session, request)
                 continue
-            assert self.reviewer.takes(request, self.session)
-            task = self.reviewer.task_for(request)
-            for found in task(self.session) if task is not None else ():
+            for found in request.run(self.session, self.queue.batch.folder):
                 assert isinstance(found, Found)
-                self.do(*found.requests)
+                self.do(*found.edits)
                 warnings = found.warnings
         return warnings
 
     @property
     def at(self) -> int | None:
-        return self.reviewer.row_at(self.session.document)
+        return self.row_at(self.session.document)
 
     @property
     def words(self) -> list[str]:
-        return [row.result.review for row in self.reviewer.queue.rows]
+        return [row.result.review for row in self.queue.rows]
 
 
 @pytest.fixture
@@ -100,25 +97,25 @@ def test_rows_are_opened_in_order_and_those_that_cannot_be_are_named(out: Path) 
     assert "gone.png" in first.warnings[0]
     review = Review(out)
     assert review.at == 1
-    review.do(q.StepRow(1))
+    review.do(review.step(1))
     assert review.at == 2
-    review.do(q.OpenRow(3), q.StepRow(-1))
+    review.do(review.open_row(3), review.step(-1))
     assert review.at == 2
     with pytest.raises(BatchError, match="last of 4 rows"):
-        review.do(q.OpenRow(3), q.StepRow(1))
+        review.do(review.open_row(3), review.step(1))
     with pytest.raises(BatchError, match="gone"):
-        review.do(q.OpenRow(0))
+        review.do(review.open_row(0))
     assert review.at == 3
 
 
 def test_verdicts_and_notes_are_kept(review: Review, out: Path) -> None:
-    review.do(q.Decide("accepted"))
+    review.do(review.decide("accepted"))
     assert review.at == 2  # it goes on
-    review.do(q.Annotate(2, "blurred"), q.Decide("rejected"))
-    review.do(q.Decide("accepted"), q.Decide(""))  # the last one: there is no further row
+    review.do(review.annotate(2, "blurred"), review.decide("rejected"))
+    review.do(review.decide("accepted"), review.decide(""))  # the last one: there is no further row
     assert review.at == 3
-    review.reviewer.close()
-    again = Review(out).reviewer.queue
+    review.close()
+    again = Review(out).queue
     said = {row.job.photo: (row.result.review, row.result.note) for row in again.rows}
     assert sorted(said.values()) == [("", ""), ("", ""), ("accepted", ""), ("rejected", "blurred")]
     report = (out / "report.html").read_text(encoding="utf-8")
@@ -126,15 +123,19 @@ def test_verdicts_and_notes_are_kept(review: Review, out: Path) -> None:
 
 
 def test_a_changed_pose_is_kept_or_the_row_is_not_left(review: Review, out: Path) -> None:
-    path = out / review.reviewer.queue.rows[1].result.pose
-    picture = out / review.reviewer.queue.rows[1].result.picture
+    path = out / review.queue.rows[1].result.pose
+    picture = out / review.queue.rows[1].result.picture
     fitted, drawn = path.read_bytes(), picture.read_bytes()
     review.do(nudge("move", 9.0))
-    for leaving in (q.StepRow(1), q.OpenRow(2), q.Decide("rejected")):
+    for leaving in (
+        review.step(1),
+        review.open_row(2),
+        review.decide("rejected"),
+    ):
         with pytest.raises(BatchError, match="pose is changed"):
             review.do(leaving)
     moved = review.session.document.pose.camera_from_model.translation
-    review.do(q.Decide("accepted"))
+    review.do(review.decide("accepted"))
     assert review.at == 2
     assert review.words[1] == "mended"
     saved = json.loads(path.read_text())["camera_from_model"]["translation"]
@@ -144,11 +145,11 @@ def test_a_changed_pose_is_kept_or_the_row_is_not_left(review: Review, out: Path
     before = review.session.document
     review.do(undo())  # stays in the row
     assert review.session.document is before
-    review.do(nudge("move", 9.0), q.SavePose())
+    review.do(nudge("move", 9.0), review.save())
     assert review.at == 2
     assert not review.session.unsaved
     assert review.words[2] == "mended"
-    review.do(q.OpenRow(1))
+    review.do(review.open_row(1))
     assert review.session.document.pose.camera_from_model.translation == pytest.approx(moved)
 
 
@@ -157,22 +158,22 @@ def test_what_is_hidden_is_kept_with_the_row(review: Review, out: Path) -> None:
     review.do(paint(Stroke("brush", points, 9.0, False)))
     mask = review.session.document.own.mask
     assert mask is not None
-    review.do(q.Decide("accepted"))
-    path = out / review.reviewer.queue.rows[1].result.pose
+    review.do(review.decide("accepted"))
+    path = out / review.queue.rows[1].result.pose
     saved, notes = mask_beside(path, load_pose(path, 160, 120), 160, 120)
     assert notes == ()
     assert saved is not None
     assert np.array_equal(saved.weights, mask.weights)
-    review.do(q.OpenRow(1))
+    review.do(review.open_row(1))
     assert review.session.document.own.mask is not None
 
 
 def test_a_session_that_ended_in_a_row_comes_back_to_it(review: Review, tmp_path: Path) -> None:
-    review.do(q.StepRow(1), nudge("move", 9.0))
+    review.do(review.step(1), nudge("move", 9.0))
     Autosaver(tmp_path / "state").close(review.session)
     (path,) = (tmp_path / "state" / "sessions").iterdir()
     (opened,) = restore(load_autosave(path))
-    assert review.reviewer.row_at(opened.document) == 2
+    assert review.row_at(opened.document) == 2
 
 
 def test_a_draft_of_an_earlier_version_is_named(out: Path) -> None:
@@ -183,14 +184,14 @@ def test_a_draft_of_an_earlier_version_is_named(out: Path) -> None:
 
 
 def test_the_list_says_of_each_row_what_came_of_it(review: Review) -> None:
-    review.do(q.Decide("accepted"))
-    content = rows_list(review.reviewer.queue, review.at)
+    review.do(review.decide("accepted"))
+    content = rows_list(review.queue, review.at)
     assert "4 rows, 1 accepted, 0 rejected" in content
     assert content.count("data-report=") == 4
     assert content.count('class="pv-at"') == 1
     assert content.count("data:image/jpeg") == 3
     assert content.count(">failed</b>") == 1
-    assert "● pose changed" in row_text(review.reviewer.queue.rows[2], unsaved=True)
+    assert "● pose changed" in row_text(review.queue.rows[2], unsaved=True)
 
 
 def test_an_estimate_that_was_kept_is_said(tmp_path: Path) -> None:
@@ -206,7 +207,7 @@ def test_an_estimate_that_was_kept_is_said(tmp_path: Path) -> None:
         run_job(job, batch.plan)
     save_summaries(batch)
     review = Review(tmp_path / "out")
-    row = review.reviewer.queue.rows[0]
+    row = review.queue.rows[0]
     assert "The start was kept: the search ended" in row_text(row, unsaved=False)
     # What a person searches for is not given back.
     assert not review.session.document.settings.keep_start

@@ -29,7 +29,6 @@ from zipfile import ZipFile
 from poseviewer.app.below_viser.client_script import _parsed
 from poseviewer.app.page.reports import request_of
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.requests import Report
 from poseviewer.app.state.update import update
 from poseviewer.batch.job_table import load_jobs
 from poseviewer.errors import PoseViewerError
@@ -86,7 +85,7 @@ def read_report(path: Path) -> None:
     """Do what a page's script asks for."""
     report = _parsed(path.read_bytes().decode("utf-8", "replace"))
     session = make_session()
-    request = None if report is None else request_of(Report(report, 1), session)
+    request = None if report is None else request_of(report)
     if isinstance(request, Edit):
         update(session, request)
 

@@ -14,7 +14,8 @@ from typing import Any
 import viser
 
 from poseviewer.app.below_viser.upload_limits import take_upload
-from poseviewer.app.state.requests import Download, Export, Request, Upload
+from poseviewer.app.workers.exporting import Export
+from poseviewer.app.workers.tasks import Request, download, upload
 from poseviewer.files.file_set import Kind
 from poseviewer.files.state.uploads import ACCEPTED
 
@@ -94,7 +95,7 @@ class Controls:
 
     def download(self, label: str, what: Export, icon: Any = "download") -> None:
         """A button that sends ``what`` to the page on which it is pressed."""
-        self.button_for(label, lambda client: Download(what, client), icon=icon)
+        self.button_for(label, lambda client: download(what, client), icon=icon)
 
     def upload(self, label: str, kind: Kind | None, icon: Any, adds: bool = False) -> None:
         """A button that takes files of a kind, or (None) a folder, and what is dropped."""
@@ -105,7 +106,7 @@ class Controls:
         async def _(event: viser.GuiEvent) -> None:
             if event.client is not None:
                 file = take_upload(handle)
-                self.post(Upload(kind, file.name, file.content, adds))
+                self.post(upload(kind, file.name, file.content, adds))
 
 
 def on_press(**report: Any) -> str:

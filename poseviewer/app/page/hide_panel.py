@@ -39,10 +39,7 @@ class HidePanel:
 
     def __init__(self, controls: Controls) -> None:
         self._shown: object = None
-        self._active = False
-        self._go = controls.button_for(
-            HIDE, lambda _: c.set_tool("pose" if self._active else "brush"), icon="brush"
-        )
+        self._go = controls.button(HIDE, c.toggle_hiding(), icon="brush")
         self._tools = controls.choices("Tool", TOOLS)
         self._erase = controls.field(controls.gui.add_checkbox("Erase (alt)", False), h.set_erasing)
         self._text = controls.gui.add_markdown("", visible=False)
@@ -58,15 +55,15 @@ class HidePanel:
         key = (own.own.mask, own.mesh, tool, session.erasing, ended, end)
         if self._shown == key:
             return
-        self._shown, self._active = key, tool in h.HIDING
-        set_properties(self._go, label="Done hiding (H)" if self._active else HIDE)
-        set_properties(self._tools, visible=self._active)
-        show_at_hand(self._tools, tool.capitalize() if self._active else None)
+        self._shown, active = key, tool in h.HIDING
+        set_properties(self._go, label="Done hiding (H)" if active else HIDE)
+        set_properties(self._tools, visible=active)
+        show_at_hand(self._tools, tool.capitalize() if active else None)
         self._erase.show(session.erasing, visible=tool in h.SHAPES)
         text = hidden_text(session)
         set_properties(self._text, content=text, visible=bool(text))
         set_properties(self._found, visible=h.found_hidden(session) is not None)
-        set_properties(self._clear, visible=self._active and own.own.mask is not None)
+        set_properties(self._clear, visible=active and own.own.mask is not None)
         parts = parts_left_out(own.mesh)
         set_properties(self._parts, content=parts, visible=bool(parts))
 

@@ -25,14 +25,13 @@ from poseviewer.app.page.panels import (
     hint_of,
 )
 from poseviewer.app.page.photo_view import DEPTH, SIDE, PhotoScene
-from poseviewer.app.page.reports import FORWARDED, HELP, LEFT_TO_BROWSER
+from poseviewer.app.page.reports import FORWARDED, HELP, LEFT_TO_BROWSER, request_of
 from poseviewer.app.page.rows import RowsPanel
 from poseviewer.app.page.strip import PhotoStrip
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.hiding import SHAPES
-from poseviewer.app.state.requests import Greet, Report, Restore
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.tasks import Exported
+from poseviewer.app.workers.tasks import Exported, Greet, Restore, ShowHelp
 from poseviewer.files.file_set import MOST_FILES
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.files.state.uploads import LARGEST_UPLOAD
@@ -71,7 +70,7 @@ class Page:
         self, server: viser.ViserServer, post: Post, review: Reviewer | None = None
     ) -> None:
         self._server = server
-        self._post = post
+        self._post, self._review = post, review
         gui = server.gui
         choose_theme(gui)
         gui.set_panel_label("poseviewer")
@@ -138,8 +137,13 @@ class Page:
     def _reported(self, content: dict[str, Any], client: viser.ClientHandle) -> None:
         if content["kind"] == "theme":
             choose_theme(client.gui, content.get("light") is True)
-        else:
-            self._post(Report(content, client.client_id))
+            return
+        is_help = content["kind"] == "key" and content.get("key") == "?"
+        asked = ShowHelp(client.client_id) if is_help else request_of(content, self._review)
+        if isinstance(asked, str):
+            self.show_error_to(client.client_id, asked)
+        elif asked is not None:
+            self._post(asked)
 
     def show_error(self, sentence: str) -> None:
         """Tell all pages what could not be done, and why."""

@@ -25,8 +25,8 @@ from poseviewer.app.state.camera_change import NARROWEST_DEG, WIDEST_DEG
 from poseviewer.app.state.document import WHEELS, is_alone, label_of
 from poseviewer.app.state.marking import MARKING, pair_errors, pairs_done
 from poseviewer.app.state.objects import symmetry_text
-from poseviewer.app.state.requests import FindWheels, Request, SavePose, ShowHelp
 from poseviewer.app.state.session import SearchUpdate, Session
+from poseviewer.app.workers.tasks import Request, SavePose, ShowHelp, find_wheels
 from poseviewer.fit.settings import METHODS, FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Perspective
@@ -216,13 +216,8 @@ class QuickStartPanel:
     """Folder "Quick start": a pose from marks on the photo, or proposed ones."""
 
     def __init__(self, controls: Controls) -> None:
-        self._has_region = self._proposing = False
-        self._box = controls.button_for(
-            FIT_TO_BOX,
-            lambda _: c.stop_proposing() if self._proposing else c.set_tool("box"),
-            None,
-            icon="frame",
-        )
+        self._has_region = False
+        self._box = controls.button(FIT_TO_BOX, c.toggle_box(), None, icon="frame")
         self._waiting = controls.gui.add_html(WAITING, visible=False)
         self._proposals = controls.gui.add_markdown("", visible=False)
         self._steps = [
@@ -236,13 +231,10 @@ class QuickStartPanel:
             # Wheels are looked for in the region; where there is none yet, it is drawn first.
             self._find = controls.button_for(
                 DRAW_REGION_FIRST,
-                lambda _: FindWheels() if self._has_region else c.set_tool("region"),
+                lambda _: find_wheels() if self._has_region else c.set_tool("region"),
             )
             self._again = controls.button("Draw another region", c.set_tool("region"))
-            self._propose = controls.button_for(
-                "Propose starts",
-                lambda _: c.stop_proposing() if self._proposing else c.propose_starts(),
-            )
+            self._propose = controls.button("Propose starts", c.toggle_proposing())
             self._text = controls.gui.add_markdown("")
             self._buttons = [
                 controls.button("Remove last mark", c.remove_mark()),
@@ -259,11 +251,11 @@ class QuickStartPanel:
         for handle in self._buttons:
             set_properties(handle, visible=session.tool in MARKING)
         asked = session.proposals
-        self._proposing = asked is not None and asked.running
+        proposing = asked is not None and asked.running
         drawing = "Drag on the photo ..." if session.tool == "box" else FIT_TO_BOX
-        set_properties(self._box, label="Stop looking" if self._proposing else drawing)
-        set_properties(self._waiting, visible=self._proposing)
-        set_properties(self._propose, label="Stop looking" if self._proposing else "Propose starts")
+        set_properties(self._box, label="Stop looking" if proposing else drawing)
+        set_properties(self._waiting, visible=proposing)
+        set_properties(self._propose, label="Stop looking" if proposing else "Propose starts")
         count = 0 if asked is None or not _has_proposals(session) else len(asked.poses)
         for handle, fewest in zip(self._steps, (2, 1), strict=True):
             set_properties(handle, visible=count >= fewest)
@@ -279,7 +271,6 @@ class FitPanel:
         self._drawn: object = None
         self._names: tuple[str, ...] = ()
         self._settings: list[tuple[Field, Callable[[FitSettings], Any]]] = []
-        self._running = False
         self._method = controls.field(
             gui.add_dropdown("Method", tuple(METHODS.values()), hint=METHODS_HINT),
             lambda name: c.set_method(next(m for m, n in METHODS.items() if n == name)),
@@ -288,12 +279,7 @@ class FitPanel:
             gui.add_dropdown("Pixels", tuple(PIXELS)),
             lambda text: c.alter_settings(lambda s: replace(s, pixels=PIXELS[text])),
         )
-        self._go = controls.button_for(
-            "Search (space)",
-            lambda _: c.stop_search() if self._running else c.start_search(),
-            "cyan",
-            icon="player-play",
-        )
+        self._go = controls.button("Search (space)", c.toggle_search(), "cyan", icon="player-play")
         self._all = controls.button("Search all", c.search_all(), visible=False)
         self._ended = [
             controls.button("Keep it", c.accept_search(), None, icon="check", hint=KEEP_HINT),
@@ -380,17 +366,17 @@ class FitPanel:
 
     def show(self, session: Session) -> None:
         """Bring the controls to the session."""
-        search, self._running = session.search, session.searching
+        search, running = session.search, session.searching
         latest = None if search is None else search.latest
         set_properties(
             self._go,
-            label="Stop (space)" if self._running else "Search (space)",
-            icon="player-stop" if self._running else "player-play",
+            label="Stop (space)" if running else "Search (space)",
+            icon="player-stop" if running else "player-play",
         )
         several = len(session.document.scene.objects) > 1
-        set_properties(self._all, visible=several and not self._running)
+        set_properties(self._all, visible=several and not running)
         for handle in self._ended:
-            set_properties(handle, visible=latest is not None and not self._running)
+            set_properties(handle, visible=latest is not None and not running)
         self._hide.show(session)
         self._methods.show(session)
         # Of a single loss the plot would make an axis from 0 to twice as much.

@@ -4,25 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state import objects as o
-from poseviewer.app.state.objects import compare_view, show_view
-from poseviewer.app.state.requests import (
-    Decide,
-    OpenRow,
-    Report,
-    Request,
-    SavePose,
-    ShowHelp,
-    StepRow,
-    Unfit,
-)
-from poseviewer.app.state.session import Session
+from poseviewer.app.state.edits import Edit
+from poseviewer.app.workers.tasks import Request, SavePose, Task, grow
 from poseviewer.files.state.uploads import why_not_sent, why_unfit
 
 LARGEST = 1e6
@@ -51,22 +43,71 @@ LOOKS = {
     "Digit5": "residual",
     "Digit0": "none",
 }
-REVIEW: Mapping[str, Request] = {
-    "KeyN": StepRow(1),
-    "KeyP": StepRow(-1),
-    "KeyA": Decide("accepted"),
-    "KeyX": Decide("rejected"),
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """What mouse or keys do, as the help says it."""
+
+    how: str
+    what: str
+    keys: Mapping[str, Request] = field(default_factory=dict)
+    """What each key asks for, by ``event.code``."""
+
+
+ACTIONS = (
+    Action("**drag**", "move the model; a pin, if you hit one"),
+    Action("**shift + drag**", "turn it as a ball about its centre"),
+    Action("**ctrl + drag**", "roll it, and make it larger or smaller"),
+    Action("**double-click**", "pin the surface there, or take the pin away"),
+    Action("**wheel**, **right drag**, **F**", "zoom at the pointer, pan, whole photo"),
+    Action("**arrows**", "move by 1 px"),
+    Action("**J L**, **I K**, **U O**", "turn, tilt, roll by 1 degree"),
+    Action("**page up / down**", "1 % larger, smaller"),
+    Action("*with* **shift** / **ctrl**", "a tenth / ten times as much"),
+    Action("**space**", "start and stop the search", {"Space": c.toggle_search()}),
+    Action(
+        "**1 2 3 4 5**, **0**",
+        "outline, solid, relit, normals, residual, nothing",
+        {code: c.change_look(name=name, hidden=False) for code, name in LOOKS.items()},
+    ),
+    Action("**B**", "blink: photo, model", {"KeyB": c.toggle_model()}),
+    Action(
+        "**H**",
+        "hide what is in front: wheel brush size, **alt** erase",
+        {"KeyH": c.toggle_hiding()},
+    ),
+    Action("**R**", "back to the start pose", {"KeyR": c.reset_to_start()}),
+    Action(
+        "**Z**, **ctrl Z** / **Y**, **ctrl shift Z**",
+        "undo / redo",
+        {"KeyZ": c.undo(), "shift KeyZ": c.redo(), "KeyY": c.redo()},
+    ),
+    Action("**S**, **ctrl S**", "save the pose", {"KeyS": SavePose()}),
+    Action(
+        "**Esc**",
+        "let go, leave a tool, stop what is looked for or read",
+        {"Escape": c.cancel_drag()},
+    ),
+    Action("**A**, **X**, **N**, **P**", "in a review: accept, reject, next, previous"),
+)
+"""All that mouse and keys do; nudges and the keys of a review have tables of their own."""
+KEYS: Mapping[str, Request] = {
+    code: asked for action in ACTIONS for code, asked in action.keys.items()
+}
+REVIEW: Mapping[str, Callable[[Reviewer], Task]] = {
+    "KeyN": lambda review: review.step(1),
+    "KeyP": lambda review: review.step(-1),
+    "KeyA": lambda review: review.decide("accepted"),
+    "KeyX": lambda review: review.decide("rejected"),
 }
 """Keys of a review."""
-PLAIN: Mapping[str, Request] = {
-    "KeyY": c.redo(),
-    "KeyR": c.reset_to_start(),
-    "KeyS": SavePose(),
-    "Escape": c.cancel_drag(),
-}
-TOGGLES = ("Space", "KeyB", "KeyH", "KeyZ")
-"""Keys whose meaning depends on the session or on shift."""
-OBJECTS: Mapping[str, Callable[[int], Request]] = {
+HELP = "| | |\n|---|---|\n" + "".join(f"| {one.how} | {one.what} |\n" for one in ACTIONS)
+FORWARDED = [*NUDGES, *KEYS, "KeyF", *REVIEW, "?"]
+"""``event.code`` (or ``event.key``) of the keys that the page hands on, or heeds itself."""
+LEFT_TO_BROWSER = ["KeyF", "KeyR", "KeyB", "KeyH", *LOOKS, *REVIEW]
+"""Not taken where ctrl is held: find, reload, and so on."""
+OBJECTS: Mapping[str, Callable[[int], Edit]] = {
     "pick": o.pick_object,
     "remove": o.remove_object,
     "hide": lambda number: o.alter_object(number, hidden=True),
@@ -75,135 +116,93 @@ OBJECTS: Mapping[str, Callable[[int], Request]] = {
     "unlock": lambda number: o.alter_object(number, locked=False),
 }
 """Wishes about an object in the list."""
-PHOTOS: Mapping[str, Callable[[int], Request]] = {
-    "look": show_view,
-    "compare": lambda index: compare_view(index, True),
-    "leave": lambda index: compare_view(index, False),
+PHOTOS: Mapping[str, Callable[[int], Edit]] = {
+    "look": o.show_view,
+    "compare": lambda index: o.compare_view(index, True),
+    "leave": lambda index: o.compare_view(index, False),
 }
 """Wishes about a photo in the strip."""
-FORWARDED = [*NUDGES, *LOOKS, *TOGGLES, *PLAIN, "KeyF", *REVIEW, "?"]
-"""``event.code`` (or ``event.key``) of the keys that the page hands on, or heeds itself."""
-LEFT_TO_BROWSER = ["KeyF", "KeyR", "KeyB", "KeyH", "Digit0", "Digit1", *REVIEW]
-"""Not taken where ctrl is held: find, reload, and so on."""
-HELP = """
-| | |
-|---|---|
-| **drag** | move the model; a pin, if you hit one |
-| **shift + drag** | turn it as a ball about its centre |
-| **ctrl + drag** | roll it, and make it larger or smaller |
-| **double-click** | pin the surface there, or take the pin away |
-| **wheel**, **right drag**, **F** | zoom at the pointer, pan, whole photo |
-| **arrows** | move by 1 px |
-| **J L**, **I K**, **U O** | turn, tilt, roll by 1 degree |
-| **page up / down** | 1 % larger, smaller |
-| *with* **shift** / **ctrl** | a tenth / ten times as much |
-| **space** | start and stop the search |
-| **1 2 3 4 5**, **0** | outline, solid, relit, normals, residual, nothing |
-| **B** | blink: photo, model |
-| **H** | hide what is in front: wheel brush size, **alt** erase |
-| **R** | back to the start pose |
-| **Z**, **ctrl Z** / **Y**, **ctrl shift Z** | undo / redo |
-| **S**, **ctrl S** | save the pose |
-| **Esc** | let go, leave a tool, stop what is looked for or read |
-| **A**, **X**, **N**, **P** | in a review: accept, reject, next, previous |
-"""
+DRAG = c.drag_to(0.0, 0.0).change
 
 
-def request_of(report: Report, session: Session) -> Request | None:
-    """The request that a report means; None for one that makes no sense."""
+def request_of(report: Mapping[str, Any], review: Reviewer | None = None) -> Request | str | None:
+    """The request that a report means, or a sentence for the page that it comes from; None for a
+    report that makes no sense.
+    """
     try:
-        return _request_of(report, session)
+        return _request_of(report, review)
     except (KeyError, OverflowError, TypeError, ValueError):
         return None  # not from our script: nothing to do, and nobody to tell
 
 
-def _request_of(report: Report, session: Session) -> Request | None:
-    content = report.content
-    match content["kind"]:
-        case "press" if session.tool == "part":
-            return h.leave_out(*_point(content))
+def _request_of(report: Mapping[str, Any], review: Reviewer | None) -> Request | str | None:
+    match report["kind"]:
         case "press":
-            held = bool(content.get("shift")), bool(content.get("ctrl"))
-            return c.press(*_point(content), _zoom(content), *held)
+            held = bool(report.get("shift")), bool(report.get("ctrl"))
+            return c.press(*_point(report), _zoom(report), *held)
         case "drag":
-            return c.drag_to(*_point(content))
+            return c.drag_to(*_point(report))
         case "release":
             return c.release()
         case "cancel":
             return c.cancel_drag()
         case "stroke":
-            return _stroke(content)
+            return _stroke(report)
         case "part":
-            return h.bring_back(int(content["index"]))
+            return h.bring_back(int(report["index"]))
         case "double":
-            if session.tool in h.HIDING:
-                return None
-            return c.double_press(*_point(content), _zoom(content))
+            return c.double_press(*_point(report), _zoom(report))
         case "pick":
-            pair = int(content["first"]), int(content["second"])
-            return c.pick_in_landscape(*pair, _finite(content["u"]), _finite(content["v"]))
+            pair = int(report["first"]), int(report["second"])
+            return c.pick_in_landscape(*pair, _finite(report["u"]), _finite(report["v"]))
         case "enlarge":
-            return c.enlarge_map(int(content["first"]), int(content["second"]))
+            return c.enlarge_map(int(report["first"]), int(report["second"]))
         case "object":
-            return OBJECTS[content["wish"]](int(content["number"]))
+            return OBJECTS[report["wish"]](int(report["number"]))
         case "row":
-            return OpenRow(int(content["index"]))
+            return None if review is None else review.open_row(int(report["index"]))
         case "photo":
-            return PHOTOS[content["wish"]](int(content["index"]))
+            return PHOTOS[report["wish"]](int(report["index"]))
         case "key":
-            return _key(content, session, report.client)
+            return _key(report, review)
         case "unfit":
-            size, count = int(content["size"]), int(content["count"])
-            return Unfit(report.client, why_unfit(str(content["name"]), size, count))
+            return why_unfit(str(report["name"]), int(report["size"]), int(report["count"]))
         case "unreadable" | "empty" | "cut off" as trouble:
-            return Unfit(report.client, why_not_sent(str(content["name"]), trouble))
+            return why_not_sent(str(report["name"]), trouble)
     return None
 
 
-def _key(content: Mapping[str, Any], session: Session, client: int) -> Request | None:
-    code, shift, ctrl = str(content.get("code")), bool(content.get("shift")), content.get("ctrl")
-    if content.get("key") == "?":
-        return ShowHelp(client)
+def _key(report: Mapping[str, Any], review: Reviewer | None) -> Request | None:
+    code, shift, ctrl = str(report.get("code")), bool(report.get("shift")), report.get("ctrl")
     if code in NUDGES:
         kind, x, y = NUDGES[code]
         factor = FINE if shift else COARSE if ctrl else 1.0
         return c.nudge(kind, x * factor, y * factor)
-    if content.get("repeat"):
+    if report.get("repeat"):
         return None
-    if code in LOOKS and not ctrl:
-        return c.change_look(name=LOOKS[code], hidden=False)
     if code in REVIEW:
-        return None if ctrl else REVIEW[code]
-    match code:
-        case "Space":
-            return c.stop_search() if session.searching else c.start_search()
-        case "KeyZ":
-            return c.redo() if shift else c.undo()
-        case "KeyB":
-            return c.change_look(hidden=not session.look.hidden)
-        case "KeyH":
-            return c.set_tool("pose" if session.tool in h.HIDING else "brush")
-    return PLAIN.get(code)
+        return None if review is None else REVIEW[code](review)
+    return (shift and KEYS.get(f"shift {code}")) or KEYS.get(code)
 
 
-def _stroke(content: Mapping[str, Any]) -> Request:
-    shape = content["shape"]
+def _stroke(report: Mapping[str, Any]) -> Request:
+    shape = report["shape"]
     if shape not in h.SHAPES:
         raise ValueError(f"{shape!r} is no shape")
-    places = [_finite(value) for value in content["points"]]
+    places = [_finite(value) for value in report["points"]]
     points = np.array(places).reshape(-1, 2)
     if len(points) < (3 if shape == "polygon" else 1):
         raise ValueError("too few points")
-    stroke = h.Stroke(shape, points, abs(_finite(content["radius"])), bool(content["erase"]))
-    return h.Grow(stroke) if shape == "scribble" else h.paint(stroke)
+    stroke = h.Stroke(shape, points, abs(_finite(report["radius"])), bool(report["erase"]))
+    return grow(stroke) if shape == "scribble" else h.paint(stroke)
 
 
-def _point(content: Mapping[str, Any]) -> tuple[float, float]:
-    return _finite(content["x"]), _finite(content["y"])
+def _point(report: Mapping[str, Any]) -> tuple[float, float]:
+    return _finite(report["x"]), _finite(report["y"])
 
 
-def _zoom(content: Mapping[str, Any]) -> float:
-    return min(max(_finite(content.get("zoom", 1.0)), 1e-3), 1e3)
+def _zoom(report: Mapping[str, Any]) -> float:
+    return min(max(_finite(report.get("zoom", 1.0)), 1e-3), 1e3)
 
 
 def _finite(value: Any) -> float:
@@ -225,4 +224,4 @@ def newest_drags(requests: list[Request]) -> list[Request]:
 
 
 def _is_drag(request: Request) -> bool:
-    return isinstance(request, Report) and request.content.get("kind") == "drag"
+    return isinstance(request, Edit) and request.change is DRAG

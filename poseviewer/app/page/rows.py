@@ -12,8 +12,8 @@ import numpy as np
 
 from poseviewer.app.page.controls import Controls, on_press, plain, set_properties
 from poseviewer.app.reviewing import Reviewer
-from poseviewer.app.state.requests import Annotate, Decide, Request, StepRow
 from poseviewer.app.state.session import Session
+from poseviewer.app.workers.tasks import Task
 from poseviewer.batch.results import REJECTED, Row
 from poseviewer.batch.review import ReviewQueue
 from poseviewer.fit.progress import Status
@@ -36,10 +36,13 @@ class RowsPanel:
         self._at: int | None = None
         with controls.gui.add_folder("Review"):
             self._list = controls.gui.add_html("")
-            controls.choices("Go to", {"Previous (P)": StepRow(-1), "Next (N)": StepRow(1)})
-            verdicts = {"Accept (A)": Decide("accepted"), "Reject (X)": Decide("rejected")}
+            controls.choices("Go to", {"Previous (P)": review.step(-1), "Next (N)": review.step(1)})
+            verdicts = {
+                "Accept (A)": review.decide("accepted"),
+                "Reject (X)": review.decide("rejected"),
+            }
             controls.choices("Pose", verdicts)
-            self._undo = controls.button("Undo acceptance", Decide(""), visible=False)
+            self._undo = controls.button("Undo acceptance", review.decide(""), visible=False)
             self._text = controls.gui.add_markdown("")
             self._note = controls.gui.add_text("Note", "")
             controls.field(self._note, self._annotate)
@@ -61,8 +64,8 @@ class RowsPanel:
             self._at = at
             set_properties(self._note, value="" if at is None else queue.rows[at].result.note)
 
-    def _annotate(self, note: str) -> Request | None:
-        return None if self._at is None else Annotate(self._at, note)
+    def _annotate(self, note: str) -> Task | None:
+        return None if self._at is None else self._review.annotate(self._at, note)
 
 
 def rows_list(queue: ReviewQueue, at: int | None) -> str:

@@ -33,6 +33,7 @@ from poseviewer.app.state.dragging import (
     turned,
 )
 from poseviewer.app.state.edits import drag_edit, edit
+from poseviewer.app.state.hiding import HIDING, leave_out
 from poseviewer.app.state.marking import (
     MARKING,
     mark_at,
@@ -90,6 +91,8 @@ def press(
     ``zoom``: screen px per photo px: what is near is told on the screen.
     """
     document, point, tool = session.document, np.array([x, y]), session.tool
+    if tool == "part":
+        return leave_out(x, y)(session)
     if tool in MARKING:
         drag = mark_at(document, tool, point, zoom)
         if drag is None:
@@ -178,6 +181,8 @@ def cancel_drag(session: Session) -> Session:
 def double_press(session: Session, x: float, y: float, zoom: float = 1.0) -> Session:
     """Pin the surface point seen there, or take the pin (with a marking tool: the mark) away."""
     document, point, tool = session.document, np.array([x, y]), session.tool
+    if tool in HIDING:
+        return session
     if tool in MARKING:
         found = mark_at(document, tool, point, zoom)
         if found is None:
@@ -204,6 +209,12 @@ def double_press(session: Session, x: float, y: float, zoom: float = 1.0) -> Ses
 def set_tool(session: Session, tool: Tool) -> Session:
     """Choose what a press does: move the model, draw a rectangle, set a mark, or hide."""
     return replace(session, tool=tool)
+
+
+@edit
+def toggle_hiding(session: Session) -> Session:
+    """Take the brush that hides, or put the tools that hide away."""
+    return replace(session, tool="pose" if session.tool in HIDING else "brush")
 
 
 # --- the pose -----------------------------------------------------------------------------------
@@ -412,6 +423,20 @@ def propose_starts(session: Session) -> Session:
 
 
 @edit
+def toggle_proposing(session: Session) -> Session:
+    """Look for start poses, or stop looking."""
+    asked = session.proposals
+    return (stop_proposing() if asked is not None and asked.running else propose_starts())(session)
+
+
+@edit
+def toggle_box(session: Session) -> Session:
+    """Draw a rectangle about the object, to look for start poses there; or stop looking."""
+    asked = session.proposals
+    return (stop_proposing() if asked is not None and asked.running else set_tool("box"))(session)
+
+
+@edit
 def stop_proposing(session: Session) -> Session:
     """Look for start poses no more."""
     asked = session.proposals
@@ -539,6 +564,12 @@ def stop_search(session: Session) -> Session:
 
 
 @edit
+def toggle_search(session: Session) -> Session:
+    """Start a search, or stop the one that runs."""
+    return (stop_search() if session.searching else start_search())(session)
+
+
+@edit
 def accept_search(session: Session) -> Session:
     """Keep what the search found, and put the search away."""
     return replace(session, search=None, proposals=None, anchor=session.document.scene)
@@ -627,6 +658,12 @@ def picked_parameters(piece: Slice, centre: FloatArray, u: float, v: float) -> F
 def change_look(session: Session, **changes: Any) -> Session:
     """Change fields of ``Look``."""
     return replace(session, look=replace(session.look, **changes))
+
+
+@drag_edit
+def toggle_model(session: Session) -> Session:
+    """Show the photo alone, or the model again."""
+    return replace(session, look=replace(session.look, hidden=not session.look.hidden))
 
 
 @drag_edit

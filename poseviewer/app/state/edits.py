@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import wraps
 from typing import Any, Concatenate, ParamSpec
 
-from poseviewer.app.state.requests import Request
 from poseviewer.app.state.session import Session
 
 P = ParamSpec("P")
 
 
-class Edit(Request):
+@dataclass(frozen=True, slots=True)
+class Edit:
     """A function from a session to the next one, with the arguments that follow the session."""
 
     change: Callable[..., Session]

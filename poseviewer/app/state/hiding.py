@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from poseviewer.app.state.document import product
 from poseviewer.app.state.edits import edit
-from poseviewer.app.state.requests import Request
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
 from poseviewer.fit.occlusion import enlarged
@@ -60,12 +59,6 @@ class Stroke:
         cv2.circle(canvas, first, round(radius), 1, cv2.FILLED, shift=SUBPIXEL_BITS)
         cv2.polylines(canvas, [places], False, 1, thickness, shift=SUBPIXEL_BITS)
         return canvas > 0
-
-
-class Grow(Request, eq=False):
-    """Hide the thing that was scribbled on, to its edge."""
-
-    stroke: Stroke
 
 
 @edit

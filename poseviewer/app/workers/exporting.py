@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
 
 from poseviewer import api
 from poseviewer.app.state.document import Document, stands
-from poseviewer.app.state.requests import Export
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.errors import SettingsError
@@ -21,6 +21,8 @@ from poseviewer.fit.scene import Scene, SearchResult
 from poseviewer.fit.settings import settings_as_json
 from poseviewer.render.overlay.looks import SOLID_OPACITY, Picture
 from poseviewer.starts.loading import pose_record
+
+Export = Literal["pose", "overlay", "sheet", "maps-npz"]
 
 
 def saved_scene(session: Session) -> Scene:

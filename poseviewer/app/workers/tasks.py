@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.app.state.commands import lay_wheels, set_tool
-from poseviewer.app.state.hiding import Grow, Stroke, paint_found
+from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.hiding import Stroke, paint_found
 from poseviewer.app.state.objects import add_object
-from poseviewer.app.state.requests import Download, Request, Upload
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.exporting import export
+from poseviewer.app.workers.exporting import Export, export
 from poseviewer.app.workers.opening import Opened, open_file_set
-from poseviewer.app.workers.worker import Worker
+from poseviewer.app.workers.worker import JobUpdate, Worker
 from poseviewer.errors import FileSetError, QuickStartError
-from poseviewer.files.file_set import files_below, sort_set
+from poseviewer.files.file_set import Kind, files_below, sort_set
 from poseviewer.files.state.autosave import files_of_sessions
 from poseviewer.files.state.uploads import LARGEST_UPLOAD, display_name, gathered, keep_set
 from poseviewer.geometry.image import Photo
@@ -39,15 +39,57 @@ class Exported:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """Requests and warnings for the main loop."""
+    """Edits and warnings for the main loop."""
 
-    requests: tuple[Request, ...]
+    edits: tuple[Edit, ...]
     warnings: tuple[str, ...] = ()
 
 
 Result = Opened | Exported | Found
-Task = Callable[[Session], Iterator[Result]]
-"""Work on what is open when it begins."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Task:
+    """Work that takes a moment."""
+
+    run: Callable[[Session, Path], Iterator[Result]]
+    """Does it, on what is open when it begins; the path is that of the app's state."""
+    working: str = ""
+    """What the page says meanwhile."""
+    draws: bool = False
+    """Whether it waits until the model can be drawn."""
+    size: int = 0
+    """Bytes that it holds until it begins."""
+
+
+@dataclass(frozen=True, slots=True)
+class SavePose:
+    """Write the pose beside the photo."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShowHelp:
+    """Open the panel with the keys on one page."""
+
+    client: int
+
+
+@dataclass(frozen=True, slots=True)
+class Restore:
+    """Open what an earlier session left behind (or forget it)."""
+
+    wanted: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Greet:
+    """Show a page that has connected what an earlier session left."""
+
+    client: int
+
+
+Request = Edit | Task | SavePose | ShowHelp | Restore | Greet
+"""All that a page asks of the main loop."""
 
 
 class Tasks:
@@ -56,69 +98,33 @@ class Tasks:
     def __init__(self, notify: Callable[[], None], state: Path) -> None:
         self._worker: Worker[Result] = Worker("tasks", notify)
         self._state = state
-        self._uploads = state / "uploads"
-        self._waiting: list[tuple[Task, bool, int]] = []
+        self._waiting: list[Task] = []
 
-    def add(self, task: Task | None, draws: bool = False, size: int = 0) -> None:
-        """Do a task (None: nothing) when those before it are done; one that ``draws`` the model
-        when that is possible. ``size``: bytes that it holds until then.
-        """
-        if task is not None:
-            self._waiting.append((task, draws, size))
-
-    def add_upload(self, upload: Upload) -> None:
-        """Keep uploaded files, and open them on what is open by then.
+    def add(self, task: Task) -> None:
+        """Do a task when those before it are done.
 
         Raises:
-            FileSetError: those that wait are as much as is held at a time.
+            FileSetError: those that wait hold as much as is held at a time.
         """
-        held = sum(size for *_, size in self._waiting)
-        if held and held + len(upload.data) > LARGEST_UPLOAD:
+        held = sum(waiting.size for waiting in self._waiting)
+        if held and held + task.size > LARGEST_UPLOAD:
             raise FileSetError(
-                f"{display_name(upload.name)}: other uploads are still being read; wait for their "
-                "end, then drop it again."
+                "Other uploads are still being read; wait for their end, then drop it again."
             )
+        self._waiting.append(task)
 
-        def run(now: Session) -> Iterator[Opened | Found]:
-            # Other apps may have the same state folder.
-            in_use = now.paths | files_of_sessions(self._state / "sessions")
-            root = keep_set(self._uploads, upload.data, in_use=in_use)
-            at_hand = None if upload.adds else now.document.model.path
-            files = sort_set(files_below(root), upload.kind, at_hand)
-            models = [gathered(self._uploads, model, in_use=in_use) for model in files.models]
-            if not upload.adds:
-                yield open_file_set(now.document, files, models, root)
-                return
-            if not models:
-                raise FileSetError(f"{display_name(upload.name)}: holds no model; choose one.")
-            loaded = [load_model(model) for model in models]
-            notes = (note for model in loaded for note in notes_of(model))
-            yield Found(tuple(map(add_object, loaded)), (*notes, *files.notes))
-
-        self.add(run, size=len(upload.data))
-
-    def add_export(self, request: Download, session: Session) -> None:
-        """Make files of the session for a page."""
-
-        def run(_: Session) -> Iterator[Exported]:
-            yield Exported(request.client, export(request.what, session))
-
-        self.add(run, draws=request.what == "overlay")
-
-    def collect(self) -> tuple[Result | None, Exception | None] | None:
-        """How a task has ended since the last time: its result, or why there is none."""
+    def take(self) -> JobUpdate[Result] | None:
+        """Give how a task has ended since the last time."""
         update = self._worker.take()
-        return None if update is None or not update.finished else (update.item, update.error)
+        return None if update is None or not update.finished else update
 
     def follow(self, now: Session) -> None:
         """Begin the next task, on what is open ``now``, unless one is running."""
         held = now.preparation is not None and not now.preparation.trouble
-        at = next(
-            (i for i, (_, draws, _) in enumerate(self._waiting) if not (draws and held)), None
-        )
-        if at is not None and not self._worker.busy:
-            task, *_ = self._waiting.pop(at)
-            self._worker.start(lambda: task(now))
+        task = next((task for task in self._waiting if not (task.draws and held)), None)
+        if task is not None and not self._worker.busy:
+            self._waiting.remove(task)
+            self._worker.start(lambda: task.run(now, self._state))
 
     def drop(self) -> bool:
         """Forget all tasks, and what comes of the one that is running; False: there are none."""
@@ -133,7 +139,48 @@ class Tasks:
         self._worker.close()
 
 
-def find_wheels_in_region(session: Session) -> Iterator[Found]:
+def upload(kind: Kind | None, name: str, data: bytes, adds: bool = False) -> Task:
+    """Keep files that a page sent together (``files.state.uploads.pack``), and open them.
+
+    ``kind``: what the user called them, None: whatever they are; ``adds``: whether models are added
+    as further objects, instead of replacing the active one.
+    """
+
+    def run(now: Session, state: Path) -> Iterator[Opened | Found]:
+        # Other apps may have the same state folder.
+        in_use = now.paths | files_of_sessions(state / "sessions")
+        uploads = state / "uploads"
+        root = keep_set(uploads, data, in_use=in_use)
+        files = sort_set(files_below(root), kind, None if adds else now.document.model.path)
+        models = [gathered(uploads, model, in_use=in_use) for model in files.models]
+        if not adds:
+            yield open_file_set(now.document, files, models, root)
+            return
+        if not models:
+            raise FileSetError(f"{display_name(name)}: holds no model; choose one.")
+        loaded = [load_model(model) for model in models]
+        notes = (note for model in loaded for note in notes_of(model))
+        yield Found(tuple(map(add_object, loaded)), (*notes, *files.notes))
+
+    return Task(run, f"Reading {name[:60]} ...", size=len(data))
+
+
+def download(what: Export, client: int) -> Task:
+    """Make files of the session for a page."""
+    drawn = "Drawing ..." if what in ("overlay", "sheet") else ""
+
+    def run(now: Session, _: Path) -> Iterator[Exported]:
+        yield Exported(client, export(what, now))
+
+    return Task(run, drawn, draws=what == "overlay")
+
+
+def find_wheels() -> Task:
+    """Look for wheels in the region that is drawn."""
+    return Task(find_wheels_in_region, "Looking for wheels ...", draws=True)
+
+
+def find_wheels_in_region(session: Session, _: Path) -> Iterator[Found]:
     """Look for wheels in the region that is drawn, for the camera at hand.
 
     Raises:
@@ -160,14 +207,14 @@ ROUNDS = 5
 """Of GrabCut: more change next to nothing."""
 
 
-def grow(asked: Grow) -> Task:
-    """The task that hides the thing below a scribble, or brings it back."""
+def grow(stroke: Stroke) -> Task:
+    """Hide the thing below a scribble, to its edge, or bring it back."""
 
-    def run(session: Session) -> Iterator[Found]:
-        photo, stroke = session.document.photo, asked.stroke
+    def run(session: Session, _: Path) -> Iterator[Found]:
+        photo = session.document.photo
         yield Found((paint_found(photo, grown(photo, stroke), stroke.erase),))
 
-    return run
+    return Task(run, "Finding its edge ...")
 
 
 def grown(photo: Photo, stroke: Stroke) -> NDArray[np.bool_]:

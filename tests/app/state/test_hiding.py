@@ -149,6 +149,17 @@ def test_the_last_part_and_the_background_are_refused():
     assert refused(session, h.leave_out(1.0, 1.0)).startswith("There is no model there")
 
 
+def test_presses_are_for_the_tool_at_hand():
+    session = with_two_parts()
+    mesh, pose = session.document.mesh, session.document.pose
+    place = pose.project(mesh.part_vertices("mirror").mean(axis=0))
+    session = after(session, c.set_tool("part"))
+    assert after(session, c.press(*place)).document.mesh.left_out == ("mirror",)
+    assert after(session, c.double_press(*place)) is session
+    assert after(session, c.toggle_hiding()).tool == "pose"
+    assert after(session, c.set_tool("pose"), c.toggle_hiding()).tool == "brush"
+
+
 def test_undo_reaches_over_many_parts():
     session, start = with_two_parts(), None
     for _ in range(6):  # each a mesh of its own, all of one model
