@@ -40,8 +40,6 @@ from poseviewer.files.structs import (
     Positive,
     Transform,
     decoded,
-    perspective_from,
-    transform_from,
 )
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.image import Photo
@@ -197,8 +195,8 @@ def _of_version_1(reading: Reading, said: SetFile, choice: SetChoice) -> list[Vi
         if one.distortion is not None:
             lens = lens_of(own, MODELS[one.distortion.model], list(one.distortion.coefficients))
         if _is_chosen(one.photo, choice.photos):
-            place = transform_from(own, one.camera_from_set)
-            camera = perspective_from(own, one.camera, 0, 0)
+            place = one.camera_from_set.checked(own)
+            camera = one.camera.perspective(own, 0, 0)
             mask = None if one.mask is None else folder / one.mask
             path = folder / one.photo
             views.append(_view(own, path, load_photo(path), place, camera, lens, mask))

@@ -23,13 +23,8 @@ from poseviewer.files.structs import (
     RecordedVerdict,
     Transform,
     Uncertainty,
-    camera_from,
-    covariance_from,
     decoded,
     projection_of,
-    transform_from,
-    uncertainty_of,
-    undistortion_from,
 )
 from poseviewer.files.symmetry import SymmetryTurns, symmetry_from
 from poseviewer.files.writing import write_json
@@ -146,8 +141,8 @@ def record_from_json(reading: Reading, data: Any, width: int, height: int) -> Po
     """Read a pose file's JSON, for a photo of ``width`` x ``height`` px."""
     reading.require_format(reading.object(data, "its content"), FORMAT)
     said = decoded(reading, data, PoseFile, raw=("mask",))
-    camera = camera_from(reading, said.projection, said.camera, width, height)
-    pose = Pose(camera, transform_from(reading, said.camera_from_model))
+    camera = said.camera.camera(reading, said.projection, width, height)
+    pose = Pose(camera, said.camera_from_model.checked(reading))
     made_for = said.photo or PhotoReference()
     if (made_for.width or width, made_for.height or height) != (width, height):
         reading.warnings.append(
@@ -156,8 +151,8 @@ def record_from_json(reading: Reading, data: Any, width: int, height: int) -> Po
         )
     return PoseRecord(
         pose,
-        undistortion=undistortion_from(reading, said.distortion, width, height),
-        covariance=covariance_from(said.uncertainty, pose),
+        undistortion=said.distortion and said.distortion.undistortion(reading, width, height),
+        covariance=said.uncertainty and said.uncertainty.about(pose),
         symmetry=symmetry_from(reading, said.symmetry),
         in_set=said.set,
         warnings=tuple(reading.warnings),
@@ -189,7 +184,7 @@ def record_as_json(record: PoseRecord) -> dict[str, Any]:
         "camera": CameraNumbers.of(record.pose.camera),
         "camera_from_model": Transform.of(record.pose.camera_from_model),
         **{name: getattr(record, name) for name in AS_IN_FILE},
-        "uncertainty": sure and uncertainty_of(sure),
+        "uncertainty": sure and Uncertainty.of(sure),
         "distortion": lens and Distortion.of(lens),
         "symmetry": SymmetryTurns.of(record.symmetry),
         "set": record.in_set,

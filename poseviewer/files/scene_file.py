@@ -39,13 +39,8 @@ from poseviewer.files.structs import (
     Sha256,
     Transform,
     Uncertainty,
-    camera_from,
-    covariance_from,
     decoded,
     projection_of,
-    transform_from,
-    uncertainty_of,
-    undistortion_from,
 )
 from poseviewer.files.symmetry import SymmetryTurns, symmetry_from
 from poseviewer.files.writing import json_bytes, write_whole
@@ -148,12 +143,13 @@ class ViewRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
     def camera(self) -> Camera:
         """Camera of the undistorted photo, pixel centres at i + 0.5."""
         size = self.photo.width, self.photo.height
-        return camera_from(MADE, self.projection, self.numbers, *size)
+        return self.numbers.camera(MADE, self.projection, *size)
 
     @property
     def undistortion(self) -> Undistortion | None:
         """Undistortion of the photo as taken; None: there is none."""
-        return undistortion_from(MADE, self.distortion, self.photo.width, self.photo.height)
+        size = self.photo.width, self.photo.height
+        return self.distortion and self.distortion.undistortion(MADE, *size)
 
     @property
     def reference(self) -> PhotoReference:
@@ -230,7 +226,7 @@ class ObjectRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
         known, camera = record.model or ModelReference(), view.camera
         result = Result(
             seen=() if record.seen is None else (record.seen,),
-            uncertainty=record.covariance and uncertainty_of(record.covariance),
+            uncertainty=record.covariance and Uncertainty.of(record.covariance),
             **{name: getattr(record, name) for name in AS_IN_POSE},
         )
         return cls(
@@ -311,7 +307,7 @@ class SceneRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
         """All that a pose file says of an object in a view."""
         one, own, pose = self.objects[index], self.views[view], self.pose(index, view)
         result = one.result or Result(settings=one.settings)
-        is_own = result.view == view
+        is_own, sure = result.view == view, result.uncertainty
         said = {name: getattr(result, name) for name in AS_IN_POSE}
         model = ModelReference(printable(one.path.name) or None, one.model.sha256, one.model.unit)
         return PoseRecord(
@@ -323,7 +319,7 @@ class SceneRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
             undistortion=own.undistortion,
             without=one.without,
             seen=result.seen[view] if view < len(result.seen) else None,
-            covariance=covariance_from(result.uncertainty, pose) if is_own else None,
+            covariance=sure.about(pose) if sure and is_own else None,
             symmetry=one.symmetry,
             warnings=self.warnings,
         )
@@ -383,8 +379,9 @@ def scene_from_json(reading: Reading, data: Any, is_exact: bool = False) -> Scen
     for number, one in enumerate(scene.views):
         own = replace(reading, path=Path(f"{reading.path.name}, views[{number}]"))
         size = one.photo.width, one.photo.height
-        camera_from(own, one.projection, one.numbers, *size)
-        undistortion_from(own, one.distortion, *size)
+        one.numbers.camera(own, one.projection, *size)
+        if one.distortion is not None:
+            one.distortion.undistortion(own, *size)
     for number, one in enumerate(scene.objects):
         own = replace(reading, path=Path(f"{reading.path.name}, objects[{number}]"))
         symmetry_from(own, one.turns)
@@ -444,7 +441,7 @@ def scene_of_pose(path: Path, record: PoseRecord) -> SceneRecord:
         return scene
     reading, views = Reading(Path("set")), []
     said = decoded(reading, dict(record.in_set), PoseInSet, raw=("mask",))
-    place, size = transform_from(reading, said.set_from_model), said.set_from_model.size
+    place, size = said.set_from_model.checked(reading), said.set_from_model.size
     for number, entry in enumerate(said.views):
         own = Reading(Path(f"set.views[{number}]"))
         photo = decoded(own, own.object(entry.get("photo"), "photo"), PhotoFile)

@@ -121,6 +121,25 @@ class CameraNumbers(Struct, frozen=True, omit_defaults=True, kw_only=True):
         scales = ("scale",) if isinstance(shifted, Parallel) else ("fx", "fy")
         return cls(**{name: float(getattr(shifted, name)) for name in (*scales, "cx", "cy")})
 
+    def camera(self, reading: Reading, projection: Projection, width: int, height: int) -> Camera:
+        """The camera, pixel centres at i + 0.5; raises the reading's error."""
+        if projection == "perspective":
+            return self.perspective(reading, width, height)
+        if self.scale is None:
+            raise reading.error("camera.scale is missing", "wanted a number above 0")
+        camera = Parallel(self.scale, self.cx, self.cy, width, height)
+        return camera_from_integer_centres(checked_camera(reading, camera))
+
+    def perspective(
+        self, reading: Reading, width: int, height: int, what: str = "camera"
+    ) -> Perspective:
+        """The camera under perspective projection; raises the reading's error."""
+        if self.fx is None or self.fy is None:
+            name = "fx" if self.fx is None else "fy"
+            raise reading.error(f"{what}.{name} is missing", "wanted a number above 0")
+        camera = Perspective(self.fx, self.fy, self.cx, self.cy, width, height)
+        return camera_from_integer_centres(checked_camera(reading, camera))
+
 
 class Transform(Struct, frozen=True):
     """x_in_b = rotation @ x_in_a + translation; rotation: rows of an orthonormal matrix with
@@ -140,6 +159,12 @@ class Transform(Struct, frozen=True):
     def rigid(self) -> RigidTransform:
         """The transform as the program has it."""
         return RigidTransform(np.array(self.rotation), np.array(self.translation))
+
+    def checked(self, reading: Reading) -> RigidTransform:
+        """The transform, its rotation mended; raises the reading's error."""
+        return RigidTransform(
+            checked_rotation(reading, self.rigid.rotation), self.rigid.translation
+        )
 
 
 class Distortion(Struct, frozen=True):
@@ -170,6 +195,15 @@ class Distortion(Struct, frozen=True):
             found = f".coefficients is a list of {len(self.coefficients)}"
             raise ValueError(f"{found}; wanted {', '.join(map(str, known))} numbers")
 
+    def undistortion(self, reading: Reading, width: int, height: int) -> Undistortion:
+        """The lens of a photo of this size, and both cameras; raises the reading's error."""
+        size, taken, camera = (width, height), self.camera_as_taken, self.camera_undistorted
+        return Undistortion(
+            Lens(MODELS[self.model], self.coefficients),
+            taken.perspective(reading, *size, "distortion.camera_as_taken"),
+            camera.perspective(reading, *size, "distortion.camera_undistorted"),
+        )
+
 
 class Uncertainty(Struct, frozen=True, kw_only=True):
     """Normal distribution about the pose, if it is right. A deviation is a
@@ -197,6 +231,24 @@ class Uncertainty(Struct, frozen=True, kw_only=True):
             raise ValueError(".covariance is no square matrix; wanted 6 rows of 6 numbers, or 7")
         if not all(row[i] >= 0.0 for i, row in enumerate(self.covariance)):
             raise ValueError(".covariance has a variance below 0; wanted none")
+
+    @classmethod
+    def of(cls, covariance: PoseCovariance) -> Self:
+        """A covariance, and what it says of single quantities."""
+        names = ("depth", "sideways", "scale_percent", "degrees", "focal_px", "size_percent", "px")
+        deviations = {name: getattr(covariance, name) for name in names}
+        return cls(
+            covariance=tuple(map(tuple, covariance.matrix.tolist())),
+            names=covariance.names,
+            centre=tuple(covariance.centre.tolist()),
+            deviations={k: float(value) for k, value in deviations.items() if value is not None},
+        )
+
+    def about(self, pose: Pose) -> PoseCovariance:
+        """The covariance, which is one of a pose."""
+        seventh = SIZE if SIZE in self.names else "log_focal"
+        centre, matrix = np.array(self.centre), np.array(self.covariance, dtype=float)
+        return PoseCovariance(pose, centre, matrix, self.deviations.get("px", 0.0), seventh)
 
 
 def decoded(
@@ -250,70 +302,6 @@ def _words(types: re.Match[str]) -> str:
     return " or ".join(NAMES.get(name, name) for name in types[1].split(" | ") if name != "null")
 
 
-def transform_from(reading: Reading, said: Transform) -> RigidTransform:
-    """The rigid transform that a file says; raises the reading's error."""
-    rigid = said.rigid
-    return RigidTransform(checked_rotation(reading, rigid.rotation), rigid.translation)
-
-
 def projection_of(camera: Camera) -> Projection:
     """The camera's projection, by its name in files."""
     return "parallel" if isinstance(camera, Parallel) else "perspective"
-
-
-def perspective_from(
-    reading: Reading, said: CameraNumbers, width: int, height: int, what: str = "camera"
-) -> Perspective:
-    """The camera that a file says, pixel centres at i + 0.5; raises the reading's error."""
-    if said.fx is None or said.fy is None:
-        name = "fx" if said.fx is None else "fy"
-        raise reading.error(f"{what}.{name} is missing", "wanted a number above 0")
-    found = Perspective(said.fx, said.fy, said.cx, said.cy, width, height)
-    return camera_from_integer_centres(checked_camera(reading, found))
-
-
-def camera_from(
-    reading: Reading, projection: Projection, said: CameraNumbers, width: int, height: int
-) -> Camera:
-    """The camera that a file says under a projection; raises the reading's error."""
-    if projection == "perspective":
-        return perspective_from(reading, said, width, height)
-    if said.scale is None:
-        raise reading.error("camera.scale is missing", "wanted a number above 0")
-    found = Parallel(said.scale, said.cx, said.cy, width, height)
-    return camera_from_integer_centres(checked_camera(reading, found))
-
-
-def undistortion_from(
-    reading: Reading, said: Distortion | None, width: int, height: int
-) -> Undistortion | None:
-    """Read a photo's lens; raises the reading's error."""
-    if said is None:
-        return None
-    taken, camera = (
-        perspective_from(reading, getattr(said, name), width, height, f"distortion.{name}")
-        for name in ("camera_as_taken", "camera_undistorted")
-    )
-    return Undistortion(Lens(MODELS[said.model], said.coefficients), taken, camera)
-
-
-def uncertainty_of(covariance: PoseCovariance) -> Uncertainty:
-    """A covariance as files say it, and what it says of single quantities."""
-    names = ("depth", "sideways", "scale_percent", "degrees", "focal_px", "size_percent", "px")
-    deviations = {name: getattr(covariance, name) for name in names}
-    return Uncertainty(
-        covariance=tuple(map(tuple, covariance.matrix.tolist())),
-        names=covariance.names,
-        centre=tuple(covariance.centre.tolist()),
-        deviations={k: float(value) for k, value in deviations.items() if value is not None},
-    )
-
-
-def covariance_from(said: Uncertainty | None, pose: Pose) -> PoseCovariance | None:
-    """The covariance that a file says of a pose."""
-    if said is None:
-        return None
-    px = said.deviations.get("px", 0.0)
-    seventh = SIZE if SIZE in said.names else "log_focal"
-    centre, matrix = np.array(said.centre), np.array(said.covariance, dtype=float)
-    return PoseCovariance(pose, centre, matrix, px, seventh)

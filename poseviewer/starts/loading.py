@@ -42,8 +42,7 @@ from poseviewer.files.scene_file import (
 from poseviewer.files.structs import (
     ChartParameters,
     RecordedVerdict,
-    covariance_from,
-    uncertainty_of,
+    Uncertainty,
 )
 from poseviewer.files.symmetry import SymmetryTurns, load_symmetry
 from poseviewer.files.writing import sha256_of
@@ -431,7 +430,8 @@ def _search_result(record: SceneRecord, index: int) -> SearchResult | None:
     if found is None:
         return None
     view = min(found.view, len(record.views) - 1)
-    covariance = covariance_from(found.uncertainty, record.pose(index, view))
+    sure = found.uncertainty
+    covariance = None if sure is None else sure.about(record.pose(index, view))
     verdict = None if found.verdict is None else _verdict(found.verdict, covariance)
     chart = found.chart or ChartParameters("", (), ())
     seen = tuple(math.nan if share is None else share for share in found.seen)
@@ -500,7 +500,7 @@ def _recorded_result(result: SearchResult, pose: Pose, equal: Pose) -> Result:
         seen=tuple(map(_known, result.seen)),
         verdict=None if verdict is None else recorded_verdict(verdict),
         view=result.view,
-        uncertainty=None if sure is None else uncertainty_of(sure.about(equal)),
+        uncertainty=None if sure is None else Uncertainty.of(sure.about(equal)),
         chart=chart if equal is pose and result.names else None,
         settings=dict(result.settings),
         notes=result.notes,
