@@ -25,7 +25,7 @@ class LossMaps:
     scales: FloatArray
     """(d,): what counts as 100 % of each number."""
     loss_scale: LossScale
-    """How the sheet shows the losses; the numbers are the losses themselves."""
+    """Scale of the sheet; the numbers are the losses themselves."""
     title: str = ""
     photo: str = ""
     """Which photo it is, as files say it."""

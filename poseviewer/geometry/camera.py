@@ -103,7 +103,7 @@ Camera = Perspective | Parallel
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where a model is, and the camera that sees it: all that a picture's geometry needs."""
+    """Place of a model and the camera that sees it: all that an image's geometry needs."""
 
     camera: Camera
     camera_from_model: RigidTransform
@@ -113,7 +113,7 @@ class Pose:
         return self.camera.project(self.camera_from_model.apply(points))
 
     def scaled(self, factor: float) -> Pose:
-        """The same pose in the picture resized by ``factor``."""
+        """Pose in the image resized by ``factor``."""
         return replace(self, camera=self.camera.scaled(factor))
 
 

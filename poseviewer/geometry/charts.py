@@ -24,7 +24,7 @@ class Chart(Protocol):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What each number is called."""
+        """Name of each parameter."""
         ...
 
     def scales(self, parameters: FloatArray) -> FloatArray:

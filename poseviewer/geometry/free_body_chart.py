@@ -37,12 +37,12 @@ class FreeBodyChart:
     centre: FloatArray
     """(3,): the model's centre, in its frame."""
     radius: float
-    """Of the model about its centre, in its unit."""
+    """Radius of the model about its centre, in its unit."""
     free_focal: bool = False
     _place_px: tuple[float, float] = field(init=False, repr=False, compare=False)
     """The centre in the picture at the start, px."""
     _depth: float = field(init=False, repr=False, compare=False)
-    """Of the centre, at the start."""
+    """Depth of the centre at the start."""
     _radius_px: tuple[float, float] = field(init=False, repr=False, compare=False)
     """The model's radius in the picture at the start, px along u and v."""
     focal_gain: float = field(init=False, repr=False, compare=False)
@@ -90,7 +90,7 @@ class FreeBodyChart:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What each number is called."""
+        """Name of each parameter."""
         size = "log_scale" if isinstance(self.start.camera, Parallel) else "log_depth"
         return (*_NUMBERS, size, *(("log_focal",) if self.free_focal else ()))
 
@@ -123,7 +123,7 @@ class FreeBodyChart:
         return Pose(camera, RigidTransform(rotation, np.array(centre) - rotation @ self.centre))
 
     def from_pose(self, pose: Pose) -> FloatArray:
-        """How far a pose lies from the start."""
+        """Parameters of a pose, its motion from the start."""
         start, now = self.start.camera_from_model, pose.camera_from_model
         turn = Rotation.from_matrix(now.rotation @ start.rotation.T).as_rotvec()
         centre, was = now.apply(self.centre), start.apply(self.centre)

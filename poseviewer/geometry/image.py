@@ -26,15 +26,15 @@ class Photo:
     name: str
     """The file's name, without its folder."""
     sha256: str
-    """Of the file's bytes, hexadecimal."""
+    """Hash of the file's bytes, hexadecimal."""
     focal_length_35mm: float | None = None
     """From EXIF: 35-mm-equivalent focal length, mm."""
     notes: tuple[str, ...] = ()
-    """What the user should know about how the file was read."""
+    """Notes for the user on how the file was read."""
     camera: Perspective | None = None
     """The calibrated camera of these pixels; None where it is not known."""
     undistortion: Undistortion | None = None
-    """How these pixels were made of those in the file; None: they are the file's."""
+    """Map from these pixels to the file's; None: they are the file's."""
     covered: NDArray[np.bool_] | None = None
     """(height, width): where the undistorted photo shows anything; None: everywhere."""
 
@@ -45,12 +45,12 @@ class Photo:
 
     @property
     def width(self) -> int:
-        """In px."""
+        """Width in px."""
         return self.pixels.shape[1]
 
     @property
     def height(self) -> int:
-        """In px."""
+        """Height in px."""
         return self.pixels.shape[0]
 
     def as_float(self) -> NDArray[np.float32]:

@@ -20,7 +20,7 @@ from poseviewer.geometry.frames import camera_as_integer_centres
 
 LensModel = Literal["opencv", "fisheye"]
 COEFFICIENTS: dict[LensModel, tuple[int, ...]] = {"opencv": (4, 5, 8, 12, 14), "fisheye": (4,)}
-"""How many coefficients a model has: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]]; or the
+"""Counts of coefficients by model: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]]; or the
 fisheye's k1 k2 k3 k4."""
 STRIP_PIXELS = 1 << 20
 LARGEST_SIDE = 32766
@@ -30,11 +30,11 @@ FIELD_SAMPLES = 4096
 
 @dataclass(frozen=True, slots=True)
 class Lens:
-    """How a lens departs from a pinhole."""
+    """Distortion of a lens."""
 
     model: LensModel
     coefficients: tuple[float, ...]
-    """In OpenCV's order; as many as ``COEFFICIENTS`` allows."""
+    """Coefficients in OpenCV's order, as many as ``COEFFICIENTS`` allows."""
 
     def __post_init__(self) -> None:
         if len(self.coefficients) not in COEFFICIENTS[self.model]:
@@ -47,7 +47,7 @@ class Lens:
 
     @property
     def module(self) -> Any:
-        """Where OpenCV has this model's functions."""
+        """OpenCV's module of this model's functions."""
         return cv2.fisheye if self.model == "fisheye" else cv2
 
 
@@ -124,7 +124,7 @@ def _field_limit(undistortion: Undistortion) -> float:
 
 
 def _seen_radii(lens: Lens, radii: FloatArray) -> FloatArray:
-    """Where the lens's radial part sees rays ``radii`` from its axis."""
+    """Radii at z = 1 to which the lens's radial part moves ``radii``."""
     k = np.zeros(14)
     k[: len(lens.coefficients)] = lens.coefficients
     if lens.model == "fisheye":

@@ -53,7 +53,7 @@ class Mesh:
     y_up: bool = False
     """Whether its format has y upwards and the front at +z, as glTF."""
     notes: tuple[str, ...] = field(default=())
-    """What was mended on loading, in words for the user."""
+    """Notes for the user on what was mended on loading."""
     left_out: tuple[str, ...] = ()
     """Names of the parts of ``whole`` that are left out here."""
     complete: Mesh | None = field(default=None, repr=False)

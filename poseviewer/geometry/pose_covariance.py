@@ -1,4 +1,4 @@
-"""How sure a pose is: its covariance in its tangent space.
+"""Covariance of a pose in its tangent space.
 
 A deviation d turns the model about its centre, then shifts it, both along the camera's axes::
 
@@ -33,9 +33,9 @@ REGION = 0.9
 STEP = 1e-5
 """Share of a number's scale for differences: above rounding, below any curvature."""
 LARGEST_LOGARITHM = 20.0
-"""Of scale and focal length; beyond it there is no photo."""
+"""Greatest logarithm of scale and focal length; beyond it there is no photo."""
 FOCAL = ("log_focal", "width_per_focal")
-"""What charts call the number of a free focal length."""
+"""Charts' names for a free focal length."""
 ROTATIONS = ("rotation_x", "rotation_y", "rotation_z")
 
 
@@ -53,7 +53,7 @@ class PoseCovariance:
     """Root mean square distance in the photo, over the distribution and the model's outer points,
     from where the pose shows them."""
     seventh: Literal["log_focal", "log_size"] = "log_focal"
-    """What the last of seven numbers is: focal length, or size of the model in its set."""
+    """Meaning of the last of seven numbers: focal length, or size of the model in its set."""
 
     def __post_init__(self) -> None:
         matrix = np.asarray(self.matrix, dtype=float)
@@ -91,7 +91,7 @@ class PoseCovariance:
         return replace(self, pose=equal, centre=equal.camera_from_model.inverse().apply(centre))
 
     def seen_from(self, view_from_this: RigidTransform, pose: Pose, mesh: Mesh) -> PoseCovariance:
-        """The same distribution about the ``pose`` in another view, whose camera stands at
+        """Distribution about the ``pose`` in another view, whose camera stands at
         ``view_from_this``, in the model's unit.
         """
         turn = np.eye(len(self.matrix))
@@ -102,7 +102,7 @@ class PoseCovariance:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What each number of a deviation is called."""
+        """Name of each number of a deviation."""
         depth = "log_scale" if isinstance(self.pose.camera, Parallel) else "shift_z"
         names = (*ROTATIONS, "shift_x", "shift_y", depth)
         return (*names, self.seventh) if len(self.matrix) > 6 else names
@@ -230,7 +230,7 @@ class PoseCovariance:
 
 
 def region_reach(size: int) -> float:
-    """How many standard deviations the ``REGION`` of ``size`` numbers together reaches."""
+    """Reach of the ``REGION`` of ``size`` numbers, in standard deviations."""
     return math.sqrt(float(chdtri(max(size, 1), 1.0 - REGION)))
 
 

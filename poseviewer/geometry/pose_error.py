@@ -1,4 +1,4 @@
-"""How far a pose is from the truth."""
+"""Error of a pose against the truth."""
 
 from __future__ import annotations
 

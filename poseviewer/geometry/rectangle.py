@@ -27,12 +27,12 @@ class Rectangle(NamedTuple):
 
     @property
     def right(self) -> float:
-        """Of its right side, px."""
+        """Right side, px."""
         return self.left + self.width
 
     @property
     def bottom(self) -> float:
-        """Of its lower side, px."""
+        """Lower side, px."""
         return self.top + self.height
 
     @property
@@ -42,7 +42,7 @@ class Rectangle(NamedTuple):
 
     @property
     def area(self) -> float:
-        """In px; 0 for a rectangle that is turned inside out, as an empty intersection is."""
+        """Area in px; 0 for a rectangle that is turned inside out, as an empty intersection is."""
         return max(self.width, 0.0) * max(self.height, 0.0)
 
     def grown(self, share: float) -> Rectangle:
@@ -52,7 +52,7 @@ class Rectangle(NamedTuple):
         return Rectangle(u - width / 2.0, v - height / 2.0, width, height)
 
     def intersection(self, other: Rectangle) -> Rectangle:
-        """What both have in common; its ``area`` is 0 where that is nothing."""
+        """Part that both have in common; its ``area`` is 0 where there is none."""
         left, top = max(self.left, other.left), max(self.top, other.top)
         right, bottom = min(self.right, other.right), min(self.bottom, other.bottom)
         return Rectangle.from_corners(left, top, right, bottom)
@@ -76,9 +76,7 @@ class Rectangle(NamedTuple):
 def non_maximum_suppression(
     candidates: Iterable[T], is_same: Callable[[T, T], bool], most: int | None = None
 ) -> list[T]:
-    """Of ``candidates``, the best first, those that are not the same as a better one that was kept;
-    at most ``most``.
-    """
+    """Keep at most ``most`` of ``candidates``, the best first, that differ from better ones."""
     kept: list[T] = []
     for candidate in candidates:
         if len(kept) == most:

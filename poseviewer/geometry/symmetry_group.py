@@ -28,14 +28,14 @@ ROUNDING = 1e-12
 MOST_FOLD = 60
 """Steps of a full turn, six degrees each: finer ones are a continuous symmetry to the eye."""
 MOST_ROTATIONS = 2 * MOST_FOLD
-"""Of a prism with ``MOST_FOLD`` sides; the icosahedron has 60."""
+"""Rotations of a prism with ``MOST_FOLD`` sides; the icosahedron has 60."""
 MOST_NAMED = 3
 """Turns that a message names."""
 APART = 0.01
 """Share of the model's diameter by which motions may differ on the point that they leave."""
 REFERENCE = Rotation.from_rotvec([0.3, 0.5, 0.7]).as_matrix()
-"""Of the equal poses, the one turned least from this is canonical. No pose that people give exactly
-lies half way from it to an equal one, as those along the axes do from the identity."""
+"""Rotation from which the canonical one of equal poses is turned least. No pose that people give
+exactly lies half way from it to an equal one, as those along the axes do from the identity."""
 
 
 class Turn(NamedTuple):
@@ -44,7 +44,7 @@ class Turn(NamedTuple):
     axis: FloatArray
     """(3,): unit direction in the model's frame."""
     fold: int
-    """In how many equal steps they go round; 0: every turn."""
+    """Number of equal steps in a full turn; 0: every turn."""
 
     @property
     def words(self) -> str:
@@ -182,7 +182,7 @@ class Symmetry:
         return place @ self.about(self.rotations[best] @ turn)
 
     def nearest_pose(self, pose: Pose, wanted: Pose) -> Pose:
-        """The same of poses, which keep their cameras."""
+        """Pose equal to ``pose``, with its camera, whose rotation is nearest to ``wanted``."""
         if self.is_none:
             return pose
         place = self.nearest(pose.camera_from_model, wanted.camera_from_model)
@@ -237,5 +237,5 @@ def _products(rotations: Sequence[FloatArray]) -> FloatArray:
 
 
 def _upwards(axis: FloatArray) -> FloatArray:
-    """Of both directions, the one along which the greatest coordinate is positive."""
+    """Direction of an axis along which the greatest coordinate is positive."""
     return axis if axis[np.argmax(np.abs(axis))] > 0.0 else -axis

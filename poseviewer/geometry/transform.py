@@ -60,7 +60,7 @@ class Similarity:
     """A scaling followed by a rigid transform, ``x_in_b = rigid.apply(scale * x_in_a)``."""
 
     rigid: RigidTransform
-    """In the unit of frame b."""
+    """Rigid part, in the unit of frame b."""
     scale: float = 1.0
     """Lengths of frame b's unit in one of frame a's."""
 

@@ -34,7 +34,7 @@ class View:
     camera: Camera
     """Camera of ``photo``."""
     camera_from_world: RigidTransform = WORLD
-    """In the world's unit; by default the world is the camera's frame."""
+    """Pose of the world, in its unit; by default the world is the camera's frame."""
     mask: Mask | None = None
     """Weight of each pixel for all objects; None: all count."""
     path: Path | None = None

@@ -33,7 +33,7 @@ class ViewChart:
     camera: Perspective
     """This view's."""
     view_from_reference: RigidTransform
-    """In the model's unit, as large as it is at the start."""
+    """Motion between the cameras, in the model's unit, as large as it is at the start."""
     free_size: bool = False
     scale: float = 1.0
     """At the start: how many lengths of the model's unit one of the set's is."""
@@ -49,7 +49,7 @@ class ViewChart:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What each number is called."""
+        """Name of each parameter."""
         focals = (f"log_focal_{number}" for number in range(2, self.focals + 1))
         focals = ("log_focal", *focals) if self.focals else ()
         return (*self.reference.names, *focals, *((SIZE,) if self.free_size else ()))
@@ -59,7 +59,7 @@ class ViewChart:
         return np.ones(len(parameters))
 
     def nearness(self, parameters: FloatArray) -> float:
-        """How many times farther apart than at the start all cameras are, in the model's unit.
+        """Distance of all cameras in the model's unit over that at the start.
 
         Raises ``OutsideChartError``: a size out of all proportion.
         """

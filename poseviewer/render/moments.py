@@ -70,7 +70,7 @@ def moments_of_images(image: AttributeImage, photo: PhotoAttributes) -> Moments:
 def _edge_cosine(
     image: AttributeImage, photo_field: NDArray[np.float32], weights: NDArray[np.float32]
 ) -> float:
-    """Of the orientation fields; the model's is 0 but near the model."""
+    """Cosine between the orientation fields; the model's is 0 but near the model."""
     box = bounding_slices(image.mask, MARGIN_PX)
     grey = image.reflectance[box] @ GREY_WEIGHTS
     shown = np.dstack([grey, image.normals[box], image.mask[box]]).astype(np.float32)

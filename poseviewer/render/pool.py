@@ -22,7 +22,7 @@ CHUNK = 8
 
 
 def processors() -> int:
-    """How many processors this process may use."""
+    """Number of processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -45,14 +45,14 @@ class RendererPool:
         self._renderer = renderer
         self._executor: ThreadPoolExecutor | None = None
         self.threads = 1
-        self._together: Any = each[0].together
-        if self._together is None and count > 1:
-            clones = [tuple(one.clone() for one in each) for _ in range(count)]
-            if None not in clones[0]:
-                is_one = each is not renderer
-                self._free: deque[Any] = deque(own[0] if is_one else own for own in clones)
-                self._executor = ThreadPoolExecutor(count, "renderer", initializer=begin)
-                self.threads = count
+        owns: list[Any] = [each] * each[0].callers
+        if not owns and count > 1:
+            owns = [tuple(one.clone() for one in each) for _ in range(count)]
+        if owns and None not in owns[0]:
+            is_one = each is not renderer
+            self._free: deque[Any] = deque(own[0] if is_one else own for own in owns)
+            self.threads = len(owns)
+            self._executor = ThreadPoolExecutor(self.threads, "renderer", initializer=begin)
 
     def map(
         self,
@@ -65,9 +65,6 @@ class RendererPool:
         ``at_a_time`` go to a thread together, two chunks for each at most: to stop, stop asking. An
         exception of ``function`` is raised for the first item that had one.
         """
-        if self._together is not None:
-            yield from self._together(function, self._renderer, items)
-            return
         if self._executor is None:
             for item in items:
                 yield function(self._renderer, item)

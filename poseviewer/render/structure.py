@@ -1,4 +1,4 @@
-"""What a photo tells apart without knowing the light: its colour classes and its edges.
+"""Colour classes and edges of a photo, which are there whatever the light.
 
 The affine light of the paper is made for a model whose reflectance is known, in front of nothing.
 Real photos have surroundings, paint that is not the model's, reflections. Two things survive them:
@@ -71,7 +71,7 @@ class PhotoStructure:
     field: NDArray[np.float32]
     """(height, width, 2): the orientation field, scaled so that its weighted square sum is 1."""
     is_steep: bool = False
-    """As of ``make_structure``."""
+    """Whether blurred edges were made steep, see ``make_structure``."""
 
 
 def make_structure(

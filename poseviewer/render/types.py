@@ -1,11 +1,10 @@
-"""What renderers take and give: attributes of photo and model, and their moments."""
+"""Attributes of photo and model, their moments, and the interface of renderers."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,10 +56,10 @@ class PhotoAttributes:
     """False: grey reflectance, k and k n (4 attributes). True: the same for R, G and B (12). Where
     there is a ``structure``, False is in between: the three colours and k n of their grey (6)."""
     structure: PhotoStructure | None = None
-    """Where there is one, F has the memberships in its K classes beside ``channels``, and edges are
-    compared too. It is over the whole region: such photos are not clipped."""
+    """Classes and edges: F has the memberships in K classes beside ``channels``, and edges are
+    compared too, over the whole region: such photos are not clipped. None: colours alone."""
     factor: int = 1
-    """How many times larger the photo that poses are of is than ``channels``, along each side."""
+    """Side of the photo that poses are of over that of ``channels``."""
 
     def __post_init__(self) -> None:
         values = np.asarray(self.channels)
@@ -103,7 +102,7 @@ class PhotoAttributes:
 
     @cached_property
     def photo_moments(self) -> PhotoMoments:
-        """What F adds to the moments where there is a ``structure``; made once."""
+        """Moments of F, cached; there must be a ``structure``."""
         assert self.structure is not None
         weight, first, second = self.photo_sums
         share = 1.0 / weight if weight > 0.0 else 0.0
@@ -131,7 +130,7 @@ class Moments:
     """First and second moments of the attributes (F, M) over the pixels P."""
 
     pixels: int
-    """How many pixels of weight > 0 the model covers; the loss needs more than a few."""
+    """Number of pixels of weight > 0 that the model covers; the loss needs more than a few."""
     weight: float
     """Sum of the weights over P."""
     mean: FloatArray
@@ -141,7 +140,7 @@ class Moments:
     photo_channels: int
     """n, where F ends and M begins."""
     edge_cosine: float | None = None
-    """In [-1, 1]: how well the edges of model and photo agree; None where they are not compared."""
+    """Cosine between the edge fields of model and photo; None where they are not compared."""
     photo_whitening: FloatArray | None = None
     """(rank, n): of F alone, where it is known; the same for all poses if P is fixed."""
 
@@ -181,9 +180,9 @@ class Renderer(Protocol):
     """
 
     @property
-    def together(self) -> Callable[..., Iterator[Any]] | None:
-        """Generator of ``function(renderer, item)`` for many items at once; None: one by one."""
-        return None
+    def callers(self) -> int:
+        """Number of threads that may ask for ``moments`` at once, and should; 0: one alone."""
+        return 0
 
     def clone(self) -> Renderer | None:
         """Another renderer of the mesh, for another thread; None: this thread alone may draw."""

@@ -38,25 +38,25 @@ from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 from poseviewer.vehicle.wheel_pose import Wheels
 
 AUTOMATIC = "auto"
-"""In the place of a pose file: find a start."""
+"""Word in the place of a pose file: find a start."""
 MARGIN = 0.35
-"""How far the compared pixels reach beyond the rectangle, as a share of its sides."""
+"""Reach of the compared pixels beyond the rectangle, as a share of its sides."""
 SMALLEST_SIDE_PX = 8
-"""Of a rectangle about the object."""
+"""Least side of a rectangle about the object."""
 HULL_POINTS = 120
 """Directions in which the model's outermost vertices stand for its outline, to a per cent."""
 COVERED = 0.6
 """Share of its rectangle that a model covers, about."""
 BEHIND_CAMERA = 4.0
-"""What a pose that is partly behind the camera counts as off its rectangle: all four sides."""
+"""Distance from its rectangle of a pose that is partly behind the camera: all four sides."""
 WHEEL_POSES = 4
 """Poses that a vehicle's wheels add to the proposals."""
 WHEEL_DISTANCE = 0.7
 """So near, in half axes of a wheel that was found, a pose must put the wheel's centre."""
 TOLERANCES = nelder_mead.NelderMeadOptions(x_tolerance=1e-3, f_tolerance=1e-4)
-"""Of descents."""
+"""Tolerances of descents."""
 TRIAL = Limits(400)
-"""Of the fit from each proposal that decides which is taken."""
+"""Limits of the fit from each proposal that decides which is taken."""
 
 BeginThread = Callable[[], None]
 
@@ -67,7 +67,7 @@ class Round:
 
     poses: int
     evaluations: int
-    """Of each descent."""
+    """Evaluations of each descent."""
     step: float
     """Edge of its simplex: radians, shares of the radius."""
     side_px: float
@@ -76,7 +76,7 @@ class Round:
 
 @dataclass(frozen=True, slots=True)
 class ViewOptions:
-    """How many views are tried, how the best are improved, and how many are proposed."""
+    """Numbers of views that are tried, improved and proposed."""
 
     views: int = 2400
     """Spread over all rotations: 19 degrees apart. About half have the rectangle's shape."""
@@ -94,7 +94,7 @@ class ViewOptions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StartQuery:
-    """What a start is looked for."""
+    """Inputs of a search for a start."""
 
     inputs: StartInputs
     camera: Camera
@@ -145,7 +145,7 @@ class Proposals:
 
     found: tuple[Proposal, ...]
     photo: PhotoAttributes
-    """What they were compared on: the region about the rectangle."""
+    """Photo that they were compared on: the region about the rectangle."""
 
 
 def propose(
@@ -221,7 +221,7 @@ class _ViewSearch:
         return [Proposal(p.pose, p.loss + float(c)) for p, c in zip(scored, costs, strict=True)]
 
     def _descend(self, this: Round, starts: Sequence[Proposal]) -> list[Proposal]:
-        """Where short descents from the starts end."""
+        """Ends of short descents from the starts."""
         level = self._level(this.side_px)
         mesh, weight = self.query.inputs.mesh, self.query.options.rectangle_weight
         worst = worst_registration_loss(level.photo)
@@ -311,7 +311,7 @@ def best_start(
 
 
 def fitted(query: StartQuery, start: Pose, renderer: Renderer, watch: Callable[[], object]) -> Pose:
-    """Where a short fit from ``start`` ends; ``start`` where none can be made from it."""
+    """End of a short fit from ``start``; ``start`` where none can be made from it."""
     settings = replace(query.settings, method="default", lock=(), limits=TRIAL)
     try:
         problem = make_problem(query.inputs.scene(start, settings))[0]

@@ -22,7 +22,7 @@ FRAMINGS = 12
 FLAT = np.cos(np.radians(3.0))
 """Faces of the hull that are turned by less from each other carry the model together."""
 PREFERENCE = 2.0
-"""How many times likelier than z upwards another axis must be: files mostly have z upwards."""
+"""Factor by which another axis must be likelier than z upwards, which most files have."""
 
 SIDES = {
     "three-quarter": (-1.0, -1.3, 0.55),
@@ -33,7 +33,7 @@ SIDES = {
     "top": (0.0, 0.0, 1.0),
     "bottom": (0.0, 0.0, -1.0),
 }
-"""Where the camera stands, as seen from the model: to its right, behind it, above it."""
+"""Camera positions as seen from the model: to its right, behind it, above it."""
 
 
 def look_from(side: str, mesh: Mesh, keypoints: VehicleKeypoints | None, camera: Camera) -> Pose:

@@ -88,7 +88,7 @@ class PairFit:
 
 
 def fewest_pairs(camera: Camera) -> int:
-    """How many pairs a pose needs."""
+    """Number of pairs that a pose needs."""
     return FEWEST_PARALLEL if isinstance(camera, Parallel) else FEWEST_PERSPECTIVE
 
 
@@ -123,7 +123,7 @@ def _turn_between(one: PairFit, other: PairFit) -> float:
 
 
 def fit_of(pose: Pose, points: ArrayLike, pixels: ArrayLike) -> PairFit:
-    """How well a pose shows model points (n, 3) at photo points (n, 2)."""
+    """Errors of a pose that shows model points (n, 3) at photo points (n, 2)."""
     return PairFit(pose, np.linalg.norm(pose.project(points) - np.asarray(pixels), axis=1))
 
 
@@ -286,7 +286,7 @@ def likeliest(
 
 
 def _seen(pose: Pose, points: FloatArray, mesh: Mesh) -> int:
-    """How many of the points (n, 3) no other part of the surface hides."""
+    """Number of the points (n, 3) that no other part of the surface hides."""
     depths = pose.camera_from_model.apply(points)[:, 2]
     count = 0
     for pixel, depth in zip(pose.project(points), depths, strict=True):

@@ -21,7 +21,7 @@ ROLLS_DEG = (-6.0, 0.0, 6.0)
 CORRECTIONS = 3
 """The first guess takes the model for flat; each correction leaves a tenth of what is wrong."""
 NEAREST = 0.55
-"""Of the model's diameter: its centre is no nearer to the camera."""
+"""Least distance of the camera from the model's centre, in diameters."""
 CHUNK = 256
 """Rotations at a time, which bounds the memory."""
 

@@ -39,7 +39,7 @@ SIZES = np.geomspace(0.05, 0.2, 16)
 ASPECTS = (0.25, 0.33, 0.42, 0.53, 0.65, 0.78, 0.92)
 """Shorter over longer half axes."""
 TILTS = np.radians([-24.0, -12.0, 0.0, 12.0, 24.0])
-"""Of the longer half axis against the vertical; of nearly round ones one will do."""
+"""Angles of the longer half axis against the vertical; of nearly round ones one will do."""
 ROUND = 0.8
 LEAST_SUPPORT = 0.4
 MOST_TRIED, MOST_KEPT = 40, 24
@@ -58,7 +58,7 @@ class Supported:
 
     ellipse: Ellipse
     support: float
-    """In [-1, 1]."""
+    """Mean agreement along the outline, in [-1, 1]."""
 
 
 def find_ellipses(grey: NDArray[np.float32]) -> list[Supported]:
@@ -95,7 +95,7 @@ def _resized(grey: NDArray[np.float32], factor: float) -> NDArray[np.float32]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Outline:
-    """Where an ellipse about the origin runs."""
+    """Outline of an ellipse about the origin."""
 
     points: FloatArray
     """(n, 2), px."""
@@ -180,7 +180,7 @@ def _support(field: FieldImage, parameters: FloatArray) -> float:
 
 
 def _scaled(parameters: FloatArray, factor: float) -> FloatArray:
-    """The same ellipse in a picture that is ``factor`` times as large."""
+    """Parameters of the ellipse in an image ``factor`` times as large."""
     return np.concatenate(
         [parameters[:2] * factor, parameters[2:4] + np.log(factor), parameters[4:]]
     )
@@ -201,7 +201,7 @@ def _is_same_ellipse(one: Supported, other: Supported) -> bool:
 LONGER_FOCALS = (1.6, 2.6, 4.2)
 """Focal lengths that are tried beside a guessed one, which is a wide lens's: in times of it."""
 MARGIN = 0.2
-"""Of a rectangle's sides: what is compared beyond each of them."""
+"""Share of a rectangle's sides that is compared beyond each of them."""
 MOST_PAIRS = 10
 SMALLEST_SIDE_PX = 16
 

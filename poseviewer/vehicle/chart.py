@@ -29,8 +29,8 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints
 
 LEAST_AXLE_COMPONENT = 0.05
-"""Where less of the unit axle than this lies along the line of sight, the chart is singular: the
-car is seen within about 3 degrees of head-on, and two wheels and an axle no longer fix its pose."""
+"""Least part of the unit axle along the line of sight. Below it the chart is singular: the car is
+seen within about 3 degrees of head-on, and two wheels and an axle no longer fix its pose."""
 PARALLEL_BELOW = 1e-5
 """``width / focal length`` below this is parallel projection: 64 m of lens for 640 px of 1 um."""
 
@@ -168,7 +168,7 @@ class VehicleChart:
         return Pose(camera, self._transform(along, axle, (depth * x1, depth * y1, depth)))
 
     def _transform(self, along: Vector, axle: Vector, rear: Vector) -> RigidTransform:
-        """What takes the model's wheelbase and axle to these directions, its wheel to ``rear``."""
+        """Transform of wheelbase and axle to these directions, and of the wheel to ``rear``."""
         length = math.hypot(*along)
         x, y, z = along[0] / length, along[1] / length, along[2] / length
         a, b, c = axle

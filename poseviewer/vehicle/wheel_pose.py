@@ -29,7 +29,7 @@ from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints
 
 FEWEST_RIM_POINTS = 5
 LARGEST_RIM_ERROR = 0.1
-"""How far points of a rim may lie from their ellipse, as a share of its longer half axis."""
+"""Greatest distance of a rim's points from their ellipse, as a share of its longer half axis."""
 LEAST_FLATNESS = 0.02
 """Shorter over longer half axis: what is below it is a line."""
 
@@ -123,7 +123,7 @@ LARGEST_ERROR = 0.15
 """Beyond this share of the smaller wheel's radius (of a disk of its area) the ellipses are no two
 wheels of this car."""
 SMALLEST_RADIUS, LARGEST_RADIUS = 0.04, 0.4
-"""Of a wheel, in wheelbases: from a hub cap to a tractor's tyre."""
+"""Bounds of a wheel's radius, in wheelbases: from a hub cap to a tractor's tyre."""
 AS_GOOD, AS_GOOD_PX = 1.5, 0.5
 """An answer is as good as the best one within this factor, or these px, of its error."""
 SAME_TURN = 0.02
@@ -146,7 +146,7 @@ class WheelFit:
 
     pose: Pose
     radius: float
-    """Of the wheels' outlines, in the model's unit."""
+    """Radius of the wheels' outlines, in the model's unit."""
     error_px: float
     """Root of the mean squared distance of the wheels' circles from their ellipses."""
     from_above: bool

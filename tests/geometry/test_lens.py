@@ -15,11 +15,11 @@ LENSES = {
     "pincushion": Lens("opencv", (0.2, 0.05, 0.0, 0.0, 0.0)),
 }
 POINTS = np.array([(u, v) for u in (90.0, 250.25, 430.5, 560.0) for v in (70.0, 200.4, 410.7)])
-"""In the undistorted photo; pixel centres at i + 0.5."""
+"""Points of the undistorted photo; pixel centres at i + 0.5."""
 
 
 def taken_by_the_book(points: np.ndarray, lens: Lens) -> np.ndarray:
-    """Where a lens sees points of the undistorted photo: OpenCV's formulas, written out."""
+    """Map points of the undistorted photo by OpenCV's formulas, written out."""
     x, y = ((points - [TAKEN.cx, TAKEN.cy]) / [TAKEN.fx, TAKEN.fy]).T
     r = np.hypot(x, y)
     if lens.model == "fisheye":

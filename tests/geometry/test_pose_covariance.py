@@ -1,4 +1,4 @@
-"""How sure a pose is: its covariance in its tangent space."""
+"""Covariance of a pose in its tangent space."""
 
 from __future__ import annotations
 

@@ -80,7 +80,7 @@ def test_a_car_stands_where_its_wheels_are_seen(projection: str):
 
 @pytest.mark.slow
 def test_a_repainted_car_is_not_turned_round(shared_data: Path):
-    """Of the views alone all five are, on this photo."""
+    """By the views alone all five are, on this photo."""
     (case,) = load_cases(shared_data, "bmw-6")
     photo, model = load_photo(case.photo), load_model(case.mesh)
     box = careless_box(case.name, model.mesh, case.truth)

@@ -24,7 +24,7 @@ from tests.scene import Scene
 
 SIZE = (160, 120)
 WHEELS = "740,432,50,34,99;401,477,61,50,106"
-"""Of the demo, laid by eye: to a pixel and a degree."""
+"""Wheels of the demo, laid by eye: to a pixel and a degree."""
 
 
 def write_pairs(scene: Scene, folder: Path, count: int) -> Path:

@@ -21,7 +21,7 @@ from poseviewer.render.structure import BLUR_TAPS, MODEL_NOISE
 ADAPTER_VARIABLE = "POSEVIEWER_ADAPTER"
 """Environment variable whose value ``software`` allows the processor as adapter, for tests."""
 KINDS = ("DiscreteGPU", "IntegratedGPU", "VirtualGPU", "Unknown", "CPU")
-"""Of adapters, the best first."""
+"""Kinds of adapters, the best first."""
 BACKENDS = ("Vulkan", "Metal", "DX12")
 ADVICE = "use --renderer software, or leave --renderer out"
 LANES = 64
@@ -32,7 +32,7 @@ ENTRIES = ("draw", "shade", "blur")
 RECORD = 221
 """Numbers that a workgroup gives, see ``moments.wgsl``."""
 BINDINGS = 11
-"""Of the shader; the first is the parameters, those from ``WRITTEN`` on are written to."""
+"""Number of bindings; the first is the parameters, those from ``WRITTEN`` on are written to."""
 WRITTEN = 7
 _making = threading.Lock()
 
@@ -60,7 +60,6 @@ def find_adapter(software: bool) -> Any:
     # Mesa's choice of a device looks for a display, and complains where there is none.
     os.environ.setdefault("NODEVICE_SELECT", "1")
     try:
-        import greenlet  # noqa: F401 - whoever has the one has the other
         import wgpu
         from wgpu.backends.wgpu_native.extras import set_instance_extras
     except ImportError as error:
@@ -99,7 +98,7 @@ class Device:
         self.lost = False
         """Set where it failed once: then it is left alone."""
         self.errors: tuple[type[Exception], ...] = (wgpu.GPUError, RuntimeError, MemoryError)
-        """What it raises where it is lost, or its memory is full."""
+        """Errors of a device that is lost, or whose memory is full."""
         names = (
             "max-storage-buffer-binding-size",
             "max-buffer-size",

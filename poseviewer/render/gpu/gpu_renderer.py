@@ -1,16 +1,17 @@
 """The software renderer's moments on the GPU, many poses at once.
 
-Each caller waits in a greenlet of its own until all have asked: so descents and losses over several
-photos are judged in batches, without a thread for each.
+Threads that ask meanwhile wait for one of them, which asks the GPU for all: so descents and losses
+over several photos are judged in batches.
 """
 
 from __future__ import annotations
 
 import logging
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import product
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,66 +26,12 @@ from poseviewer.render.software.software_renderer import SoftwareRenderer, camer
 from poseviewer.render.structure import MARGIN_PX
 from poseviewer.render.types import Moments, PhotoAttributes
 
-Item = TypeVar("Item")
-Result = TypeVar("Result")
-BATCH = 512
-"""Items that are judged together."""
-
-
-def ask(renderer: GpuRenderer, pose: Pose, photo: PhotoAttributes) -> Moments:
-    """The moments at a pose, alone or, within ``run_together``, with those of the others."""
-    from greenlet import getcurrent
-
-    mine: Any = getcurrent()
-    if getattr(mine, "asks", False):
-        return mine.parent.switch((renderer, photo, pose))
-    return renderer.moments_at([pose], photo)[0]
-
-
-def run_together(
-    function: Callable[[Any, Item], Result], renderer: Any, items: Sequence[Item]
-) -> Iterator[Result]:
-    """Yield ``function(renderer, item)`` of all items in their order, ``BATCH`` at a time."""
-    for begin in range(0, len(items), BATCH):
-        results: dict[int, Result] = {}
-
-        def work(i: int, item: Item, results: dict[int, Result] = results) -> None:
-            results[i] = function(renderer, item)
-
-        batch = list(enumerate(items[begin : begin + BATCH]))
-        waiting = _gone_on((_asker(work), item) for item in batch)
-        while waiting:
-            waiting = _gone_on(_answered(waiting))
-        yield from (results[i] for i, _ in batch)
-
-
-def _asker(work: Callable[..., None]) -> Any:
-    from greenlet import greenlet
-
-    asker: Any = greenlet(work)
-    asker.asks = True
-    return asker
-
-
-def _gone_on(answers: Iterator[tuple[Any, tuple[Any, ...]]]) -> list[tuple[Any, Any]]:
-    """Let each asker go on with its answer; those that ask again, with what they ask."""
-    asked = [(asker, asker.switch(*answer)) for asker, answer in answers]
-    return [(asker, question) for asker, question in asked if not asker.dead]
-
-
-def _answered(waiting: Sequence[tuple[Any, Any]]) -> Iterator[tuple[Any, tuple[Any, ...]]]:
-    questions: dict[Any, list[tuple[Any, Pose]]] = defaultdict(list)
-    for asker, (renderer, photo, pose) in waiting:
-        questions[renderer, photo].append((asker, pose))
-    for (renderer, photo), asked in questions.items():
-        found = renderer.moments_at([pose for _, pose in asked], photo)
-        for (asker, _), moments in zip(asked, found, strict=True):
-            yield asker, (moments,)
-
+CALLERS = 128
+"""Threads that ask at once, and so poses that are judged together."""
 
 _log = logging.getLogger(__name__)
 MOST_PIXELS = 1 << 23
-"""Of the boxes of one submission: it takes 16 bytes of the GPU's memory for each."""
+"""Largest number of pixels in the boxes of a submission, 16 bytes of the GPU's memory each."""
 POSE = np.dtype(
     [
         ("camera", np.float32, 17),
@@ -97,9 +44,18 @@ POSE = np.dtype(
 MODEL = slice(3, 9)
 """M (R, G, B, grey times normal) among a pixel's values; F stands before it, 1 after it."""
 PARTS = np.cumsum([6, 100, 1, 16 * 7])
-"""Where a record's parts end: M's origin, products of two values each, number of pixels, sums of M
+"""Ends of a record's parts: M's origin, products of two values each, number of pixels, sums of M
 and 1 by class; two sums over edges are left.
 """
+
+
+@dataclass(slots=True, eq=False)
+class Question:
+    """Moments that a thread asks for."""
+
+    pose: Pose
+    photo: PhotoAttributes
+    answer: Moments | None = None
 
 
 class GpuRenderer(SoftwareRenderer):
@@ -115,12 +71,15 @@ class GpuRenderer(SoftwareRenderer):
         super().__init__(mesh)
         self._buffers = self._uploaded()
         self._corners = np.array(list(product(*np.transpose(mesh.bounds))))
+        self._questions: list[Question] = []
+        self._answering = threading.Lock()
 
     def clone(self) -> GpuRenderer:
         """Another one for another thread, by the same memory of the GPU."""
         other = super().clone()
         assert isinstance(other, GpuRenderer)
         other.device, other._buffers, other._corners = self.device, self._buffers, self._corners
+        other._questions, other._answering = [], threading.Lock()
         return other
 
     @property
@@ -128,18 +87,30 @@ class GpuRenderer(SoftwareRenderer):
         return SoftwareRenderer if self.device.lost else GpuRenderer
 
     def culled(self, pose: Pose) -> GpuRenderer:
-        """As ``clone``: to upload another model takes longer than to draw hidden faces."""
+        """Clone: to upload another model takes longer than to draw hidden faces."""
         del pose
         return self.clone()
 
     @property
-    def together(self) -> Callable[..., Iterator[Any]] | None:
-        """How a pool has many poses judged: at once; None where the GPU has failed."""
-        return None if self.device.lost else run_together
+    def callers(self) -> int:
+        """Number of threads that may ask for moments at once; 0 where the GPU has failed."""
+        return 0 if self.device.lost else CALLERS
 
     def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
-        """Joint moments, computed together with those that are asked for meanwhile."""
-        return ask(self, pose, photo)
+        """Joint moments, computed together with those that other threads ask for meanwhile."""
+        question = Question(pose, photo)
+        self._questions.append(question)
+        with self._answering:
+            if question.answer is None:
+                others = [q for q in tuple(self._questions) if q.photo is photo]
+                same = {question, *others}
+                for one in others:
+                    self._questions.remove(one)
+                answers = self.moments_at([one.pose for one in same], photo)
+                for one, answer in zip(same, answers, strict=True):
+                    one.answer = answer
+        assert question.answer is not None
+        return question.answer
 
     def moments_at(self, poses: Sequence[Pose], photo: PhotoAttributes) -> list[Moments]:
         """The joint moments at each pose."""

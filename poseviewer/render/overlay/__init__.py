@@ -3,6 +3,6 @@
 from typing import Literal, get_args
 
 Look = Literal["outline", "edges", "relit", "residual", "normals", "solid", "none"]
-"""How the model is drawn over the photo."""
+"""Style in which the model is drawn over the photo."""
 LOOKS: tuple[Look, ...] = get_args(Look)
 """Every look, as the command line and the app call it; the first is the default."""

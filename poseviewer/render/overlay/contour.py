@@ -80,9 +80,9 @@ def within(points: FloatArray, pose: Pose, mesh: Mesh, reach: float) -> bool:
 FEW_FACES = 4000
 """Models of no more are drawn as they are."""
 CELLS = 64
-"""Of larger ones, vertices in the same cell become one: cells along the diameter."""
+"""Cells along the diameter; vertices of a larger model in one cell become one."""
 SAMPLES = 60_000
-"""Of the picture that the faces are filled in."""
+"""Size of the image that the faces are filled in, px."""
 SHIFT = 4
 """Binary digits of a place that OpenCV takes as a fraction of a sample."""
 FARTHEST = 2.0**14

@@ -1,4 +1,4 @@
-"""Where a model has lines: its silhouette and its visible feature edges, as anti-aliased strokes.
+"""Lines of a model: its silhouette and its visible feature edges, as anti-aliased strokes.
 
 Lines are found in a picture of face ids, finer than the photo and cut to the model: hidden lines
 never come up, and no more lines are found than the picture can show. A feature edge lies between
@@ -35,9 +35,9 @@ SHORTEST = 7.0
 SMALLEST_HOLE = 16.0
 """Holes in the silhouette shorter than this, in line widths, are not outlined (wheel spokes)."""
 REACH = 10.0
-"""What is near a line, in line widths."""
+"""Reach of a line's neighbourhood, in line widths."""
 CROWDED = 0.22
-"""Where feature edges would cover more than this share of what is near, they fade."""
+"""Share of a neighbourhood from which on feature edges, which would cover more, fade."""
 FINEST = 3
 """Most samples a photo pixel is divided into, along each side."""
 MOST_SAMPLES = 4_000_000
@@ -46,7 +46,7 @@ MOST_SAMPLES = 4_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineDrawing:
-    """How far every sample of a window is from the model's lines, in photo px."""
+    """Distance of every sample of a window from the model's lines, in photo px."""
 
     window: Window
     silhouette: NDArray[np.float32]

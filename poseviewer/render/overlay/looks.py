@@ -26,12 +26,12 @@ HALO_COLOUR = (10, 12, 16)
 REFERENCE_SIDE = 1000.0
 """px: longer side of a photo with lines of the widths below; others are in proportion."""
 OUTLINE_WIDTH, EDGE_WIDTH, HALO_WIDTH = 1.9, 1.0, 0.9
-"""Of lines, and of the halo on either side of them, in px of such a photo."""
+"""Widths of lines, and of the halo on either side of them, in px of such a photo."""
 HALO_OPACITY = 0.55
 EDGE_STRENGTH = 0.6
 """Opacity of the feature edges beside the silhouette."""
 SOLID_OPACITY = 0.8
-"""Of the look ``solid``, unless another is asked for."""
+"""Opacity of the look ``solid``, unless another is asked for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +48,7 @@ class ModelInPhoto:
     """From attributes in a part of the photo to the relit model (h, w, 1 or 3) in [0, 1], pixel by
     pixel. The looks ``relit`` and ``residual`` need it."""
     opacity: float = SOLID_OPACITY
-    """Of the look ``solid``, in [0, 1]."""
+    """Opacity of the look ``solid``, in [0, 1]."""
 
     def __post_init__(self) -> None:
         camera = self.pose.camera
@@ -82,7 +82,7 @@ def draw_look(name: str, view: ModelInPhoto) -> Picture:
 
 
 def _draw_residual(view: ModelInPhoto) -> Picture:
-    """What the lighting leaves unexplained: photo minus relit model, blue to red about white."""
+    """Draw photo minus relit model, blue to red about white."""
     window = model_window(view.mesh, view.pose)
     if window is None:
         return view.photo.copy()

@@ -21,13 +21,13 @@ class Window:
     """May be negative: a silhouette just outside the photo must be told from the photo's border."""
     top: int
     width: int
-    """Of the piece, in photo px."""
+    """Height of the piece, in photo px, as its width."""
     height: int
     samples: float = 1.0
     """Samples along a photo pixel's side: 3, 2, 1, 1/2, 1/3 ..."""
 
     def pose(self, pose: Pose) -> Pose:
-        """The same pose in the picture that the window is."""
+        """Pose in the image that the window is."""
         cut = replace(
             pose, camera=pose.camera.cropped(self.left, self.top, self.width, self.height)
         )

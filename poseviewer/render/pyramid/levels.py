@@ -19,7 +19,7 @@ from poseviewer.render.types import PhotoAttributes, Renderer
 
 LARGEST_FACTOR = 16
 FACES_PER_PIXEL = 1.0
-"""Of what the model covers; half of a closed surface is seen, two pixels to each triangle."""
+"""Triangles for each pixel that the model covers: half of a closed surface is seen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

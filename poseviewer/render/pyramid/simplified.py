@@ -31,7 +31,7 @@ class SurfaceSamples:
     """Points spread evenly over a surface, and what it is like about each."""
 
     tree: KDTree
-    """Of their places, (N, 3)."""
+    """Tree of their positions (N, 3)."""
     faces: NDArray[np.int64]
     """(N,): the face that each is on."""
     areas: FloatArray

@@ -114,7 +114,7 @@ def _array(context, builder, signature, args, position):
 
 
 def _entry(builder, array, row, i):
-    """What a face has in a ``row`` of its chunk's numbers."""
+    """Load a face's entry in a ``row`` of its chunk's numbers."""
     return builder.load(builder.gep(array.data, [builder.add(i, _size(row * CHUNK))]))
 
 

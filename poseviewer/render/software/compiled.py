@@ -23,9 +23,9 @@ from poseviewer.render.structure import make_structure
 from poseviewer.render.types import PhotoAttributes
 
 HELPERS = ("compile_drawing", "compile_sums")
-"""What other processes compile, each in the order in which it is needed; they take as long."""
+"""Functions by which other processes compile, in the order of need; they take as long."""
 SIDE = 16
-"""Of the picture that kernels are compiled with, px."""
+"""Side of the image that kernels are compiled with, px."""
 LOOK_S = 0.2
 """Between two looks at how far the others are."""
 
@@ -67,7 +67,7 @@ def compile_drawing() -> None:
 
 
 def compile_sums() -> None:
-    """The same for those that add up what the rasteriser finds."""
+    """Compile or load the kernels that add up moments."""
     renderer = _Blank(_triangle())
     grey = np.zeros((SIDE, SIDE, 1), np.float32)
     weights, colours = np.ones((SIDE, SIDE), np.float32), np.tile(grey, 3)
@@ -76,14 +76,9 @@ def compile_sums() -> None:
     renderer.moments(_pose(), PhotoAttributes(grey, weights))
 
 
-def help_compiling(work: str) -> None:
-    """What another process does: ``work`` is one of ``HELPERS``."""
-    {"compile_drawing": compile_drawing, "compile_sums": compile_sums}[work]()
-
-
 def _helper(work: str) -> subprocess.Popen[bytes]:
-    same = f"import sys; sys.path[:] = {sys.path!r}; import {__name__} as it"
-    command = [sys.executable, "-c", f"{same}; it.help_compiling({work!r})"]
+    same_path = f"import sys; sys.path[:] = {sys.path!r}"
+    command = [sys.executable, "-c", f"{same_path}; from {__name__} import {work}; {work}()"]
     quiet = subprocess.DEVNULL
     return subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet)
 

@@ -1,4 +1,4 @@
-"""How kernels are compiled: for many threads at once, and kept on disk for all later runs."""
+"""Decorator of kernels: compiled for many threads at once, and kept on disk for later runs."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def kernels_folder() -> Path:
 
 @lru_cache(maxsize=1)
 def sources_hash() -> str:
-    """Of the kernels' sources and their compiler: the same in a copy, another after any change."""
+    """Hash of the kernels' sources and their compiler: equal in a copy, new after any change."""
     digest = hashlib.sha256(numba.__version__.encode())
     for source in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(source.name.encode() + b"\0" + source.read_bytes())
@@ -67,7 +67,7 @@ def sources_hash() -> str:
 
 
 class _Locator(_CacheLocator):
-    """Where a kernel's machine code is: by what all kernels are like, as they call each other.
+    """Cache of a kernel's machine code by the sources of all kernels, as they call each other.
 
     numba's own locators go by the place of the kernel's file, and by its content alone.
     """

@@ -44,12 +44,12 @@ SUBPIXELS = 256
 GUARD_PX = float(1 << 20)
 """Beyond it, px, faces are clipped, so that edge functions fit into 64 bits."""
 SMALL = 64 * SUBPIXELS
-"""In triangles of this size, 1/256 px, edge functions fit into 32 bits."""
+"""Size, 1/256 px, up to which a triangle's edge functions fit into 32 bits."""
 OFF_SCREEN = np.int32(-(1 << 31))
 """The place of a vertex behind the near plane or beyond the guard band."""
 NO_FACE = np.int32(-1)
 PLAIN, GRADED, MAPPED = 0, 1, 2
-"""Where a face has its reflectance from: one colour, colours at its corners, a texture and one
+"""Source of a face's reflectance: one colour, colours at its corners, a texture and one
 colour. Negative they stand where there is no colour yet."""
 COLUMN_OF, ROW_OF, GREY, PLANE, PAINT = 12, 13, 15, 16, 12
 """The entries of a face's plane that are the pixel which its first three are of, and its grey
@@ -484,7 +484,7 @@ def _draw_piece(places, values, face, width, depth, ids):
 
 @_jit
 def _wide_edge_at(xa, ya, xb, yb, px, py, sign):
-    """The same as ``_edge_at`` in 64 bits."""
+    """``_edge_at`` in 64 bits."""
     ex, ey = sign * (xb - xa), sign * (yb - ya)
     excluded = 0 if (ey < 0) | ((ey == 0) & (ex > 0)) else 1
     return ex * (py - ya) - ey * (px - xa), excluded, -ey * SUBPIXELS, ex * SUBPIXELS

@@ -66,7 +66,7 @@ def _textured(face, level, u, v, textures):
 
 @_jit
 def _bounded(value):
-    """In [0, 1]: a face seen edge-on, which snapping alone made visible, may have any paint."""
+    """Clamp to [0, 1]: a face seen edge-on, which snapping made visible, may have any paint."""
     return min(max(value, np.float32(0.0)), np.float32(1.0))
 
 

@@ -31,11 +31,10 @@ NEAR_PER_DIAMETER = 1e-3
 VIEW_PX = 256
 """Side of the pictures from which the faces seen from outside are told."""
 CULLED_PX = 1
-"""How far a pose may move the model from where hidden faces were told: as far as the end of a
-search does."""
+"""Maximum image motion (px) for which culled faces stay hidden, that of a search's end."""
 NO_REGION = (False, 0.0, np.zeros(0), np.zeros((0, 0)))
 CACHE_LINE = 64
-"""Of the processor, in bytes."""
+"""Size of a line of the processor's cache, bytes."""
 
 Box = tuple[int, int, int, int]
 

@@ -83,7 +83,7 @@ def test_gpu_matches_software(name):
             assert disagreement(wanted, found) < AGREEMENT
             assert registration_loss(found) == pytest.approx(registration_loss(wanted), abs=1e-3)
     assert seen > 0.5 * POSES
-    assert on_gpu.together is not None
+    assert on_gpu.callers > 0
 
 
 def make_poses(count: int, seed: int = 3) -> list[Pose]:
@@ -91,8 +91,7 @@ def make_poses(count: int, seed: int = 3) -> list[Pose]:
     return [random_pose(random, parallel=True) for _ in range(count)]
 
 
-def test_a_pool_judges_together_what_asks_one_pose_after_another(monkeypatch):
-    """As descents and losses over several photos do; also where some end sooner."""
+def test_a_pool_judges_together_what_threads_ask_meanwhile(monkeypatch):
     sizes: list[int] = []
     judge = GpuRenderer.moments_at
 
@@ -102,18 +101,14 @@ def test_a_pool_judges_together_what_asks_one_pose_after_another(monkeypatch):
 
     monkeypatch.setattr(GpuRenderer, "moments_at", counted)
     photo = smaller(make_photo("region", np.random.default_rng(1)), 2)
-
-    def chain(renderer, item):
-        return [renderer.moments(pose, photo).weight for pose in item]
-
-    items = [make_poses(1 + i % 3, seed=i) for i in range(6)]
+    poses = make_poses(60)
     with RendererPool(GpuRenderer(MESHES["box"]), 2) as pool:
-        found = list(pool.map(chain, items))
-    assert sizes == [6, 4, 2]
+        found = [moments.weight for moments in pool.moments_of(poses, photo)]
+    assert sum(sizes) == 60
+    assert max(sizes) > 4
     software = SoftwareRenderer(MESHES["box"])
-    for weights, item in zip(found, items, strict=True):
-        wanted = [software.moments(pose, photo).weight for pose in item]
-        assert weights == pytest.approx(wanted, rel=1e-6)
+    wanted = [software.moments(pose, photo).weight for pose in poses]
+    assert found == pytest.approx(wanted, rel=1e-6)
 
 
 def test_threads_share_the_gpu():
@@ -149,7 +144,7 @@ def test_a_lost_gpu_is_said_once_and_nothing_is_lost(caplog, monkeypatch):
     assert len(caplog.records) == 1
     assert "goes on without it" in caplog.text
     # From now on as if there were none: a thread for each processor, and no model sent to it.
-    assert renderer.clone().together is None
+    assert renderer.clone().callers == 0
     with RendererPool(renderer, 2) as pool:
         assert pool.threads == 2
 

@@ -1,4 +1,4 @@
-"""What is drawn, and where: against circles, cubes and residuals that are known exactly."""
+"""Looks against circles, cubes and residuals that are known exactly."""
 
 from __future__ import annotations
 

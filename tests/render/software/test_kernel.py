@@ -35,8 +35,8 @@ def test_kernels_run_where_nothing_can_be_kept(tmp_path: Path):
 
 @pytest.mark.slow
 def test_a_copy_of_the_package_is_not_compiled_again_until_any_kernel_changes(tmp_path: Path):
-    """As one that is installed again, or elsewhere, whatever the times of its files. Machine code
-    contains that of the kernels it calls, whose files numba does not look at.
+    """The times of its files do not matter. Machine code contains that of the kernels it calls,
+    whose files numba does not look at.
     """
     package, home = _copy_of_the_package(tmp_path / "one"), {"XDG_CACHE_HOME": str(tmp_path)}
     assert _run(COUNT, tmp_path / "one", **home)[1] == COMPILED
