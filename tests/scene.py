@@ -41,7 +41,7 @@ def make_scene(folder: Path) -> Scene:
 
 
 def make_scene_of(mesh: Mesh, folder: Path) -> Scene:
-    """The same of another mesh."""
+    """Write the files of ``make_scene`` for another mesh."""
     scene = Scene(*(folder / name for name in ("p.png", "m.ply", "true.json", "start.json")))
     save_model(scene.model, mesh)
     pose = Pose(

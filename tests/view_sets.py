@@ -40,17 +40,17 @@ LAST = [0.0, 0.0, 0.0, 1.0]
 """Row of a 4x4 matrix."""
 SET_FROM_MODEL = RigidTransform.from_rotation_vector([0.4, -0.3, 0.2], [3.0, -1.0, 2.0])
 OFF = np.array([0.15, -0.15, 0.12, 0.1, -0.08, 0.06])
-"""Of the start: 14 degrees, an eighth of the radius, 6 % of the distance."""
+"""Offset of the start: 14 degrees, an eighth of the radius, 6 % of the distance."""
 
 
 def focal_length(camera: Camera) -> float:
-    """Of a perspective camera, px."""
+    """Focal length of a perspective camera, px."""
     assert isinstance(camera, Perspective)
     return camera.fx
 
 
 def camera_from_set(turn_deg: float, tilt_deg: float, aside: float) -> RigidTransform:
-    """Of a camera that looks past the model's centre, in the set's frame, from these angles."""
+    """Pose, in the set, of a camera that looks past the model's centre from these angles."""
     turn = RigidTransform.from_rotation_vector([0.0, np.radians(turn_deg), 0.0], np.zeros(3))
     tilt = RigidTransform.from_rotation_vector([np.radians(tilt_deg), 0.0, 0.0], np.zeros(3))
     rotation = tilt.rotation @ turn.rotation
@@ -153,7 +153,7 @@ def write_colmap(model: Path, names: Sequence[str] = NAMES) -> Path:
 
 
 def write_frames(folder: Path, **shared: Any) -> Path:
-    """As a ``transforms.json``; ``shared``: what it says of all frames."""
+    """Write a ``transforms.json``; ``shared``: what it says of all frames."""
     frames = []
     for name, place in zip(NAMES, CAMERAS_FROM_SET, strict=True):
         world = (OPENGL_FROM_OPENCV @ place).inverse()
@@ -164,7 +164,7 @@ def write_frames(folder: Path, **shared: Any) -> Path:
 
 
 def write_bop(folder: Path, with_world: bool) -> Path:
-    """As a BOP scene of object 5, with copies of the photos."""
+    """Write a BOP scene of object 5, with copies of the photos."""
     scene = folder / "bop"
     (scene / "rgb").mkdir(parents=True)
     cameras, poses = {}, {}

@@ -126,12 +126,12 @@ def _print_scene(path: Path) -> None:
 
 
 def _print_pose(path: Path) -> None:
-    from poseviewer.files.pose import load_pose, recorded_size
+    from poseviewer.files.pose import load_pose
     from poseviewer.files.scene_file import scene_of_pose
     from poseviewer.geometry.camera import Perspective
     from poseviewer.geometry.frames import camera_as_integer_centres
 
-    record = load_pose(path, *recorded_size(path))
+    record = load_pose(path)
     camera = camera_as_integer_centres(record.pose.camera)
     transform = record.pose.camera_from_model
     kind = "perspective" if isinstance(camera, Perspective) else "parallel"

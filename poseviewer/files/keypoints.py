@@ -18,7 +18,7 @@ KIND = "key point file"
 
 
 def keypoints_path(mesh_path: str | Path) -> Path:
-    """Where the key points of a model stand: ``car.keypoints.json`` beside ``car.glb``."""
+    """Path of a model's key points: ``car.keypoints.json`` beside ``car.glb``."""
     return Path(mesh_path).with_suffix(".keypoints.json")
 
 

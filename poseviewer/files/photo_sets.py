@@ -50,9 +50,9 @@ from poseviewer.geometry.view import View
 
 KIND = "set of photos"
 COLMAP_FOLDERS = ("", "sparse/0", "sparse")
-"""Where a project's model is."""
+"""Folders of a project in which its model may lie."""
 PHOTO_FOLDERS = ("", "images", "../images", "../../images", "..", "../..")
-"""Where its photos are, from the model's folder."""
+"""Folders of its photos, from the model's folder."""
 NERF_ENDINGS = ("", ".png", ".jpg", ".jpeg")
 """NeRF's own sets leave them out."""
 
@@ -97,12 +97,12 @@ class LoadedViews:
 
 @dataclass(frozen=True, slots=True)
 class SetChoice:
-    """What a set's file does not say."""
+    """Choices that a set's file leaves open."""
 
     photos: tuple[str, ...] = ()
     """Which of its photos, by their files' names, with or without ending; empty: all."""
     folder: Path | None = None
-    """Of COLMAP's photos; None: looked for beside the model."""
+    """Folder of COLMAP's photos; None: looked for beside the model."""
     rig_object: int | None = None
     """The object of a BOP scene whose annotations tell how the cameras moved, where the scene does
     not say it."""

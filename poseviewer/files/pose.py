@@ -11,7 +11,7 @@ import msgspec
 from msgspec import Struct
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.checks import VERSION, Reading, read_json
+from poseviewer.files.checks import VERSION, Reading
 from poseviewer.files.structs import (
     CameraNumbers,
     ChartParameters,
@@ -77,7 +77,7 @@ class PoseFile(Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class PoseRecord:
-    """All that a pose file says."""
+    """Content of a pose file."""
 
     pose: Pose
     """Camera (pixel centres at i + 0.5) and ``camera_from_model``, in the model's unit."""
@@ -88,10 +88,10 @@ class PoseRecord:
     settings: Mapping[str, Any] | None = None
     software: Mapping[str, str] | None = None
     undistortion: Undistortion | None = None
-    """Where the pose belongs to the undistorted photo: how that is made of the one as taken."""
+    """Lens and cameras of the undistorted photo, which the pose belongs to; None: no lens."""
     verdict: RecordedVerdict | None = None
     notes: tuple[str, ...] = ()
-    """What the user of the pose should know, such as a camera that is a guess."""
+    """Sentences for the user of the pose, such as on a camera that is a guess."""
     unexplained: float | None = None
     """The loss on the scale from 0, all explained, to 1, nothing."""
     mask: str | None = None
@@ -101,18 +101,18 @@ class PoseRecord:
     seen: float | None = None
     """The share of the model's pixels that count: that nothing else hides, as far as is known."""
     covariance: PoseCovariance | None = None
-    """How sure the pose is, if it is right; in files under ``uncertainty``."""
+    """Covariance of the pose, if it is right; in files under ``uncertainty``."""
     symmetry: Symmetry = field(default=NO_SYMMETRY, compare=False)
     """The model's. In files that a scene is saved as, the pose is the canonical of equal ones."""
     in_set: Mapping[str, Any] | None = None
-    """Where it was found on several photos: the pose in the set's frame, and in each photo; in
-    files under ``set``."""
+    """Pose in the frame of several photos, and in each; written by earlier versions as ``set``."""
     warnings: tuple[str, ...] = field(default=(), compare=False)
-    """What the user should know about how the file was read; not written."""
+    """Sentences on how the file was read; not written."""
 
 
-def load_pose(path: str | Path, width: int, height: int) -> PoseRecord:
-    """The pose in a file, for a photo of ``width`` x ``height`` px.
+def load_pose(path: str | Path, width: int | None = None, height: int | None = None) -> PoseRecord:
+    """Load the pose in a file, for a photo of ``width`` x ``height`` px; by default of the size
+    that the file says, or 1 x 1.
 
     Only ``projection``, ``camera`` and ``camera_from_model`` are needed; unknown fields are
     ignored. A rotation off by rounding is made exact; below 1 degree, with a warning.
@@ -125,25 +125,16 @@ def load_pose(path: str | Path, width: int, height: int) -> PoseRecord:
         return record_from_json(reading, reading.load_json(), width, height)
 
 
-def recorded_size(path: Path) -> tuple[int, int]:
-    """The width and height of the photo that a pose file was made for; 1 x 1 where ``load_pose``
-    will say what is wrong with them, or they are not said.
-    """
-    try:
-        photo = read_json(path)["photo"]
-        width, height = photo["width"], photo["height"]
-    except (PoseFileError, KeyError, TypeError):
-        return 1, 1
-    return (width, height) if isinstance(width, int) and isinstance(height, int) else (1, 1)
-
-
-def record_from_json(reading: Reading, data: Any, width: int, height: int) -> PoseRecord:
-    """Read a pose file's JSON, for a photo of ``width`` x ``height`` px."""
+def record_from_json(
+    reading: Reading, data: Any, width: int | None = None, height: int | None = None
+) -> PoseRecord:
+    """Read a pose file's JSON, for a photo as ``load_pose`` does."""
     reading.require_format(reading.object(data, "its content"), FORMAT)
     said = decoded(reading, data, PoseFile, raw=("mask",))
+    made_for = said.photo or PhotoReference()
+    width, height = width or made_for.width or 1, height or made_for.height or 1
     camera = said.camera.camera(reading, said.projection, width, height)
     pose = Pose(camera, said.camera_from_model.checked(reading))
-    made_for = said.photo or PhotoReference()
     if (made_for.width or width, made_for.height or height) != (width, height):
         reading.warnings.append(
             f"{reading.path.name}: the pose was made for a photo of "
@@ -175,7 +166,7 @@ def save_pose(path: str | Path, record: PoseRecord) -> None:
 
 
 def record_as_json(record: PoseRecord) -> dict[str, Any]:
-    """What a pose file says, as JSON has it."""
+    """Return the JSON of a pose file."""
     lens, sure = record.undistortion, record.covariance
     data = {
         "format": FORMAT,

@@ -57,7 +57,7 @@ class SymmetryFile(SymmetryTurns, frozen=True, tag_field="format", tag=FORMAT):
 
 
 def symmetry_path(mesh_path: str | Path) -> Path:
-    """Where the symmetry of a model stands: ``can.symmetry.json`` beside ``can.ply``."""
+    """Path of a model's symmetry: ``can.symmetry.json`` beside ``can.ply``."""
     return Path(mesh_path).with_suffix(".symmetry.json")
 
 

@@ -25,7 +25,7 @@ from poseviewer.files.photo_sets import (
     open_view,
     with_names,
 )
-from poseviewer.files.pose import PoseRecord, check_against, load_pose, recorded_size
+from poseviewer.files.pose import PoseRecord, check_against, load_pose
 from poseviewer.files.scene_file import (
     InViewRecord,
     ModelFile,
@@ -61,7 +61,7 @@ from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 
 @dataclass(frozen=True, slots=True)
 class StartCamera:
-    """What is known of the camera where no pose file says it."""
+    """Knowledge of the camera where no pose file says it."""
 
     parallel: bool = False
     focal_px: float | None = None
@@ -93,13 +93,13 @@ class Start:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StartInputs:
-    """What a start is found for."""
+    """Photo and model that a start is found for."""
 
     photo: Photo
     mesh: Mesh
     keypoints: VehicleKeypoints | None
     mask: Mask | None = None
-    """How much each pixel of the photo counts; None: all do."""
+    """Weight of each pixel of the photo; None: all count."""
 
     def scene(self, start: Pose, settings: FitSettings) -> Scene:
         """The scene from a start pose, without the names of files."""
@@ -123,7 +123,7 @@ class StartInViews:
     """Whether the scale is a guess, and is to be searched for."""
     notes: tuple[str, ...] = ()
     masks: Mapping[int, Mask] = field(default_factory=dict)
-    """What counts of photos, by the views' numbers, as far as the pose file says it."""
+    """Masks that the pose file says, by the views' numbers."""
 
 
 def load_model(path: str | Path) -> LoadedModel:
@@ -279,10 +279,7 @@ def start_in_views(
         PoseViewerError: the pose file cannot be used, or not with these photos; it is not known in
             which of them it is; nothing tells the scale.
     """
-    if isinstance(start, Pose):
-        record = PoseRecord(start)
-    else:
-        record = load_pose(start, *recorded_size(Path(start)))
+    record = PoseRecord(start) if isinstance(start, Pose) else load_pose(start)
     index, notes, masks, recorded = _view_of(views, record, view), (), {}, None
     photo = views.views[index].photo
     if not isinstance(start, Pose):
@@ -338,8 +335,8 @@ def scale_of_sight(views: Sequence[View], index: int, mesh: Mesh, pose: Pose, na
 
 
 def record_of(scene: Scene, with_masks: bool = True, canonical: bool = True) -> SceneRecord:
-    """All that a scene file says. ``canonical``: of a symmetric model, the pose that stands for
-    its equal ones.
+    """Return the content of a scene file. ``canonical``: of a symmetric model, the pose that stands
+    for its equal ones.
     """
     views = scene.views if with_masks else [replace(view, mask=None) for view in scene.views]
     return SceneRecord(
@@ -355,7 +352,7 @@ def record_of(scene: Scene, with_masks: bool = True, canonical: bool = True) -> 
 
 
 def pose_record(scene: Scene, index: int = 0, view: int = 0) -> PoseRecord:
-    """All that a pose file says of an object in a view."""
+    """Return the content of a pose file for an object in a view."""
     return record_of(scene, with_masks=False).pose_record(index, view)
 
 
@@ -373,7 +370,7 @@ def model_without(model: str | Path | LoadedModel, without: Sequence[str]) -> Lo
 
 
 def notes_of(file: Photo | LoadedModel) -> tuple[str, ...]:
-    """What the user should know about how a file was read."""
+    """Sentences for the user on how a file was read."""
     notes = file.notes if isinstance(file, Photo) else file.mesh.notes
     return tuple(f"{file.name}: {note}" for note in notes)
 

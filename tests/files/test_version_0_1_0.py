@@ -27,7 +27,6 @@ from tests.meshes import make_bumpy
 from tests.view_sets import write_views
 
 FIXTURES = Path(__file__).parents[1] / "fixtures" / "v0_1_0"
-SIZES = {"paper_parallel": (960, 720), "in_set": (320, 240)}
 VERDICTS = {
     "default": "found",
     "free_focal": "doubtful",
@@ -41,7 +40,7 @@ VERDICTS = {
 def opened(name: str) -> tuple[PoseRecord, dict[str, Any]]:
     """The pose as today's reader has it, and the file's JSON."""
     path = FIXTURES / f"{name}.pose.json"
-    record = load_pose(path, *SIZES.get(name, (160, 120)))
+    record = load_pose(path)
     assert record.warnings == ()
     return record, json.loads(path.read_text())
 

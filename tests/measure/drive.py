@@ -30,7 +30,7 @@ from playwright.sync_api import Browser
 from playwright.sync_api import Error as BrowserError
 
 from poseviewer.errors import PoseViewerError
-from poseviewer.files.pose import load_pose, recorded_size
+from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_file import load_scene
 from poseviewer.files.state.autosave import load_autosave
 from poseviewer.geometry.transform import RigidTransform
@@ -361,7 +361,7 @@ def check_files(tab: AppPage, running: RunningApp, folder: Path) -> None:
 
     tab.until(is_saved)
     for path in folder.rglob("*.pose.json"):
-        load_pose(path, *recorded_size(path))
+        load_pose(path)
     for path in folder.rglob("*.scene.json"):
         load_scene(path)
     for path in (folder / "state" / "sessions").glob("*.json"):

@@ -42,20 +42,20 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
 
 MOST_DIGITS = 18
-"""Of an image's number: what 64 bits hold."""
+"""Length of an image's number: what 64 bits hold."""
 UNIT = "mm"
 CAMERAS, POSES = "scene_camera.json", "scene_gt.json"
 LARGEST_SCENE = 1_000_000_000
 """Bytes: thousands of images of dozens of objects."""
 WORLD = ("cam_R_w2c", "cam_t_w2c")
-"""What BOP calls the camera from the scene's world; many scenes do not have it."""
+"""BOP's names of the camera from the scene's world; many scenes do not have it."""
 PHOTO_NAME, MODEL_NAME = r"(\d+)\.\w+", r"obj_(\d+)\.\w+"
 MASKS, VISIBLE_MASKS = "mask", "mask_visib"
 PHOTO_FOLDERS = ("rgb", "gray")
 PHOTO_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 MODEL_FILE = "obj_{:06d}.ply"
 MOST_NAMED = 10
-"""Images, in a message."""
+"""Number of images in a message."""
 SAME = 1e-9
 """Relative and absolute: files round cameras in their last digit."""
 
@@ -71,7 +71,7 @@ class BopObject:
     """Camera from model, mm."""
 
     def as_json(self) -> dict[str, Any]:
-        """As ``scene_gt.json`` has it."""
+        """Return the pose for ``scene_gt.json``."""
         return {
             "cam_R_m2c": self.place.rotation.reshape(-1).tolist(),
             "cam_t_m2c": self.place.translation.tolist(),

@@ -1,4 +1,4 @@
-"""What BOP says of its models and of estimated poses: ``models_info.json``, and tables of results.
+"""BOP's models and estimated poses: ``models_info.json``, and tables of results.
 
 As published in the BOP toolkit's ``docs/bop_datasets_format.md`` and
 ``docs/bop_challenge_2019.md``; lengths in mm; symmetries map the model onto itself.
@@ -28,7 +28,7 @@ digits at worst."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BopModel:
-    """What is known of an object's model."""
+    """Size and symmetry of an object's model."""
 
     diameter: float
     """mm."""

@@ -1,5 +1,5 @@
-"""What a format is, what a user asks of a conversion besides the pose, checks of all formats, and
-which photo the numbers of a file belong to.
+"""Formats: their functions, the options of a conversion, checks that all share, and the choice of
+the photo that the numbers of a file belong to.
 
 Where the photo was undistorted for the pose, a tool that has the photo's lens model gets camera and
 lens of the photo as taken: the same polynomials under its own names. Every other gets the
@@ -35,7 +35,7 @@ METRES = {"km": 1000.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0
 
 @dataclass(frozen=True, slots=True)
 class ConvertOptions:
-    """What is not in the file that is read, or is to be other than it says."""
+    """Options of a conversion: values that the source does not say, or that replace its own."""
 
     photo: Path | None = None
     """The photo's file, in place of the one that the source names."""
@@ -60,11 +60,11 @@ class ConvertOptions:
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """What a writer wrote."""
+    """Files that a writer wrote."""
 
     files: tuple[Path, ...]
     notes: tuple[str, ...] = ()
-    """What the user should know about it."""
+    """Sentences for the user."""
     photo: Path = Path()
     """The first view's photo, which all its numbers belong to."""
 
@@ -87,7 +87,7 @@ class Format:
     both_photos: bool = False
     """Whether it says of the photo as taken and the undistorted one what belongs to which."""
     photos_in: str | None = None
-    """Where undistorted photos go: beside the file that is written, or in this folder of it."""
+    """Folder, in the output, of undistorted photos; None: beside the file that is written."""
 
     def lens_name(self, view: ViewRecord) -> str | None:
         """The format's name for the lens of a view's undistorted photo; None where it has none."""

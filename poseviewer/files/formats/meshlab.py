@@ -83,7 +83,7 @@ def _shot(pose: Pose) -> dict[str, str]:
 
 
 def _from_folder(out: Path, path: Path) -> str:
-    """Where a file is, from the folder of ``out``."""
+    """Path of a file, from the folder of ``out``."""
     return Path(os.path.relpath(path.resolve(), out.resolve().parent)).as_posix()
 
 

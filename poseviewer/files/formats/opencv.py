@@ -58,7 +58,7 @@ def write_opencv(scene: SceneRecord, out: Path, options: ConvertOptions) -> Writ
 
 
 def opencv_lens(lens: Lens | None) -> tuple[str, Lens | None]:
-    """What OpenCV calls a lens's model, and the lens."""
+    """Name of a lens's model in OpenCV, and the lens."""
     return ("OpenCV fisheye" if lens and lens.model == "fisheye" else "OpenCV"), lens
 
 

@@ -53,7 +53,7 @@ LENSES: dict[LensModel, tuple[str, tuple[str, ...]]] = {
     "opencv": ("OPENCV", ("k1", "k2", "p1", "p2", "k3")),
     "fisheye": ("OPENCV_FISHEYE", ("k1", "k2", "k3", "k4")),
 }
-"""What nerfstudio calls OpenCV's lens models, and their coefficients."""
+"""Names of OpenCV's lens models, and of their coefficients, in nerfstudio."""
 
 
 def write_colmap(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:

@@ -49,7 +49,7 @@ logger = logging.getLogger(__name__)
 
 
 class AutosavedSession(Struct, frozen=True, kw_only=True):
-    """What the user has open."""
+    """Scene and view state of a session."""
 
     saved_at: Number
     """Seconds since 1970."""

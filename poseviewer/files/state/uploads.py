@@ -43,9 +43,9 @@ ACCEPTED = {
 }
 """Endings that a file chooser offers first."""
 LEADS_OUT = re.compile(r"^([/\\]|[A-Za-z]:)|(^|[/\\])\.\.([/\\]|$)")
-"""Of a path: absolute, or with a step up."""
+"""Paths that are absolute, or have a step up."""
 NO_NAME = re.compile(r'[<>:"|?*]')
-"""What names cannot hold on Windows."""
+"""Characters that names cannot hold on Windows."""
 RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 """Names of devices on Windows."""
 

@@ -18,7 +18,7 @@ PYTHON = os.environ.get("POSEVIEWER_INTEROP_PYTHON", sys.executable)
 
 
 def read_with(module: str, *arguments: object, out: Path) -> Any:
-    """What the script ``readers/read_with_MODULE.py`` writes to ``out``, as JSON.
+    """Run and return what the script ``readers/read_with_MODULE.py`` writes to ``out``, as JSON.
 
     Skips where the module cannot be imported.
     """

@@ -80,7 +80,7 @@ def in_meshlab(tmp_path_factory) -> dict:
 
 
 def test_meshlab_has_the_same_camera(in_meshlab):
-    """What it read, as it says it in Bundler's and Agisoft's words: six digits."""
+    """MeshLab's own words for it, Bundler's and Agisoft's, have six digits."""
     assert in_meshlab["rasters"] == 1
     numbers = np.array(" ".join(in_meshlab["bundler"].splitlines()[2:7]).split(), float)
     focal, rotation, translation = numbers[0], numbers[3:12].reshape(3, 3), numbers[12:]
@@ -156,7 +156,7 @@ def aspect_of(record: PoseRecord) -> float:
 def draw_in_blender(
     file: Path, width: int, height: int, aspect: float = 1.0
 ) -> tuple[dict, np.ndarray]:
-    """What Blender found, and the model's silhouette (height, width) as it draws it."""
+    """Names that Blender found, and the model's silhouette (height, width) as it draws it."""
     picture = file.parent / "drawn.png"
     answer = read_with("bpy", file, width, height, aspect, picture, out=file.parent / "out.json")
     drawn = cv2.imread(str(picture), cv2.IMREAD_UNCHANGED)

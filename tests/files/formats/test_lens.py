@@ -51,7 +51,7 @@ def record_through(lens: Lens, zoom: float = 0.9) -> PoseRecord:
 
 
 def seen_as_taken(record: PoseRecord, points: np.ndarray) -> np.ndarray:
-    """Where the photo as taken shows points of the model, as poseviewer knows it."""
+    """Points of the model in the photo as taken, as poseviewer knows it."""
     assert record.undistortion is not None
     return to_taken(record.undistortion, record.pose.project(points))
 

@@ -1,4 +1,4 @@
-"""What is written reads back; what a format cannot say is refused; nothing is overwritten."""
+"""Files read back; poses that a format cannot say are refused; nothing is overwritten."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each format says of a pose in a set of photos: every camera."""
+"""Formats say every camera of a pose in a set of photos."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ KINDS = {
     "meshlab": ("project.mlp", NAMES),
     "bop": ("scene", ("7", "8", "9")),
 }
-"""Of each format an output, and what its photos are called in it."""
+"""Output of each format, and its names for the photos."""
 SENTENCE = "the frame of the photos (m): x_in_world = [["
 
 

@@ -1,4 +1,4 @@
-"""What a page sends, kept on disk: under its own names, and never outside."""
+"""Uploads are kept on disk under their own names, and never outside."""
 
 from __future__ import annotations
 
