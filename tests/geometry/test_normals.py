@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 import trimesh
@@ -11,7 +9,6 @@ from hypothesis import strategies as st
 from poseviewer.geometry.normals import (
     crease_normals,
     face_normals_and_areas,
-    find_adjacency,
     winding_to_flip,
 )
 
@@ -55,20 +52,6 @@ def test_of_an_open_surface_the_smaller_area_is_turned() -> None:
     vertices, faces = wavy_sheet(12)
     which = np.random.default_rng(0).random(len(faces)) < 0.3
     assert np.array_equal(winding_to_flip(vertices, turned(faces, which)), which)
-
-
-def test_a_moebius_strip_ends_with_one_seam() -> None:
-    turn = np.linspace(0.0, 2.0 * math.pi, 40, endpoint=False)
-    edge = 0.3 * np.stack([np.cos(turn / 2) * np.cos(turn), np.cos(turn / 2) * np.sin(turn),
-                           np.sin(turn / 2)], axis=1)  # fmt: skip
-    ring = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
-    vertices = np.concatenate([ring + edge, ring - edge])
-    a, b = np.arange(40), np.arange(40) + 40
-    a_next, b_next = np.append(a[1:], b[0]), np.append(b[1:], a[0])
-    faces = np.concatenate([np.stack([a, a_next, b], 1), np.stack([a_next, b_next, b], 1)])
-    faces = turned(faces, np.arange(80) % 7 == 0)
-    mended = turned(faces, winding_to_flip(vertices, faces))
-    assert np.sum(find_adjacency(mended).same_direction) <= 2
 
 
 def test_surfaces_that_are_no_manifolds_come_to_an_end() -> None:

@@ -42,14 +42,6 @@ def test_deviation_undoes_moved(camera: Perspective | Parallel, size: int) -> No
     np.testing.assert_allclose(sure.deviation(sure.moved(off)), off, atol=1e-12)
 
 
-def test_a_turn_leaves_the_centre_where_it_is() -> None:
-    centre = np.array([0.5, 0.2, 0.1])
-    sure = PoseCovariance(pose_by(PERSPECTIVE), centre, np.eye(6))
-    turned = sure.moved(np.array([0.3, -0.2, 0.5, 0.0, 0.0, 0.0]))
-    here, there = (pose.camera_from_model.apply(centre) for pose in (sure.pose, turned))
-    np.testing.assert_allclose(there, here, atol=1e-12)
-
-
 @pytest.mark.parametrize("free_focal", [False, True])
 def test_the_covariance_is_the_same_by_any_chart(free_focal: bool) -> None:
     pose = pose_by(PERSPECTIVE)
@@ -118,19 +110,6 @@ def test_the_ellipse_of_two_numbers_holds_nine_tenths_of_the_poses() -> None:
         np.testing.assert_allclose(reached, region_reach(2) ** 2)
         inside = np.einsum("ni,ij,nj->n", away[:, pair], np.linalg.inv(block), away[:, pair])
         assert np.mean(inside <= region_reach(2) ** 2) == pytest.approx(0.9, abs=0.02)
-
-
-def test_a_free_focal_length_makes_the_depth_less_sure() -> None:
-    pose = pose_by(PERSPECTIVE)
-    chart = FreeBodyChart.near(MESH, pose, free_focal=True)
-    free = PoseCovariance.from_chart(MESH, pose, chart, 1e-4 * np.eye(7))
-    held = PoseCovariance.from_chart(MESH, pose, FreeBodyChart.near(MESH, pose), 1e-4 * np.eye(6))
-    assert free.depth is not None
-    assert held.depth is not None
-    assert free.depth > 2.0 * held.depth
-    assert free.focal_px == pytest.approx(8.0 * chart.focal_gain, rel=1e-3)
-    assert held.focal_px is None
-    assert "focal length ±" in free.words()
 
 
 def test_a_parallel_projection_tells_its_scale() -> None:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from poseviewer import api
 from poseviewer.cli import main as cli
 from poseviewer.errors import QuickStartError
 from poseviewer.evaluation.cases import load_cases
-from poseviewer.files.demo import demo_case
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
@@ -23,7 +21,6 @@ from poseviewer.starts.automatic import (
     propose,
 )
 from poseviewer.starts.loading import StartInputs, load_model
-from poseviewer.vehicle.chart import visible_side
 from tests.measure.real import careless_box, is_right
 from tests.meshes import box_of
 from tests.scene import Scene
@@ -55,27 +52,6 @@ def test_the_right_pose_is_among_five_that_differ(scene: Scene):
         for other in found[:index]:
             away = pose_error(asked.inputs.mesh, one.pose, other.pose)
             assert away.reprojection_px > 0.05 * (box.width + box.height) / 2
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("projection", ["perspective", "parallel"])
-def test_a_car_stands_where_its_wheels_are_seen(projection: str):
-    case = demo_case(projection)
-    photo, model = load_photo(case.photo), load_model(case.model)
-    truth = load_pose(case.truth, photo.width, photo.height).pose
-    box = careless_box(projection, model.mesh, truth)
-    found = propose(
-        StartQuery(StartInputs(photo, model.mesh, model.keypoints), truth.camera, box)
-    ).found
-    assert pose_error(model.mesh, found[0].pose, truth).percent < 3.0
-    assert model.keypoints is not None
-    side = visible_side(model.keypoints, truth)
-    seen = truth.project([side.rear_wheel, side.front_wheel])
-    for one in found:  # a car turned round has the same wheels, the other way about
-        own = visible_side(model.keypoints, one.pose)
-        wheels = one.pose.project([own.rear_wheel, own.front_wheel])
-        away = [np.linalg.norm(wheels[order] - seen, axis=1).max() for order in ([0, 1], [1, 0])]
-        assert min(away) < 40.0  # a tyre's radius, px
 
 
 @pytest.mark.slow

@@ -12,13 +12,12 @@ from poseviewer.errors import QuickStartError
 from poseviewer.evaluation.cases import load_cases
 from poseviewer.files.demo import demo_case
 from poseviewer.files.keypoints import load_keypoints
-from poseviewer.files.marks import wheels_from_text
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.starts.loading import StartCamera, StartInputs
-from poseviewer.starts.wheels import find_wheel_pairs, likely_wheels, start_from_wheels
+from poseviewer.starts.loading import StartInputs
+from poseviewer.starts.wheels import find_wheel_pairs, likely_wheels
 from tests.measure.real import careless_box
 from tests.scene import Scene
 
@@ -75,25 +74,6 @@ def test_marks_that_give_no_start_are_one_sentence(
     assert words in printed
     assert printed.count("\n") == 1
     assert not out.exists()
-
-
-def test_one_start_is_wanted(scene: Scene, tmp_path: Path, capsys):
-    assert fit(scene.photo, scene.model, tmp_path / "out.json", "--quiet") == 2
-    assert "a start is wanted: give --pose" in capsys.readouterr().err
-    with pytest.raises(SystemExit) as ended:
-        fit(scene.photo, scene.model, tmp_path / "out.json", "--pose", "a", "--pairs", "p.csv")
-    assert ended.value.code == 2
-    assert capsys.readouterr().err.count("\n") == 1
-
-
-def test_wheels_laid_by_eye_place_the_demo():
-    case = demo_case()
-    photo, mesh = load_photo(case.photo), load_mesh(case.model)
-    material = StartInputs(photo, mesh, load_keypoints(case.model, mesh))
-    start = start_from_wheels(material, wheels_from_text(WHEELS), StartCamera())
-    truth = load_pose(case.truth, photo.width, photo.height).pose
-    assert pose_error(mesh, start.pose, truth).percent < 4.0
-    assert "start from two wheels of radius 0.3" in start.notes[0]
 
 
 @pytest.mark.slow

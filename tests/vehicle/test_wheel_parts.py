@@ -98,14 +98,6 @@ def test_names_of_wheels_outweigh_the_roof_and_lamps_outweigh_names() -> None:
     assert_right(find_wheels(a_car(turned, lamps)))
 
 
-def test_several_parts_may_make_up_a_wheel() -> None:
-    hubs = {
-        f"rim {i}": trimesh.creation.icosphere(subdivisions=2, radius=0.08).apply_translation(c)
-        for i, c in enumerate(CENTRES)
-    }
-    assert_right(find_wheels(a_car(("tire a", "tire b", "tire c", "tire d"), hubs)))
-
-
 @pytest.mark.parametrize("centre", [[0.3, 0.4, 0.8], [-2.3, 0.0, 0.6]])
 def test_steering_and_spare_wheels_are_not_counted(centre: list[float]) -> None:
     names = ("Wheel1", "Wheel2", "Wheel3", "Wheel4")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -109,24 +108,6 @@ def test_a_pool_judges_together_what_threads_ask_meanwhile(monkeypatch):
     software = SoftwareRenderer(MESHES["box"])
     wanted = [software.moments(pose, photo).weight for pose in poses]
     assert found == pytest.approx(wanted, rel=1e-6)
-
-
-def test_threads_share_the_gpu():
-    """The app's searches, maps and proposals have a thread each."""
-    random = np.random.default_rng(5)
-    photos, poses = [make_photo("region", random) for _ in range(3)], make_poses(4)
-    renderer, software = GpuRenderer(MESHES["box"]), SoftwareRenderer(MESHES["box"])
-
-    def judge(photo):
-        own = renderer.clone()
-        return [own.moments_at(poses, photo) for _ in range(5)]
-
-    with ThreadPoolExecutor(3) as threads:
-        found = list(threads.map(judge, photos))
-    for photo, rounds in zip(photos, found, strict=True):
-        for moments in rounds:
-            for pose, one in zip(poses, moments, strict=True):
-                assert disagreement(software.moments(pose, photo), one) < AGREEMENT
 
 
 def test_a_lost_gpu_is_said_once_and_nothing_is_lost(caplog, monkeypatch):

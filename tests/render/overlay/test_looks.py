@@ -23,7 +23,6 @@ from poseviewer.render.types import AttributeImage
 from tests.meshes import make_box, make_mesh, make_sphere
 
 SIZE = 240
-WITHOUT_LIGHT = [name for name in LOOKS if name not in ("relit", "residual")]
 
 
 def make_view(mesh, pose, relight=None, level=90) -> ModelInPhoto:
@@ -127,14 +126,6 @@ def test_a_ball_before_a_ball_has_an_outline_of_its_own():
         assert drawn[v - 1 : v + 2, u - 1 : u + 2].max() > 0.5
 
 
-def test_residual_is_red_where_the_photo_is_brighter():
-    photo = np.full((10, 20, 3), 100, np.uint8)
-    residual = np.repeat([[-50.0] * 10 + [50.0] * 10], 10, axis=0)
-    picture = paint_residual(photo, (slice(0, 10), slice(0, 20)), residual, np.ones((10, 20), bool))
-    assert np.all(picture[:, :10, 2] > picture[:, :10, 0])
-    assert np.all(picture[:, 10:, 0] > picture[:, 10:, 2])
-
-
 def test_colour_bar_avoids_the_model():
     photo = np.full((300, 500, 3), 128, np.uint8)
     mask = np.zeros((300, 500), bool)
@@ -195,11 +186,3 @@ def test_any_pose_and_any_small_photo_can_be_drawn(position, size):
     )
     for look in LOOKS:
         assert draw_look(look, view).shape == (size[1], size[0], 3)
-
-
-def test_without_a_model_in_sight_the_photo_stays():
-    camera = Perspective.from_field_of_view(50.0, 100, 80)
-    pose = Pose(camera, RigidTransform.from_rotation_vector([0, 0, 0], [0, 0, -5]))
-    view = make_view(make_box((2.0, 2.0, 2.0)), pose)
-    for look in WITHOUT_LIGHT:
-        assert np.array_equal(draw_look(look, view), view.photo)
