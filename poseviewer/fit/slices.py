@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -37,7 +38,7 @@ Place = frozenset[tuple[int, int]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Slice:
-    """The loss over a grid of two numbers, as far as it is known; the others are at the centre."""
+    """The loss over a grid of two numbers, as far as it is known, the others at the centre."""
 
     first: int
     """Index of the number along the columns."""
@@ -65,11 +66,11 @@ class Slice:
         return not bool(np.isnan(self.losses).any())
 
     def shown(self, scale: LossScale) -> Slice:
-        """The same with the losses as a person is shown them."""
+        """The slice with its losses as shown to a person."""
         return replace(self, losses=scale.shown(self.losses))
 
     def filled(self) -> FloatArray:
-        """(k, k): the losses, with the nearest known one where none is known; for pictures."""
+        """(k, k): losses for pictures, the nearest known one where none is known."""
         unknown = np.isnan(self.losses)
         if unknown.all():
             return self.losses
@@ -87,7 +88,7 @@ class SliceMinimum:
 
 
 def slice_minimum(piece: Slice) -> SliceMinimum | None:
-    """Where the slice is least, the first such place in reading order; None if nothing is known."""
+    """The minimum, the first in reading order; None if no loss is known."""
     if np.isnan(piece.losses).all():
         return None
     row, column = np.unravel_index(np.nanargmin(piece.losses), piece.losses.shape)
@@ -98,27 +99,21 @@ def slice_minimum(piece: Slice) -> SliceMinimum | None:
     )
 
 
-def free_pairs(problem: FitProblem) -> tuple[Pair, ...]:
-    """Every two free numbers, ``first < second``: 15 pairs for six numbers, 21 for seven."""
-    return tuple(combinations([int(i) for i in problem.free_indices], 2))
-
-
 def landscape(
     problem: FitProblem,
-    renderer: Renderer | RendererPool,
+    pool: RendererPool,
     centre: FloatArray,
     *,
     half_width: float = 0.2,
     size: int = 41,
-    pairs: Sequence[Pair] | None = None,
     smooth: bool = False,
 ) -> Iterator[Slice]:
     """The slices through the loss about ``centre`` (d,), within +- ``half_width`` scales of it.
 
-    All pairs (default: of all free numbers) are filled on a coarse grid, then on finer ones down
-    to ``size`` x ``size`` points; no point is evaluated twice, also where slices cross. Yields a
-    pair's slice after each row of its grid; the last one of each pair is complete. To stop, stop
-    asking. The default is the paper's +-20 % about the true pose.
+    All pairs of free numbers are filled on a coarse grid, then on finer ones down to ``size`` x
+    ``size`` points; no point is evaluated twice, also where slices cross. Yields a pair's slice
+    after each row of its grid; the last one of each pair is complete. To stop, stop asking. The
+    default width is the paper's.
 
     ``smooth``: finer grids are interpolated where that did well one grid before, but about each
     slice's minimum; points drawn at random give the ``error`` of each pair's last slice.
@@ -132,35 +127,32 @@ def landscape(
             f"a landscape of {size} points, +-{half_width} wide; wanted an odd number of points, "
             "3 or more (such as 41), and a width above 0 (such as 0.2)."
         )
-    pairs = free_pairs(problem) if pairs is None else tuple(pairs)
-    if not pairs:
+    if len(problem.free_indices) < 2:
         raise SettingsError("a landscape needs two free numbers; lock fewer.")
     centre = np.array(centre, dtype=float)
     steps = half_width * np.linspace(-1.0, 1.0, size)
     steps[size // 2] = 0.0
     # Column i: the values that number i takes along its axis.
     values = centre + steps[:, None] * problem.chart.scales(centre)
-    pool = renderer if isinstance(renderer, RendererPool) else RendererPool(renderer, 1)
-    own = _Losses(problem, pool, values, pairs)
+    losses = _Losses(problem, pool, values)
     first, *finer = strides(size)
-    yield from own.fill(first)
+    yield from losses.fill(first)
     if smooth and len(finer) >= WHOLE_GRIDS:
-        yield from own.fill_smooth(finer)
-        yield from own.checked()
+        yield from losses.fill_smooth(finer)
+        yield from losses.checked()
         return
     for stride in finer:
-        yield from own.fill(stride)
+        yield from losses.fill(stride)
 
 
 class _Losses:
     """The slices' losses, as far as they are known."""
 
-    def __init__(
-        self, problem: FitProblem, pool: RendererPool, values: FloatArray, pairs: Sequence[Pair]
-    ) -> None:
-        self._problem, self._pool, self._values, self._size = problem, pool, values, len(values)
+    def __init__(self, problem: FitProblem, pool: RendererPool, values: FloatArray) -> None:
+        self._loss, self._pool = partial(pose_loss, problem), pool
+        self._values, self._size = values, len(values)
         self._known: dict[Place, float] = {}
-        shape = self._size, self._size
+        shape, pairs = (self._size, self._size), [*combinations(problem.free_indices.tolist(), 2)]
         self._grids = {pair: np.full(shape, np.nan) for pair in pairs}
         self._guessed = {pair: np.full(shape, False) for pair in pairs}
 
@@ -194,9 +186,9 @@ class _Losses:
             yield from self.fill(stride)
 
     def checked(self) -> Iterator[Slice]:
-        """The slices with losses of their own about their minima, and how good the others are."""
+        """The slices, evaluated about their minima, and how good the other losses are."""
         random = np.random.default_rng(0)
-        off: list[FloatArray] = []
+        off: list[float] = []
         for pair, losses in self._grids.items():
             points = np.vstack([random.integers(self._size, size=(CHECKED, 2)), _about(losses)])
             places = [self._place(pair, row, column) for row, column in points.tolist()]
@@ -204,10 +196,9 @@ class _Losses:
             at = tuple(points.T)
             known = np.array([self._known[place] for place in places])
             away = np.abs(losses[at] - known) / max(np.ptp(losses), 1e-12)
-            off.append(away[:CHECKED][self._guessed[pair][at][:CHECKED]])
+            off.extend(away[:CHECKED][self._guessed[pair][at][:CHECKED]])
             losses[at] = known
-        together = np.concatenate(off)
-        error = float(np.quantile(together, 0.95)) if len(together) else 0.0
+        error = float(np.quantile(off, 0.95)) if off else 0.0
         for pair, losses in self._grids.items():
             yield replace(self._slice(pair, losses), error=error)
 
@@ -223,8 +214,7 @@ class _Losses:
             points.append(self._values[self._size // 2].copy())
             for i, step in place:
                 points[-1][i] = self._values[step, i]
-        losses = self._pool.map(lambda own, numbers: pose_loss(self._problem, own, numbers), points)
-        for place, loss in zip(new, losses, strict=True):
+        for place, loss in zip(new, self._pool.map(self._loss, points), strict=True):
             self._known[place] = loss
             yield
 
@@ -266,10 +256,10 @@ def _with_smooth(losses: FloatArray, guess: FloatArray, stride: int) -> FloatArr
 
 def strides(size: int) -> list[int]:
     """Steps from one grid point to the next, coarse to fine: powers of 2 that reach the borders."""
-    found = [1]
-    while (size - 1) % (2 * found[0]) == 0 and (size - 1) // (2 * found[0]) >= COARSEST:
-        found.insert(0, 2 * found[0])
-    return found
+    steps = [1]
+    while (size - 1) % (2 * steps[0]) == 0 and (size - 1) // (2 * steps[0]) >= COARSEST:
+        steps.insert(0, 2 * steps[0])
+    return steps
 
 
 QUICK_SIZES = (3, 9)

@@ -33,6 +33,8 @@ def pose_turned(degrees: float) -> Pose:
 def test_a_car_seen_from_its_side_gets_the_vehicle_chart():
     chart, note = choose_chart("auto", MESH, CAR, pose_turned(20.0))
     assert (chart.name, note) == ("vehicle", "")
+    chart, note = choose_chart("free-body", MESH, CAR, pose_turned(20.0))
+    assert (chart.name, note) == ("free-body", "")
 
 
 def test_a_car_seen_head_on_gets_the_free_body_chart_and_a_reason():
@@ -49,8 +51,3 @@ def test_a_model_without_wheels_gets_the_free_body_chart_and_a_reason():
     assert "no wheels" in note
     with pytest.raises(SettingsError, match=r"keypoints\.json"):
         choose_chart("vehicle", MESH, None, pose_turned(20.0))
-
-
-def test_who_asks_for_the_free_body_chart_gets_it_without_a_word():
-    chart, note = choose_chart("free-body", MESH, CAR, pose_turned(20.0))
-    assert (chart.name, note) == ("free-body", "")

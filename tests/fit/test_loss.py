@@ -111,7 +111,7 @@ def test_a_linearly_dependent_attribute_changes_nothing():
     assert lighting_loss(make_moments(photo, doubled)) == pytest.approx(expected, abs=1e-7)
 
 
-@pytest.mark.parametrize("pixels", [0, 1, 2, 5, 19])
+@pytest.mark.parametrize("pixels", [0, 19])
 def test_too_few_pixels_cost_the_most(pixels):
     random = np.random.default_rng(0)
     joint = random.normal(size=(max(pixels, 1), 5))

@@ -1,4 +1,4 @@
-"""What stands in front of the model is seen without being told; nothing else is taken for it."""
+"""Things in front of the model are seen without being told; nothing else is taken for one."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def demo():
 
 @pytest.fixture(scope="module")
 def behind_slab(demo):
-    """The same with a post in front of the car."""
+    """The demo's case with a post in front of the car."""
     case, _ = demo
     pixels = case.photo.pixels.copy()
     left, right = SLAB
@@ -89,12 +89,6 @@ def test_a_fit_leaves_out_what_it_sees_in_front(demo, behind_slab, tmp_path):
     record = load_pose(tmp_path / "car.pose.json", photo.width, photo.height)
     assert record.seen == found.seen
     assert record.mask == "car.mask.png"
-
-
-@pytest.mark.slow
-def test_the_paper_looks_for_nothing_in_front(behind_slab):
-    data = behind_slab.data.with_object(0, settings=FitSettings("paper"))
-    assert make_scene(data, behind_slab.renderer).fit(evaluations=60).hidden is None
 
 
 @pytest.mark.slow

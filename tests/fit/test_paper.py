@@ -10,11 +10,10 @@ import pytest
 from poseviewer.fit.loss import lighting_loss, paper_loss
 from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
 from poseviewer.fit.progress import Status
-from poseviewer.fit.stages import PAPER_PATIENCE, fit_pose, make_stages
+from poseviewer.fit.stages import PAPER_PATIENCE, fit_pose
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.render.moments import model_attributes
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes
@@ -56,18 +55,6 @@ def test_beside_the_model_it_has_no_colour_of_its_own():
     photo = make_photo(clipped=False, ground=0.6)
     moments = RENDERER.moments(POSE, photo)
     assert paper_loss(moments, clipped=False) > lighting_loss(moments) + 0.01
-
-
-@pytest.mark.parametrize("clipped", [True, False])
-def test_it_searches_the_photo_alone_and_from_one_start(clipped):
-    usual, photo = RestartOptions(), make_photo(clipped, 0.0)
-    problem = FitProblem(
-        (ComparedView(photo, FreeBodyChart.near(MESH, POSE)),), np.zeros(6), method="paper"
-    )
-    (stage,) = make_stages(problem, RENDERER)
-    assert stage.levels[0].factor == 1
-    assert (stage.options.multi_starts, stage.options.patience) == (0, PAPER_PATIENCE)
-    assert stage.options.step == usual.step if clipped else stage.options.step > usual.step
 
 
 @pytest.mark.parametrize("clipped", [True, False])

@@ -47,8 +47,12 @@ def make_problem(width: int, **settings) -> FitProblem:
     return FitProblem((ComparedView(photo, chart),), np.zeros(6), **settings)
 
 
-def with_photo(problem: FitProblem, photo: PhotoAttributes, fine=None) -> FitProblem:
-    return replace(problem, views=(ComparedView(photo, problem.chart, fine),))
+def make_structured(width: int, factor: int, is_refined: bool = False, **settings) -> FitProblem:
+    """The problem by classes and edges, on a photo ``factor`` times smaller."""
+    lit = make_problem(width, **settings)
+    plain = replace(lit.photo, clipped=False, colour_reflectance=False)
+    fine = smaller(plain, 1) if is_refined else None
+    return replace(lit, views=(ComparedView(structured(plain, factor), lit.chart, fine),))
 
 
 @pytest.fixture(scope="module")
@@ -61,14 +65,11 @@ def search(coarse_problem) -> list[FitProgress]:
     return list(fit_pose(coarse_problem, RENDERER))
 
 
-def test_it_goes_from_a_coarse_level_to_the_photo(search):
+def test_it_goes_from_a_coarse_level_to_the_photo_and_ends_at_the_truth(search):
     factors = [progress.factor for progress in search]
     assert factors[0] > 1
     assert factors == sorted(factors, reverse=True)
     assert factors[-1] == 1
-
-
-def test_it_ends_at_the_truth(search):
     assert search[-1].status is Status.CONVERGED
     apart = search[-1].pose.project(MESH.vertices) - true_pose(320).project(MESH.vertices)
     assert np.linalg.norm(apart, axis=1).max() < 0.5
@@ -97,7 +98,7 @@ def test_every_evaluation_counts_and_is_told(search):
     assert set(restarts) == set(range(restarts[-1] + 1))
 
 
-@pytest.mark.parametrize("evaluations", [1, 7, 40, 350])
+@pytest.mark.parametrize("evaluations", [1, 40, 350])
 def test_limits_hold_on_every_level(evaluations):
     problem = make_problem(320, limits=Limits(evaluations=evaluations))
     *_, end = fit_pose(problem, RENDERER)
@@ -113,30 +114,18 @@ def test_locked_numbers_stay_on_every_level():
     assert end.loss < end.start_loss
 
 
-@pytest.mark.slow
-def test_the_same_problem_is_searched_in_the_same_way(coarse_problem, search):
-    again = list(fit_pose(coarse_problem, RENDERER.clone()))
-    assert len(again) == len(search)
-    for one, other in zip(search, again, strict=True):
-        assert np.array_equal(one.parameters, other.parameters)
-        assert np.array_equal(one.candidates, other.candidates)
-
-
 def test_a_population_evaluated_on_several_threads_is_the_same_search():
     """Also where a limit ends it within a generation, and where nobody asks any more."""
-    lit = make_problem(160, limits=Limits(evaluations=150))
-    small = replace(lit.photo, clipped=False, colour_reflectance=False)
-    problem = with_photo(lit, structured(small, 1))
+    problem = make_structured(160, 1, limits=Limits(evaluations=150))
     alone = list(fit_pose(problem, RENDERER))
     assert alone[-1].loss < alone[0].loss
-    for threads in (2, 3):
-        together = list(fit_pose(problem, RENDERER, threads))
-        assert len(together) == len(alone)
-        for one, other in zip(alone, together, strict=True):
-            assert one.evaluations == other.evaluations
-            assert one.loss == other.loss
-            assert np.array_equal(one.parameters, other.parameters)
-            assert np.array_equal(one.candidates, other.candidates)
+    together = list(fit_pose(problem, RENDERER, 3))
+    assert len(together) == len(alone)
+    for one, other in zip(alone, together, strict=True):
+        assert one.evaluations == other.evaluations
+        assert one.loss == other.loss
+        assert np.array_equal(one.parameters, other.parameters)
+        assert np.array_equal(one.candidates, other.candidates)
     left = fit_pose(problem, RENDERER, 2)
     assert next(left).status is Status.RUNNING
     del left  # it ends its threads
@@ -144,11 +133,9 @@ def test_a_population_evaluated_on_several_threads_is_the_same_search():
 
 @pytest.mark.slow
 def test_a_search_that_ends_on_a_finer_photo_ends_nearer_to_the_truth():
-    lit = make_problem(480)
-    small = replace(lit.photo, clipped=False, colour_reflectance=False)
-    problem = with_photo(lit, structured(small, 4))
+    problem = make_structured(480, 4)
     *_, coarse = fit_pose(problem, RENDERER)
-    *_, fine = fit_pose(with_photo(problem, problem.photo, smaller(small, 1)), RENDERER)
+    *_, fine = fit_pose(make_structured(480, 4, is_refined=True), RENDERER)
     assert coarse.status is fine.status is Status.CONVERGED
     assert fine.evaluations > coarse.evaluations
     truth = true_pose(480).project(MESH.vertices)
@@ -170,9 +157,7 @@ def test_small_models_are_searched_on_the_photo_alone():
 
 
 def test_populations_are_judged_on_a_lighter_model_where_no_level_is_coarser():
-    lit = make_problem(160)
-    plain = replace(lit.photo, clipped=False, colour_reflectance=False)
-    wide, population, last = make_stages(with_photo(lit, structured(plain, 2)), RENDERER)
+    wide, population, last = make_stages(make_structured(160, 2), RENDERER)
     assert [stage.levels[0].factor for stage in (wide, population, last)] == [1, 1, 1]
     renderers: list[Any] = [stage.levels[0].renderer for stage in (wide, population, last)]
     faces = [len(renderer.mesh.faces) for renderer in renderers]
@@ -187,9 +172,7 @@ def test_a_search_ends_without_what_is_hidden_there():
             culled_at.append(pose)
             return super().culled(pose)
 
-    lit = make_problem(160)
-    small = replace(lit.photo, clipped=False, colour_reflectance=False)
-    problem = with_photo(lit, structured(small, 2), smaller(small, 1))
+    problem = make_structured(160, 2, is_refined=True)
     *_, end = fit_pose(problem, Recording(MESH))
     (pose,) = culled_at  # of the fine photo: on the photo the model is a lighter one
     assert (pose.camera.width, pose.camera.height) == (160, 120)
@@ -200,8 +183,6 @@ def test_a_search_ends_without_what_is_hidden_there():
 
 def test_a_model_out_of_sight_is_said():
     problem = make_problem(320)
-    empty = PhotoAttributes(
-        problem.photo.channels, np.zeros_like(problem.photo.weights), clipped=False
-    )
-    *_, end = fit_pose(FitProblem((ComparedView(empty, problem.chart),), problem.start), RENDERER)
+    empty = replace(problem.photo, weights=np.zeros((240, 320)), clipped=False)
+    *_, end = fit_pose(problem.on([empty]), RENDERER)
     assert end.status is Status.NOTHING_SEEN

@@ -50,46 +50,27 @@ def test_the_features_speak_for_the_true_pose(verdicts):
     assert all(np.isfinite(list(asdict(right).values())))
 
 
-def test_features_gathered_in_parallel_is_the_same(scene, verdicts):
-    registration = open_photo(scene.photo, scene.model, scene.truth)
-    problem, _ = make_problem(by(registration, chart="free-body"))
-    renderer, pose = SoftwareRenderer(registration.objects[0].mesh), problem.chart.to_pose(OFF)
-    assert (
-        gather_features(problem, registration.objects[0].mesh, renderer, pose, 3)
-        == verdicts[1].features
-    )
-
-
-def test_nothing_to_see_is_lost():
-    verdict = judge(None)
-    assert (verdict.word, verdict.probability) == ("lost", 0.0)
-
-
 def test_worse_features_are_never_more_probable(verdicts):
     best = verdicts[0].features
     worse = replace(best, spread_percent=best.spread_percent + 20.0, outline=0.0)
     assert judge(worse).probability < judge(best).probability
 
 
-@pytest.mark.parametrize("free", [(True,) * 6, (True,) * 4 + (False, True)])
-def test_a_pose_at_the_border_of_its_chart_is_judged(scene, free):
+def test_a_pose_at_the_border_of_its_chart_has_motions(scene):
     """The axle lies as flat as the vehicle's numbers allow: one more step leads to no pose."""
     registration = open_photo(scene.photo, scene.model, scene.truth)
     problem, _ = make_problem(by(registration, chart="free-body"))
     camera = Parallel(60.0, 100.0, 80.0, 200, 160)
     chart = VehicleChart(make_keypoints(np.random.default_rng(3)).left, camera)
     flattest = np.sqrt(1.0 - LEAST_AXLE_COMPONENT**2) - 1e-9
-    parameters = np.array([0.3, 0.6, 0.3, 0.01, 0.0, flattest])
+    parameters, free = np.array([0.3, 0.6, 0.3, 0.01, 0.0, flattest]), (True,) * 4 + (False, True)
     with pytest.raises(OutsideChartError):
         chart.to_pose(parameters + 1e-4 * np.eye(6)[5])
-    pose = chart.to_pose(parameters)
-    body = FreeBodyChart.near(registration.objects[0].mesh, pose, False)
-    here = replace(
-        problem, views=(replace(problem.views[0], chart=chart),), start=parameters, free=free
-    )
+    body = FreeBodyChart.near(registration.objects[0].mesh, chart.to_pose(parameters), False)
+    views = (replace(problem.views[0], chart=chart),)
+    here = replace(problem, views=views, start=parameters, free=free)
     motions = free_motions(here, parameters, body)
-    assert motions.shape == (sum(free), 6)
-    np.testing.assert_allclose(motions @ motions.T, np.eye(sum(free)), atol=1e-9)
+    np.testing.assert_allclose(motions @ motions.T, np.eye(5), atol=1e-9)
 
 
 def test_a_model_of_which_too_little_is_seen_is_lost(verdicts):
@@ -125,8 +106,8 @@ def test_word_and_number_of_a_verdict_never_contradict(word: str):
 @pytest.mark.parametrize(
     ("alone", "word"),
     [
-        *(([0.9] * count, "found") for count in (2, 3, 4, 8)),
-        *(([0.1] * count, "lost") for count in (2, 3, 4, 8)),
+        ([0.9, 0.9], "found"),
+        ([0.1, 0.1, 0.1], "lost"),
         ([0.99, 0.99, 0.3], "found"),
         ([0.97, 0.97, 0.01], "doubtful"),  # a camera contradicts the other two
         ([0.99, 0.01], "doubtful"),  # one of the other

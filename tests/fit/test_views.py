@@ -16,6 +16,7 @@ from poseviewer.fit.slices import landscape
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.pose_covariance import region_reach
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.starts.loading import open_views
 from tests.view_sets import CAMERA, DISTANCE, MESH, START, TRUTH, focal_length, make_views
@@ -147,23 +148,19 @@ def test_a_grey_photo_makes_all_of_them_grey():
     assert [view.photo.channels.shape[2] for view in mixed.views] == [1, 1, 1]
 
 
-def test_views_of_different_sizes_have_their_own_pyramids(renderer):
+@pytest.mark.parametrize("is_mixed", [False, True])
+def test_a_landscape_is_of_all_views_of_any_sizes(renderer, is_mixed):
     scene = make_scene()
-    first, second, third = scene.views
-    pixels = second.photo.pixels.repeat(2, axis=0).repeat(2, axis=1)
-    camera = second.camera.scaled(2.0)
-    large = replace(second, photo=replace(second.photo, pixels=pixels), camera=camera)
-    mixed, _ = make_problem(replace(scene, views=(first, large, third)))
-    *_, last = landscape(mixed, renderer, np.zeros(6), half_width=0.1, size=3, pairs=[(0, 5)])
-    assert last.complete
-    assert mixed.views[1].photo.factor > mixed.views[0].photo.factor
-
-
-def test_a_landscape_is_of_all_views(problem, renderer):
-    *_, last = landscape(problem, renderer, np.zeros(6), half_width=0.1, size=3, pairs=[(0, 5)])
-    at = np.zeros(6)
-    at[5] = 0.1
-    assert last.losses[2, 1] == pose_loss(problem, renderer, at)
+    if is_mixed:
+        first, second, third = scene.views
+        pixels = second.photo.pixels.repeat(2, axis=0).repeat(2, axis=1)
+        camera, photo = second.camera.scaled(2.0), replace(second.photo, pixels=pixels)
+        scene = replace(scene, views=(first, replace(second, photo=photo, camera=camera), third))
+    problem = replace(make_problem(scene)[0], free=(True,) + 4 * (False,) + (True,))
+    assert is_mixed == (problem.views[1].photo.factor > problem.views[0].photo.factor)
+    pool = RendererPool(renderer, 1)
+    *_, last = landscape(problem, pool, np.zeros(6), half_width=0.1, size=3)
+    assert last.losses[2, 1] == pose_loss(problem, renderer, 0.1 * np.eye(6)[5])
 
 
 @pytest.mark.parametrize(

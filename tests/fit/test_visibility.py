@@ -61,13 +61,6 @@ def test_the_nearest_is_seen_whatever_the_order():
     assert 0.1 < share < 0.9
 
 
-def test_models_that_run_into_each_other_are_told_apart_pixel_by_pixel():
-    seen = visibility(
-        [place(0.0, 6.0, turn=(0.0, 0.6, 0.0)), place(0.0, 6.0, turn=(0.0, -0.6, 0.0))]
-    )
-    assert seen.shares == pytest.approx([0.5, 0.5], abs=0.06)
-
-
 def test_a_model_out_of_sight_is_seen_to_nothing():
     assert visibility([place(0.0, 6.0), place(40.0, 6.0)]).shares == pytest.approx([1.0, 0.0])
 
@@ -86,7 +79,7 @@ def test_what_is_in_front_hides_also_where_the_model_is_not_yet():
 
 
 def attributes(model: PlacedModel, *others: PlacedModel) -> PhotoAttributes:
-    """What is compared of a photo of a model, about others that are locked."""
+    """F and P of a photo of a model, among others that are locked."""
     pixels = np.random.default_rng(0).integers(0, 255, (120, 160, 3))
     photo = Photo(pixels.astype(np.uint8), "p.png", "0" * 64)
     scene = scene_of(photo, model.mesh, model.pose)

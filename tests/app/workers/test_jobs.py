@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -18,7 +19,6 @@ from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.overlay import OverlayDrawer
 from poseviewer.fit.problem import make_problem, pose_loss
 from poseviewer.fit.settings import FitSettings, Limits
-from poseviewer.fit.slices import free_pairs
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.pool import RendererPool
@@ -171,7 +171,7 @@ def test_maps_become_known_until_they_are_complete(document, renderer, lock):
     assert known == sorted(known)
     assert 0 < known[0] < known[-1]
     pairs = [(piece.first, piece.second) for piece in updates[-1].slices]
-    assert sorted(pairs) == sorted(free_pairs(problem))
+    assert sorted(pairs) == [*combinations(problem.free_indices.tolist(), 2)]
     assert all(piece.complete for piece in updates[-1].slices)
     # In the middle of each: the loss of the pose itself.
     loss = pose_loss(problem, renderer, problem.start.copy())
