@@ -134,15 +134,15 @@ class PreparingPanel:
 
 def loss_bar(session: Session) -> str:
     """HTML; empty while nothing is known. The tooltip says what light, classes and edges leave."""
-    overlay, latest = session.overlay, session.own_search
-    pose = None if overlay is None else overlay.losses.mean
+    losses, latest = session.losses, session.own_search
+    pose = None if losses is None else losses.mean
     marks: dict[str, float | None] = {}  # the later over the earlier ones, and smaller
     if latest is not None:
         progress = latest.progress
         scale = progress.scale
         marks = {"start": progress.start_loss, "best": progress.loss}
-    elif overlay is not None and pose is not None:
-        scale, marks = pose.scale, {"start": overlay.losses.start}
+    elif losses is not None and pose is not None:
+        scale, marks = pose.scale, {"start": losses.start}
     else:
         return ""
     parts = ""

@@ -572,7 +572,7 @@ def focal_note(session: Session) -> str:
 
 def search_text(session: Session) -> str:
     """Say how the search stands and its verdict, or the loss at the pose (markdown)."""
-    search, overlay = session.search, session.overlay
+    search, losses = session.search, session.losses
     if session.preparation is not None:
         if session.preparation.trouble:
             return ""  # it is said above all panels
@@ -581,11 +581,11 @@ def search_text(session: Session) -> str:
         compiling = session.preparation.share is not None
         return "The loss comes when all is compiled." if compiling else PREPARING
     if search is None:
-        if overlay is not None and overlay.losses.mean is not None:
-            count = len(overlay.losses.of_views)
+        if losses is not None and losses.mean is not None:
+            count = len(losses.of_views)
             of_set = f", mean of {count} photos" if count > 1 else ""
-            return f"**{overlay.losses.mean.text}** at this pose{of_set}"
-        return plain(overlay.losses.note if overlay else "") or PREPARING
+            return f"**{losses.mean.text}** at this pose{of_set}"
+        return plain(losses.note if losses else "") or PREPARING
     if search.latest is None:
         return "Preparing the search ..."
     progress = search.latest.progress

@@ -101,10 +101,10 @@ def said_of(session: Session, index: int) -> str:
     """Say what a photo leaves unexplained at the current pose, or why that is not known."""
     if not session.document.object.in_views[index].is_compared:
         return "not compared"
-    overlay = session.overlay
-    if session.searching or overlay is None or not overlay.losses.of_views:
+    losses = session.losses
+    if session.searching or losses is None or not losses.of_views:
         return ""
-    result = overlay.losses.of_views.get(index)
+    result = losses.of_views.get(index)
     return "not seen" if result is None else f"{result.scale.shown(result.loss):.3f}"
 
 

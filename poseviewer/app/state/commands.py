@@ -45,6 +45,7 @@ from poseviewer.app.state.marking import (
 )
 from poseviewer.app.state.session import (
     LandscapeUpdate,
+    Losses,
     Overlay,
     Preparation,
     ProposedStarts,
@@ -680,22 +681,14 @@ def enlarge_map(session: Session, first: int, second: int) -> Session:
 
 
 @drag_edit
-def overlay_drawn(session: Session, new: Overlay) -> Session:
-    """Show the model as drawn; until its loss is known, that of the last drawing."""
-    old = session.overlay
-    if not new.request.document.shows_same(session.document):
-        return session
-    if not new.loss_is_current and old is not None:
-        current = old.request.has_loss_of(new.request) and old.loss_is_current
-        new = replace(new, losses=old.losses, loss_is_current=current)
-    return replace(session, overlay=new)
+def overlay_drawn(session: Session, overlay: Overlay) -> Session:
+    """Show the model as drawn."""
+    is_there = overlay.request.document.shows_same(session.document)
+    return replace(session, overlay=overlay) if is_there else session
 
 
 @drag_edit
-def loss_computed(session: Session, new: Overlay) -> Session:
-    """Show the loss of a pose that is, or a moment ago was, drawn."""
-    old = session.overlay
-    if old is None or old.loss_is_current:
-        return session
-    current = old.request.has_loss_of(new.request)
-    return replace(session, overlay=replace(old, losses=new.losses, loss_is_current=current))
+def losses_read(session: Session, losses: Losses) -> Session:
+    """Show the losses of a pose that is, or a moment ago was, at hand."""
+    is_there = losses.request.document.shows_same(session.document)
+    return replace(session, losses=losses) if is_there else session

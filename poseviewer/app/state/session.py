@@ -46,8 +46,6 @@ class OverlayRequest:
     can be compared."""
     look: str
     opacity: float = 0.8
-    moving: bool = False
-    """Whether the next pose will follow at once: then the quick drawing is all there is."""
 
     def compares_same(self, other: OverlayRequest) -> bool:
         """Whether both compare the same pixels by the same loss, of the same photo large."""
@@ -67,6 +65,8 @@ class OverlayRequest:
 class Losses:
     """Unexplained shares of the photos at the active object's pose."""
 
+    request: OverlayRequest
+    """Pose that they are of, and pixels that are compared."""
     mean: Unexplained | None = None
     """Over the views that are compared; None where it cannot be told."""
     note: str = ""
@@ -84,13 +84,10 @@ class Overlay:
     request: OverlayRequest
     outline: FloatArray
     """(N, 2, 2): line segments in px of the photo."""
-    losses: Losses
     picture: NDArray[np.uint8] | None = None
     """(h, w, 3 or 4): RGB in place of the photo, or RGBA over it; None for none."""
     place: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     """Where the picture lies: left, top, width, height in px of the photo."""
-    loss_is_current: bool = True
-    """False: the losses are still those of the pose before, its own will follow."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -268,6 +265,8 @@ class Session:
     aside: FitSettings = field(default_factory=lambda: FitSettings("paper"))
     """The settings as they were before the method was changed last."""
     overlay: Overlay | None = None
+    losses: Losses | None = None
+    """Of the pose at hand, or of one a moment ago: its own will follow."""
     outlines: Outlines | None = None
     preparation: Preparation | None = None
     """None: all is ready. Until then a search waits, and outlines are sketched."""
@@ -282,6 +281,11 @@ class Session:
     def compared(self) -> Scene:
         """The scene about which pixels are compared."""
         return self.anchor or self.document.scene
+
+    @property
+    def overlay_request(self) -> OverlayRequest:
+        """What is to be drawn and compared by now."""
+        return OverlayRequest(self.document, self.compared, self.look.name, self.look.opacity)
 
     def covariance_in(self, view: int) -> PoseCovariance | None:
         """Covariance of the active object's pose in a view; None where no search has said it."""
@@ -359,6 +363,7 @@ class Session:
             landscapes=self.landscapes if same else (),
             ends=self.ends if same else (),
             overlay=self.overlay if same else None,
+            losses=self.losses if same else None,
         )
 
     def with_active(self, index: int) -> Session:
@@ -378,8 +383,8 @@ class Session:
         if not is_in_sight(document):
             name = document.view.name
             raise SettingsError(f"{name} does not show the model where it is now")
-        kept = {"anchor": self.compared, "landscapes": (), "overlay": None, "proposals": None}
-        return replace(self, document=document, drag=None, before_drag=None, **kept)
+        gone = dict.fromkeys(("overlay", "losses", "proposals", "drag", "before_drag"))
+        return replace(self, document=document, anchor=self.compared, landscapes=(), **gone)
 
     def with_document(self, document: Document, same_step: bool = False) -> Session:
         """One undoable step to another document; with ``same_step`` undo leads to before the step

@@ -29,11 +29,11 @@ def saved_scene(session: Session) -> Scene:
     """The scene, with what files say of an active object that no search has ended on: its loss, as
     far as it is known, and its numbers in the chart that is shown.
     """
-    own, overlay, known = session.document, session.overlay, None
+    own, losses = session.document, session.losses
     if own.object.result is not None:
         return own.scene
-    if overlay is not None and overlay.request.document.pose is own.pose:
-        known = overlay.losses.mean if overlay.loss_is_current else None
+    is_current = losses is not None and losses.request.has_loss_of(session.overlay_request)
+    known = losses.mean if losses is not None and is_current else None
     result = SearchResult(
         None,
         np.nan if known is None else known.loss,

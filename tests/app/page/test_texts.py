@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from poseviewer.app.page.controls import plain
@@ -19,7 +18,7 @@ from poseviewer.app.page.panels import (
     verdict_text,
 )
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.session import Losses, Overlay, OverlayRequest
+from poseviewer.app.state.session import Losses
 from poseviewer.app.workers.exporting import saved_scene
 from poseviewer.fit.scene import SearchResult
 from poseviewer.fit.verdict import Verdict
@@ -47,10 +46,9 @@ def test_no_name_is_markup_to_the_page(name: str):
     assert html.unescape(shown) == name
     assert plain("demo_photo.jpg (1): 2 & 3") == "demo_photo.jpg (1): 2 &amp; 3"
     session = make_session()
-    asked = OverlayRequest(session.document, session.document.scene, "outline")
-    overlay = Overlay(asked, np.zeros((0, 2, 2)), Losses(note=f"{name}: no loss"))
+    losses = Losses(session.overlay_request, note=f"{name}: no loss")
     document = session.document.with_marks(note=name)
-    session = replace(session, overlay=overlay, document=document, tool="pairs")
+    session = replace(session, losses=losses, document=document, tool="pairs")
     assert shown in search_text(session)
     assert shown in marks_text(session)
     for text in (search_text(session), marks_text(session)):

@@ -1,36 +1,26 @@
-"""Searches and maps in the session, with real updates; and any commands in any order."""
+"""Searches and maps in the session, with real updates."""
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.document import MOST_STEPS
-from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import (
     LandscapeUpdate,
-    OverlayRequest,
-    SearchRequest,
     SearchUpdate,
     Session,
 )
-from poseviewer.app.state.update import update
 from poseviewer.app.workers.jobs import case_of, run_search
 from poseviewer.app.workers.maps import maps
 from poseviewer.app.workers.opening import open_files
-from poseviewer.app.workers.overlay import OverlayDrawer
-from poseviewer.errors import PoseViewerError
 from poseviewer.fit.progress import Status
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from tests.app.state.documents import (
-    PARALLEL,
-    PERSPECTIVE,
     after,
     asked_of,
     assert_same_pose,
@@ -179,82 +169,6 @@ def test_maps_of_more_photos_than_are_left_come_too_late(session, landscape):
     both = replace(session.document, scene=replace(scene, views=scene.views * 2, objects=(one,)))
     late = tuple(replace(maps, document=both) for maps in landscape)
     assert after(session, c.landscape_advanced(late)) is session
-
-
-def random_command(random, session: Session, updates, landscape, others) -> Edit:
-    """Any command, sometimes with nonsense in it."""
-    x, y = random.uniform(-20.0, 180.0, 2)
-    if random.uniform() < 0.7:
-        x, y = session.document.pose.project(session.document.mesh.centre)
-        x, y = np.array([x, y]) + random.normal(size=2) * 15.0
-    if random.uniform() < 0.02:
-        x = random.choice([np.nan, np.inf, 1e300, -1e8])
-    x, y, amount = float(x), float(y), float(random.normal() * 3.0)
-    flip = [bool(v) for v in random.integers(0, 2, 3)]
-    pick = random.integers
-    names = (*session.document.chart.names, "nonsense")
-    sides = ("three-quarter", "left", "right", "front", "back", "top", "bottom", "nowhere")
-    search = session.search and session.search.asked
-    asked = search or SearchRequest(session.document, (), ())
-    settings = replace(SETTINGS, free_focal=flip[0], grey=flip[1])
-    kinds = ("move", "turn", "roll", "scale")
-    made: list[Edit] = [
-        *[c.press(x, y, float(random.uniform(0.3, 4.0)), flip[0], flip[1])] * 3,
-        *[c.drag_to(x, y)] * 5,
-        *[c.release()] * 2,
-        c.cancel_drag(),
-        *[c.double_press(x, y, 2.0)] * 2,
-        c.nudge(kinds[pick(4)], amount, -amount),
-        c.set_number(names[pick(len(names))], float(random.normal() * 0.3)),
-        c.reset_to_start(),
-        c.make_start(),
-        c.view_from(sides[pick(len(sides))]),
-        c.undo(),
-        c.redo(),
-        c.alter_settings(lambda _: settings),
-        c.set_projection("parallel" if flip[0] else "perspective"),
-        c.set_camera(float(random.uniform(-50.0, 500.0)), 300.0, x, y),
-        c.open_document(others[pick(len(others))]),
-        c.set_tool("region" if flip[0] else "pose"),
-        c.change_look(hidden=flip[0]),
-        c.enlarge_map(0, 1),
-        c.pick_in_landscape(int(pick(6)), int(pick(6)), float(random.uniform(-1, 2)), 0.5),
-        *[c.start_search()] * 2,
-        c.stop_search(),
-        c.accept_search(),
-        c.revert_search(),
-        *[c.search_advanced(asked, updates[pick(len(updates))])] * 3,
-        c.search_failed(asked),
-        c.landscape_advanced(landscape),
-        c.mark_saved(session.document),
-    ]
-    return made[pick(len(made))]
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_any_commands_in_any_order_leave_a_session_that_can_be_undone(
-    session, updates, landscape, seed
-):
-    random = np.random.default_rng(seed)
-    renderer = SoftwareRenderer(session.document.mesh)
-    others = [make_document(PARALLEL), make_document(PERSPECTIVE, vehicle=True), session.document]
-    now = session
-    for request in OverlayDrawer(renderer).draw(_request(session)):
-        now = after(now, c.overlay_drawn(request))
-    for _ in range(500):
-        command = random_command(random, now, updates, landscape, others)
-        with suppress(PoseViewerError):
-            now = update(now, command)
-        assert np.isfinite(now.document.parameters).all()
-    assert 50 < len(now.history.past) < MOST_STEPS  # so that the first one is in reach
-    while now.history.past:
-        now = after(now, c.undo())
-    assert now.document is session.document
-
-
-def _request(session: Session) -> OverlayRequest:
-    document = session.document
-    return OverlayRequest(document, document.scene, "outline")
 
 
 def test_the_updates_are_of_a_search_that_ended(updates):

@@ -11,12 +11,18 @@ import pytest
 
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.session import OverlayRequest, SearchRequest, SearchUpdate, Session
+from poseviewer.app.state.session import (
+    Losses,
+    OverlayRequest,
+    SearchRequest,
+    SearchUpdate,
+    Session,
+)
 from poseviewer.app.state.update import update
 from poseviewer.app.workers.jobs import case_of, run_search
 from poseviewer.app.workers.maps import MapJob, MapMaker, maps
 from poseviewer.app.workers.opening import open_files
-from poseviewer.app.workers.overlay import OverlayDrawer
+from poseviewer.app.workers.overlay import LossReader, OverlayDrawer, draw_fine_lines
 from poseviewer.fit.problem import make_problem, pose_loss
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.stages import fit_pose
@@ -51,16 +57,19 @@ def searched(document: Document) -> list[SearchUpdate]:
     return updates
 
 
-def test_an_outline_is_drawn_quickly_then_finely(document, renderer):
-    quick, fine = OverlayDrawer(renderer).draw(request_of(document))
-    assert len(quick.outline) > 10
+def losses_of(document: Document, renderer: SoftwareRenderer) -> Losses:
+    return LossReader(renderer).read(request_of(document))
+
+
+def test_both_drawings_go_round_the_model(document, renderer):
+    request = request_of(document)
+    quick, fine = OverlayDrawer(renderer).draw(request), draw_fine_lines(request, renderer)
     assert quick.picture is None
     assert fine.picture is not None
-    assert fine.losses.mean == quick.losses.mean
     left, top, width, height = fine.place
     assert fine.picture.shape[2] == 4
     assert fine.picture.shape[1] / fine.picture.shape[0] == pytest.approx(width / height)
-    # Both go round the model: within a pixel of the box of its vertices.
+    # Within a pixel of the box of its vertices.
     seen = document.pose.project(document.mesh.vertices)
     for overlay in (quick, fine):
         points = overlay.outline.reshape(-1, 2)
@@ -70,56 +79,39 @@ def test_an_outline_is_drawn_quickly_then_finely(document, renderer):
     assert np.all(fine.outline <= [left + width, top + height])
 
 
-def test_a_moving_model_is_drawn_quickly_alone(document, renderer):
-    first, second = OverlayDrawer(renderer).draw(request_of(document, moving=True))
-    assert (first.loss_is_current, second.loss_is_current) == (False, True)
-    assert second.losses.mean is not None
-    for overlay in (first, second):
-        assert overlay.picture is None
-        assert len(overlay.outline) > 10
-
-
 def test_the_loss_is_that_of_the_search(document, renderer):
     problem, _ = make_problem(document.scene)
-    drawer = OverlayDrawer(renderer)
+    reader = LossReader(renderer)
     for shift in (0.0, 0.05, -0.1):
         parameters = problem.start + shift
         there = document.at_numbers(problem.chart, parameters)
-        (overlay,) = drawer.draw(OverlayRequest(there, document.scene, "none"))
+        losses = reader.read(OverlayRequest(there, document.scene, "none"))
         wanted = pose_loss(problem, renderer, parameters)
-        assert overlay.losses.mean is not None
-        assert overlay.losses.mean.loss == pytest.approx(wanted, rel=1e-12)
-        assert overlay.losses.start == pytest.approx(pose_loss(problem, renderer, problem.start))
+        assert losses.mean is not None
+        assert losses.mean.loss == pytest.approx(wanted, rel=1e-12)
+        assert losses.start == pytest.approx(pose_loss(problem, renderer, problem.start))
 
 
 def test_the_compared_pixels_stay_with_the_anchor_and_go_with_the_settings(document, renderer):
-    drawer = OverlayDrawer(renderer)
-    request = request_of(document, "none")
-
-    def loss(asked: OverlayRequest) -> float:
-        (overlay,) = drawer.draw(asked)
-        assert overlay.losses.mean is not None
-        return overlay.losses.mean.loss
-
-    other = request_of(document.with_own(region=Rectangle(40, 30, 80, 60)), "none")
-    for asked in (request, other, request):
-        fresh = next(iter(OverlayDrawer(renderer).draw(asked))).losses.mean
-        assert fresh is not None
-        assert loss(asked) == fresh.loss
-    assert loss(request) != loss(other)
+    reader = LossReader(renderer)
+    request = request_of(document)
+    other = request_of(document.with_own(region=Rectangle(40, 30, 80, 60)))
+    read = [reader.read(asked).mean for asked in (request, other, request)]
+    fresh = [losses_of(asked.document, renderer).mean for asked in (request, other, request)]
+    losses = [None if mean is None else mean.loss for mean in read]
+    assert losses == [None if mean is None else mean.loss for mean in fresh]
+    assert losses[0] == losses[2] != losses[1]
 
 
 def test_why_there_is_no_loss_is_told(document, renderer):
-    request = request_of(document.with_own(region=Rectangle(0, 0, 2, 2)))
-    for overlay in OverlayDrawer(renderer).draw(request):
-        assert overlay.losses.mean is None
-        assert len(overlay.losses.note) > 20
-        assert len(overlay.outline) > 10
+    losses = losses_of(document.with_own(region=Rectangle(0, 0, 2, 2)), renderer)
+    assert losses.mean is None
+    assert len(losses.note) > 20
 
 
 @pytest.mark.parametrize("look", ["solid", "relit", "residual"])
 def test_pictures_cover_the_photo(document, renderer, look):
-    (overlay,) = OverlayDrawer(renderer).draw(request_of(document, look))
+    overlay = OverlayDrawer(renderer).draw(request_of(document, look))
     assert overlay.picture is not None
     assert overlay.picture.shape[:2] == (120, 160)
     assert overlay.place == (0.0, 0.0, 160.0, 120.0)
@@ -195,9 +187,9 @@ def test_the_papers_loss_is_drawn_as_it_is_searched(document, renderer, pixels):
     settings = FitSettings("paper", pixels=pixels)
     document = compared_by(document, settings)
     problem, _ = make_problem(document.scene)
-    (overlay,) = OverlayDrawer(renderer).draw(request_of(document, "none"))
-    assert overlay.losses.mean is not None
-    loss = overlay.losses.mean.loss
+    mean = losses_of(document, renderer).mean
+    assert mean is not None
+    loss = mean.loss
     assert loss == pytest.approx(pose_loss(problem, renderer, problem.start.copy()))
     assert 0.0 < loss <= 1.0
 

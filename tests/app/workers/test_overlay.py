@@ -25,7 +25,7 @@ def test_no_look_draws_what_is_behind_another(look: str):
     document = ball_behind_box()
     own = document
     request = OverlayRequest(document, document.scene, look)
-    (overlay,) = OverlayDrawer(SoftwareRenderer(MESHES[0])).draw(request)
+    overlay = OverlayDrawer(SoftwareRenderer(MESHES[0])).draw(request)
     assert overlay.picture is not None
     seen = visibility(TRUTH[:2])
     behind = seen.drawn[0] & ~seen.seen(0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections import deque
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,13 +13,13 @@ from poseviewer.api import load
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.hiding import Stroke, paint
 from poseviewer.app.state.objects import add_object, compare_view, pick_object, show_view
-from poseviewer.app.state.session import Overlay, OverlayRequest, Session
+from poseviewer.app.state.session import Losses, Session
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import filed_view, saved_scene
 from poseviewer.app.workers.jobs import run_search
 from poseviewer.app.workers.maps import MapJob, MapMaker
 from poseviewer.app.workers.opening import open_pose, open_scene, open_set, restore
-from poseviewer.app.workers.overlay import OverlayDrawer
+from poseviewer.app.workers.overlay import LossReader
 from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.state.autosave import load_autosave
@@ -49,25 +48,22 @@ def saved_record(session: Session) -> PoseRecord:
     return pose_record(saved_scene(session), document.active, filed_view(document))
 
 
-def drawn(session: Session) -> Overlay:
-    document = session.document
-    drawer = OverlayDrawer(SoftwareRenderer(document.mesh))
-    request = OverlayRequest(document, document.scene, "outline", moving=True)
-    return deque(drawer.draw(request), maxlen=1)[0]
+def losses_of(session: Session) -> Losses:
+    return LossReader(SoftwareRenderer(session.document.mesh)).read(session.overlay_request)
 
 
 def test_the_loss_is_the_mean_over_the_photos_that_are_compared(session: Session):
-    overlay = drawn(session)
-    assert overlay.losses.mean is not None
-    assert set(overlay.losses.of_views) == {0, 1, 2}
-    losses = [one.loss for one in overlay.losses.of_views.values()]
-    assert overlay.losses.mean.loss == pytest.approx(np.mean(losses))
-    left = drawn(after(session, compare_view(2, False)))
-    assert left.losses.mean is not None
-    assert left.losses.mean.loss == pytest.approx(np.mean(losses[:2]))
+    losses = losses_of(session)
+    assert losses.mean is not None
+    assert set(losses.of_views) == {0, 1, 2}
+    of_views = [one.loss for one in losses.of_views.values()]
+    assert losses.mean.loss == pytest.approx(np.mean(of_views))
+    left = losses_of(after(session, compare_view(2, False))).mean
+    assert left is not None
+    assert left.loss == pytest.approx(np.mean(of_views[:2]))
     # It is the same, whichever photo is large.
-    other = drawn(after(session, show_view(1)))
-    assert other.losses.of_views[0].loss == pytest.approx(losses[0], abs=1e-6)
+    other = losses_of(after(session, show_view(1)))
+    assert other.of_views[0].loss == pytest.approx(of_views[0], abs=1e-6)
 
 
 @pytest.mark.slow
