@@ -20,10 +20,8 @@ from poseviewer.app.workers.opening import (
     restore,
 )
 from poseviewer.cli.main import main
-from poseviewer.errors import SettingsError
 from poseviewer.files.masks import mask_as_png
 from poseviewer.files.pose import (
-    PoseRecord,
     RecordedVerdict,
     load_pose,
 )
@@ -164,27 +162,11 @@ def test_a_scene_keeps_what_a_search_found_in_front_of_an_object(tmp_path, monke
 
 def test_parts_of_a_scene_s_objects_are_left_out_by_the_object_s_id(scene, halves, tmp_path):
     start = load_pose(scene.start, 160, 120)
-    aside = replace(start.pose.camera_from_model, translation=np.array([0.9, 0.1, 8.0]))
-    poses = start.pose, replace(start.pose, camera_from_model=aside)
-    verdict = RecordedVerdict("found", 0.99)
-    found = PoseRecord(start.pose, loss=0.2, unexplained=0.2, verdict=verdict)
     view = ViewRecord.of(scene.photo, start.pose.camera)
-    objects = [
-        ObjectRecord.of(name, halves, replace(found, pose=pose), view)
-        for name, pose in zip(("a", "a:b"), poses, strict=True)
-    ]
-    path, out = tmp_path / "two.scene.json", tmp_path / "out.json"
-    save_scene(path, SceneRecord(views=(view,), objects=tuple(objects)))
-    words = ["fit", path, "--object", "a", "--out", out, "--evaluations", 20, "--quiet"]
-    assert main([*map(str, words), "--without", "a:b:left"]) == 0
-    first, second = load(out).objects
-    assert first.model.mesh.left_out == ()
-    assert second.model.mesh.left_out == ("left",)
-    assert second.result is None  # it was found with all of its parts
-    opened = open_scene(path, ("a:b:left",)).document
-    assert [one.model.mesh.left_out for one in opened.scene.objects] == [(), ("left",)]
-    assert [one.result is None for one in opened.scene.objects] == [False, True]
-    with pytest.raises(SettingsError, match="say of which object, as ID:PART"):
-        load(path, without=("left",))
-    with pytest.raises(SettingsError, match="no part 'mirror'"):
-        load(path, without=("a:mirror",))
+    found = replace(start, loss=0.2, verdict=RecordedVerdict("found", 0.99))
+    objects = tuple(ObjectRecord.of(name, halves, found, view) for name in ("a", "a:b"))
+    path = tmp_path / "two.scene.json"
+    save_scene(path, SceneRecord(views=(view,), objects=objects))
+    opened = open_scene(path, ("a:b:left",)).document.scene.objects
+    assert [one.model.mesh.left_out for one in opened] == [(), ("left",)]
+    assert [one.result is None for one in opened] == [False, True]  # found with all of its parts

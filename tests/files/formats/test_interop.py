@@ -16,7 +16,6 @@ from poseviewer.cli.main import main
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.gltf import write_gltf
 from poseviewer.files.formats.meshlab import read_meshlab, write_meshlab
-from poseviewer.files.formats.opencv import write_opencv
 from poseviewer.files.formats.reconstructions import write_colmap, write_nerfstudio
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import PoseRecord
@@ -36,20 +35,6 @@ from tests.several import make_three
 
 HALF_A_PIXEL_SHOWS = 0.1
 """px: a slip between conventions moves everything by 0.5."""
-
-
-@pytest.mark.parametrize("name", ["pose.yml", "pose.json"])
-def test_opencv_projects_the_same(tmp_path, name):
-    mesh, request = write_files(tmp_path)
-    record = perspective_record()
-    write_opencv(scene_of_pose(tmp_path, record), tmp_path / name, request)
-    storage = cv2.FileStorage(str(tmp_path / name), cv2.FILE_STORAGE_READ)
-    fields = ("rvec", "tvec", "camera_matrix", "distortion_coefficients")
-    rvec, tvec, camera, distortion = (storage.getNode(field).mat() for field in fields)
-    seen, _ = cv2.projectPoints(mesh.vertices, rvec, tvec, camera, distortion)
-    # OpenCV counts from the centre of the upper left pixel, we from the picture's corner.
-    np.testing.assert_allclose(seen[:, 0] + 0.5, record.pose.project(mesh.vertices), atol=1e-9)
-    assert int(storage.getNode("image_width").real()) == WIDTH
 
 
 def test_colmap_projects_the_same_and_counts_pixels_the_same(tmp_path):
