@@ -149,12 +149,15 @@ class Proposals:
 
 
 def propose(
-    query: StartQuery, renderer: Renderer | None = None, begin: BeginThread | None = None
+    query: StartQuery,
+    renderer: Renderer | None = None,
+    begin: BeginThread | None = None,
+    watch: Callable[[], object] = lambda: None,
 ) -> Proposals:
     """Propose up to ``options.proposals`` start poses by a search over views on all cores.
 
     Some 3,000 evaluations of small pictures, always with the same result. Each thread calls
-    ``begin``.
+    ``begin``, each evaluation ``watch``, which may raise to stop it.
 
     Raises ``QuickStartError``: there is no rectangle; or it is too small, or not in the photo.
     """
@@ -165,7 +168,7 @@ def propose(
         )
     renderer = make_renderer(query.inputs.mesh) if renderer is None else renderer
     rectangle = _checked(query.rectangle, query.inputs.photo)
-    search = _ViewSearch(query, rectangle, query.photo_about(rectangle), renderer, begin)
+    search = _ViewSearch(query, rectangle, query.photo_about(rectangle), renderer, begin, watch)
     found = _with_wheels(search, search.best_views(query.views(rectangle)))
     if not found:
         raise QuickStartError(
@@ -183,6 +186,7 @@ class _ViewSearch:
     photo: PhotoAttributes
     renderer: Renderer
     begin: BeginThread | None
+    watch: Callable[[], object]
 
     def best_views(self, views: ViewPoses) -> list[Proposal]:
         """The best views that differ, improved round by round."""
@@ -205,6 +209,7 @@ class _ViewSearch:
 
     def _scored(self, poses: Sequence[Pose], level: Level, *chunk: int) -> list[Proposal]:
         def score(own: Renderer, pose: Pose) -> Proposal:
+            self.watch()
             return Proposal(pose, registration_loss(own.moments(pose, level.photo)))
 
         with RendererPool(level.renderer, begin=self.begin) as pool:
@@ -230,6 +235,7 @@ class _ViewSearch:
             chart = FreeBodyChart(start.pose, mesh.centre, mesh.diameter / 2.0)
 
             def loss_at(parameters: FloatArray) -> float:
+                self.watch()
                 try:
                     pose = chart.to_pose(parameters)
                 except OutsideChartError:
@@ -340,7 +346,7 @@ class AutoStart:
         rectangle = None if rectangle is None else Rectangle(*rectangle)
         query = StartQuery(inputs, self.camera.of(inputs.photo), rectangle, self.settings)
         renderer = make_renderer(inputs.mesh)
-        return best_start(query, propose(query, renderer), renderer, self.watch)
+        return best_start(query, propose(query, renderer, watch=self.watch), renderer, self.watch)
 
 
 @lru_cache(maxsize=4)

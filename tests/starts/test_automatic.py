@@ -91,3 +91,16 @@ def test_a_box_beside_the_photo_is_one_sentence(scene: Scene, box):
 def test_without_a_box_a_sentence_asks_for_one(scene: Scene):
     with pytest.raises(QuickStartError, match="name it with --box"):
         propose(wanted(scene, None))
+
+
+def test_it_can_be_stopped_between_evaluations(scene: Scene):
+    done = []
+
+    def watch() -> None:
+        done.append(1)
+        if len(done) > 20:
+            raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        propose(wanted(scene, box_about(scene)), watch=watch)
+    assert len(done) < 500

@@ -120,7 +120,11 @@ def proposing(notify: Callable[[], None]) -> Job[Document]:
         is_asked = proposals is not None and proposals.running and session.preparation is None
         return proposals.document if proposals is not None and is_asked else None
 
-    return Job("proposals", asked, propose_starts, lambda *_: c.stop_proposing(), notify)
+    def make(document: Document) -> Iterator[Edit]:
+        return propose_starts(document, lambda: job.require_asked(document))
+
+    job = Job("proposals", asked, make, lambda *_: c.stop_proposing(), notify)
+    return job
 
 
 def case_of(
@@ -194,8 +198,8 @@ def ends_of(done: Sequence[SearchUpdate], renderer: Renderer) -> tuple[MethodEnd
     )
 
 
-def propose_starts(document: Document) -> Iterator[Edit]:
-    """Show the proposed start poses, the likeliest first."""
-    query = start_query(document)
-    found = propose(query, renderer_of(query.inputs.mesh).clone(), lower_priority).found
-    yield c.starts_proposed(document, tuple(one.pose for one in found))
+def propose_starts(document: Document, watch: Callable[[], object]) -> Iterator[Edit]:
+    """Show the proposed start poses, the likeliest first; each evaluation calls ``watch``."""
+    renderer = renderer_of(document.mesh).clone()
+    proposals = propose(start_query(document), renderer, lower_priority, watch).found
+    yield c.starts_proposed(document, tuple(proposal.pose for proposal in proposals))

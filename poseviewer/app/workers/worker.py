@@ -222,6 +222,11 @@ class Job(Generic[A]):
         else:
             self._worker.start(lambda: self._make(asked))
 
+    def require_asked(self, asked: A) -> None:
+        """Raise unless this is still asked for; from any thread."""
+        if self._begun is not asked:
+            raise RuntimeError("it is not asked for any more")
+
     def take(self) -> Iterator[Edit]:
         """Give what is new since the last time; raises the error that the work ended in."""
         update = self._worker.take()

@@ -10,7 +10,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from poseviewer.app.workers.worker import JobUpdate, Mailbox, Worker
+from poseviewer.app.state.commands import set_tool
+from poseviewer.app.state.edits import Edit
+from poseviewer.app.workers.worker import Job, JobUpdate, Mailbox, Worker
+from tests.app.state.documents import after, make_session
 
 LONG = 30.0
 """Seconds after which a test has failed; none waits so long when all is well."""
@@ -181,6 +184,44 @@ def test_an_exception_is_told_and_the_next_job_runs(worker, bell):
     bell.heard()
     assert taken(worker).item == "x"
     assert after.thread == "tested"
+
+
+def made(step: Steps) -> Iterator[Edit]:
+    yield from (set_tool("box") for _ in step())
+
+
+def test_a_job_is_begun_once_and_stopped_where_it_is_not_asked_for(bell):
+    """What is asked for is the session's tool; an edit gives another one."""
+    session, steps = make_session(), {"pairs": Steps("ab"), "wheels": Steps("c", ValueError("no"))}
+    job = Job(
+        "tested",
+        lambda now: now.tool if now.tool in steps else None,
+        lambda asked: made(steps[asked]),
+        lambda *_: set_tool("region"),
+        bell,
+    )
+    job.follow(session)
+    assert not job.busy
+    asked = after(session, set_tool("pairs"))
+    job.follow(asked)
+    job.follow(asked)
+    assert steps["pairs"].asked.acquire(timeout=LONG)
+    job.require_asked("pairs")
+    job.follow(session)
+    assert not job.busy
+    with pytest.raises(RuntimeError):
+        job.require_asked("pairs")
+    steps["pairs"].go(2)
+    other = after(session, set_tool("wheels"))
+    job.follow(other)
+    steps["wheels"].go()
+    bell.heard()
+    bell.heard()
+    edits = job.take()
+    assert [next(edits)(other).tool for _ in range(2)] == ["box", "region"]
+    with pytest.raises(ValueError, match="no"):
+        next(edits)
+    job.close()
 
 
 @pytest.mark.parametrize("held", [False, True])
