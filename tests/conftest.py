@@ -1,4 +1,4 @@
-"""What several tests need: real data where it is there, and broken files."""
+"""Real data where it is there, a scene, and settings for all tests."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from hypothesis import settings
 
 from poseviewer.cli.terminal import tell_of_compiling
 from poseviewer.render.software.compiled import compile_kernels
-from tests.files.broken_inputs import BrokenInput, make_broken_inputs
 from tests.scene import Scene, make_scene
 
 # The same examples every time, however busy the machine: a failure can be run again, and a green
@@ -55,12 +54,6 @@ def shared_data() -> Path:
     if not (folder / "cases.json").is_file():
         pytest.skip(f"no real data in {folder}; set POSEVIEWER_DATA to the folder that has it")
     return folder
-
-
-@pytest.fixture(scope="session")
-def broken_inputs(tmp_path_factory: pytest.TempPathFactory) -> list[BrokenInput]:
-    """Files that no command may accept: see ``files/broken_inputs.py``."""
-    return make_broken_inputs(tmp_path_factory.mktemp("broken"))
 
 
 @pytest.fixture(scope="session")
