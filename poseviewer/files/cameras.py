@@ -25,7 +25,7 @@ from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
 
 KIND = "file of cameras"
 LARGEST_SKEW = 1e-6
-"""As a share of the focal length."""
+"""Share of the focal length."""
 ALIASES = {
     "matrix": ("cameramatrix", "intrinsicmatrix", "mtx", "k", "m"),
     "distortion": ("distortioncoefficients", "distcoeffs", "distcoeff", "dist", "d"),
@@ -35,7 +35,7 @@ ALIASES = {
     "fisheye": ("fisheyemodel",),
     "model": ("distortionmodel", "cameramodel", "lensmodel", "model"),
 }
-"""What OpenCV's samples, ROS and users of NumPy call what a camera consists of, in small letters,
+"""Names of a camera's numbers with OpenCV's samples, ROS and users of NumPy, in small letters,
 without ``_``. A number behind a name tells the cameras of a file apart.
 """
 LOADER = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
@@ -54,7 +54,7 @@ class FileCamera:
     """A camera as a file has it."""
 
     name: str
-    """What it is called among the file's cameras; "" where there is one alone."""
+    """Name among the file's cameras; "" where there is one alone."""
     camera: Perspective
     """Pixel centres at i + 0.5; 0x0 px where the file does not say the size of its pictures."""
     lens: Lens | None = None

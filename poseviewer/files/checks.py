@@ -45,7 +45,7 @@ def quiet_libraries() -> Iterator[None]:
 
 
 VERSION = 1
-"""Of all our JSON formats."""
+"""Version of all our JSON formats."""
 ROUNDING = 1e-6
 """A rotation this near to orthonormal is taken as rounded, and made exact without a warning."""
 LARGEST_REPAIR_DEG = 1.0
@@ -54,8 +54,8 @@ LARGEST_FILE = 50_000_000
 LARGEST_NUMBER = 1e30
 """Beyond it, and below its reciprocal, products of numbers leave the range of 32-bit floats."""
 LARGEST_PX = 1e7
-"""Of focal lengths, principal points and sides: 100 times those of the longest lenses and largest
-pictures."""
+"""Limit of focal lengths, principal points and sides: 100 times those of the longest lenses and
+largest pictures."""
 LONGEST_NAME = 200
 """Characters of a file's name in a message."""
 LONGEST_QUOTE = 60
@@ -74,7 +74,7 @@ class Reading:
     warnings: list[str] = field(default_factory=list)
     error_type: type[PoseViewerError] = PoseFileError
     kind: str = "pose file"
-    """What is wanted of the file, for messages."""
+    """Kind of file that is wanted, for messages."""
     largest: int = LARGEST_FILE
     """Bytes."""
     numbers_as_text: bool = False
@@ -137,14 +137,14 @@ class Reading:
             return file.read()
 
     def load_text(self) -> str:
-        """What the file says, in UTF-8."""
+        """Text of the file, in UTF-8."""
         try:
             return self.load_bytes().decode("utf-8-sig")
         except UnicodeDecodeError:
             raise self.error("not a text in UTF-8", f"wanted a {self.kind}") from None
 
     def load_json(self) -> Any:
-        """What the file, JSON, holds."""
+        """Value of the file, JSON."""
         try:
             return json.loads(self.load_text())
         except (ValueError, RecursionError) as error:
@@ -152,7 +152,7 @@ class Reading:
             raise self.error(found, f"wanted a {self.kind}, a whole one") from error
 
     def load_object(self) -> dict[str, Any]:
-        """What the file, JSON, holds: an object."""
+        """Value of the file, a JSON object."""
         return self.object(self.load_json(), "its content")
 
     def object(self, value: Any, what: str) -> dict[str, Any]:
@@ -171,7 +171,7 @@ class Reading:
             raise self.error(f"version is {kind_of(version)}", wanted)
 
     def require_unit(self, data: dict[str, Any], unit: str | None) -> None:
-        """Nothing where the object's lengths are in the model's ``unit``, or it is not said."""
+        """Raise unless the object's lengths are in the model's ``unit``, or it is not said."""
         own = data.get("unit")
         if own is not None and unit is not None and own != unit:
             found = f"lengths in {kind_of(own)}, the model's are in {unit!r}"
@@ -240,7 +240,7 @@ class Reading:
 
 
 def kind_of(value: Any) -> str:
-    """What a JSON value is, for a message."""
+    """Describe a JSON value for a message."""
     if isinstance(value, list):
         return f"a list of {len(value)}"
     if isinstance(value, dict):
@@ -262,7 +262,7 @@ def is_there(path: Path) -> bool:
 
 
 def read_json(path: Path) -> Any:
-    """What a JSON file holds; raises PoseFileError where it cannot be read, or is none."""
+    """Value of a JSON file; raises PoseFileError where it cannot be read, or is none."""
     return Reading(path).load_json()
 
 

@@ -14,7 +14,7 @@ from poseviewer.files.checks import Reading
 from poseviewer.geometry.lens import LensModel
 
 SUFFIXES = (".bin", ".txt")
-"""Where a model is there as both, the binary one is read, as COLMAP does."""
+"""Endings of a model's files; of both the binary one is read, as COLMAP does."""
 MODELS: dict[str, tuple[int, int, LensModel | None]] = {
     "SIMPLE_PINHOLE": (1, 0, "opencv"),
     "PINHOLE": (2, 0, "opencv"),
@@ -33,7 +33,7 @@ between them; and OpenCV's model, whose first coefficients the parameters are.
 https://github.com/colmap/colmap/blob/main/src/colmap/sensor/models.h
 """
 POINT_BYTES = 24
-"""Of an image's point: x, y, and the number of its point in space."""
+"""Size of an image's point: x, y, and the number of its point in space."""
 LARGEST_FILE = 100_000_000_000
 """Bytes: the points of all images are in it; they are skipped."""
 

@@ -1,4 +1,4 @@
-"""Where the bundled demo lies: in the package, or in the source tree it was made in."""
+"""Find the bundled demo: in the package, or in the source tree it was made in."""
 
 from __future__ import annotations
 

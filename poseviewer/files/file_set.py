@@ -32,7 +32,7 @@ from poseviewer.files.symmetry import symmetry_path
 Kind = Literal["photo", "model", "pose"]
 
 MOST_FILES = 10_000
-"""Of a set: a scene of a thousand photos with depths and masks has some thousand."""
+"""Limit of a set: a scene of a thousand photos with depths and masks has some thousand."""
 MOST_NAMED = 5
 """Files in one sentence."""
 TEXTS = (".json", ".yml", ".yaml", ".xml", ".txt")
@@ -42,7 +42,7 @@ OF_MODELS = (".mtl", ".bin")
 NO_PICTURES = (*OF_MODELS, ".json")
 """Files that models name, beside pictures."""
 SYSTEM_NAMES = ("__macosx", "thumbs.db", "desktop.ini")
-"""What systems leave in folders and zips, beside all that begins with a dot."""
+"""Files that systems leave in folders and zips, beside all that begins with a dot."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class ModelFiles:
 
     path: Path
     named: Mapping[str, Path] = field(default_factory=dict)
-    """What it or its material file names, as it writes it, and where that lies."""
+    """Files that it or its material file names: by the name as written, their paths."""
     names_pictures: bool = False
     """Whether it names pictures, there or not."""
     scattered: bool = False

@@ -23,7 +23,7 @@ from poseviewer.vehicle.wheel_pose import Ellipse, Wheels
 PAIR = ("x", "y", "z", "u", "v")
 ELLIPSE = ("cx", "cy", "a", "b", "angle")
 PHOTO = (*PAIR[3:], *ELLIPSE[:4])
-"""Of these, what is in px of the photo."""
+"""Columns in px of the photo."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -46,7 +46,7 @@ def mask_from_png(data: bytes) -> Mask:
 
 
 def mask_path(pose_file: str | Path) -> Path:
-    """Where the mask of a pose file lies: ``car.mask.png`` beside ``car.pose.json``."""
+    """Path of a pose file's mask: ``car.mask.png`` beside ``car.pose.json``."""
     path = Path(pose_file)
     return path.with_name(path.name.removesuffix(".json").removesuffix(".pose") + ".mask.png")
 

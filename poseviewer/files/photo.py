@@ -25,14 +25,14 @@ from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import LARGEST_SIDE, Undistortion, undistort
 
 ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
-"""Of files that photos come in."""
+"""Endings of photo files."""
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "PPM")
-"""By Pillow's names; its readers of others take what lengths a file claims to have for true."""
+"""Pillow's names of them; its readers of others believe the lengths that a file claims."""
 MAX_MEGAPIXELS = 100.0
 LARGEST_FILE = 2_000_000_000
 """Bytes: 100 megapixels of four 16-bit numbers have 8e8, beside what else a file may hold."""
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
-"""Of the file type box (ISO/IEC 23008-12): HEVC pictures, and pictures of any codec."""
+"""Brands in the file type box (ISO/IEC 23008-12): HEVC pictures, and pictures of any codec."""
 MM_PER_RESOLUTION_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 """EXIF FocalPlaneResolutionUnit: inch, cm, mm, um."""
 
@@ -187,9 +187,9 @@ def _upright(pixels: NDArray, orientation: int) -> NDArray:
 SAME = 1e-9
 """Relative: files round cx and cy in their last digit."""
 DEEP_FORMATS = (".png", ".tif", ".tiff")
-"""Those of 16 bits."""
+"""Endings of pictures with 16 bits."""
 NOTABLE = 1e-3
-"""From which relative difference on two cameras are spoken of."""
+"""Least relative difference of two cameras that a note tells of."""
 
 
 def load_calibrated_photo(path: str | Path, calibration: Calibration | None = None) -> Photo:
@@ -269,7 +269,7 @@ def same_undistortion(one: Undistortion | None, other: Undistortion | None) -> b
 
 
 def photo_text(photo: Photo) -> str:
-    """Which photo numbers belong to, to be written into their file."""
+    """Name of the photo that numbers belong to, to be written into their file."""
     text = f"Photo: {photo.label}; SHA-256 of its file: {photo.sha256}"
     if photo.undistortion is None:
         return text

@@ -29,11 +29,17 @@ PLY = (
     "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
     "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
 )
-GLB, BINARY_PLY, STL = (bytes(CUBE.export(file_type=kind)) for kind in ("glb", "ply", "stl"))
+
+
+def exported(kind: str, **options: str) -> Any:
+    return CUBE.export(file_type=kind, **options)
+
+
+GLB, BINARY_PLY, STL = exported("glb"), exported("ply"), exported("stl")
 TEXT_PLY, OFF, TEXT_STL = (
-    bytes(CUBE.export(file_type="ply", encoding="ascii")),
-    str(CUBE.export(file_type="off")),
-    str(CUBE.export(file_type="stl_ascii")),
+    exported("ply", encoding="ascii"),
+    exported("off"),
+    exported("stl_ascii"),
 )
 POSE: dict[str, Any] = {
     "projection": "perspective",
@@ -62,7 +68,7 @@ def picture(suffix: str) -> bytes:
     return memory.getvalue()
 
 
-def pose(camera: object = None, **changes: object) -> str:
+def pose(camera: dict[str, float] | None = None, **changes: object) -> str:
     return json.dumps(POSE | changes | ({"camera": POSE["camera"] | camera} if camera else {}))
 
 

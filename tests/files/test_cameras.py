@@ -16,7 +16,7 @@ from poseviewer.geometry.lens import Lens
 
 MATRIX = np.array([[1234.5678901234567, 0.0, 640.25], [0.0, 1236.1, 355.0625], [0.0, 0.0, 1.0]])
 INSIDE = Perspective(1234.5678901234567, 1236.1, 640.75, 355.5625, 1280, 720)
-"""The same with pixel centres at i + 0.5."""
+"""Camera of MATRIX with pixel centres at i + 0.5."""
 COEFFICIENTS = {
     5: (-0.25, 0.08, 0.002, -0.0015, -0.01),
     8: (0.3, -0.1, 0.001, 0.002, 0.02, 0.45, 0.05, -0.01),
@@ -26,7 +26,7 @@ FISHEYE = (0.05, -0.02, 0.006, -0.001)
 
 
 def write_by_opencv(path: Path, coefficients: tuple[float, ...], fisheye: bool = False) -> Path:
-    """As OpenCV's own calibration sample does."""
+    """Write a calibration as OpenCV's own sample does."""
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
     storage.write("image_width", 1280)
     storage.write("image_height", 720)

@@ -1,4 +1,4 @@
-"""How files are opened, numbers taken, and errors worded, for all readers alike."""
+"""Files are opened, numbers taken, and errors worded alike by all readers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is what among files that came together; two of one kind are refused, and nothing guessed."""
+"""Files that came together are told apart; two of one kind are refused, and nothing guessed."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ def test_what_is_saved_comes_back():
 
 
 def test_slices_that_are_known_on_coarser_grids_are_among_the_others():
-    """As in the app, while the maps become finer."""
+    """Coarser slices stand beside finer ones in the app, while maps become finer."""
     (coarse, *_), (_, *fine) = make_slices(3), make_slices(5)
     arrays = load(landscape_npz_bytes(NAMES, np.zeros(3), np.ones(3), [coarse, *fine]))
     assert np.array_equal(arrays["first_values"][0][::2], coarse.first_values)

@@ -86,7 +86,7 @@ def test_other_kinds_of_pixels_are_understood(tmp_path: Path, mode: str) -> None
 
 
 def as_taken(upright: np.ndarray, orientation: int) -> np.ndarray:
-    """What a camera stores, so that turning it as EXIF's ``orientation`` says gives ``upright``."""
+    """Pixels as a camera stores them: turned as ``orientation`` says they are ``upright``."""
     inverse: dict[int, Any] = {
         1: lambda p: p,
         2: lambda p: p[:, ::-1],

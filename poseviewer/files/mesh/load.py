@@ -60,7 +60,7 @@ def load_mesh(path: str | Path) -> Mesh:
 
 
 def _read_3ds(path: Path) -> Read:
-    """By way of assimp (an extra: ``pip install 'poseviewer[3ds]'``), in the file's own axes."""
+    """Read by assimp (an extra: ``pip install 'poseviewer[3ds]'``), in the file's own axes."""
     try:
         import assimp_py
     except ImportError:
@@ -183,7 +183,7 @@ def _read_scene(path: Path, linear: bool = False) -> Read:
 
 
 def _picture_of(geometry: Any) -> Any:
-    """Of its colour; None where it has none that can be laid on it."""
+    """Picture of its colour; None where it has none that can be laid on it."""
     visual: Any = getattr(geometry, "visual", None)
     if getattr(visual, "kind", None) != "texture" or visual.uv is None:
         return None

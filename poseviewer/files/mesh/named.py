@@ -1,4 +1,4 @@
-"""Where the files lie that a model names: its material files, textures and buffers."""
+"""Find the files that a model names: its material files, textures and buffers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import unicodedata
 from pathlib import Path
 
 TEXTURE_FOLDERS = ("textures", "texture", "maps", "images", "materials")
-"""Where programs and model shops put pictures: below the model's folder, or beside it."""
+"""Folders of pictures with programs and model shops: below the model's folder, or beside it."""
 
 
 def bare_name(written: str) -> str:
@@ -16,7 +16,7 @@ def bare_name(written: str) -> str:
 
 
 def plain_name(written: str) -> str:
-    """The same in one spelling: small letters, composed accents (macOS takes them apart)."""
+    """File name in one spelling: small letters, composed accents (macOS takes them apart)."""
     return unicodedata.normalize("NFC", bare_name(written)).casefold()
 
 

@@ -38,7 +38,7 @@ class _Lines:
     values: dict[str, list[str]] = field(default_factory=lambda: {k: [] for k in KINDS})
     """Behind ``v``, ``vt``, ``vn`` and ``f``."""
     relative: dict[int, tuple[int, ...]] = field(default_factory=dict)
-    """How many ``v``, ``vt`` and ``vn`` stand before a face whose indices count backwards."""
+    """Numbers of ``v``, ``vt`` and ``vn`` before each face whose indices count backwards."""
     changes: list[tuple[int, str, str]] = field(default_factory=lambda: [(0, "", "")])
     """(faces so far, part name, material name)."""
     libraries: list[str] = field(default_factory=list)

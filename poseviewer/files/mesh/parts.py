@@ -1,4 +1,4 @@
-"""What the readers of model files give, before anything is mended: parts with their textures."""
+"""Parts with their textures, as the readers of model files give them before mending."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Key = TypeVar("Key")
 LARGEST_SIDE = 8192
 """px of a texture; longer ones are shrunk."""
 MOST_TEXELS = 100_000_000
-"""Of all textures of a model, and of one before it is shrunk: more than any photo shows of it."""
+"""Limit of a model's textures together, and of one before it is shrunk: no photo shows more."""
 MOST_TEXTURES = 2000
 
 
@@ -113,7 +113,7 @@ def split_by(which: NDArray, count: int) -> list[NDArray[np.int64]]:
 
 
 def material_text(path: Path) -> str:
-    """What a material file says; raises MeshFileError where it cannot be one."""
+    """Text of a material file; raises MeshFileError where it cannot be one."""
     reading = Reading(path, [], MeshFileError, "material file")
     with reading.naming_errors(), reading.open() as file:
         return file.read().decode("utf-8", "replace")

@@ -38,7 +38,7 @@ LONGEST_HEADER = 1_000_000
 INDEX_NAMES = ("vertex_indices", "vertex_index")
 
 Lists = tuple[NDArray[np.int64], NDArray]
-"""How many values each row has (N,), and all the values one after another."""
+"""Counts of values in each row (N,), and all the values one after another."""
 Columns = dict[str, Any]
 """By name: an array (N,) of numbers, or Lists."""
 

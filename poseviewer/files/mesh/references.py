@@ -1,4 +1,4 @@
-"""Which files a model names."""
+"""Names of files in a model file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from poseviewer.files.mesh.parts import material_text
 from poseviewer.files.mesh.ply import LONGEST_HEADER, read_header
 
 PICTURE_WORDS = ("bump", "disp", "decal", "norm", "refl")
-"""Of an MTL file, beside all that begin with ``map_``."""
+"""Words of an MTL file that name pictures, beside all that begin with ``map_``."""
 MTLLIB = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]+)", re.MULTILINE)
 PICTURE_3DS = re.compile(rb"\x00\xa3(.{4})([^\x00]{1,255})\x00", re.DOTALL)
 """The chunk 0xA300, the file name of a material's picture: its id, its length, the name."""

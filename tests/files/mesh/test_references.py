@@ -1,4 +1,4 @@
-"""What models name, and where it is found."""
+"""Names in model files, and the files that they mean."""
 
 from __future__ import annotations
 
