@@ -259,9 +259,3 @@ def test_what_a_calibration_holds_besides_is_passed_over(tmp_path):
     (found,) = load_cameras(write(tmp_path / "c.yml", text))
     assert found.camera.fx == 9.0
     assert time.process_time() - start < 2.0
-
-
-def test_a_folder_is_no_calibration(tmp_path):
-    (tmp_path / "cameras.txt").mkdir()
-    with pytest.raises(CalibrationFileError, match="is a folder"):
-        load_cameras(tmp_path / "cameras.txt")

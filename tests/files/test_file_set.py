@@ -109,14 +109,6 @@ def test_beside_textures_only_a_camera_s_picture_is_the_photo(tmp_path: Path) ->
     assert (files.photo, files.unused) == (street, (rough,))
 
 
-def test_a_missing_texture_leaves_another_picture_where_it_is(tmp_path: Path) -> None:
-    write_obj(tmp_path, "wood.png")
-    other = picture(tmp_path / "wood (1).png")
-    files = sort(tmp_path)
-    assert (files.photo, files.unused) == (None, (other,))
-    assert load_mesh(files.models[0].path).notes == ("Texture left out: wood.png is not there.",)
-
-
 def test_what_the_user_calls_the_files_counts(tmp_path: Path) -> None:
     write_obj(tmp_path, "wood.png")
     rough = picture(tmp_path / "rough.png", camera="Canon")

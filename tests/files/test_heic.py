@@ -46,13 +46,6 @@ def test_ten_bits_are_kept(tmp_path):
     assert np.abs(photo.pixels.astype(int) - deep).max() < 64  # the lower 6 of 16 bits
 
 
-def test_transparency_is_left_out(tmp_path):
-    rgba = np.dstack([RGB, np.full((48, 64), 200, np.uint8)])
-    photo = load_photo(write(tmp_path / "p.heic", heic(rgba, "RGBA")))
-    np.testing.assert_array_equal(photo.pixels, RGB)
-    assert photo.notes == ("Its transparency is left out.",)
-
-
 @pytest.mark.parametrize("share", [0.05, 0.5, 0.95])
 def test_a_cut_file_is_refused_with_one_sentence(tmp_path, share):
     data = heic(RGB, "RGB")

@@ -218,12 +218,6 @@ def test_pictures_of_unknown_kind_are_not_saved(tmp_path: Path, name: str) -> No
     assert not list(tmp_path.iterdir())
 
 
-def test_no_folder_is_made_for_a_picture(tmp_path: Path) -> None:
-    with pytest.raises(PhotoFileError, match=r"^picture\.png: cannot be written to "):
-        save_image(tmp_path / "gone" / "picture.png", RGB)
-    assert not (tmp_path / "gone").exists()
-
-
 def test_saved_files_have_the_usual_permissions(tmp_path: Path) -> None:
     save_image(tmp_path / "picture.png", RGB)
     (tmp_path / "plain").write_text("")
