@@ -300,7 +300,6 @@ def test_unsaved_is_told():
         c.press(math.nan, 10.0),
         c.double_press(10.0, math.inf),
     ],
-    ids=repr,
 )
 def test_bad_input_is_refused_with_a_sentence(command):
     refused(make_session(), command)
