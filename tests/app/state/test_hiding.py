@@ -85,19 +85,6 @@ def test_a_stroke_that_changes_nothing_is_no_step():
     assert again.strokes == session.strokes + 1  # the page need not show it any longer
 
 
-def test_strokes_are_undone_and_redone():
-    start = make_session(PERSPECTIVE)
-    one = after(start, brush((40.0, 30.0)))
-    two = after(one, brush((90.0, 70.0)))
-    back = after(two, c.undo())
-    assert np.array_equal(counts(back), counts(one))
-    assert after(back, c.undo()).document.own.mask is None
-    assert np.array_equal(counts(after(back, c.redo())), counts(two))
-    cleared = after(two, h.unhide())
-    assert cleared.document.own.mask is None
-    assert np.array_equal(counts(after(cleared, c.undo())), counts(two))
-
-
 def test_shades_of_a_mask_stay_where_nothing_is_painted():
     session = make_session(PERSPECTIVE)
     shades = Mask.of(np.full((HEIGHT, WIDTH), 0.25))
@@ -105,17 +92,6 @@ def test_shades_of_a_mask_stay_where_nothing_is_painted():
     painted = after(session, brush((40.0, 30.0)))
     assert counts(painted)[30, 40] == 0.0
     assert counts(painted)[100, 100] == 0.25
-
-
-def test_a_stroke_ends_a_search_and_is_unsaved():
-    session = make_session(PERSPECTIVE)
-    session = after(session, c.mark_saved(session.document))
-    assert not session.unsaved
-    searching = after(session, c.start_search())
-    painted = after(searching, brush((40.0, 30.0)))
-    assert painted.search is None
-    assert painted.unsaved
-    assert not after(painted, c.mark_saved(painted.document)).unsaved
 
 
 def test_pixels_found_for_another_photo_are_dropped():
@@ -210,13 +186,6 @@ def test_what_a_search_found_is_hidden_and_can_be_corrected(scene):
     corrected = after(taken, brush((0.0, 0.0), radius=300.0, erase=True))
     assert corrected.document.own.mask is None
     assert after(taken, c.undo()).document.own.mask is None
-
-
-def test_without_a_search_nothing_is_found():
-    session = make_session(PERSPECTIVE)
-    assert h.found_hidden(session) is None
-    assert session.document.scene.mask(0) is None
-    assert after(session, h.hide_found()).document is session.document
 
 
 def record_of(session: Session) -> PoseRecord:

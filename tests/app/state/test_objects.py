@@ -130,29 +130,6 @@ def test_picking_is_no_step_and_ends_a_search():
     assert after(picked, pick_object(9)) is picked
 
 
-def test_undo_and_redo_go_over_all_objects():
-    sessions = [with_two()]
-    for commands in (
-        (c.nudge("move", 2.0),),
-        (pick_object(1), c.nudge("turn", 4.0)),
-        (add_object(),),
-        (pick_object(2), c.nudge("move", 0.0, 5.0)),
-        (remove_object(1),),
-        (alter_object(2, hidden=True),),
-        (pick_object(3), alter_object(3, locked=True)),
-    ):
-        sessions.append(after(sessions[-1], *commands))
-    now = sessions[-1]
-    for before in reversed(sessions[:-1]):
-        now = after(now, c.undo())
-        assert poses_of(now) == poses_of(before)
-    for later in sessions[1:]:
-        now = after(now, c.redo())
-        assert poses_of(now) == poses_of(later)
-        assert numbers(now) == numbers(later)
-    assert now.document.object.locked
-
-
 def test_a_press_picks_what_is_nearest_there_and_holds_it():
     session = with_two()
     x, y = middle(session, 1)
@@ -304,15 +281,6 @@ def test_a_verdict_is_of_the_pose_that_it_was_given_to():
     assert verdict(after(session, pick_object(1), c.nudge("move", 1.0))) == "not searched"
     # Nor is it that by another camera.
     assert verdict(after(session, c.set_field_of_view(30.0))) == "not searched"
-
-
-def test_unsaved_is_what_any_object_changed():
-    session = with_two()
-    saved = after(session, c.mark_saved(session.document))
-    assert not saved.unsaved
-    assert not after(saved, pick_object(1)).unsaved
-    assert after(saved, pick_object(1), c.nudge("move", 1.0)).unsaved
-    assert after(saved, remove_object(1)).unsaved
 
 
 def meshes(session: Session) -> set[Mesh]:

@@ -16,7 +16,6 @@ from poseviewer.app.state.session import (
 from poseviewer.app.workers.jobs import case_of, run_search
 from poseviewer.app.workers.maps import maps
 from poseviewer.app.workers.opening import open_files
-from poseviewer.fit.progress import Status
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -169,8 +168,3 @@ def test_maps_of_more_photos_than_are_left_come_too_late(session, landscape):
     both = replace(session.document, scene=replace(scene, views=scene.views * 2, objects=(one,)))
     late = tuple(replace(maps, document=both) for maps in landscape)
     assert after(session, c.landscape_advanced(late)) is session
-
-
-def test_the_updates_are_of_a_search_that_ended(updates):
-    assert updates[-1].progress.status is Status.EVALUATIONS_SPENT
-    assert all(item.progress.status is Status.RUNNING for item in updates[:-2])

@@ -206,24 +206,6 @@ def test_what_is_typed_digit_by_digit_is_one_step():
     assert after(again, c.undo()).document is typed.document
 
 
-@CAMERAS
-def test_projection_and_camera_keep_the_centres_pixel_and_size(camera):
-    session = make_session(camera)
-    radius = radius_in_photo(session.document.pose, BUMPY)
-    for command in (
-        c.set_projection("parallel"),
-        c.set_projection("perspective"),
-        c.set_camera(400.0, 410.0, 70.0, 66.0),
-    ):
-        found = after(session, command)
-        assert centre_of(found) == pytest.approx(centre_of(session), abs=1e-9)
-        assert radius_in_photo(found.document.pose, BUMPY) == pytest.approx(radius)
-    camera = found.document.pose.camera
-    assert (camera.cx, camera.cy) == (70.5, 66.5)  # users count from pixel centres
-    if isinstance(camera, Perspective):
-        assert (camera.fx, camera.fy) == (400.0, 410.0)
-
-
 SENSELESS_CAMERAS = {
     "fx, fy = 0, 300: wanted focal lengths of 1 to 160000 px": (0.0, 300.0, 80.0, 60.0),
     "fx, fy = 300, -5: wanted focal lengths of 1 to 160000 px": (300.0, -5.0, 80.0, 60.0),
