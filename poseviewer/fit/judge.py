@@ -1,7 +1,7 @@
 """The verdict on a pose: found, doubtful or lost, and why.
 
-It goes by features of the pose, of a few hundred evaluations on a coarse level, that tell right
-poses from wrong ones.
+Features of the pose, from a few hundred evaluations on a coarse level, tell right poses from wrong
+ones.
 """
 
 from __future__ import annotations
@@ -28,13 +28,12 @@ from poseviewer.render.pyramid.levels import covered, seen_share
 from poseviewer.render.types import Renderer
 
 LEAST_SEEN = 0.35
-"""Share of the model that must be seen: with less, poses far off look right as well."""
+"""Share of the model that must be seen: with less, poses far off look right too."""
 HIDDEN_BELOW, FOUND_BEHIND = 0.95, 0.985
-"""Share of the model below which something hides it, and the probability from which its pose is
-then ``found``: what stood out is left out, and so the rest looks better than it did in the trials.
-"""
+"""Share of the model below which something hides it, and probability from which its pose is then
+``found``: without what stood out, the rest looks better than in the trials."""
 LEAST_PROBABILITY = 0.01
-"""Of one photo among several: none is sure enough to overrule all others."""
+"""Probability of one photo among several: none is sure enough to overrule all others."""
 LARGEST_SCORE = 4.0
 """Standard deviations from the trials' mean at which a feature is cut off: it says no more then."""
 SMALL_SPREAD_PERCENT = 3.0
@@ -46,10 +45,9 @@ GOOD_OUTLINE, POOR_OUTLINE = 0.9, 0.75
 LEAST_WHOLE = 0.9
 """Share of the model below which it is said to be hidden in part."""
 FEWEST_PIXELS = 50
-"""Of the model, below which it counts as unseen."""
-WRONG_POSES = 48
-WRONG_DEG, WRONG_SHIFT, WRONG_SIZE = (15.0, 45.0), 0.2, 0.1
-"""Turns of wrong poses; standard deviations of their shift, radii, and of their log size."""
+"""Pixels of the model below which it counts as unseen."""
+WRONG_POSES, WRONG_DEG, WRONG_SHIFT, WRONG_SIZE = 48, (15.0, 45.0), 0.2, 0.1
+"""Number and turns of wrong poses; standard deviations of their shift (radii) and log size."""
 RETURNS, RETURN_DISTANCE, RETURN_EDGE, RETURN_EVALUATIONS = 4, 0.15, 0.08, 60
 """Descents from near by: 8 degrees away, or that share of the radius."""
 MINIMUM_EDGE, MINIMUM_EVALUATIONS = 0.03, 50
@@ -133,7 +131,7 @@ def scaled(name: str, value: float) -> float:
 
 
 def reasons_for(features: Features) -> tuple[str, ...]:
-    """What speaks for and against the pose, a sentence each."""
+    """Sentences for and against the pose."""
     spread, turn, outline = features.spread_percent, features.turn_margin, features.outline
     is_back = spread < SMALL_SPREAD_PERCENT
     end = "came back to it" if is_back else f"ended {spread:.0f} % of the model's size away"

@@ -1,13 +1,12 @@
-"""What stands in front of the model, seen in the photo alone.
+"""Things in front of the model, told by the photo alone.
 
 At a pose, each pixel of the model shows either the model, ``A M + b`` under some light, or a colour
 as the photo has them beside it: a mixture of a normal density and of one from the classes. Light
 and mixture are told together (expectation and maximisation, begun with robust weights), and
-neighbours speak for each other. What is hidden so counts as something in front where it borders on
-the model's rest by an edge of the photo, and goes on across the model's outline without one: a
-highlight, or paint that the model has not, ends there.
-
-Beside the model its nearest pixels go with it: where the outline is hidden, they tell nothing.
+neighbours speak for each other. A hidden piece counts as something in front where it borders on the
+model's rest by an edge of the photo, and goes on across the model's outline without one: a
+highlight, or paint that the model has not, ends there. Its nearest pixels beside the model go with
+it, as they tell nothing where the outline is hidden.
 """
 
 from __future__ import annotations
@@ -29,33 +28,36 @@ from poseviewer.render.pyramid.levels import with_structure
 from poseviewer.render.types import PhotoAttributes, Renderer
 
 ROBUST_ROUNDS, ROUNDS = 12, 4
-"""Of robust weights, and then of the mixture."""
+"""Rounds of robust weights, and then of the mixture."""
 WIDEST, NARROWING = 16.0, 0.6
-"""The robust weights' scale at first, in its last one, and how it shrinks: none of the many lights
-that explain a part well is to be taken at once."""
+"""Scale of the robust weights at first, in that of the last ones, and its shrinkage: none of the
+many lights that explain a part well is to be taken at once."""
 LIGHT_NOISE = 0.03
 """Standard deviation of a colour in [0, 1] that no light is told without."""
 CLASS_NOISE, ANY_COLOUR = 0.02, 1e-3
-"""The same of a class beside the model; and the density of colours that no class has."""
+"""Standard deviation of a class beside the model; and the density of colours that no class has."""
 MOST_SAID = 5.0
 """Logarithm of the odds that one pixel may give."""
 SAID_PX = 2.5
-"""How far pixels speak for their neighbours: the standard deviation of a blur."""
+"""Standard deviation of the blur by which pixels speak for their neighbours."""
 LEAST_WIDTH, LEAST_SHARE = 0.03, 0.02
-"""Of a piece, as shares of the root of the model's area, and of that area: an outline a little off
-leaves thinner ones."""
+"""Width of a piece as a share of the root of the model's area, and area as a share of that: an
+outline a little off leaves thinner ones."""
 LEAST_CROSSING = 1.0
 """Length of the model's outline that a piece lies on, in roots of the piece's area: a thing in
 front seldom ends there."""
 EDGE_GAP = 0.3
-"""By how much more of its border inside the model lies on edges than of the outline over it."""
+"""Share of its border inside the model that lies on edges, above that of the outline over it."""
 LEAST_SEEN = 0.2
 """Share of the model that is left: with less, any light explains it."""
 
+Hidden = NDArray[np.bool_] | None
+"""(height, width): pixels that something in front hides; None where nothing does."""
 
-def find_hidden(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> NDArray[np.bool_] | None:
-    """Where something else is in front of the model at a ``pose``, and beside it where that hides
-    its outline: (height, width) of a ``photo`` with structure; None where nothing is.
+
+def find_hidden(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> Hidden:
+    """The pixels of a ``photo`` with structure in which something else is in front of the model at
+    a ``pose``, and beside it where that hides its outline.
     """
     image = renderer.render(level_pose(pose, photo.factor))
     covered = image.mask & (photo.weights > 0.0)
@@ -74,17 +76,11 @@ def find_hidden(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> NDArr
     return hidden | (beside & _nearest(hidden, image.mask))
 
 
-Hidden = NDArray[np.bool_] | None
-
-
 def behind(problem: FitProblem, hidden: Sequence[Hidden]) -> FitProblem:
-    """The problem in which the pixels ``hidden`` (height, width) of its views' photos do not
-    count; empty: all do.
-    """
+    """The problem without the pixels ``hidden`` in each of its views; empty: in none."""
     if not hidden:
         return problem
-    pairs = zip(problem.views, hidden, strict=True)
-    return replace(problem, views=tuple(_behind(view, mask) for view, mask in pairs))
+    return replace(problem, views=tuple(map(_behind, problem.views, hidden)))
 
 
 def _behind(view: ComparedView, hidden: Hidden) -> ComparedView:
@@ -104,7 +100,7 @@ def _behind(view: ComparedView, hidden: Hidden) -> ComparedView:
 def enlarged(
     hidden: NDArray[np.bool_], factor: float, width: int, height: int
 ) -> NDArray[np.bool_]:
-    """(height, width): the same, on a photo ``factor`` times larger."""
+    """(height, width): a mask on a photo ``factor`` times larger."""
     rows, columns = (
         np.minimum(((np.arange(size) + 0.5) / factor).astype(int), most - 1)
         for size, most in zip((height, width), hidden.shape, strict=True)
@@ -123,9 +119,8 @@ def _odds(
     """
     colours = photo.channels[covered].astype(float)
     other = _log_density_beside(photo, beside, colours)
-    weights = _robust_weights(
-        colours, model, float(photo.channels[photo.weights > 0.0].var(0).mean())
-    )
+    variance = float(photo.channels[photo.weights > 0.0].var(0).mean())
+    weights = _robust_weights(colours, model, variance)
     odds = np.zeros(covered.shape)
     reach = cv2.GaussianBlur(covered.astype(float), (0, 0), SAID_PX)
     for _ in range(ROUNDS):
@@ -216,8 +211,10 @@ def _is_in_front(
 def _nearest(hidden: NDArray[np.bool_], model: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(height, width): the pixels whose nearest pixel of the ``model`` is ``hidden``."""
     away = (~model).astype(np.uint8)
-    found = cv2.distanceTransformWithLabels(away, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
-    labels = np.asarray(found[1], np.intp)
+    _, nearest = cv2.distanceTransformWithLabels(
+        away, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    labels = np.asarray(nearest, np.intp)
     of_label = np.zeros(int(labels.max()) + 1, bool)
     of_label[labels[model]] = hidden[model]
     return of_label[labels]

@@ -1,4 +1,4 @@
-"""How much of an outline the photo has edges along."""
+"""The share of an outline along which the photo has edges."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ EDGE_SHARE = 0.5
 def outline_support(
     channels: NDArray[np.float32], weights: NDArray[np.float32], covered: NDArray[np.bool_]
 ) -> float:
-    """The share, in [0, 1], of the outline's points with an edge of its direction in the photo.
+    """The share, in [0, 1], of points of a model's outline with an edge of its direction in the
+    photo: those within the picture whose pixel counts (``weights`` > 0).
 
-    Of a model that is seen where ``covered`` (height, width) on a photo (height, width, n); of
-    points within the picture whose pixel counts (``weights`` > 0).
+    ``channels``: (height, width, n); ``covered``: where the model is seen.
     """
     places, normals = _outline(covered, weights)
     if not len(places):

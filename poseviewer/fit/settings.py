@@ -1,4 +1,4 @@
-"""What a user chooses for a fit."""
+"""Settings of a fit, as a user chooses them."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ CHOICES: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class FitSettings:
-    """What a user chooses for a fit; the default is all of the photo's colour, near the start.
+    """Settings of a fit; by default it compares all of the photo's colour, near the start.
 
-    Of the method ``paper`` are grey, grey reflectance, and ``clip`` unless ``whole`` is chosen:
+    The method ``paper`` has grey, grey reflectance, and ``clip`` unless ``whole`` is chosen:
     settings that say otherwise are set so.
     """
 
@@ -65,7 +65,7 @@ class FitSettings:
     """P: a fixed box about the start, or the whole photo, both with the surroundings of the model
     speaking against a wrong outline; or, as in the paper, what the model covers at each pose."""
     region: Rectangle | None = None
-    """That P lies in, px."""
+    """Rectangle that P lies in, px."""
     mask: str | None = None
     """File name of the mask, for the record."""
     without: tuple[str, ...] | None = None
@@ -73,7 +73,7 @@ class FitSettings:
     renderer: RendererName = "auto"
     """``auto`` is ``software``; ``gpu`` is experimental: it was never timed on a real GPU."""
     options: RestartOptions = field(default_factory=RestartOptions)
-    """Of the restarted simplex."""
+    """Options of the restarted simplex."""
     limits: Limits = field(default_factory=Limits)
     seed: int = 0
     keep_start: bool = False
@@ -107,8 +107,8 @@ class FitSettings:
         return METHODS[self.method] + compared
 
     def of_method(self, method: Method, like: FitSettings | None = None) -> FitSettings:
-        """The same fit by a method, which compares what it does in ``like``, if that is of it, else
-        what it does by default.
+        """The fit by another method, with what that compares in ``like``, if that is of it, else by
+        default.
         """
         if method == self.method:
             return self

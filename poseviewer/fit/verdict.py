@@ -1,4 +1,4 @@
-"""What a search says of the pose that it ended in."""
+"""The verdict on a pose that a search ended in."""
 
 from __future__ import annotations
 
@@ -17,12 +17,11 @@ WORDS: tuple[Word, ...] = ("lost", "doubtful", "found")
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """All finite."""
+    """Numbers that tell right poses from wrong ones; all finite."""
 
     turn_margin: float
-    """How far the loss is below that of the model turned by 15 to 45 degrees about an axis of its
-    own, in robust standard deviations of the losses of wrong poses; below 0 where such a turn is
-    better."""
+    """Loss that a turn of the model by 15 to 45 degrees about an axis of its own adds, in robust
+    standard deviations of the losses of wrong poses; below 0 where such a turn is better."""
     spread_percent: float
     """Median distance from the pose at which descents from near by ended, in per cent of the
     model's size in the photo."""
@@ -44,9 +43,9 @@ class Verdict:
     features: Features | None
     """None where there was nothing to see."""
     covariance: PoseCovariance | None = field(default=None, compare=False)
-    """How sure the pose is, if it is right; None for a lost one, and where it cannot be told."""
+    """Covariance of the pose, if it is right; None for a lost one, and where it is not known."""
     views: tuple[Verdict, ...] = field(default=(), compare=False)
-    """Of a pose on several photos: by each photo alone."""
+    """Verdicts by each of several photos alone."""
 
     def __str__(self) -> str:
         return self.word
