@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -108,22 +108,6 @@ class StartInputs:
 
 
 FindStart = Callable[[StartInputs], Start]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StartInViews:
-    """A pose in one of several views."""
-
-    index: int
-    """Number of the view."""
-    pose: Pose
-    scale: float
-    """Lengths of the model's unit in one of the world's."""
-    free_scale: bool
-    """Whether the scale is a guess, and is to be searched for."""
-    notes: tuple[str, ...] = ()
-    masks: Mapping[int, Mask] = field(default_factory=dict)
-    """Masks that the pose file says, by the views' numbers."""
 
 
 def load_model(path: str | Path) -> LoadedModel:
@@ -247,49 +231,28 @@ def open_views(
     scale: float | None = None,
     choice: SetChoice | None = None,
 ) -> Scene:
-    """The scene of a model in several views, from its pose in one, which comes first; ``view`` and
-    ``scale`` as of ``start_in_views``.
-    """
-    settings = settings or FitSettings()
-    loaded = views if isinstance(views, LoadedViews) else load_views(views, choice)
-    own = model_without(model, settings.without or ())
-    found = start_in_views(loaded, own, start, view, scale)
-    order = (found.index, *(i for i in range(len(loaded.views)) if i != found.index))
-    masked = tuple(
-        replace(loaded.views[i], mask=found.masks.get(i, loaded.views[i].mask)) for i in order
-    )
-    place = masked[0].world_from_model(found.pose, 1.0 / found.scale)
-    notes = [note for one in masked for note in notes_of(one.photo)]
-    notes = tuple(dict.fromkeys([*notes, *notes_of(own), *found.notes]))
-    one = SceneObject("1", own, place, settings)
-    return Scene(masked, (one,), loaded.name, loaded.unit, found.free_scale, notes)
-
-
-def start_in_views(
-    views: LoadedViews,
-    model: LoadedModel,
-    start: str | Path | Pose,
-    view: str | None = None,
-    scale: float | None = None,
-) -> StartInViews:
-    """A start pose, in the photo ``view``, else in that which the pose file names; ``scale``: in
-    place of the views' own.
+    """Open the scene of a model in several views, from its pose in the photo ``view``, else in that
+    which the pose file names; that photo comes first. ``scale``: lengths of the model's unit in one
+    of the world's, in place of the views' own.
 
     Raises:
         PoseViewerError: the pose file cannot be used, or not with these photos; it is not known in
             which of them it is; nothing tells the scale.
     """
+    settings = settings or FitSettings()
+    loaded = views if isinstance(views, LoadedViews) else load_views(views, choice)
+    own = model_without(model, settings.without or ())
     record = PoseRecord(start) if isinstance(start, Pose) else load_pose(start)
-    index, notes, masks, recorded = _view_of(views, record, view), (), {}, None
-    photo = views.views[index].photo
+    first, notes, masks, recorded = _view_of(loaded, record, view), (), {}, None
+    photo = loaded.views[first].photo
     if not isinstance(start, Pose):
         record = load_pose(start, photo.width, photo.height)
         notes = (*record.warnings, *check_against(record.photo, photo.sha256))
-        notes += check_against(record.model, model.sha256)
+        notes += check_against(record.model, own.sha256)
         if record.in_set is not None:
             of_set = scene_of_pose(Path(start), record)
             recorded = 1.0 / of_set.objects[0].place.scale
-            masks = _masks_of(of_set, views)
+            masks = _masks_of(of_set, loaded)
     if not isinstance(record.pose.camera, Perspective):
         raise SettingsError(
             f"{photo.name}: a start under parallel projection, and the set's cameras are "
@@ -301,11 +264,17 @@ def start_in_views(
             "does not have; give the set that lens, or start from a pose by the set's camera."
         )
     _, record, of_camera = matched(photo, record)
-    known = scale or known_scale(views, model.mesh)
-    found = known or recorded
-    if found is None:
-        found = scale_of_sight(views.views, index, model.mesh, record.pose, views.name)
-    return StartInViews(index, record.pose, found, known is None, (*notes, *of_camera), masks)
+    known = scale or known_scale(loaded, own.mesh)
+    scale = known or recorded
+    if scale is None:
+        scale = scale_of_sight(loaded.views, first, own.mesh, record.pose, loaded.name)
+    order = (first, *(i for i in range(len(loaded.views)) if i != first))
+    masked = tuple(replace(loaded.views[i], mask=masks.get(i, loaded.views[i].mask)) for i in order)
+    place = masked[0].world_from_model(record.pose, 1.0 / scale)
+    of_files = [note for file in (*(one.photo for one in masked), own) for note in notes_of(file)]
+    notes = tuple(dict.fromkeys([*of_files, *notes, *of_camera]))
+    one = SceneObject("1", own, place, settings)
+    return Scene(masked, (one,), loaded.name, loaded.unit, known is None, notes)
 
 
 def known_scale(views: LoadedViews, mesh: Mesh) -> float | None:

@@ -21,13 +21,11 @@ from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.symmetry_group import Symmetry, Turn
 from poseviewer.starts.loading import (
-    load_model,
     open_photo,
     open_scene,
     open_views,
     pose_record,
     record_of,
-    start_in_views,
 )
 from tests.several import IDS, make_three
 from tests.view_sets import DISTANCE, NAMES, TRUTH, make_views, write_views
@@ -161,11 +159,11 @@ def test_views_begin_with_the_one_of_the_start(tmp_path):
 
 def test_an_unknown_scale_is_told_by_where_the_cameras_look(tmp_path):
     _, model, _ = write_views(tmp_path)
-    found = start_in_views(make_views(2.5, None), load_model(model), TRUTH[0], "a.png")
+    found = open_views(make_views(2.5, None), model, TRUTH[0], view="a.png")
     assert found.free_scale
-    assert found.scale == pytest.approx(2.5, rel=0.05)
-    known = start_in_views(make_views(2.5, None), load_model(model), TRUTH[0], "a.png", 2.5)
-    assert (known.scale, known.free_scale) == (2.5, False)
+    assert 1.0 / found.objects[0].world_from_model.scale == pytest.approx(2.5, rel=0.05)
+    known = open_views(make_views(2.5, None), model, TRUTH[0], view="a.png", scale=2.5)
+    assert (known.objects[0].world_from_model.scale, known.free_scale) == (1.0 / 2.5, False)
 
 
 def test_a_set_that_was_fitted_is_opened_again(tmp_path):

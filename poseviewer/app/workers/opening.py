@@ -33,7 +33,6 @@ from poseviewer.starts.loading import (
     known_scale,
     load_model,
     notes_of,
-    start_in_views,
 )
 from poseviewer.starts.placing import look_from
 
@@ -78,7 +77,7 @@ def open_set(
     without: Sequence[str] = (),
 ) -> Opened:
     """Several photos and a model, with a start pose in one of them from a file, else seen from a
-    corner in the first; ``view`` and ``scale`` as of ``start_in_views``.
+    corner in the first; ``view`` and ``scale`` as of ``loading.open_views``.
     """
     views, loaded = load_views(path, choice), load_model(model)
     loaded, start = replace(loaded, mesh=loaded.mesh.without(without)), pose
@@ -244,11 +243,16 @@ def _pose_in_set(now: Document, path: Path) -> Opened:
     """A pose file for several photos: of one of them, which becomes the large one."""
     views = LoadedViews(now.scene.name, now.scene.views, now.scene.unit)
     known = None if now.scene.free_scale else 1.0 / now.object.world_from_model.scale
-    start, document = start_in_views(views, now.model, path, scale=known), now
-    for index, mask in start.masks.items():
-        document = document.with_view(index).with_mask(mask)
-    document = document.with_view(start.index).at_pose(start.pose, scale=1.0 / start.scale)
-    return Opened(document.started, start.notes)
+    opened, document = loading.open_views(views, now.model, path, scale=known), now
+    numbers = [[own.name for own in views.views].index(view.name) for view in opened.views]
+    for number, view in zip(numbers, opened.views, strict=True):
+        if view.mask is not None and view.mask is not views.views[number].mask:
+            document = document.with_view(number).with_mask(view.mask)
+    scale = opened.objects[0].world_from_model.scale
+    document = document.with_view(numbers[0]).at_pose(opened.pose(0), scale=scale)
+    known_notes = {note for view in views.views for note in notes_of(view.photo)}
+    known_notes |= set(notes_of(now.model))
+    return Opened(document.started, tuple(n for n in opened.notes if n not in known_notes))
 
 
 def _seen_from_corner(inputs: StartInputs) -> Start:

@@ -27,7 +27,7 @@ from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import Lens, Undistortion
-from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.transform import RigidTransform, Similarity
 
 METRES = {"km": 1000.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Length units by name, in metres."""
@@ -189,13 +189,6 @@ def write_new(
     return Written(tuple(contents), notes)
 
 
-def as_4x4(transform: RigidTransform) -> FloatArray:
-    """``[[R, t], [0, 1]]`` (4, 4), for points as columns."""
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = transform.rotation, transform.translation
-    return matrix
-
-
 def from_4x4(reading: Reading, rows: Any, what: str) -> RigidTransform:
     """The rigid transform in 4 rows of 4 numbers (or 3, without the last)."""
     if not isinstance(rows, list) or len(rows) not in (3, 4):
@@ -216,13 +209,12 @@ def in_one_world(scene: SceneRecord) -> tuple[list[FloatArray], list[Pose]]:
         return [np.eye(4)], [scene.pose(0, view) for view in range(len(scene.views))]
     camera, places = scene.views[0].camera, []
     for index in range(len(scene.objects)):
-        pose = scene.pose(index)
-        place = as_4x4(pose.camera_from_model)
+        pose, ratio = scene.pose(index), 1.0
         if isinstance(pose.camera, Parallel) and isinstance(camera, Parallel):
-            # As large in the picture by the one camera, and no farther.
-            place[:3, :3] *= pose.camera.scale / camera.scale
-            place[:2, 3] *= pose.camera.scale / camera.scale
-        places.append(as_4x4(OPENGL_FROM_OPENCV) @ place)
+            ratio = pose.camera.scale / camera.scale  # as large in the picture, and no farther
+        place = Similarity(OPENGL_FROM_OPENCV @ pose.camera_from_model, ratio).matrix
+        place[:2, 3] *= ratio
+        places.append(place)
     return places, [Pose(camera, OPENGL_FROM_OPENCV.inverse())]
 
 

@@ -29,7 +29,6 @@ from poseviewer.files.formats.conversion import (
     ConvertOptions,
     Format,
     Written,
-    as_4x4,
     from_4x4,
     in_one_world,
     load_photo_of,
@@ -48,7 +47,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import HALF_PIXEL, OPENGL_FROM_OPENCV
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.transform import RigidTransform, Similarity
 
 PLANE_BEHIND = 1.05
 """Distance of the photo's plane, in those of the model's furthest point."""
@@ -190,7 +189,7 @@ class _Glb:
         """The camera of a pose that sees what is at some depths; returns the index of its node."""
         near, far = depths
         clip = {"znear": near * scale, "zfar": PLANE_BEHIND * 2.0 * far * scale}
-        place = as_4x4((OPENGL_FROM_OPENCV @ pose.camera_from_model).inverse())
+        place = Similarity((OPENGL_FROM_OPENCV @ pose.camera_from_model).inverse()).matrix
         place[:3, 3] *= scale
         camera = self.add("cameras", name=name, **_camera_as_json(pose.camera, clip, scale))
         return self.add("nodes", name=name, camera=camera, matrix=_column_major(place))

@@ -19,7 +19,6 @@ from poseviewer.files.formats.conversion import (
     ConvertOptions,
     Format,
     Written,
-    as_4x4,
     from_4x4,
     in_one_world,
     make_record,
@@ -33,7 +32,7 @@ from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_file import SceneRecord
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_with_rows_from_below
-from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.transform import RigidTransform, Similarity
 
 SENSOR_MM = 36.0
 """Width of the sensor we claim: MeshLab wants mm, of which only ratios count."""
@@ -67,6 +66,7 @@ def _shot(pose: Pose) -> dict[str, str]:
     """MeshLab's words for a camera."""
     camera = camera_with_rows_from_below(perspective_of(pose.camera, "MeshLab"))
     place = OPENGL_FROM_OPENCV @ pose.camera_from_model
+    turn = Similarity(RigidTransform(place.rotation, np.zeros(3)))
     pixel_mm = SENSOR_MM / camera.width
     focal_mm = camera.fx * pixel_mm
     return {
@@ -76,7 +76,7 @@ def _shot(pose: Pose) -> dict[str, str]:
         "PixelSizeMm": _words((pixel_mm, focal_mm / camera.fy)),
         "CenterPx": _words((camera.cx, camera.cy)),
         "FocalMm": repr(float(focal_mm)),
-        "RotationMatrix": _words(as_4x4(RigidTransform(place.rotation, np.zeros(3))).reshape(-1)),
+        "RotationMatrix": _words(turn.matrix.reshape(-1)),
         "CameraType": "0",
         "BinaryData": "0",
     }

@@ -31,7 +31,6 @@ from poseviewer.files.formats.conversion import (
     ConvertOptions,
     Format,
     Written,
-    as_4x4,
     from_4x4,
     make_record,
     seen_as_taken,
@@ -45,7 +44,7 @@ from poseviewer.files.writing import make_folder
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.lens import Lens, LensModel
-from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.transform import RigidTransform, Similarity
 
 INTRINSICS = ("fl_x", "fl_y", "cx", "cy")
 """nerfstudio's names."""
@@ -151,7 +150,7 @@ def write_nerfstudio(scene: SceneRecord, out: Path, options: ConvertOptions) -> 
         }
         shared = shared or own
         other = {key: value for key, value in own.items() if shared.get(key) != value}
-        matrix = as_4x4(world_from_camera).tolist()
+        matrix = Similarity(world_from_camera).matrix.tolist()
         frames.append({"file_path": name, **other, "transform_matrix": matrix})
     return write_new(options, {out: json.dumps({**shared, "frames": frames}, indent=2) + "\n"})
 
