@@ -223,7 +223,7 @@ class Scene:
     view: int = 0
     """The view whose chart is used."""
     notes: tuple[str, ...] = ()
-    """What the user should know about how the files were read."""
+    """Notes for the user on how the files were read."""
     placings: Mapping[int, Placing] = field(default_factory=dict)
     """The end of the last search for each object that was searched for."""
     known_loss: float | None = None

@@ -77,7 +77,7 @@ class RendererUnavailableError(PoseViewerError):
 
 
 def sentence_of(error: BaseException) -> str:
-    """What a user is told of any error: its own sentence, or one that says what kind it is."""
+    """Sentence about any error for its user: its own sentence, or one that says what kind it is."""
     if isinstance(error, PoseViewerError):
         return str(error)
     if isinstance(error, MemoryError):

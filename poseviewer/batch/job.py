@@ -35,7 +35,7 @@ from poseviewer.starts.loading import load_model
 _log = logging.getLogger(__name__)
 
 MODELS_KEPT = 8
-"""How many models stay loaded in each process."""
+"""Number of models that stay loaded in each process."""
 PICTURE_SIDE = 480
 """Longer side of the pictures of the poses, px."""
 
@@ -126,7 +126,7 @@ def _keep(job: Job, plan: Batch, fitted: Scene, picture: Picture) -> JobResult:
 
 
 def result_files(job: Job) -> tuple[str, str]:
-    """Where a job's pose and its picture are kept, from the folder of results."""
+    """Paths of a job's pose and picture, relative to the folder of results."""
     name = f"{Path(job.photo).stem[:60]}-{job.key}"
     return f"{POSES}/{name}.json", f"{PICTURES}/{name}.jpg"
 

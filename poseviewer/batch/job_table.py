@@ -29,7 +29,7 @@ class Job:
     row: int
     """From 1; the line of column names does not count."""
     photo: str
-    """As the table has it, like ``model`` and ``start``."""
+    """The table's own words, like ``model`` and ``start``."""
     model: str
     start: str
     folder: str

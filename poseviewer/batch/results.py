@@ -36,7 +36,7 @@ class JobResult:
     """Result of a row: the fit, or why there is none; and a person's word on it."""
 
     status: str
-    """How the search ended, in a sentence; ``Failed.``"""
+    """End of the search in a sentence; ``Failed.``"""
     reason: str = ""
     """Why the row failed; empty where it was fitted."""
     loss: float | None = None
@@ -55,7 +55,7 @@ class JobResult:
     probability: float | None = None
     """That the pose is right, in [0, 1]."""
     reasons: str = ""
-    """Of the verdict, a sentence a line."""
+    """Reasons of the verdict, a sentence a line."""
     depth_std: float | None = None
     """Standard deviations of the pose, if it is right: of its depth, and sideways, in the model's
     unit; in degrees; and in the photo, px (``PoseCovariance``). None where they are not known."""
@@ -63,7 +63,7 @@ class JobResult:
     degrees_std: float | None = None
     px_std: float | None = None
     scale_percent_std: float | None = None
-    """In place of the depth's, under parallel projection; of a focal length that was free; of the
+    """Scale, in place of the depth, under parallel projection; a focal length that was free; the
     model's size among cameras of unknown scale."""
     focal_px_std: float | None = None
     size_percent_std: float | None = None

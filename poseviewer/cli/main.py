@@ -45,7 +45,7 @@ COMMANDS = {
     "review": "look through what a batch found, the worst first",
     "identify": "say which of several models the photo shows",
 }
-"""What ``poseviewer --help`` says of each."""
+"""Commands and their lines in ``poseviewer --help``."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

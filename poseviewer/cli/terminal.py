@@ -1,4 +1,4 @@
-"""What the terminal shows while a command runs, and what is checked before its work."""
+"""Output of commands on the terminal, and checks before their work."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def tell(text: str) -> None:
 
 
 def ignore(text: str) -> None:
-    """In place of ``tell``, with ``--quiet``."""
+    """Replace ``tell`` with ``--quiet``."""
 
 
 def tell_of_compiling() -> None:

@@ -48,7 +48,7 @@ EXPLAINED = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """What a study runs: the paper's deviations of a vehicle's parameters; with ``real`` fixed
+    """Plan of a study: the paper's deviations of a vehicle's parameters; with ``real`` fixed
     starts on photos with known poses; with ``bop`` published estimates.
     """
 

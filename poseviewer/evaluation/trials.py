@@ -39,7 +39,7 @@ from poseviewer.starts.loading import load_model
 FOUND_PX, FOUND_PERCENT = 1.0, 1.0
 """Largest error of a pose that is found: on photos drawn by OpenGL, and beyond the truth's own."""
 MODELS_KEPT = 16
-"""In each process: more than there are in one photo."""
+"""Models kept in each process: more than there are in one photo."""
 FEATURES = tuple(field.name for field in fields(Features))
 """Names of the verdict's features."""
 
