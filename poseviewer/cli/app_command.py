@@ -73,6 +73,11 @@ def _opening(options: Namespace) -> Callable[[], Opened]:
         if not (path.is_file() or (path == views and path.is_dir())):  # before there is a page
             raise SettingsError(f"{path}: no such file; check the path")
 
+    if scene is not None:  # a damaged file is said before there is a page
+        from poseviewer.files.scene_file import load_scene
+
+        load_scene(scene)
+
     def open_first() -> Opened:
         from poseviewer.app.workers.opening import open_files, open_scene, open_set
         from poseviewer.files.demo import demo_case

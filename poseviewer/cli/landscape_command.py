@@ -26,6 +26,7 @@ OPTIONS = {
 def run(options: Namespace) -> int:
     """Write ``landscape.png`` and ``landscape.npz``."""
     scene = open_scene(options)
+    _ = scene.problem  # says what cannot be mapped before there is a folder
     make_folder(options.out)
     with progress_bar(0, options.quiet) as bar:
 

@@ -80,3 +80,13 @@ def test_a_folder_without_a_model_takes_one_by_name(
     assert f"{folder}: no model was found; name PHOTO and MODEL" in capsys.readouterr().err
     assert main(["app", str(folder), str(model)]) == 0
     assert served[0].document.model.path == model
+
+
+def test_a_damaged_scene_is_said_before_there_is_a_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("poseviewer.app.serving.serve_app", lambda *_, **__: pytest.fail("served"))
+    path = tmp_path / "bad.json"
+    path.write_text('{"format": "poseviewer-scene"}')
+    assert main(["app", str(path)]) == 2
+    assert "bad.json: " in capsys.readouterr().err

@@ -11,7 +11,6 @@ import subprocess
 import sys
 import termios
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -24,11 +23,7 @@ from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.render.gpu.device import ADAPTER_VARIABLE
 from tests.ctrl_c import ctrl_c_ends_them
-from tests.gpu import gpu_unavailable_reason, require_gpu
-from tests.meshes import make_bumpy
-from tests.scene import make_scene_of
 from tests.schemas import json_schema
 
 
@@ -74,14 +69,6 @@ def test_fit_stops_at_its_limit_and_says_what_to_do(scene, tmp_path, capsys):
     assert out.exists()
 
 
-@pytest.mark.parametrize("other", [["--pixels", "near"], ["--colour-reflectance"]])
-def test_what_the_paper_does_not_have_is_refused_with_its_method(scene, tmp_path, capsys, other):
-    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out",
-               tmp_path / "pose.json", "--method", "paper", *other) == 2  # fmt: skip
-    assert other[0] in capsys.readouterr().err
-    assert not (tmp_path / "pose.json").exists()
-
-
 def test_landscape_writes_a_sheet_and_the_numbers(scene, tmp_path, capsys):
     folder = tmp_path / "maps" / "here"
     assert run("landscape", scene.photo, scene.model, "--pose", scene.truth, "--out", folder,
@@ -122,6 +109,8 @@ def test_info_says_what_was_understood(scene, file, words, capsys):
         (["--lock", "rotation_x,rotation_y,rotation_z,shift_x,shift_y,log_depth"], "leave one"),
         (["--overlay", "/no/such/folder/x.png"], "no folder"),
         (["--look", "fancy"], "outline"),
+        (["--method", "paper", "--pixels", "near"], "--pixels"),
+        (["--method", "paper", "--colour-reflectance"], "--colour-reflectance"),
     ],
     ids=lambda value: value[-1] if isinstance(value, list) else "",
 )
@@ -154,25 +143,6 @@ def test_without_opengl_only_its_own_option_fails(scene, tmp_path):
     assert opengl.returncode == 2, opengl.stderr
     assert "libegl1" in opengl.stderr
     assert opengl.stderr.count("\n") == 1
-
-
-@pytest.mark.slow
-def test_a_fit_on_the_gpu_ends_as_without_it(tmp_path, monkeypatch, capfd):
-    require_gpu(monkeypatch)
-    ball = make_bumpy(2)
-    # Small in the photo: a software adapter takes time for each pixel, hundreds of times.
-    scene = make_scene_of(replace(ball, vertices=0.4 * ball.vertices), tmp_path)
-    out, losses = tmp_path / "pose.json", []
-    command = "fit", scene.photo, scene.model, "--pose", scene.start, "--out", out
-    for renderer in ("gpu", "software"):
-        assert run(*command, "--renderer", renderer, "--evaluations", 20) == 0
-        losses.append(json.loads(out.read_text())["loss"])
-    assert losses[0] == pytest.approx(losses[1], rel=1e-3)
-    monkeypatch.delenv(ADAPTER_VARIABLE)
-    capfd.readouterr()
-    if gpu_unavailable_reason():
-        assert run(*command, "--renderer", "gpu", "--quiet") == 2
-        assert capfd.readouterr().err.count("\n") == 1
 
 
 def test_results_are_not_lost_to_a_wrong_place(scene, tmp_path, capsys):

@@ -106,6 +106,7 @@ def test_what_does_not_go_together_is_said(path, capsys, monkeypatch, arguments,
     said = capsys.readouterr().err.strip()
     assert words in said
     assert "\n" not in said
+    assert not Path("o").exists()
 
 
 def test_an_object_wholly_behind_another_is_said(path, tmp_path, capsys):
