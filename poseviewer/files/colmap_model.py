@@ -46,7 +46,6 @@ def model_file(folder: Path, stem: str) -> Path:
 
 def camera_rows(reading: Reading) -> list[list[str]]:
     """CAMERA_ID MODEL WIDTH HEIGHT PARAMS[] of each camera in a ``cameras`` file."""
-    reading = replace(reading, largest=LARGEST_FILE)
     with reading.naming_errors(), reading.open() as file:
         if reading.path.suffix != ".bin":
             return [line.split() for line in map(_text, file) if line]
