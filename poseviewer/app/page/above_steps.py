@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from html import escape
 
-from poseviewer.app.page.controls import Controls, on_press, plain, set_properties
+from poseviewer.app.page.controls import Controls, on_press, plain
 from poseviewer.app.state.document import label_of, verdict_of
-from poseviewer.app.state.objects import add_object, alter_object
 from poseviewer.app.state.session import Session
 from poseviewer.fit.scene import SceneObject
 from poseviewer.render.overlay.looks import LINE_COLOUR
@@ -37,40 +36,12 @@ def object_colour(number: int) -> tuple[int, int, int]:
     return COLOURS[(number - 1) % len(COLOURS)]
 
 
-class ObjectsPanel:
-    """The list, shown where there are several objects."""
-
-    def __init__(self, controls: Controls) -> None:
-        self._list = controls.gui.add_html("", visible=False)
-
-    def show(self, session: Session) -> None:
-        """Bring the list to the session."""
-        objects = session.document.scene.objects
-        several = len(objects) > 1
-        content = objects_list(objects, session.document.number) if several else ""
-        set_properties(self._list, content=content, visible=several)
-
-
-class MoreObjects:
-    """Controls in the step "Open": a further object, and the name of the picked one."""
-
-    def __init__(self, controls: Controls) -> None:
-        self._number = 1
-        with controls.gui.add_folder("Several objects", expand_by_default=False):
-            controls.upload("Add another object ...", "model", "cube-plus", adds=True)
-            controls.button("Add the same model again", add_object(), icon="copy")
-            self._name = controls.gui.add_text("Name", "")
-            controls.field(self._name, lambda name: alter_object(self._number, name=name))
-
-    def show(self, session: Session) -> None:
-        """Bring the name to the picked object."""
-        self._number = session.document.number
-        set_properties(self._name, value=session.document.object.name)
-
-
-def objects_list(objects: tuple[SceneObject, ...], picked: int) -> str:
-    """A row for each object (HTML); ``picked``: the number of the one that all else is about."""
-    rows = "".join(_row(one, int(one.id) == picked) for one in objects)
+def objects_list(session: Session) -> str:
+    """A row for each object (HTML); "" for one alone."""
+    objects, active = session.document.scene.objects, session.document.number
+    if len(objects) == 1:
+        return ""
+    rows = "".join(_row(one, int(one.id) == active) for one in objects)
     return f'<div class="pv-objects"><table><tbody>{rows}</tbody></table></div>'
 
 
@@ -111,25 +82,26 @@ COMPILING = (
 )
 
 
-class PreparingPanel:
-    """A sentence and a bar."""
+def add_preparing(controls: Controls) -> None:
+    """A sentence and a bar while kernels are compiled."""
 
-    def __init__(self, controls: Controls) -> None:
-        self._text = controls.gui.add_markdown("", visible=False)
-        self._bar = controls.gui.add_progress_bar(0.0, visible=False, color="cyan", animated=True)
+    def share(session: Session) -> float | None:
+        return None if session.preparation is None else session.preparation.share
 
-    def show(self, session: Session) -> None:
-        """Bring them to the session."""
-        preparation = session.preparation
-        share = None if preparation is None else preparation.share
-        trouble = "" if preparation is None else preparation.trouble
-        set_properties(self._bar, visible=share is not None)
-        set_properties(self._text, visible=share is not None or bool(trouble))
-        if share is not None:
-            set_properties(self._bar, value=100.0 * share)
-            set_properties(self._text, content=COMPILING.format(share=share))
-        elif trouble:
-            set_properties(self._text, content=f"**{plain(trouble)}**")
+    def text(session: Session) -> str:
+        if session.preparation is None:
+            return ""
+        compiled, trouble = session.preparation.share, plain(session.preparation.trouble)
+        if compiled is None:
+            return f"**{trouble}**" if trouble else ""
+        return COMPILING.format(share=compiled)
+
+    controls.text(text)
+    controls.add(
+        controls.gui.add_progress_bar(0.0, visible=False, color="cyan", animated=True),
+        value=lambda s: 100.0 * (share(s) or 0.0),
+        visible=lambda s: share(s) is not None,
+    )
 
 
 def loss_bar(session: Session) -> str:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from poseviewer.app.page.controls import Controls, set_properties
+from poseviewer.app.page.controls import Controls, kept
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.session import MethodEnd, Session
+from poseviewer.app.state.session import MethodEnd
 from poseviewer.fit.settings import METHODS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
@@ -15,27 +15,19 @@ from poseviewer.geometry.pose_error import pose_error
 HINT = "Search from the start pose by one method, then by the other, and set the ends side by side."
 
 
-class MethodsPanel:
+def add_comparison(controls: Controls) -> None:
     """A button that compares the methods, their ends, and which of them to take."""
-
-    def __init__(self, controls: Controls) -> None:
-        self._shown: tuple[MethodEnd, ...] = ()
-        self._go = controls.button(
-            "Compare both methods", c.compare_methods(), hint=HINT, icon="arrows-diff"
-        )
-        self._table = controls.gui.add_html("", visible=False)
-        takes = {name.capitalize(): c.take_end(index) for index, name in enumerate(METHODS)}
-        self._take = controls.choices("Take", takes, visible=False)
-
-    def show(self, session: Session) -> None:
-        """Bring the table to the session."""
-        set_properties(self._go, disabled=session.searching)
-        if self._shown is session.ends:
-            return
-        self._shown = session.ends
-        set_properties(self._take, visible=bool(session.ends))
-        content = ends_table(session.ends, session.document.mesh) if session.ends else ""
-        set_properties(self._table, visible=bool(content), content=content)
+    controls.button(
+        "Compare both methods",
+        c.compare_methods(),
+        hint=HINT,
+        icon="arrows-diff",
+        disabled=lambda s: s.searching,
+    )
+    table = kept(lambda s: s.ends, lambda s: s.ends and ends_table(s.ends, s.document.mesh))
+    controls.html(lambda s: table(s) or "")
+    takes = {name.capitalize(): c.take_end(index) for index, name in enumerate(METHODS)}
+    controls.choices("Take", takes, visible=lambda s: bool(s.ends))
 
 
 def ends_table(ends: Sequence[MethodEnd], mesh: Mesh) -> str:

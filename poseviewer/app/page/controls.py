@@ -7,19 +7,20 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from html import escape
 from typing import Any
 
 import viser
 
 from poseviewer.app.below_viser.upload_limits import take_upload
+from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import Export
 from poseviewer.app.workers.tasks import Request, download, upload
 from poseviewer.files.file_set import Kind
 from poseviewer.files.state.uploads import ACCEPTED
 
 Post = Callable[[Request], None]
+Read = Callable[[Session], Any]
 
 MARKUP = re.compile(r"[\\`*{}\[\]<>#|~!]|(?<![^\W_])_|_(?![^\W_])")
 """Characters that mean more in markdown; a picture there would make viser read its file."""
@@ -31,71 +32,104 @@ def plain(text: str) -> str:
     return MARKUP.sub(lambda found: f"&#{ord(found.group())};", escaped)
 
 
-class Field:
-    """One input; ``command`` makes what a new value asks for (None: nothing)."""
+SELECTED = "● "
+"""Before the label of the choice that is selected."""
 
-    def __init__(self, handle: Any, post: Post, command: Callable[[Any], Request | None]) -> None:
-        self.handle = handle
+
+class Controls:
+    """Makes the controls of ``gui``: their requests go to ``post``, and what they show is read from
+    the session.
+
+    Options of a control that are functions of the session are its properties whenever ``show`` is
+    called; all others stay as they are.
+    """
+
+    def __init__(self, gui: viser.GuiApi, post: Post) -> None:
+        self.gui = gui
+        self._post = post
+        self.where = ""
+        """Where the pose was or will be saved."""
+        self._shown: Session | None = None
+        self._reads: list[tuple[Any, str, Read]] = []
+
+    @property
+    def session(self) -> Session:
+        """The session that was shown last."""
+        assert self._shown is not None
+        return self._shown
+
+    def show(self, session: Session) -> None:
+        """Bring all controls to the session."""
+        self._shown = session
+        for handle, name, read in self._reads:
+            set_properties(handle, **{name: read(session)})
+
+    def add(self, handle: Any, **options: Any) -> Any:
+        """Bring properties of a handle to the session, in their order."""
+        for name, value in options.items():
+            if callable(value):
+                self._reads.append((handle, name, value))
+        return handle
+
+    def text(self, read: Read, add: Callable[..., Any] | None = None) -> None:
+        """Markdown, or what ``add`` makes of content; hidden while it is empty."""
+        handle = (add or self.gui.add_markdown)("", visible=False)
+        self.add(handle, content=read, visible=lambda _: bool(handle.content))
+
+    def html(self, read: Read) -> None:
+        """HTML; hidden while it is empty."""
+        self.text(read, self.gui.add_html)
+
+    def field(self, handle: Any, asked: Callable[[Any], Request | None], **options: Any) -> Any:
+        """An input; ``asked`` makes what a new value asks for (None: nothing)."""
 
         @handle.on_update
         async def _(event: viser.GuiEvent) -> None:
-            if event.client is None:  # our own writing
+            if event.client is None or self._shown is None:  # our own writing
                 return
-            asked = command(handle.value)
-            if asked is not None:
-                post(asked)
+            request = asked(handle.value)
+            if request is not None:
+                self._post(request)
 
-    def show(self, value: Any, *, visible: bool = True) -> None:
-        """Bring the input to the session's value."""
-        set_properties(self.handle, value=value, visible=visible)
+        return self.add(handle, **options)
 
-
-AT_HAND = "● "
-"""Before the label of the choice that is at hand."""
-
-
-@dataclass(frozen=True, slots=True)
-class Controls:
-    """Makes the controls of ``gui``; their requests go to ``post``."""
-
-    gui: viser.GuiApi
-    post: Post
-
-    def field(self, handle: Any, command: Callable[[Any], Request | None]) -> Field:
-        """An input whose new values ask for ``command(value)``."""
-        return Field(handle, self.post, command)
-
-    def button(self, label: str, asked: Request, color: Any = "gray", **options: Any) -> Any:
-        """A button that asks for one request; ``color`` None: the page's own."""
-        return self.button_for(label, lambda _: asked, color, **options)
-
-    def button_for(
-        self, label: str, asked: Callable[[int], Request], color: Any = "gray", **options: Any
+    def button(
+        self, label: str | Read, asked: Request | Callable[[Session, int], Request], **options: Any
     ) -> Any:
-        """A button that asks for ``asked(client_id)``, worked out when it is pressed."""
-        handle = self.gui.add_button(label, color=color, **options)
+        """A button that asks for a request, or for what the session and the client's id lead to;
+        ``color`` None: the page's own.
+        """
+        options = {"label": label, "color": "gray", **options}
+        handle = self.gui.add_button(**{"label": "", **_fixed(options)})
+
+        @handle.on_click
+        async def _(event: viser.GuiEvent) -> None:
+            if event.client is not None and self._shown is not None:
+                client = event.client.client_id
+                self._post(asked if isinstance(asked, Request) else asked(self._shown, client))
+
+        return self.add(handle, **options)
+
+    def choices(
+        self, label: str, asked: Mapping[str, Request], selected: Read | None = None, **options: Any
+    ) -> Any:
+        """Buttons in one line, each with what it asks for; ``selected`` reads the marked label."""
+        handle = self.gui.add_button_group(label, tuple(asked), **_fixed(options))
 
         @handle.on_click
         async def _(event: viser.GuiEvent) -> None:
             if event.client is not None:
-                self.post(asked(event.client.client_id))
+                self._post(asked[handle.value.removeprefix(SELECTED)])
 
-        return handle
-
-    def choices(self, label: str, asked: Mapping[str, Request], **options: Any) -> Any:
-        """Buttons in one line, each with what it asks for."""
-        handle = self.gui.add_button_group(label, tuple(asked), **options)
-
-        @handle.on_click
-        async def _(event: viser.GuiEvent) -> None:
-            if event.client is not None:
-                self.post(asked[handle.value.removeprefix(AT_HAND)])
-
-        return handle
+        if selected is not None:
+            options["options"] = lambda session: tuple(
+                SELECTED * (option == selected(session)) + option for option in asked
+            )
+        return self.add(handle, **options)
 
     def download(self, label: str, what: Export, icon: Any = "download") -> None:
         """A button that sends ``what`` to the page on which it is pressed."""
-        self.button_for(label, lambda client: download(what, client), icon=icon)
+        self.button(label, lambda _, client: download(what, client), icon=icon)
 
     def upload(self, label: str, kind: Kind | None, icon: Any, adds: bool = False) -> None:
         """A button that takes files of a kind, or (None) a folder, and what is dropped."""
@@ -106,7 +140,25 @@ class Controls:
         async def _(event: viser.GuiEvent) -> None:
             if event.client is not None:
                 file = take_upload(handle)
-                self.post(upload(kind, file.name, file.content, adds))
+                self._post(upload(kind, file.name, file.content, adds))
+
+
+def _fixed(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options that no session changes."""
+    return {name: value for name, value in options.items() if not callable(value)}
+
+
+def kept(key: Read, read: Read) -> Read:
+    """Read anew only where ``key(session)`` is another one."""
+    known: list[Any] = [object(), None]
+
+    def look(session: Session) -> Any:
+        now = key(session)
+        if known[0] != now:
+            known[:] = now, read(session)
+        return known[1]
+
+    return look
 
 
 def on_press(**report: Any) -> str:
@@ -114,15 +166,9 @@ def on_press(**report: Any) -> str:
     return f'data-report="{escape(json.dumps(report))}"'
 
 
-def show_at_hand(choices: Any, label: str | None) -> None:
-    """Mark which of ``choices`` is at hand; None: none of them."""
-    plain = (option.removeprefix(AT_HAND) for option in choices.options)
-    marked = tuple(AT_HAND * (option == label) + option for option in plain)
-    set_properties(choices, options=marked)
-
-
 def set_properties(handle: Any, **values: Any) -> None:
     """Assign where it changes something: every assignment is a message."""
     for name, value in values.items():
-        if getattr(handle, name) != value:
+        now = getattr(handle, name)
+        if now is not value and now != value:
             setattr(handle, name, value)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from html import escape
+from typing import Any
 
 import numpy as np
 
-from poseviewer.app.page.controls import Controls, on_press, set_properties, show_at_hand
+from poseviewer.app.page.controls import Controls, kept, on_press
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.mesh import Mesh
 
-HIDE = "Hide what is in front (H)"
 TOOLS = {
     "Brush": c.set_tool("brush"),
     "Polygon": c.set_tool("polygon"),
@@ -34,38 +34,41 @@ HINTS = {
 """The line over the photo, by tool."""
 
 
-class HidePanel:
+def add_hiding(controls: Controls) -> None:
     """The tools that hide, and what is hidden."""
 
-    def __init__(self, controls: Controls) -> None:
-        self._shown: object = None
-        self._go = controls.button(HIDE, c.toggle_hiding(), icon="brush")
-        self._tools = controls.choices("Tool", TOOLS)
-        self._erase = controls.field(controls.gui.add_checkbox("Erase (alt)", False), h.set_erasing)
-        self._text = controls.gui.add_markdown("", visible=False)
-        self._found = controls.button("Hide what the search found", h.hide_found(), visible=False)
-        self._clear = controls.button("Clear hidden areas", h.unhide())
-        self._parts = controls.gui.add_html("", visible=False)
+    def is_hiding(session: Session) -> bool:
+        return session.tool in h.HIDING
 
-    def show(self, session: Session) -> None:
-        """Bring the controls to the session."""
-        own, tool = session.document, session.tool
+    def hidden(session: Session) -> tuple[Any, ...]:
+        document = session.document
         ended = None if session.searching else session.search
-        end = session.document.object.result
-        key = (own.own.mask, own.mesh, tool, session.erasing, ended, end)
-        if self._shown == key:
-            return
-        self._shown, active = key, tool in h.HIDING
-        set_properties(self._go, label="Done hiding (H)" if active else HIDE)
-        set_properties(self._tools, visible=active)
-        show_at_hand(self._tools, tool.capitalize() if active else None)
-        self._erase.show(session.erasing, visible=tool in h.SHAPES)
-        text = hidden_text(session)
-        set_properties(self._text, content=text, visible=bool(text))
-        set_properties(self._found, visible=h.found_hidden(session) is not None)
-        set_properties(self._clear, visible=active and own.own.mask is not None)
-        parts = parts_left_out(own.mesh)
-        set_properties(self._parts, content=parts, visible=bool(parts))
+        return document.own.mask, document.object.result, document.at, ended
+
+    controls.button(
+        lambda s: "Done hiding (H)" if is_hiding(s) else "Hide what is in front (H)",
+        c.toggle_hiding(),
+        icon="brush",
+    )
+    controls.choices("Tool", TOOLS, lambda s: s.tool.capitalize(), visible=is_hiding)
+    controls.field(
+        controls.gui.add_checkbox("Erase (alt)", False),
+        h.set_erasing,
+        value=lambda s: s.erasing,
+        visible=lambda s: s.tool in h.SHAPES,
+    )
+    controls.text(kept(hidden, hidden_text))
+    controls.button(
+        "Hide what the search found",
+        h.hide_found(),
+        visible=kept(hidden, lambda s: h.found_hidden(s) is not None),
+    )
+    controls.button(
+        "Clear hidden areas",
+        h.unhide(),
+        visible=lambda s: is_hiding(s) and s.document.own.mask is not None,
+    )
+    controls.html(lambda s: parts_left_out(s.document.mesh))
 
 
 def hidden_text(session: Session) -> str:

@@ -290,13 +290,15 @@ class LandscapePanel:
         self._next = 0.0
         self._maps = gui.add_html("")
         self._note = gui.add_markdown("Drawing the maps ...")
-        self._whose = controls.field(
+        controls.field(
             gui.add_dropdown("Loss of", tuple(WHOSE)),
             lambda text: c.change_landscape(whose=WHOSE[text]),
+            value=lambda s: next(text for text, whose in WHOSE.items() if whose == s.maps.whose),
         )
-        self._range = controls.field(
+        controls.field(
             gui.add_slider("Range ± %", 1.0, 50.0, 1.0, 20.0),
             lambda value: c.change_landscape(half_width=float(value) / 100.0),
+            value=lambda s: round(s.maps.half_width * 100.0, 3),
         )
         with gui.add_folder("Save the maps", expand_by_default=False):
             controls.download("Sheet (PNG)", "sheet")
@@ -304,8 +306,6 @@ class LandscapePanel:
 
     def show(self, session: Session) -> bool:
         """Bring the panel to the session; False if it is to be asked again soon."""
-        self._range.show(round(session.maps.half_width * 100.0, 3))
-        self._whose.show(next(text for text, whose in WHOSE.items() if whose == session.maps.whose))
         if not session.landscapes:
             return True
         set_properties(self._note, visible=False)

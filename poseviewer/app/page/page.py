@@ -12,22 +12,22 @@ import viser
 from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.below_viser.upload_limits import bound_uploads
 from poseviewer.app.below_viser.values import check_values
-from poseviewer.app.page.above_steps import ObjectsPanel, PreparingPanel
+from poseviewer.app.page.above_steps import add_preparing, objects_list
 from poseviewer.app.page.controls import Controls, Post, plain
 from poseviewer.app.page.map_panel import LandscapePanel
 from poseviewer.app.page.panels import (
-    FitPanel,
-    JudgePanel,
-    OpenPanel,
-    PlacePanel,
-    SavePanel,
-    StatusPanel,
-    hint_of,
+    add_fitting,
+    add_judging,
+    add_opening,
+    add_placing,
+    add_saving,
+    add_status,
 )
 from poseviewer.app.page.photo_view import DEPTH, SIDE, PhotoScene
 from poseviewer.app.page.reports import FORWARDED, HELP, LEFT_TO_BROWSER, request_of
 from poseviewer.app.page.rows import RowsPanel
 from poseviewer.app.page.strip import PhotoStrip
+from poseviewer.app.page.texts import hint_of
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.hiding import SHAPES
 from poseviewer.app.state.session import Session
@@ -39,13 +39,13 @@ from poseviewer.files.state.uploads import LARGEST_UPLOAD
 PANEL_PX, MAPS_PX = 300, 380
 """Widths of the left panel and of the maps; either border can be dragged."""
 STEPS = {
-    "Open": OpenPanel,
-    "Place": PlacePanel,
-    "Fit": FitPanel,
-    "Judge": JudgePanel,
-    "Save": SavePanel,
+    "Open": add_opening,
+    "Place": add_placing,
+    "Fit": add_fitting,
+    "Judge": add_judging,
+    "Save": add_saving,
 }
-"""Tabs of the left panel in the order of the work."""
+"""Tabs of the left panel in the order of the work, and what makes their controls."""
 PANELS_S = 0.1
 """Panels are brought up to date no oftener than this; the photo always is."""
 PAGE_CONFIG = {
@@ -78,14 +78,15 @@ class Page:
         gui.main_panel.set_width(PANEL_PX)
         self.scene = PhotoScene(server)
         self._script = ClientScript(server, PAGE_CONFIG, self._reported)
-        controls = Controls(gui, post)
-        preparing = PreparingPanel(controls)
+        self._controls = controls = Controls(gui, post)
+        add_preparing(controls)
         self._rows = None if review is None else RowsPanel(controls, review)
-        self._panels = [preparing, StatusPanel(controls), ObjectsPanel(controls)]
+        add_status(controls)
+        controls.html(objects_list)
         tabs = gui.add_tab_group()
-        for step, make_panel in STEPS.items():
+        for step, add_controls in STEPS.items():
             with tabs.add_tab(step):
-                self._panels.append(make_panel(controls))
+                add_controls(controls)
         maps = gui.add_panel()
         with maps.add_tab("Loss landscape", viser.Icon.GRID_DOTS):
             self._landscape = LandscapePanel(controls)
@@ -129,8 +130,8 @@ class Page:
         self._late = False
         # Together: who answers to one field must not find the next one still to be written.
         with self._server.atomic():
-            for panel in self._panels:
-                panel.show(session, where) if isinstance(panel, SavePanel) else panel.show(session)
+            self._controls.where = where
+            self._controls.show(session)
         self._late = not self._landscape.show(session)
         self._next_panels = time.monotonic() + PANELS_S
 
@@ -217,7 +218,7 @@ class Page:
                 f"{when}."
             )
             controls = Controls(handle.gui, self._post)
-            controls.button("Open it again", Restore(True), "cyan")
+            controls.button("Open it again", Restore(True), color="cyan")
             controls.button("Discard", Restore(False))
 
     def close_offer(self) -> None:

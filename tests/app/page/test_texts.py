@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from poseviewer.app.page.controls import plain
-from poseviewer.app.page.panels import (
+from poseviewer.app.page.texts import (
     SEARCHING_HINT,
     USUAL_HINT,
     focal_note,

@@ -1,0 +1,200 @@
+"""Texts of the page on a session: what is open, what to do next, how search and verdict stand."""
+
+from __future__ import annotations
+
+from poseviewer.app.page.controls import plain
+from poseviewer.app.page.hide_panel import HINTS
+from poseviewer.app.state.document import WHEELS, label_of
+from poseviewer.app.state.marking import MARKING, pair_errors, pairs_done
+from poseviewer.app.state.objects import symmetry_text
+from poseviewer.app.state.session import Session
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.starts.point_pairs import fewest_pairs
+from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS
+
+PREPARING = "Preparing the first picture ..."
+USUAL_HINT = " ".join(
+    f"<span>{text}</span>"
+    for text in (
+        '<i class="pv-plain">drag</i> move',
+        '<i class="pv-shift">shift</i> turn',
+        '<i class="pv-ctrl">ctrl</i> roll, scale',
+        "<b>wheel</b> zoom",
+        "<b>right drag</b> pan",
+        "<b>F</b> all",
+        "<b>space</b> search",
+        "<b>?</b> keys",
+    )
+)
+"""Hint where a drag moves the model; the page's style marks what a drag does with the held keys."""
+REGION_HINT = "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it"
+BOX_HINT = (
+    "drag a rectangle about the object: the model goes there, and starting poses will be "
+    "proposed &nbsp;·&nbsp; Esc: leave it"
+)
+PLACE_HINT = (
+    "<b>press where the object is</b>, or drag the model there &nbsp;·&nbsp; "
+    "<b>Fit to box</b> proposes starting poses"
+)
+SEARCHING_HINT = (
+    "the best pose so far is shown &nbsp;·&nbsp; <b>space</b> stops the search and keeps it"
+)
+MARKING_HINT = " &nbsp;·&nbsp; drag a mark, double-click removes it &nbsp;·&nbsp; Esc: end"
+
+
+def opened_text(session: Session) -> str:
+    """Say what is open (markdown)."""
+    photo, model, mesh = session.document.photo, session.document.model, session.document.mesh
+    return (
+        f"**{plain(photo.label)}**  \n{photo.width} x {photo.height} px  \n"
+        f"**{plain(model.name)}**  \n{len(mesh.faces):,} triangles, "
+        f"{len(mesh.part_names) or 1} part{'s' if len(mesh.part_names) > 1 else ''}, "
+        f"{reflectance_text(mesh)}; {symmetry_text(model)}"
+    )
+
+
+def reflectance_text(mesh: Mesh) -> str:
+    """Say where a model's colours come from: a grey model may miss files."""
+    if mesh.textures:
+        return f"{len(mesh.textures)} texture{'s' if len(mesh.textures) > 1 else ''}"
+    return "coloured" if mesh.has_reflectance else "no colours"
+
+
+def hint_of(session: Session) -> str:
+    """The line over the photo (HTML): what the next click is for."""
+    marks = session.document.marks
+    match session.tool:
+        case "region":
+            return REGION_HINT
+        case "box":
+            return BOX_HINT
+        case "wheels":
+            wheel, point = divmod(len(marks.rims), FEWEST_RIM_POINTS)
+            if wheel == WHEELS:
+                what = "space: search from here"
+            else:
+                name = ("rear", "front")[wheel]
+                what = f"click the {name} wheel's rim: point {point + 1} of {FEWEST_RIM_POINTS}"
+        case "pairs":
+            number = len(marks.pairs)
+            if marks.waits_for_pixel:
+                what = f"pair {number}: click the same point on the photo"
+            else:
+                what = f"pair {number + 1}: click a point of the model (2 shows it solid)"
+        case tool if tool in HINTS:
+            return HINTS[tool]
+        case _ if session.searching:
+            return SEARCHING_HINT
+        case _:
+            return USUAL_HINT if session.document.object.is_placed else PLACE_HINT
+    return f"<b>{what}</b>{MARKING_HINT}"
+
+
+def marks_text(session: Session) -> str:
+    """Say what is marked, and how well the pose shows it (markdown)."""
+    document = session.document
+    marks = document.marks
+    fewest = fewest_pairs(document.pose.camera)
+    lines = []
+    if marks.pairs and session.tool != "wheels":
+        errors = pair_errors(document)
+        rows = "".join(f"<br>pair {i}: {error:.1f} px" for i, error in enumerate(errors, 1))
+        missing = fewest - pairs_done(document)
+        lines.append(
+            f"{missing} more pair{'s' * (missing > 1)} needed"
+            if missing > 0
+            else f"**error per pair**{rows}"
+        )
+    elif session.tool == "pairs":
+        lines.append(f"{fewest} pairs give a pose")
+    if session.tool == "wheels":
+        lines.append(f"{len(marks.rims)} of {WHEELS * FEWEST_RIM_POINTS} points on the rims")
+    if marks.note and session.tool in MARKING:
+        lines.append(plain(marks.note))
+    return "  \n".join(lines)
+
+
+def proposals_text(session: Session) -> str:
+    """Say how far the proposals are (markdown)."""
+    asked = session.proposals
+    if asked is not None and asked.running and session.preparation is not None:
+        return "Waiting to begin."
+    if asked is not None and asked.running:
+        return "Trying views from everywhere (Esc stops it): some seconds, longer without a box."
+    if asked is not None and proposals_of(session):
+        which = f"**proposal {asked.index + 1} of {len(asked.poses)}**"
+        return f"{which}, the likeliest first  \nspace: search from here"
+    return ""
+
+
+def proposals_of(session: Session) -> int:
+    """Number of proposals for what is open."""
+    asked = session.proposals
+    if asked is None or not asked.document.shows_same(session.document):
+        return 0
+    return len(asked.poses)
+
+
+def focal_note(session: Session) -> str:
+    """Warn of a focal length that is a guess (markdown); "" where it is none."""
+    document = session.document
+    note = document.photo.focal_note(document.pose.camera)
+    return note and f"⚠ {note}"
+
+
+def search_text(session: Session) -> str:
+    """Say how the search stands and its verdict, or the loss at the pose (markdown)."""
+    search, losses = session.search, session.losses
+    if session.preparation is not None:
+        if session.preparation.trouble:
+            return ""  # it is said above all panels
+        if session.searching:
+            return "Waiting to begin; the same button stops it."
+        compiling = session.preparation.share is not None
+        return "The loss comes when all is compiled." if compiling else PREPARING
+    if search is None:
+        if losses is not None and losses.mean is not None:
+            count = len(losses.of_views)
+            of_set = f", mean of {count} photos" if count > 1 else ""
+            return f"**{losses.mean.text}** at this pose{of_set}"
+        return plain(losses.note if losses else "") or PREPARING
+    if search.latest is None:
+        return "Preparing the search ..."
+    progress = search.latest.progress
+    stopped = not search.running and progress.status.name == "RUNNING"
+    sentence = "Stopped: the best pose so far is shown." if stopped else progress.status.value
+    settings = search.latest.settings
+    count = len(search.asked.methods) if search.running else 1
+    which = f", {search.asked.methods.index(settings) + 1} of {count} methods" if count > 1 else ""
+    if len(search.asked.indices) > 1:
+        one = session.document.scene.objects[search.latest.index]
+        which += f"  \nOf all objects: **{plain(label_of(one))}**"
+    text = (
+        f"Method: {settings.method_name}{which}  \n"
+        f"**{progress.loss_text}** (start {progress.scale.shown(progress.start_loss):.3f})  \n"
+        f"{progress.evaluations} evaluations, restart {progress.restart}, "
+        f"{progress.seconds:.1f} s  \n{sentence}"
+    )
+    return text if progress.verdict is None else f"{text}  \n**Verdict: {progress.verdict.word}.**"
+
+
+def verdict_text(session: Session) -> str:
+    """The verdict on the search that led to the pose, and why (markdown); "": there is none."""
+    found = session.document.object.result
+    verdict = None if found is None else found.verdict
+    if verdict is None:
+        return ""
+    note = focal_note(session)
+    reasons = "\n".join(
+        f"- {plain(reason)}" for reason in (*verdict.reasons, *filter(None, (note,)))
+    )
+    return f"**Verdict: {verdict.word}.** {verdict.share_right}.{sure_text(session)}\n\n{reasons}"
+
+
+def sure_text(session: Session) -> str:
+    """Say in a paragraph how sure the pose is (markdown); "" where that is not known."""
+    sure = session.covariance_in(session.document.at)
+    if sure is None:
+        return ""
+    unit = session.document.mesh.unit
+    return f"\n\n**How sure, if right:** {plain(sure.words(unit))} (standard deviations)."
