@@ -5,7 +5,7 @@ FEATURES: dict[str, tuple[float, float, float]] = {
     "spread_percent": (1.679, 0.544, -0.9448),
     "outline": (0.8347, 0.1425, 0.9164),
 }
-"""Of each feature: mean and standard deviation among the trials, and its weight."""
+"""Mean and standard deviation of each feature among the trials, and its weight."""
 OFFSET = 2.63
 FOUND_FROM, LOST_BELOW = 0.81, 0.5
 """Probabilities from which the verdict is ``found``, and below which it is ``lost``."""

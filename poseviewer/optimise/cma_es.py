@@ -41,7 +41,7 @@ def minimise(
 def _generations(
     objective: Objective, x0: FloatArray, scale: FloatArray, options: CmaOptions, seed: int
 ) -> Iterator[State]:
-    """As ``minimise``, with the best of each generation alone."""
+    """Minimise as ``minimise`` does, yielding the best of each generation alone."""
     distribution = _Distribution(len(x0), options, np.random.default_rng(seed))
     state = None
     for generation in range(options.generations + 1):

@@ -22,7 +22,7 @@ class NelderMeadOptions:
     """It has converged when all vertices are this near to the best one."""
 
     x_tolerance: FloatArray | float
-    """In each coordinate, or one for all."""
+    """Tolerance of each coordinate, or one for all."""
     f_tolerance: float
 
 

@@ -20,17 +20,17 @@ OVERSAMPLING = 1.6
 TRUST_RADIUS = 1.1
 """Points that a model is fitted to, and its step, are no farther away, in reaches."""
 LEAST_SHRINKAGE = 0.3
-"""Of the reach in one round, along any axis."""
+"""Least factor by which the reach shrinks in one round, along any axis."""
 LEAST_CURVATURE = 1e-2
-"""As a share of the greatest; smaller ones cannot be told from none."""
+"""Least curvature as a share of the greatest; smaller ones cannot be told from none."""
 
 
 @dataclass(frozen=True, slots=True)
 class QuadraticOptions:
-    """How far about the best point samples are drawn, and when the search is done."""
+    """Reach of the samples about the best point, and when the search is done."""
 
     reach: float
-    """Of the first samples, in units of the scale."""
+    """Reach of the first samples, in units of the scale."""
     rise: float
     """Later samples reach to where the model rises by this above its minimum."""
     rounds: int = 6

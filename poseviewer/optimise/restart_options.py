@@ -1,4 +1,4 @@
-"""What a search by restarts can be told; apart from the search, as help texts need no NumPy."""
+"""Options of a search by restarts; apart from the search, as help texts need no NumPy."""
 
 from __future__ import annotations
 

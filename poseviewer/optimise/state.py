@@ -1,4 +1,4 @@
-"""What every minimiser takes and yields."""
+"""Types that every minimiser takes and yields."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class State:
     axes: FloatArray | None = None
     """(d, d): where known, the shape of the valley: columns are its principal axes."""
     restart: int = 0
-    """How often it has started again."""
+    """Number of restarts so far."""
     converged: bool = False
     """Whether this is the last one."""
 
 
 def best_so_far(states: Iterator[State], since: State | None = None) -> Iterator[State]:
-    """The same states, each with the best point of all up to it, and of ``since``."""
+    """Yield the states, each with the best point of all up to it, and of ``since``."""
     for state in states:
         if since is None or state.value < since.value:
             since = state

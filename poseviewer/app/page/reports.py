@@ -47,12 +47,12 @@ LOOKS = {
 
 @dataclass(frozen=True, slots=True)
 class Action:
-    """What mouse or keys do, as the help says it."""
+    """Sentence of the help dialog on what mouse or keys do."""
 
     how: str
     what: str
     keys: Mapping[str, Request] = field(default_factory=dict)
-    """What each key asks for, by ``event.code``."""
+    """Request of each key, by ``event.code``."""
 
 
 ACTIONS = (

@@ -57,7 +57,7 @@ class Pair:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Marks:
-    """What is marked on the photo for a quick start; only the last pair may be half done."""
+    """Marks on the photo for a quick start; only the last pair may be half done."""
 
     pairs: tuple[Pair, ...] = ()
     box: Rectangle | None = None
@@ -81,7 +81,7 @@ class Marks:
 
     @property
     def ellipses(self) -> tuple[Ellipse, ...]:
-        """Of the rear wheel, and of the front wheel, as far as they have their points."""
+        """Ellipses of the rear and the front wheel, as far as they have their points."""
         count = len(self.rims) // FEWEST_RIM_POINTS
         pieces = [self.rims[i * FEWEST_RIM_POINTS :][:FEWEST_RIM_POINTS] for i in range(count)]
         return tuple(ellipse_through(piece) for piece in pieces)

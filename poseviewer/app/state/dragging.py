@@ -1,4 +1,4 @@
-"""How a drag becomes a pose: what the pointer takes hold of, and how the pose follows it.
+"""Drags become poses: what the pointer takes hold of, and how the pose follows it.
 
 All points are in photo px with pixel centres at i + 0.5. The model's centre stays where it is in
 the photo under every rotation.

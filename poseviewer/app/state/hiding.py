@@ -1,5 +1,5 @@
-"""What does not count: pixels of the photo where something is in front, painted over; and parts of
-the model that the thing in the photo has not.
+"""Pixels and parts that do not count: those of the photo where something is in front, painted over;
+and those of the model that the thing in the photo has not.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ SHAPES: tuple[Shape, ...] = ("brush", "polygon", "scribble")
 HIDING = (*SHAPES, "part")
 """The tools: three that draw on the photo, and one that takes a part of the model."""
 SUBPIXEL_BITS = 4
-"""Of the places that OpenCV draws at: sixteenths of a pixel."""
+"""Binary digits after the point of OpenCV's coordinates: sixteenths of a pixel."""
 THICKEST = 32767
 """px: OpenCV draws no thicker line."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stroke:
-    """What was drawn on the photo in one go."""
+    """A stroke drawn on the photo in one go."""
 
     shape: Shape
     points: FloatArray

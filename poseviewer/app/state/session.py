@@ -38,7 +38,7 @@ Whose = Literal["chosen", "default", "paper", "both"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OverlayRequest:
-    """What is to be drawn."""
+    """Request for a picture of the model."""
 
     document: Document
     anchor: Scene
@@ -87,7 +87,7 @@ class Overlay:
     picture: NDArray[np.uint8] | None = None
     """(h, w, 3 or 4): RGB in place of the photo, or RGBA over it; None for none."""
     place: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-    """Where the picture lies: left, top, width, height in px of the photo."""
+    """Rectangle of the picture: left, top, width, height in px of the photo."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,12 +116,12 @@ class SearchUpdate(SearchProgress):
     is_over: bool = False
     """Whether it is the last one."""
     ends: tuple[MethodEnd, ...] = ()
-    """Of the last update of a search by several methods: where each of them has ended."""
+    """Ends of the methods, in the last update of a search by several."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MethodEnd:
-    """Where one of several methods has ended, from the start that they share."""
+    """End of one of several methods, from the start that they share."""
 
     update: SearchUpdate
     losses: tuple[float, ...]
@@ -160,18 +160,18 @@ class LandscapeUpdate:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How the model is shown."""
+    """Appearance of the model."""
 
     name: str = "outline"
     opacity: float = 0.8
-    """Of the look ``solid``."""
+    """Opacity of the look ``solid``."""
     hidden: bool = False
     """Blinked away: the photo alone."""
 
 
 @dataclass(frozen=True, slots=True)
 class LandscapeView:
-    """How the maps are shown."""
+    """Appearance of the maps."""
 
     half_width: float = 0.2
     """Share of each parameter's scale: 0.2 is the paper's 20 %."""
@@ -183,7 +183,7 @@ class LandscapeView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchRequest:
-    """What is searched for; each request is an object of its own."""
+    """Request for a search; each is an object of its own."""
 
     start: Document
     """Document that the search begins at."""
@@ -219,7 +219,7 @@ class ProposedStarts:
 
 
 def start_query(document: Document) -> StartQuery:
-    """What start poses are looked for at a document, with its camera."""
+    """Request for start poses at a document, by its camera."""
     own = document.own
     settings = replace(document.settings, region=own.region)
     inputs = StartInputs(document.photo, document.mesh, document.model.keypoints, own.mask)
@@ -229,12 +229,12 @@ def start_query(document: Document) -> StartQuery:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Preparation:
-    """What is made ready before the model at hand can be drawn and compared finely: the kernels,
+    """Preparation before the model at hand can be drawn and compared finely: the kernels,
     once on a machine, and what draws the model.
     """
 
     share: float | None = None
-    """Of the kernels that are compiled, in [0, 1]; None where all were, or before that is known."""
+    """Share of compiled kernels, in [0, 1]; None where all were, or before it is known."""
     trouble: str = ""
     """Why it will not be: a sentence for the user."""
 
@@ -246,14 +246,14 @@ class Session:
     document: Document
     history: History = field(default_factory=History)
     drag: Drag | None = None
-    """What the pointer holds."""
+    """Part of the model or photo that the pointer holds."""
     before_drag: Document | None = None
     """The document when it was taken hold of; None until the pointer moves."""
     tool: str = "pose"
     erasing: bool = False
     """Whether strokes of the tools that hide bring back what they cover."""
     strokes: int = 0
-    """How many strokes were taken: a page shows its own until then."""
+    """Number of strokes that were taken: a page shows its own until then."""
     look: Look = field(default_factory=Look)
     maps: LandscapeView = field(default_factory=LandscapeView)
     search: Search | None = None
@@ -261,19 +261,19 @@ class Session:
     landscapes: tuple[LandscapeUpdate, ...] = ()
     """One for each loss that is shown."""
     ends: tuple[MethodEnd, ...] = ()
-    """Where both methods ended when they were last compared on this photo and model."""
+    """Ends of both methods when they were last compared on this photo and model."""
     aside: FitSettings = field(default_factory=lambda: FitSettings("paper"))
     """The settings as they were before the method was changed last."""
     overlay: Overlay | None = None
     losses: Losses | None = None
-    """Of the pose at hand, or of one a moment ago: its own will follow."""
+    """Maps about the pose at hand, or one a moment ago: its own will follow."""
     outlines: Outlines | None = None
     preparation: Preparation | None = None
     """None: all is ready. Until then a search waits, and outlines are sketched."""
     anchor: Scene | None = None
     """Scene about which pixels are compared (see ``OverlayRequest``); None: the document's."""
     saved: Document | None = None
-    """What stands in a file."""
+    """Document that stands in a file."""
     typed: tuple[str, Document] | None = None
     """The parameter that was last typed, and the document that it led to."""
 
@@ -284,7 +284,7 @@ class Session:
 
     @property
     def overlay_request(self) -> OverlayRequest:
-        """What is to be drawn and compared by now."""
+        """Request for the picture that is wanted by now."""
         return OverlayRequest(self.document, self.compared, self.look.name, self.look.opacity)
 
     def covariance_in(self, view: int) -> PoseCovariance | None:

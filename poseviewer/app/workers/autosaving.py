@@ -1,5 +1,5 @@
-"""Where the app writes: poses beside their photos; and the session, as soon as something in it has
-changed, in a thread of its own.
+"""Write poses beside their photos; and the session, as soon as something in it has changed, in a
+thread of its own.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Autosaver:
         self._uploads = state / "uploads"
         self._writer: Worker[None] = Worker("autosave")
         self._saved: Document | None = None
-        """What is on disk, or on its way there."""
+        """Document on disk, or on its way there."""
         self._next = 0.0
         self._moving = False
         self._trouble = self._adopted = False
@@ -56,7 +56,7 @@ class Autosaver:
         self._file = SessionFile(state / "sessions")
 
     def offer(self) -> AutosavedSession | None:
-        """What an earlier session left unsaved, until it is taken or refused."""
+        """Session that an earlier run left unsaved, until it is taken or refused."""
         return self._offer
 
     def take_offer(self, wanted: bool) -> AutosavedSession | None:

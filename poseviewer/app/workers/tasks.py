@@ -55,7 +55,7 @@ class Task:
     run: Callable[[Session, Path], Iterator[Result]]
     """Does it, on what is open when it begins; the path is that of the app's state."""
     working: str = ""
-    """What the page says meanwhile."""
+    """Sentence on the page meanwhile."""
     draws: bool = False
     """Whether it waits until the model can be drawn."""
     size: int = 0
@@ -198,13 +198,13 @@ def find_wheels_in_region(session: Session, _: Path) -> Iterator[Found]:
 
 
 REACH = 1.0
-"""How far the neighbourhood reaches beyond the scribble's box, in its longer side."""
+"""Reach of the neighbourhood beyond the scribble's box, in its longer side."""
 LEAST_REACH = 0.05
-"""The same at the least, in the photo's longer side: a thing that was merely tapped."""
+"""Least reach, in the photo's longer side: a thing that was merely tapped."""
 SIDE_PX = 320
 """Longer side of the picture that is cut: GrabCut takes half a second there."""
 ROUNDS = 5
-"""Of GrabCut: more change next to nothing."""
+"""Rounds of GrabCut: more change next to nothing."""
 
 
 def grow(stroke: Stroke) -> Task:

@@ -40,7 +40,7 @@ class JobUpdate(Generic[T]):
 
 
 class Mailbox(Generic[T]):
-    """What others ask of the main loop, in the order in which they asked. A signal's handler may
+    """Requests of the main loop, in the order in which they came. A signal's handler may
     come in the middle of it: a ``SimpleQueue`` bears that, an ``Event`` would wait for itself.
     """
 
