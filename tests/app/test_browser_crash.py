@@ -30,10 +30,10 @@ def test_after_a_crash_page_and_session_come_back(browser: Browser, tmp_path: Pa
     with AppProcess(tmp_path, *files, port=port) as again:
         assert again.url == app.url
         tab.page.get_by_text(OFFER).wait_for()
-        tab.page.get_by_text("no unsaved changes").wait_for(state="attached")
         tab.page.get_by_role("button", name="Open it again").click()
         tab.page.get_by_text(OFFER).wait_for(state="hidden")
-        tab.page.get_by_text("● unsaved changes").wait_for(state="attached")
+        tab.open_step(5)
+        tab.page.get_by_text("● unsaved changes").wait_for()
         tab.wait_for_text("at this pose")
         # The new server's page: what is done on it comes through, and it draws what comes back.
         picture = tab.settled_picture()
