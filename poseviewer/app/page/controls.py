@@ -48,7 +48,7 @@ class Controls:
         self.gui = gui
         self._post = post
         self.where = ""
-        """Where the pose was or will be saved."""
+        """Path at which the pose was or will be saved."""
         self._shown: Session | None = None
         self._reads: list[tuple[Any, str, Read]] = []
 
