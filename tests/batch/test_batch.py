@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import shutil
@@ -17,21 +16,17 @@ import pytest
 from poseviewer.batch.job_table import load_jobs
 from poseviewer.batch.results import STDS, alone_in
 from poseviewer.batch.run import open_batch, run_batch
-from poseviewer.cli import main as cli
 from poseviewer.errors import BatchError
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import load_pose
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.pose_error import pose_error
+from tests.commands import read_rows, run
 from tests.ctrl_c import ctrl_c_ends_them
 from tests.view_sets import write_views
 
 QUICK = ("--evaluations", "40")
 LONG = ("--evaluations", "150")
-
-
-def run(*arguments: object) -> int:
-    return cli.main([str(argument) for argument in arguments])
 
 
 def command(*arguments: object) -> list[str]:
@@ -47,11 +42,6 @@ def write_table(scene, folder: Path, rows: int, more: str = "") -> Path:
     table = folder / "jobs.csv"
     table.write_text("\n".join(lines) + "\n" + more, encoding="utf-8")
     return table
-
-
-def read_results(out: Path) -> list[dict[str, str]]:
-    with (out / "results.csv").open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def kept(out: Path) -> dict[str, bytes]:
@@ -84,7 +74,7 @@ def test_rows_are_fitted_and_bad_ones_fail_with_their_reason(scene, tmp_path, ca
     printed = capsys.readouterr()
     assert "2 of 5 rows fitted, 3 failed" in printed.out
     assert printed.err == ""
-    results = read_results(out)
+    results = read_rows(out / "results.csv")
     assert [row["row"] for row in results] == ["1", "2", "3", "4", "5"]
     reasons = [row["reason"] for row in results]
     assert reasons[:2] == ["", ""]
@@ -117,7 +107,9 @@ def test_the_report_stands_alone_and_starts_with_the_worst(scene, tmp_path):
     assert "<b>.png" not in page
     assert page.count("data:image/jpeg;base64,") == 2
     # The failed one, then the one that is likelier to be wrong: not that which began at the truth.
-    likely = {row["row"]: float(row["probability"] or 0.0) for row in read_results(out)}
+    likely = {
+        row["row"]: float(row["probability"] or 0.0) for row in read_rows(out / "results.csv")
+    }
     assert likely["1"] < likely["3"]
     places = [page.index(f'<td class="number">{row}</td>') for row in (2, 1, 3)]
     assert places == sorted(places)
@@ -141,7 +133,7 @@ def test_a_second_run_does_only_what_is_new_or_changed(scene, tmp_path, capsys):
     assert "4 of 5 rows were done before" in capsys.readouterr().err
     assert kept(out) == middle
     assert before.items() <= middle.items()
-    assert [row["row"] for row in read_results(out)] == ["1", "2", "3", "4", "5"]
+    assert [row["row"] for row in read_rows(out / "results.csv")] == ["1", "2", "3", "4", "5"]
 
 
 @pytest.mark.usefixtures("one_process")
@@ -150,8 +142,8 @@ def test_rows_alike_are_fitted_once(scene, tmp_path):
     table, out = write_table(scene, tmp_path, 1, row + row), tmp_path / "out"
     assert run("batch", table, "--out", out, "--quiet", *QUICK) == 0
     assert len(kept(out)) == 1
-    assert len({result["pose"] for result in read_results(out)}) == 1
-    assert len(read_results(out)) == 3
+    assert len({result["pose"] for result in read_rows(out / "results.csv")}) == 1
+    assert len(read_rows(out / "results.csv")) == 3
 
 
 @pytest.mark.slow
@@ -175,7 +167,7 @@ def test_a_killed_batch_goes_on_and_its_workers_end_and_one_that_dies_takes_no_r
         before.update(kept(out))
         assert process.wait(120) == 0
     assert before.items() <= kept(out).items()
-    assert [row["reason"] for row in read_results(out)] == [""] * 8
+    assert [row["reason"] for row in read_rows(out / "results.csv")] == [""] * 8
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="folders are not locked there")
@@ -214,7 +206,7 @@ def test_ctrl_c_keeps_what_is_finished(scene, tmp_path):
     assert process.returncode == 130
     assert "run it again to go on" in printed
     assert complaints == ""
-    assert 1 <= len(read_results(out)) == len(kept(out)) < 8
+    assert 1 <= len(read_rows(out / "results.csv")) == len(kept(out)) < 8
 
 
 @pytest.mark.slow
@@ -229,7 +221,7 @@ def test_a_broken_result_is_done_again(scene, tmp_path):
     picture.unlink()
     assert run("batch", table, "--out", out, "--quiet", *QUICK) == 0
     assert set(kept(out)) == {first, second, third, fourth}
-    assert [row["reason"] for row in read_results(out)] == [""] * 4
+    assert [row["reason"] for row in read_rows(out / "results.csv")] == [""] * 4
     assert picture.is_file()
 
 
@@ -286,7 +278,7 @@ def test_a_row_can_be_a_set_of_photos(tmp_path: Path):
     rows = [of_set.name, model.name, start.name], [of_set.name, model.name, "auto"]
     table.write_text("photo,model,start\n" + "\n".join(",".join(row) for row in rows) + "\n")
     assert run("batch", table, "--out", out, "--quiet", *QUICK) == 2
-    found, refused = read_results(out)
+    found, refused = read_rows(out / "results.csv")
     data = json.loads((out / found["pose"]).read_text())
     assert [Path(one["photo"]["file"]).name for one in data["views"]] == ["a.png", "b.png", "c.png"]
     assert found["verdict"]

@@ -15,7 +15,8 @@ from pathlib import Path
 import pytest
 
 from poseviewer.cli import main as cli
-from tests.batch.test_batch import LONG, command, kept, read_results, wait_until, write_table
+from tests.batch.test_batch import LONG, command, kept, wait_until, write_table
+from tests.commands import read_rows
 
 needs_dask = pytest.mark.skipif(
     find_spec("distributed") is None, reason="Dask is not installed: pip install '.[cluster]'"
@@ -65,7 +66,7 @@ def test_a_killed_worker_loses_nothing_and_nothing_is_done_twice(scene, tmp_path
     assert 2 <= len(before) < 6
     after = kept(out)
     assert before.items() <= after.items()
-    results = read_results(out)
+    results = read_rows(out / "results.csv")
     assert [row["row"] for row in results] == [str(number) for number in range(1, 7)]
     assert all(row["reason"] == "" and (out / row["pose"]).is_file() for row in results)
     # One machine gives what the cluster gave: there is nothing left to do.

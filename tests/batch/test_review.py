@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import shutil
 from dataclasses import replace
@@ -16,12 +15,14 @@ from poseviewer.batch.job import run_job
 from poseviewer.batch.results import ACCEPTED, Batch, worst_first
 from poseviewer.batch.run import open_batch, save_summaries
 from poseviewer.errors import PoseViewerError
-from poseviewer.files.formats.bop import read_bop
+from poseviewer.files.formats.bop import BopObject, read_bop, save_bop_images
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.pose import load_pose
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.transform import RigidTransform
+from tests.commands import read_rows
 
 QUICK = FitSettings(limits=Limits(40, 600.0))
 IMAGES = (0, 3, 12)
@@ -29,14 +30,9 @@ IMAGES = (0, 3, 12)
 
 def make_bop(scene, folder: Path, posed: bool = True) -> tuple[Path, Path]:
     """A scene of one object in three images, and its models."""
-    start = json.loads(scene.start.read_text())
-    camera, place = start["camera"], start["camera_from_model"]
-    matrix = [camera["fx"], 0, camera["cx"], 0, camera["fy"], camera["cy"], 0, 0, 1]
-    entry = {
-        "cam_R_m2c": [number for row in place["rotation"] for number in row],
-        "cam_t_m2c": place["translation"],
-        "obj_id": 5,
-    }
+    start = load_pose(scene.start, 160, 120).pose
+    assert isinstance(start.camera, Perspective)
+    matrix = opencv_matrix(start.camera).reshape(-1).tolist()
     bop, models = folder / "000001", folder / "models"
     (bop / "rgb").mkdir(parents=True)
     models.mkdir()
@@ -44,10 +40,10 @@ def make_bop(scene, folder: Path, posed: bool = True) -> tuple[Path, Path]:
     for number in IMAGES:
         shutil.copy(scene.photo, bop / "rgb" / f"{number:06d}.png")
     cameras = {str(n): {"cam_K": matrix, "depth_scale": 0.1} for n in IMAGES}
-    (bop / "scene_camera.json").write_text(json.dumps(cameras))
-    if posed:
-        poses = json.dumps({str(number): [entry] for number in IMAGES})
-        (bop / "scene_gt.json").write_text(poses)
+    objects = [BopObject(5, start.camera_from_model)]
+    save_bop_images(bop, cameras, dict.fromkeys(IMAGES, objects))
+    if not posed:
+        (bop / "scene_gt.json").unlink()
     return bop, models
 
 
@@ -56,11 +52,6 @@ def fit_all(batch: Batch) -> None:
     for job in batch.to_do():
         run_job(job, batch.plan)
     save_summaries(batch)
-
-
-def table_of(out: Path) -> list[dict[str, str]]:
-    with (out / "results.csv").open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +74,7 @@ def test_a_bop_scene_comes_out_as_one(fitted):
     assert json.loads((out / "scene_camera.json").read_text()) == given
     poses = json.loads((out / "scene_gt.json").read_text())
     assert list(poses) == [str(number) for number in IMAGES]
-    rows = table_of(out)
+    rows = read_rows(out / "results.csv")
     for number, row in zip(IMAGES, rows, strict=True):
         assert row["photo"] == f"rgb/{number:06d}.png"
         (entry,) = poses[str(number)]  # the published layout: row-major, mm
@@ -113,7 +104,7 @@ def test_accept_mend_and_note_are_kept_and_read_again(out):
     review.save_reviewed(review.load_queue(out))
     again = review.load_queue(out)
     assert again.rows[0].job == second.job  # those reviewed are last
-    rows = {row["row"]: row for row in table_of(out)}
+    rows = {row["row"]: row for row in read_rows(out / "results.csv")}
     assert [rows[str(r.job.row)]["review"] for r in (first, second, third)] == [
         "accepted", "", "mended"]  # fmt: skip
     assert rows[str(second.job.row)]["note"] == "blurred, half <b>hidden"
@@ -135,7 +126,7 @@ def test_a_batch_run_again_keeps_what_was_reviewed(out, fitted):
     batch = open_batch(bop, out, QUICK, models=bop.parent / "models")
     review.decide(queue, queue.rows[0], ACCEPTED)  # while the batch is open
     save_summaries(replace(batch, jobs=queue.batch.jobs))
-    assert sum(row["review"] == "accepted" for row in table_of(out)) == 1
+    assert sum(row["review"] == "accepted" for row in read_rows(out / "results.csv")) == 1
 
 
 def test_a_pose_by_another_camera_is_refused_for_a_scene(out):

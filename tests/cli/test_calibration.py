@@ -11,7 +11,6 @@ import jsonschema
 import numpy as np
 import pytest
 
-from poseviewer.cli import main as cli
 from poseviewer.errors import CalibrationFileError
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.mesh.load import load_mesh
@@ -23,6 +22,7 @@ from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.starts.loading import open_photo
+from tests.commands import run
 from tests.lenses import from_taken
 from tests.scene import Scene
 from tests.schemas import json_schema
@@ -32,10 +32,6 @@ LENSES = {
     "opencv": Lens("opencv", (-0.9, 0.0, 0.0, 0.0, 0.0)),
     "fisheye": Lens("fisheye", (-0.6, 0.0, 0.0, 0.0)),
 }
-
-
-def run(*arguments: object) -> int:
-    return cli.main([str(argument) for argument in arguments])
 
 
 def taken_through(lens: Lens, scene: Scene, folder: Path) -> tuple[Path, Path]:
@@ -156,26 +152,3 @@ def test_a_lens_that_shows_nothing_is_refused(scene, tmp_path):
     (tmp_path / "c.json").write_text(json.dumps(data))
     with pytest.raises(CalibrationFileError, match="shows nothing"):
         load_calibrated_photo(scene.photo, Calibration(tmp_path / "c.json"))
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "words"),
-    [
-        ("model", "mei", "'mei'"),
-        ("coefficients", [1.0], "a list of 1"),
-        ("camera_as_taken", None, "camera_as_taken is missing"),
-    ],
-)
-def test_a_broken_distortion_block_is_refused(scene, tmp_path, capsys, key, value, words):
-    photo, calibration = taken_through(LENSES["opencv"], scene, tmp_path)
-    out = tmp_path / "pose.json"
-    assert run("fit", photo, scene.model, "--pose", scene.truth, "--calibration", calibration,
-               "--evaluations", 1, "--out", out) == 0  # fmt: skip
-    data = json.loads(out.read_text())
-    data["distortion"][key] = value
-    out.write_text(json.dumps(data))
-    capsys.readouterr()
-    assert run("overlay", photo, scene.model, "--pose", out, "--out", tmp_path / "o.png") == 2
-    printed = capsys.readouterr().err
-    assert words in printed
-    assert printed.count("\n") == 1

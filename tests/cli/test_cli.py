@@ -23,12 +23,9 @@ from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.geometry.pose_error import pose_error
+from tests.commands import run
 from tests.ctrl_c import ctrl_c_ends_them
 from tests.schemas import json_schema
-
-
-def run(*arguments: object) -> int:
-    return cli.main([str(argument) for argument in arguments])
 
 
 @pytest.mark.slow
@@ -116,11 +113,7 @@ def test_info_says_what_was_understood(scene, file, words, capsys):
 )
 def test_wrong_settings_are_said_before_any_work(scene, tmp_path, more, words, capsys):
     out = tmp_path / "pose.json"
-    try:
-        code = run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out, *more)
-    except SystemExit as stop:  # argparse's way
-        code = stop.code
-    assert code == 2
+    assert run("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out, *more) == 2
     printed = capsys.readouterr()
     assert words in printed.err
     assert "Traceback" not in printed.err

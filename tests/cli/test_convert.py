@@ -10,15 +10,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from poseviewer.cli import main as cli
 from poseviewer.files.pose import load_pose, save_pose
 from poseviewer.files.scene_file import load_scene
+from tests.commands import run
 from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record, write_files
 from tests.schemas import json_schema
-
-
-def run(*arguments: object) -> int:
-    return cli.main([str(argument) for argument in arguments])
 
 
 @pytest.fixture
@@ -95,12 +91,8 @@ def test_bad_input_is_one_sentence(pose, tmp_path, capsys, arguments, says):
     } | {f"OUT{end}": tmp_path / f"out{end}" for end in ("", ".txt", ".yml", ".json", ".glb")}
     before = sorted(tmp_path.iterdir()), pose.read_bytes()
     words = [str(names.get(word, word)) for word in arguments.split()]
-    try:
-        code = run("convert", *words)
-    except SystemExit as leaving:
-        code = leaving.code
+    assert run("convert", *words) == 2
     printed = capsys.readouterr()
-    assert code == 2
     assert says in printed.err
     assert len(printed.err.strip().splitlines()) == 1
     assert (sorted(tmp_path.iterdir()), pose.read_bytes()) == before

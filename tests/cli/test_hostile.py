@@ -11,17 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from poseviewer.cli import main as cli
+from tests.commands import run
 from tests.scene import Scene
 
 ESCAPES = "\x1b[2J\x1b]0;owned\x07\u202e"
-
-
-def run(*arguments: object) -> int:
-    try:
-        return cli.main([str(argument) for argument in arguments])
-    except SystemExit as stop:  # argparse's way
-        return int(stop.code or 0)
 
 
 def one_line(printed: str) -> str:

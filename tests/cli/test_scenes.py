@@ -12,17 +12,13 @@ import pytest
 import trimesh
 
 from poseviewer.api import load, make_scene
-from poseviewer.cli import main as cli
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.scene_file import load_scene
 from poseviewer.geometry.camera import Perspective
+from tests.commands import run
 from tests.schemas import json_schema
 from tests.several import IDS, MESHES, STARTS, TRUTH, make_bop, make_three
-
-
-def run(*arguments: object) -> int:
-    return cli.main([str(argument) for argument in arguments])
 
 
 @pytest.fixture

@@ -18,6 +18,7 @@ from poseviewer.files.pose import load_pose
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.symmetry_group import NO_SYMMETRY
 from poseviewer.geometry.transform import RigidTransform
+from tests.commands import read_rows
 from tests.scene import Scene
 
 HALF_TURN = [-1, 0, 0, 2, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
@@ -115,8 +116,7 @@ def test_estimates_are_fitted_and_scored(scene: Scene, tmp_path: Path, capsys) -
     table = write_data_set(tmp_path / "set", scene)
     command = ["study", "--bop", str(table), "--out", str(tmp_path / "out"), "--jobs", "1"]
     assert cli.main([*command, "--quiet"]) == 0
-    with (tmp_path / "out/trials.csv").open(newline="") as file:
-        (row,) = csv.DictReader(file)
+    (row,) = read_rows(tmp_path / "out/trials.csv")
     assert (row["case"], row["set"]) == ("2/3/1", "object 1")
     widened = 640.0 / 160.0  # scores are of photos 640 px wide
     assert float(row["mspd_end"]) < 1.0 * widened < float(row["mspd_start"])
@@ -135,8 +135,7 @@ def test_an_estimate_is_kept_where_the_fit_is_not_sure(scene: Scene, tmp_path: P
     table = write_data_set(tmp_path / "set", scene, is_second_turned=True)
     command = ["study", "--bop", str(table), "--out", str(tmp_path / "out"), "--jobs", "1"]
     assert cli.main([*command, "--evaluations", "600", "--quiet"]) == 0
-    with (tmp_path / "out/trials.csv").open(newline="") as file:
-        right, turned = csv.DictReader(file)
+    right, turned = read_rows(tmp_path / "out/trials.csv")
     assert (right["status"], turned["status"]) == ("EVALUATIONS_SPENT", "KEPT")
     assert float(turned["mspd_start"]) > 10.0
     for name in ("mspd", "mssd", "loss"):

@@ -7,7 +7,6 @@ import pytest
 
 from poseviewer.errors import SingularChartError
 from poseviewer.evaluation.photos import demo_photo, draw_start, make_seed, random_view
-from poseviewer.evaluation.report import wilson_interval
 from poseviewer.evaluation.study import READINGS
 from poseviewer.evaluation.trials import open_model
 from poseviewer.files.keypoints import load_keypoints
@@ -69,11 +68,3 @@ def test_starts_that_are_no_pose_are_given_up(car):
     keypoints, truth, *_ = car
     with pytest.raises(SingularChartError, match="100000%"):
         draw_start(keypoints, truth, False, "absolute", 1000.0, 0)
-
-
-@pytest.mark.parametrize(
-    ("found", "trials", "low", "high"),
-    [(0, 10, 0.0, 0.2775), (5, 10, 0.2366, 0.7634), (8, 10, 0.4902, 0.9433), (10, 10, 0.7225, 1.0)],
-)
-def test_intervals_are_those_of_the_books(found, trials, low, high):
-    assert wilson_interval(found, trials) == pytest.approx((low, high), abs=5e-5)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 import json
 
 import numpy as np
 import pytest
 
-from poseviewer.cli import main as cli
 from poseviewer.evaluation.study import real_tasks
 from poseviewer.fit.search import Search
 from poseviewer.fit.settings import FitSettings, Limits
+from tests.commands import read_rows
+from tests.commands import run as run_command
 from tests.evaluation.real_folder import write_real_folder
 
 WANTED = ("case", "degrees", "draw", "method", "error_percent_start", "error_percent_end",
@@ -25,19 +25,14 @@ def folder(scene):
 
 def run(folder, out, *more) -> int:
     options = ["study", "--real", folder, "--out", out, "--degrees", "5", "--jobs", 1, "--quiet"]
-    return cli.main([str(x) for x in (*options, *more)])
-
-
-def rows_of(out) -> list[dict[str, str]]:
-    with (out / "trials.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
+    return run_command(*options, *more)
 
 
 @pytest.mark.slow
 def test_every_start_is_fitted_and_both_methods_share_a_table(folder, tmp_path, capsys):
     assert run(folder, tmp_path) == 0
     assert run(folder, tmp_path, "--method", "paper", "--evaluations", 20_000) == 0
-    rows = rows_of(tmp_path)
+    rows = read_rows(tmp_path / "trials.csv")
     assert set(WANTED) <= set(rows[0])
     assert [(r["case"], r["draw"], r["method"]) for r in rows] == [
         (case, draw, method)
@@ -54,7 +49,9 @@ def test_every_start_is_fitted_and_both_methods_share_a_table(folder, tmp_path, 
 
 def test_cases_degrees_and_draws_are_chosen(folder, tmp_path):
     assert run(folder, tmp_path, "--cases", "*-b", "--draws", 1, "--evaluations", 30) == 0
-    assert [(row["case"], row["draw"]) for row in rows_of(tmp_path)] == [("ball-b", "0")]
+    assert [(row["case"], row["draw"]) for row in read_rows(tmp_path / "trials.csv")] == [
+        ("ball-b", "0")
+    ]
 
 
 def test_lines_of_the_report_tell_how_much_is_seen(folder, tmp_path):

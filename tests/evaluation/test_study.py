@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import shutil
 
 import pytest
 
 from poseviewer.cli import main as cli
+from tests.commands import read_rows
+from tests.commands import run as run_command
 from tests.opengl import require_opengl
 from tests.vehicles import save_vehicle
 
@@ -21,12 +22,7 @@ def model(tmp_path_factory):
 def run(model, out, *more) -> int:
     options = ["--starts", 1, "--deviations", "1,8", "--size", "96x72", "--evaluations", 60,
                "--model", model, "--kinds", "plain", "--quiet", "--jobs", 1]  # fmt: skip
-    return cli.main([str(x) for x in ("study", "--out", out, *options, *more)])
-
-
-def rows_of(out) -> list[dict[str, str]]:
-    with (out / "trials.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
+    return run_command("study", "--out", out, *options, *more)
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +35,7 @@ def study(model, tmp_path_factory):
 
 @pytest.mark.slow
 def test_there_is_a_row_for_every_trial_and_a_report(study):
-    rows = rows_of(study)
+    rows = read_rows(study / "trials.csv")
     by_method = [(row["method"], row["pixels"]) for row in rows]
     assert by_method == [("default", "near")] * 4 + [("paper", "whole")] * 4
     for row, same in zip(rows[:4], rows[4:], strict=True):
@@ -68,7 +64,7 @@ def test_a_study_that_was_cut_off_goes_on_where_it_was_also_in_processes(
         """All but the seconds, in an order of their own."""
         return sorted(sorted((k, v) for k, v in row.items() if k != "seconds") for row in rows)
 
-    assert known(rows_of(tmp_path)) == known(rows_of(study)[:4])
+    assert known(read_rows(tmp_path / "trials.csv")) == known(read_rows(study / "trials.csv")[:4])
     before = (tmp_path / "trials.csv").read_bytes()
     assert run(model, tmp_path) == 0
     assert run(model, tmp_path, "--size", "96x60") == 2
@@ -83,7 +79,7 @@ def test_real_backgrounds_and_photos_of_cars(tmp_path):
                      "background,photo-parallel,photo-perspective", "--starts", "1",
                      "--deviations", "4", "--readings", "relative", "--size", "96x72",
                      "--evaluations", "25", "--jobs", "1", "--quiet"]) == 0  # fmt: skip
-    parameters = {row["set"]: len(row["end"].split()) for row in rows_of(tmp_path)}
+    parameters = {row["set"]: len(row["end"].split()) for row in read_rows(tmp_path / "trials.csv")}
     assert parameters == {"background": 6, "photo-parallel": 6, "photo-perspective": 7}
 
 

@@ -202,6 +202,15 @@ def test_what_json_cannot_hold_is_not_written(tmp_path: Path, wrong: PoseRecord)
     assert not list(tmp_path.iterdir())
 
 
+CAMERA_ENTRY = {"fx": 500.0, "fy": 500.0, "cx": 99.5, "cy": 74.5}
+DISTORTION = {
+    "model": "opencv",
+    "coefficients": [0.1] * 5,
+    "camera_as_taken": CAMERA_ENTRY,
+    "camera_undistorted": CAMERA_ENTRY,
+}
+
+
 @pytest.fixture(scope="module")
 def validator() -> jsonschema.Draft202012Validator:
     schema = json_schema("pose")
@@ -227,6 +236,8 @@ def validator() -> jsonschema.Draft202012Validator:
         lambda data: data["camera_from_model"].update(rotation=[1, 0, 0, 0, 1, 0, 0, 0, 1]),
         lambda data: data.update(photo={"width": 0}),
         lambda data: data.update(settings=[]),
+        lambda data: data.update(distortion=DISTORTION | {"model": "mei"}),
+        lambda data: data.update(distortion=DISTORTION | {"camera_as_taken": None}),
         lambda data: data.update(symmetry={"centre": [0, 0, 0], "turns": "z"}),
         lambda data: data.update(chart={"name": "free", "names": [1], "numbers": [1]}),
     ],
