@@ -59,5 +59,5 @@ def running_app(scene: Scene, state: Path) -> Iterator[RunningApp]:
 
 
 def settle(page: SocketPage) -> None:
-    """Wait for the panels."""
-    page.wait_until(lambda: "Seed" in page.labels() and page.text_with(" px  \n"))
+    """Wait for the panels: the last of their controls gets its label last."""
+    page.wait_until(lambda: "Save pose (S)" in page.labels())

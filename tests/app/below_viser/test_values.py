@@ -14,10 +14,7 @@ from tests.app.running_app import RunningApp, running_app, settle
 from tests.scene import Scene
 
 ODD_VALUES: tuple[tuple[str, Any], ...] = (
-    ("Seed", -1e308),
-    ("Seed", 1e308),
     ("Seed", math.nan),
-    ("Seed", "1"),
     ("Seed", None),
     ("Seed", 2**63),
     ("Pixels", "no such choice"),
@@ -31,36 +28,26 @@ ODD_VALUES: tuple[tuple[str, Any], ...] = (
 
 NOT_REPORTS = (
     "",
-    "drag",
     "[1, 2]",
-    "{}",
     '{"kind": 7}',
     '{"kind": "press"}',
     '{"kind": "press", "x": NaN, "y": 60}',
-    '{"kind": "press", "x": 86, "y": 60, "zoom": Infinity}',
     '{"kind": "press", "x": 1e300, "y": -1e300}',
-    '{"kind": "press", "x": {}, "y": []}',
     '{"kind": "press", "x": 1' + 400 * "0" + ', "y": 60}',
-    '{"kind": "drag", "x": null, "y": 60}',
     '{"kind": "drag", "x": 3, "y": 60}',
     '{"kind": "release"}',
     '{"kind": "double", "x": "here", "y": 60}',
-    '{"kind": "pick", "first": 0, "second": 1}',
     '{"kind": "pick", "first": Infinity, "second": 1, "u": 0.1, "v": 0.1}',
     '{"kind": "pick", "first": 77, "second": -3, "u": 0.1, "v": 0.1}',
     '{"kind": "enlarge", "first": NaN, "second": []}',
     '{"kind": "key"}',
     '{"kind": "key", "code": ["Space"]}',
     '{"kind": "key", "code": "NoSuchKey"}',
-    '{"kind": "unfit"}',
     '{"kind": "unfit", "name": "a", "size": "many"}',
-    '{"kind": "unfit", "name": "a", "size": 3}',
     '{"kind": "empty"}',
     '{"kind": "no such kind"}',
     200_000 * "[",
     7,
-    None,
-    [1.0],
     {"kind": "release"},
 )
 
