@@ -174,7 +174,7 @@ def make_app(folder: Path) -> None:
             tab.page.keyboard.press(key)
             save_page(README / f"app_{name}.jpg", tab)
         tab.page.keyboard.press("1")
-        tab.page.evaluate("window.poseviewerOpen(0, 2)")
+        tab.page.locator(".pv-cell button").nth(1).click()
         save_page(README / "app_large_map.jpg", tab)
 
 
