@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from poseviewer.app.page.panels import sure_text, verdict_text
+from poseviewer.app.page.texts import sure_text, verdict_text
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.objects import show_view
 from poseviewer.app.state.session import Session
