@@ -104,9 +104,12 @@ class Controls:
 
         @handle.on_click
         async def _(event: viser.GuiEvent) -> None:
-            if event.client is not None and self._shown is not None:
-                client = event.client.client_id
-                self._post(asked if isinstance(asked, Request) else asked(self._shown, client))
+            if event.client is None:
+                return
+            request = asked
+            if not isinstance(request, Request):  # of a page that shows a session
+                request = request(self.session, event.client.client_id)
+            self._post(request)
 
         return self.add(handle, **options)
 
