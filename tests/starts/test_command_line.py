@@ -12,12 +12,13 @@ from poseviewer.errors import QuickStartError
 from poseviewer.evaluation.cases import load_cases
 from poseviewer.files.demo import demo_case
 from poseviewer.files.keypoints import load_keypoints
+from poseviewer.files.marks import wheels_from_text
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.starts.loading import StartInputs
-from poseviewer.starts.wheels import find_wheel_pairs, likely_wheels
+from poseviewer.starts.loading import StartCamera, StartInputs
+from poseviewer.starts.wheels import find_wheel_pairs, likely_wheels, start_from_wheels
 from tests.measure.real import careless_box
 from tests.scene import Scene
 
@@ -62,6 +63,7 @@ def test_pairs_lead_into_the_search(scene: Scene, tmp_path: Path, capsys, more):
         (("--pairs", "none.csv"), "none.csv: no such file"),
         (("--wheels", WHEELS), "The model has no wheels that poseviewer knows of"),
         (("--wheels", "1,2;3"), "the rear wheel has 2 values"),
+        ((), "a start is wanted: give --pose"),
     ],
 )
 def test_marks_that_give_no_start_are_one_sentence(
@@ -74,6 +76,15 @@ def test_marks_that_give_no_start_are_one_sentence(
     assert words in printed
     assert printed.count("\n") == 1
     assert not out.exists()
+
+
+def test_wheels_laid_by_eye_place_the_demo():
+    case = demo_case()
+    photo, mesh = load_photo(case.photo), load_mesh(case.model)
+    inputs = StartInputs(photo, mesh, load_keypoints(case.model, mesh))
+    start = start_from_wheels(inputs, wheels_from_text(WHEELS), StartCamera())
+    truth = load_pose(case.truth, photo.width, photo.height).pose
+    assert pose_error(mesh, start.pose, truth).percent < 4.0
 
 
 @pytest.mark.slow
