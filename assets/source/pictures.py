@@ -275,6 +275,7 @@ def make_methods(folder: Path) -> None:
             tab.page.get_by_label(label, exact=True).click()
             tab.page.get_by_role("option", name=option, exact=True).click()
         tab.page.mouse.move(600, 60)  # no tooltip stays
+        tab.page.locator(".pv-cell image").nth(29).wait_for()  # maps of both losses
         tab.page.keyboard.press("Space")
         tab.page.wait_for_function(WIDE_SIMPLEX)
         save_page(DOCS / "methods.jpg", tab, settled=False)
