@@ -178,7 +178,7 @@ def weights_as_python(calibration: Calibration, trials: int, right: int) -> str:
 FEATURES: dict[str, tuple[float, float, float]] = {{
 {features}
 }}
-"""Of each feature: mean and standard deviation among the trials, and its weight."""
+"""Mean and standard deviation of each feature among the trials, and its weight."""
 OFFSET = {calibration.offset:.4g}
 FOUND_FROM, LOST_BELOW = {calibration.found_from:.4g}, {calibration.lost_below:.4g}
 """Probabilities from which the verdict is ``found``, and below which it is ``lost``."""
