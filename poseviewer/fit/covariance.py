@@ -102,8 +102,8 @@ def _from_first(chart: ViewChart, parameters: FloatArray) -> FloatArray:
     turn = chart.view_from_reference
     from_first = np.zeros((7, len(parameters)))
     from_first[:3, :3] = from_first[3:6, 3:6] = turn.rotation
-    if chart.focals:
-        from_first[6, 6 + chart.focal] = 1.0
+    if chart.free_focals:
+        from_first[6, 6 + chart.focal_index] = 1.0
     if chart.free_size:
         from_first[3:6, -1] = -chart.nearness(parameters) * turn.translation
     return from_first

@@ -37,9 +37,9 @@ class ViewChart:
     free_size: bool = False
     scale: float = 1.0
     """At the start: how many lengths of the model's unit one of the set's is."""
-    focals: int = 0
+    free_focals: int = 0
     """Number of cameras whose focal length is searched for; 0: all are known."""
-    focal: int = 0
+    focal_index: int = 0
     """Which of them is this view's."""
 
     @property
@@ -50,8 +50,8 @@ class ViewChart:
     @property
     def names(self) -> tuple[str, ...]:
         """Name of each parameter."""
-        focals = (f"log_focal_{number}" for number in range(2, self.focals + 1))
-        focals = ("log_focal", *focals) if self.focals else ()
+        focals = (f"log_focal_{number}" for number in range(2, self.free_focals + 1))
+        focals = ("log_focal", *focals) if self.free_focals else ()
         return (*self.reference.names, *focals, *((SIZE,) if self.free_size else ()))
 
     def scales(self, parameters: FloatArray) -> FloatArray:
@@ -85,8 +85,8 @@ class ViewChart:
     def to_pose(self, parameters: FloatArray) -> Pose:
         """The pose in this view."""
         factor, camera = self.nearness(parameters), self.camera
-        if self.focals:
-            zoom = _exp(float(parameters[6 + self.focal]))
+        if self.free_focals:
+            zoom = _exp(float(parameters[6 + self.focal_index]))
             camera = replace(camera, fx=camera.fx * zoom, fy=camera.fy * zoom)
         own = self.reference.to_pose(parameters[:6]).camera_from_model
         turn, shift = self.view_from_reference.rotation, self.view_from_reference.translation
@@ -106,8 +106,8 @@ class ViewChart:
         place = self.view_from_reference.inverse() @ pose.camera_from_model
         numbers = np.zeros(len(self.names))
         numbers[:6] = self.reference.from_pose(Pose(self.reference.start.camera, place))
-        if self.focals and isinstance(pose.camera, Perspective):
-            numbers[6 + self.focal] = math.log(pose.camera.fx / self.camera.fx)
+        if self.free_focals and isinstance(pose.camera, Perspective):
+            numbers[6 + self.focal_index] = math.log(pose.camera.fx / self.camera.fx)
         return numbers
 
 

@@ -17,7 +17,9 @@ REFERENCE = FreeBodyChart.near(MESH, TRUTH[0])
 
 def chart(index: int, free_size: bool = False, focals: int = 0) -> ViewChart:
     turn = CAMERAS_FROM_SET[index] @ CAMERAS_FROM_SET[0].inverse()
-    return ViewChart(REFERENCE, CAMERA, turn, free_size, focals=focals, focal=min(index, 1))
+    return ViewChart(
+        REFERENCE, CAMERA, turn, free_size, free_focals=focals, focal_index=min(index, 1)
+    )
 
 
 @pytest.mark.parametrize(("free_size", "focals"), [(False, 0), (True, 0), (True, 2)])
@@ -26,7 +28,7 @@ def test_numbers_of_a_pose_give_the_pose_back(index, free_size, focals):
     own = chart(index, free_size, focals)
     numbers = np.array([0.1, -0.2, 0.05, 0.1, -0.1, 0.05, *[0.0] * focals, *[0.0] * free_size])
     if focals:
-        numbers[6 + own.focal] = -0.1
+        numbers[6 + own.focal_index] = -0.1
     np.testing.assert_allclose(own.from_pose(own.to_pose(numbers)), numbers, atol=1e-12)
 
 
