@@ -29,6 +29,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from poseviewer.confidence.pose_covariance import PoseCovariance
+from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.figures.loss_maps import LossMaps
 from poseviewer.files.cameras import Calibration
@@ -49,14 +51,12 @@ from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.slices import Slice, landscape
 from poseviewer.fit.stages import make_stages
 from poseviewer.fit.unexplained import LossScale, Unexplained
-from poseviewer.fit.verdict import Verdict
 from poseviewer.fit.visibility import Visibility, hiding, visibility
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.view import View
 from poseviewer.render.moments import model_attributes

@@ -8,9 +8,9 @@ from html import escape
 from pathlib import Path
 
 from poseviewer.batch.results import REJECTED, REPORT, JobResult, Row, worst_first
+from poseviewer.confidence.verdict import percent_right
 from poseviewer.errors import BatchError
 from poseviewer.files.writing import write_whole
-from poseviewer.fit.verdict import percent_right
 
 _STYLE = """
 :root { color-scheme: light dark; font: 15px/1.45 system-ui, sans-serif; }

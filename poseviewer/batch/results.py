@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Any
 
 from poseviewer.batch.job_table import Job
+from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import BatchError
 from poseviewer.files.writing import lock_file, make_folder, write_json, write_whole
 from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
-from poseviewer.geometry.pose_covariance import PoseCovariance
 
 ROWS, POSES, PICTURES = "rows", "poses", "pictures"
 TABLE, REPORT, MANIFEST = "results.csv", "report.html", "batch.json"

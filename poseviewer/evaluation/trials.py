@@ -19,13 +19,13 @@ from typing import Any
 import numpy as np
 
 from poseviewer.api import make_scene
+from poseviewer.confidence.verdict import Features
 from poseviewer.errors import EXIT_INTERRUPTED, PoseViewerError, SettingsError
 from poseviewer.evaluation.cases import Case
 from poseviewer.files.photo import load_photo
 from poseviewer.fit.problem import pose_loss
 from poseviewer.fit.scene import LoadedModel, Scene, SceneObject, scene_at
 from poseviewer.fit.settings import FitSettings
-from poseviewer.fit.verdict import Features
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import msgspec
 from msgspec import Struct
 
+from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import PoseFileError
 from poseviewer.files.checks import VERSION, Reading
 from poseviewer.files.structs import (
@@ -30,7 +31,6 @@ from poseviewer.files.symmetry import SymmetryTurns, symmetry_from
 from poseviewer.files.writing import write_json
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.lens import Undistortion
-from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
 
 FORMAT: Literal["poseviewer-pose"] = "poseviewer-pose"

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta, Struct
 
+from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import printable
 from poseviewer.files.checks import (
     LARGEST_NUMBER,
@@ -26,7 +27,6 @@ from poseviewer.files.checks import (
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel, Undistortion
-from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import SIZE
 

@@ -9,16 +9,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from poseviewer.confidence.pose_covariance import PoseCovariance, has_focal
+from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.probing import Probe
 from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.unexplained import LossScale
-from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.pose_covariance import PoseCovariance, has_focal
 from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.optimise import quadratic
 from poseviewer.optimise.quadratic import QuadraticOptions

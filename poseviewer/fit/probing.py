@@ -15,6 +15,7 @@ from itertools import islice
 import numpy as np
 from scipy.linalg import orth
 
+from poseviewer.confidence.pose_covariance import FOCAL
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.compared import box_near, working_factor
 from poseviewer.fit.loss import registration_loss
@@ -25,7 +26,6 @@ from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh, hull_points, principal_axes
-from poseviewer.geometry.pose_covariance import FOCAL
 from poseviewer.geometry.symmetry_group import Symmetry
 from poseviewer.geometry.transform import rotation_about
 from poseviewer.optimise import nelder_mead

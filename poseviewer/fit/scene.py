@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import SettingsError
 from poseviewer.fit.settings import FitSettings
-from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh

@@ -21,6 +21,13 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from poseviewer.confidence.verdict import (
+    PROBABILITY_MARGIN,
+    SURE_AMONG_OTHERS,
+    SURE_FROM,
+    TURNED_THRESHOLD,
+    Verdict,
+)
 from poseviewer.fit.judge import judge_end
 from poseviewer.fit.occlusion import Hidden, behind, enlarged, find_hidden
 from poseviewer.fit.probing import better_turn
@@ -38,7 +45,6 @@ from poseviewer.fit.progress import FitProgress, Status, merge
 from poseviewer.fit.scene import Scene, SearchResult
 from poseviewer.fit.settings import Limits, settings_as_json
 from poseviewer.fit.stages import fit_pose
-from poseviewer.fit.verdict import Verdict
 from poseviewer.fit.visibility import Hiding, visibility
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective
@@ -50,19 +56,8 @@ from poseviewer.render.types import Renderer
 
 MOST_CONTINUED = 3
 """Number of searches continued from the end of the one before, until the pose is trusted."""
-SURE_FROM = 0.93
-"""Probability below which even a ``found`` pose is continued, and a start that is an estimate is
-kept; from here on no other search follows, as none would be taken."""
-SURE_AMONG_OTHERS = 0.8
-"""``SURE_FROM`` among other models: the verdict compares poses where these hide something else of
-the model, which makes it less sure of right ones too."""
 GAIN_THRESHOLD = 0.1
 """Loss that the last search must have gained to be continued."""
-PROBABILITY_MARGIN = 0.1
-"""Probability that a turned pose must gain, and that a continued one may lose."""
-TURNED_THRESHOLD = 0.75
-"""Probability that a turned pose must have: what no pose explains is not to be looked for far from
-where the user put it."""
 OCCLUSION_PASSES, NEW_SHARE = 2, 0.03
 """Number of times that a search looks for what is in front (the second time from a better pose),
 and share of P by which that must differ to search again."""

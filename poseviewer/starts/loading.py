@@ -10,6 +10,8 @@ from dataclasses import asdict, dataclass, fields, replace
 from importlib.metadata import version
 from pathlib import Path
 
+from poseviewer.confidence.pose_covariance import PoseCovariance
+from poseviewer.confidence.verdict import Features, Verdict
 from poseviewer.errors import PoseFileError, SettingsError, printable
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.formats.conversion import METRES
@@ -48,12 +50,10 @@ from poseviewer.files.symmetry import SymmetryTurns, load_symmetry
 from poseviewer.files.writing import sha256_of
 from poseviewer.fit.scene import InView, LoadedModel, Scene, SceneObject, SearchResult, scene_at
 from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
-from poseviewer.fit.verdict import Features, Verdict
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.view import View, scale_by_sight
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints

@@ -11,6 +11,7 @@ import jsonschema
 import numpy as np
 import pytest
 
+from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import PoseFileError
 from poseviewer.files.pose import (
     ChartParameters,
@@ -22,7 +23,6 @@ from poseviewer.files.pose import (
     save_pose,
 )
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
-from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.symmetry_group import Symmetry, Turn
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
 from tests.schemas import json_schema

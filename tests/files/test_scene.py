@@ -13,6 +13,7 @@ import pytest
 from msgspec import structs
 
 from assets.source.schemas import KINDS, schema
+from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.masks import save_pose_and_mask
 from poseviewer.files.pose import ChartParameters, PoseRecord, RecordedVerdict, save_pose
@@ -29,7 +30,6 @@ from poseviewer.files.scene_file import (
 from poseviewer.files.state.uploads import taken_out
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
-from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.starts.loading import open_scene
 from tests.schemas import json_schema

@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from poseviewer.confidence.verdict import SURE_AMONG_OTHERS, SURE_FROM, Verdict
 from poseviewer.fit import search as searching
 from poseviewer.fit.problem import make_problem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.scene import Scene
 from poseviewer.fit.search import (
-    SURE_AMONG_OTHERS,
-    SURE_FROM,
     Search,
     is_start_kept,
     is_taken,
@@ -21,7 +20,6 @@ from poseviewer.fit.search import (
 )
 from poseviewer.fit.settings import Limits
 from poseviewer.fit.stages import fit_pose, make_stages
-from poseviewer.fit.verdict import Verdict
 from poseviewer.render.renderers import make_renderer
 from poseviewer.starts.loading import open_photo
 

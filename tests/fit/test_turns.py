@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from poseviewer.confidence.verdict import Verdict
 from poseviewer.fit import search as searching
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.progress import Status
 from poseviewer.fit.scene import LoadedModel, PlacedModel, Scene, SceneObject
 from poseviewer.fit.search import CHANGED, MOST_ROUNDS, Search, SearchProgress
 from poseviewer.fit.settings import FitSettings, Limits
-from poseviewer.fit.verdict import Verdict
 from poseviewer.fit.visibility import hiding, visibility
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.view import View

@@ -7,11 +7,11 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from poseviewer.fit.judge import gather_features, judge, judge_together
+from poseviewer.confidence.verdict import Verdict, judge, judge_together, percent_right
+from poseviewer.confidence.weights import FOUND_FROM, LOST_BELOW
+from poseviewer.fit.judge import gather_features
 from poseviewer.fit.probing import free_motions
 from poseviewer.fit.problem import make_problem
-from poseviewer.fit.verdict import Verdict, percent_right
-from poseviewer.fit.weights import FOUND_FROM, LOST_BELOW
 from poseviewer.geometry.camera import Parallel
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from poseviewer.confidence.pose_covariance import region_reach
 from poseviewer.errors import SettingsError
 from poseviewer.fit.problem import FitProblem, make_problem, pose_loss
 from poseviewer.fit.scene import InView, LoadedModel, Scene
@@ -14,7 +15,6 @@ from poseviewer.fit.search import Search
 from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.slices import landscape
 from poseviewer.fit.stages import fit_pose
-from poseviewer.geometry.pose_covariance import region_reach
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer

@@ -19,10 +19,10 @@ import numpy as np
 from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import roc_auc_score
 
+from poseviewer.confidence import weights as verdict_weights
+from poseviewer.confidence.verdict import LARGEST_SCORE, scaled
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError, SettingsError
 from poseviewer.figures.text_table import Table
-from poseviewer.fit import weights as verdict_weights
-from poseviewer.fit.judge import LARGEST_SCORE, scaled
 from poseviewer.geometry.arrays import FloatArray
 from tests.measure.real import is_tuning
 
@@ -166,7 +166,7 @@ def calibration_table(calibration: Calibration, trials: Sequence[JudgedTrial]) -
 
 
 def weights_as_python(calibration: Calibration, trials: int, right: int) -> str:
-    """The module ``fit.weights``."""
+    """The module ``confidence.weights``."""
     columns = NAMES, calibration.mean, calibration.deviation, calibration.weights
     features = "\n".join(
         f'    "{name}": ({mean:.4g}, {deviation:.4g}, {weight:.4g}),'

@@ -25,6 +25,7 @@ import numpy as np
 
 from poseviewer.api import Scene, load, make_scene
 from poseviewer.cli.options import listed, whole
+from poseviewer.confidence.pose_covariance import region_reach
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError
 from poseviewer.evaluation.cases import Case, load_cases, load_starts
 from poseviewer.evaluation.trials import open_model, open_photo
@@ -35,7 +36,6 @@ from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.pose_covariance import region_reach
 from poseviewer.geometry.pose_error import PoseError, pose_error
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import rotation_angle

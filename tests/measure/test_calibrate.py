@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poseviewer.fit import weights
+from poseviewer.confidence import weights
 from tests.measure import calibrate
 from tests.measure.calibrate import NAMES, WEIGHTS, Calibration, load_judged, weights_as_python
 

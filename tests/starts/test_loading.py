@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from poseviewer.confidence.pose_covariance import PoseCovariance
+from poseviewer.confidence.verdict import Features, Verdict
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_file import load_scene, save_scene
 from poseviewer.fit.scene import InView, SearchResult
 from poseviewer.fit.settings import FitSettings, Limits
-from poseviewer.fit.verdict import Features, Verdict
 from poseviewer.geometry.mask import Mask
-from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.symmetry_group import Symmetry, Turn
 from poseviewer.starts.loading import (

@@ -25,12 +25,12 @@ from PIL import Image
 from poseviewer.app.page.controls import Controls, on_press, plain, set_properties
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.session import LandscapeUpdate, Session, Whose
+from poseviewer.confidence.pose_covariance import ellipse
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.settings import METHODS
 from poseviewer.fit.slices import Pair, Slice, slice_minimum
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.charts import OutsideChartError, short_name, tooltip
-from poseviewer.geometry.pose_covariance import ellipse
 
 LEVELS = 128
 """Steps of colour: more cannot be told apart, and make every picture larger."""

@@ -17,6 +17,7 @@ from poseviewer import api
 from poseviewer.app.state.camera_change import with_camera
 from poseviewer.app.state.document import UNLOCK, Document, History, compared, label_of
 from poseviewer.app.state.dragging import Drag, radius_in_photo
+from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import SettingsError
 from poseviewer.figures.loss_maps import LossMaps
 from poseviewer.fit.progress import FitProgress
@@ -27,7 +28,6 @@ from poseviewer.fit.slices import Slice
 from poseviewer.fit.unexplained import Unexplained
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
-from poseviewer.geometry.pose_covariance import PoseCovariance
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.starts.automatic import StartQuery

@@ -19,8 +19,8 @@ from poseviewer.app.page.map_panel import (
     on_map,
 )
 from poseviewer.app.state.commands import picked_parameters
+from poseviewer.confidence.pose_covariance import region_reach
 from poseviewer.fit.slices import Slice, slice_minimum
-from poseviewer.geometry.pose_covariance import region_reach
 
 NAMES = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y")
 CENTRE = np.array([0.3, 0.6, -0.2, 0.1, 0.5, 0.0])

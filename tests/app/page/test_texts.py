@@ -20,8 +20,8 @@ from poseviewer.app.page.texts import (
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.session import Losses
 from poseviewer.app.workers.exporting import saved_scene
+from poseviewer.confidence.verdict import Verdict
 from poseviewer.fit.scene import SearchResult
-from poseviewer.fit.verdict import Verdict
 from poseviewer.starts.loading import pose_record
 from tests.app.state.documents import PERSPECTIVE, after, make_photo, make_session
 

@@ -9,10 +9,10 @@ from poseviewer.app.page.texts import sure_text, verdict_text
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.objects import show_view
 from poseviewer.app.state.session import Session
+from poseviewer.confidence.pose_covariance import PoseCovariance
+from poseviewer.confidence.verdict import Verdict
 from poseviewer.fit.scene import SearchResult
-from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.free_body_chart import FreeBodyChart
-from poseviewer.geometry.pose_covariance import PoseCovariance
 from tests.app.state.documents import after, make_document
 from tests.app.state.sets import make_set_session
 from tests.view_sets import MESH

@@ -19,8 +19,8 @@ from poseviewer.app.state.objects import (
     remove_object,
 )
 from poseviewer.app.state.session import Session
+from poseviewer.confidence.verdict import Verdict
 from poseviewer.fit.scene import LoadedModel, SearchResult
-from poseviewer.fit.verdict import Verdict
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.vehicle.chart import VehicleChart

@@ -25,6 +25,7 @@ from poseviewer.app.workers.opening import (
     open_scene,
     restore,
 )
+from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseFileError
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.file_set import FileSet, model_files, sort_set
@@ -32,7 +33,6 @@ from poseviewer.files.photo import load_calibrated_photo, load_photo, same_undis
 from poseviewer.files.pose import save_pose
 from poseviewer.files.state.autosave import load_autosave
 from poseviewer.fit.scene import SearchResult
-from poseviewer.fit.verdict import Verdict
 from poseviewer.starts.loading import load_model, pose_record
 from tests.app.state.documents import assert_same_pose
 from tests.scene import Scene

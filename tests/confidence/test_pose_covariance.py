@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from poseviewer.confidence.pose_covariance import PoseCovariance, ellipse, region_reach, short
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
-from poseviewer.geometry.pose_covariance import PoseCovariance, ellipse, region_reach, short
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.vehicle.chart import VehicleChart

@@ -1,0 +1,168 @@
+"""The verdict on a pose that a search ended in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from poseviewer.confidence.pose_covariance import PoseCovariance
+from poseviewer.confidence.weights import FEATURES, FOUND_FROM, LOST_BELOW, OFFSET
+
+LEAST_SEEN = 0.35
+"""Share of the model that must be seen: with less, poses far off look right too."""
+HIDDEN_BELOW, FOUND_BEHIND = 0.95, 0.985
+"""Share of the model below which something hides it, and probability from which its pose is then
+``found``: without what stood out, the rest looks better than in the trials."""
+SURE_FROM = 0.93
+"""Probability below which even a ``found`` pose is continued, and a start that is an estimate is
+kept; from here on no other search follows, as none would be taken."""
+SURE_AMONG_OTHERS = 0.8
+"""``SURE_FROM`` among other models: the verdict compares poses where these hide something else of
+the model, which makes it less sure of right ones too."""
+PROBABILITY_MARGIN = 0.1
+"""Probability that a turned pose must gain, and that a continued one may lose."""
+TURNED_THRESHOLD = 0.75
+"""Probability that a turned pose must have: what no pose explains is not to be looked for far from
+where the user put it."""
+LEAST_PROBABILITY = 0.01
+"""Probability of one photo among several: none is sure enough to overrule all others."""
+LARGEST_SCORE = 4.0
+"""Standard deviations from the trials' mean at which a feature is cut off: it says no more then."""
+SMALL_SPREAD_PERCENT = 3.0
+"""Spread below which searches from near by have come back."""
+LOW_TURN_MARGIN = 0.3
+"""Turn margin that right poses seldom have."""
+GOOD_OUTLINE, POOR_OUTLINE = 0.9, 0.75
+"""Shares of the outline."""
+LEAST_WHOLE = 0.9
+"""Share of the model below which it is said to be hidden in part."""
+
+Word = Literal["found", "doubtful", "lost"]
+
+WORDS: tuple[Word, ...] = ("lost", "doubtful", "found")
+"""From bad to good."""
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """Numbers that tell right poses from wrong ones; all finite."""
+
+    turn_margin: float
+    """Loss that a turn of the model by 15 to 45 degrees about an axis of its own adds, in robust
+    standard deviations of the losses of wrong poses; below 0 where such a turn is better."""
+    spread_percent: float
+    """Median distance from the pose at which descents from near by ended, in per cent of the
+    model's size in the photo."""
+    outline: float
+    """Share of the outline with an edge of its direction in the photo, in [0, 1]."""
+    seen: float
+    """Share of the model's picture that lies on pixels that count, in [0, 1]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether a pose is right, and why."""
+
+    word: Word
+    probability: float
+    """That the pose is right, in [0, 1], as among the trials that the verdict was calibrated on."""
+    reasons: tuple[str, ...]
+    """Sentences."""
+    features: Features | None
+    """None where there was nothing to see."""
+    covariance: PoseCovariance | None = field(default=None, compare=False)
+    """Covariance of the pose, if it is right; None for a lost one, and where it is not known."""
+    views: tuple[Verdict, ...] = field(default=(), compare=False)
+    """Verdicts by each of several photos alone."""
+
+    def __str__(self) -> str:
+        return self.word
+
+    @property
+    def share_right(self) -> str:
+        """Clause with the ``percent_right``, as people read it behind the word."""
+        share = percent_right(self.word, self.probability)
+        return f"{share} % of comparable calibration fits were right"
+
+
+def percent_right(word: str, probability: float) -> int:
+    """Probability of a verdict in whole per cent, kept within the bounds of its word and below 100.
+
+    The word asks for more than the number where something hides the model, and where photos
+    disagree; a reader sees one answer.
+    """
+    found, lost = math.ceil(100.0 * FOUND_FROM), math.ceil(100.0 * LOST_BELOW)
+    low, high = {"found": (found, 99), "lost": (0, lost - 1)}.get(word, (lost, found - 1))
+    return min(max(math.floor(100.0 * probability), low), high)
+
+
+def judge(features: Features | None) -> Verdict:
+    """Verdict by the features; None: the model is not to be seen at the pose."""
+    if features is None:
+        return Verdict("lost", 0.0, ("Hardly anything of the model is to be seen there.",), None)
+    probability = probability_of(features)
+    found_from = FOUND_BEHIND if features.seen < HIDDEN_BELOW else FOUND_FROM
+    word = _word(probability >= found_from, probability < LOST_BELOW)
+    return Verdict(word, probability, reasons_for(features), features)
+
+
+def _word(is_found: bool, is_lost: bool) -> Word:
+    return "found" if is_found else "lost" if is_lost else "doubtful"
+
+
+def judge_together(views: Sequence[Verdict]) -> Verdict:
+    """Verdict on one pose by the mean log odds of its photos, as if they repeated each other.
+
+    ``found`` needs half of them as probable, ``lost`` most of them as improbable: a few that no
+    pose of the set explains contradict the others, and say little of the pose.
+    """
+    odds = np.clip([one.probability for one in views], LEAST_PROBABILITY, 1.0 - LEAST_PROBABILITY)
+    probability = float(1.0 / (1.0 + np.exp(-np.mean(np.log(odds / (1.0 - odds))))))
+    confirm = sum(one.probability >= FOUND_FROM for one in views)
+    deny = sum(one.probability < LOST_BELOW for one in views)
+    word = _word(
+        probability >= FOUND_FROM and 2 * confirm >= len(views),
+        probability < LOST_BELOW and 2 * deny > len(views),
+    )
+    words = [one.word for one in views]
+    said = ", ".join(f"{words.count(w)} {w}" for w in reversed(WORDS) if w in words)
+    reasons = (f"By each of the {len(views)} photos alone it is: {said}.",)
+    return Verdict(word, probability, reasons, None, views=tuple(views))
+
+
+def probability_of(features: Features) -> float:
+    """By logistic regression on the features; 0 where too little of the model is seen."""
+    if features.seen < LEAST_SEEN:
+        return 0.0
+    score = OFFSET
+    for name, (mean, deviation, weight) in FEATURES.items():
+        away = (scaled(name, getattr(features, name)) - mean) / deviation
+        score += weight * min(max(away, -LARGEST_SCORE), LARGEST_SCORE)
+    return 1.0 / (1.0 + math.exp(-score))
+
+
+def scaled(name: str, value: float) -> float:
+    """Unbounded features by the inverse hyperbolic sine: a logarithm that takes 0 and less."""
+    return math.asinh(value) if name.endswith(("_margin", "_percent")) else value
+
+
+def reasons_for(features: Features) -> tuple[str, ...]:
+    """Sentences for and against the pose."""
+    spread, turn, outline = features.spread_percent, features.turn_margin, features.outline
+    is_back = spread < SMALL_SPREAD_PERCENT
+    end = "came back to it" if is_back else f"ended {spread:.0f} % of the model's size away"
+    cost = "less on the coarse photo" if turn < 0.0 else "hardly more: it may be turned"
+    how = "" if outline >= GOOD_OUTLINE else "only " if outline < POOR_OUTLINE else "some "
+    sentences = {
+        f"Searches from near by {end}.": True,
+        f"Turned about one of its own axes the model costs {cost}.": turn < LOW_TURN_MARGIN,
+        f"Along {how}{outline:.0%} of its outline the photo has an edge of that direction.": True,
+        f"Only {features.seen:.0%} of the model is seen: the rest lies on pixels left out.": (
+            features.seen < LEAST_WHOLE
+        ),
+    }
+    return tuple(sentence for sentence, holds in sentences.items() if holds)
