@@ -124,7 +124,8 @@ def press(tab: AppPage, button: str) -> None:
 def make_search(_folder: Path) -> None:
     """The README's animation: the outline wherever the search finds a better pose."""
     case, frames, best = load(DEMO.photo, DEMO.model, DEMO.start), [], np.inf
-    for progress in case.search():
+    for step in case.search():
+        progress = step.progress
         if progress.loss < best:
             best = progress.loss
             frames.append(Image.fromarray(case.at(progress.pose).picture()).resize((800, 600)))
@@ -208,7 +209,8 @@ def make_export(folder: Path) -> None:
     storage = cv2.FileStorage(f"{folder}/pose.yml", cv2.FILE_STORAGE_READ)
     fields = ("rvec", "tvec", "camera_matrix", "distortion_coefficients")
     points = np.ascontiguousarray(load_model(DEMO.model).mesh.vertices[::7])
-    pixels, _ = cv2.projectPoints(points, *(storage.getNode(field).mat() for field in fields))
+    turn, shift, camera, distortion = (storage.getNode(field).mat() for field in fields)
+    pixels, _ = cv2.projectPoints(points, turn, shift, camera, distortion)
     picture = np.array(Image.open(DEMO.photo).convert("RGB"))
     for x, y in np.rint(pixels[:, 0]).astype(int).tolist():
         cv2.circle(picture, (x, y), 1, (255, 220, 0), -1)
