@@ -165,7 +165,7 @@ class App:
             return
         path = self._autosaver.save(self.session)
         self._page.tell(f"Saved {path.name}", str(path))
-        self._edit(c.mark_saved(self.session.document))
+        self._edit(c.change(saved=self.session.document))
 
     # --- workers ---------------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from poseviewer.app.state.commands import mark_saved, open_document
+from poseviewer.app.state.commands import change, open_document
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import Session
@@ -118,7 +118,7 @@ class Reviewer:
             record = pose_record(saved_scene(now), document.active, document.at)
             result = r.save_corrected(queue, row, record, picture_of(document), mask)
             self._keep(index, result)
-            return index, (mark_saved(document),)
+            return index, (change(saved=document),)
         _require_saved(now)
         self._keep(index, r.decide(queue, row, review))
         return index, ()

@@ -7,7 +7,7 @@ from html import escape
 
 from poseviewer.app.page.controls import Controls, kept
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.session import MethodEnd
+from poseviewer.app.state.session import SearchUpdate
 from poseviewer.fit.settings import METHODS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
@@ -30,11 +30,11 @@ def add_comparison(controls: Controls) -> None:
     controls.choices("Take", takes, visible=lambda s: bool(s.ends))
 
 
-def ends_table(ends: Sequence[MethodEnd], mesh: Mesh) -> str:
+def ends_table(ends: Sequence[SearchUpdate], mesh: Mesh) -> str:
     """A column for each end, and how far the two are from each other (HTML)."""
     names = [end.settings.method.capitalize() for end in ends]
-    found = [end.update.progress for end in ends]
-    scales = [end.update.problem.scale for end in ends]
+    found = [end.progress for end in ends]
+    scales = [end.problem.scale for end in ends]
     rows = [
         (f"{names[i]}: {scale.name}", [f"{scale.shown(end.losses[i]):.3f}" for end in ends])
         for i, scale in enumerate(scales)
@@ -56,10 +56,10 @@ def ends_table(ends: Sequence[MethodEnd], mesh: Mesh) -> str:
     )
 
 
-def apart_text(ends: Sequence[MethodEnd], mesh: Mesh) -> str:
+def apart_text(ends: Sequence[SearchUpdate], mesh: Mesh) -> str:
     """Say in a sentence how far the first two ends are from each other."""
     one, other = ends[:2]
-    apart = pose_error(mesh, other.update.progress.pose, one.update.progress.pose)
+    apart = pose_error(mesh, other.progress.pose, one.progress.pose)
     return (
         f"The ends lie {apart.reprojection_px:.1f} px apart ({apart.percent:.2g} % of the model's "
         f"size in the photo), turned by {apart.rotation_deg:.2g}°."

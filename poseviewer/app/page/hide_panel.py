@@ -53,7 +53,7 @@ def add_hiding(controls: Controls) -> None:
     controls.choices("Tool", TOOLS, lambda s: s.tool.capitalize(), visible=is_hiding)
     controls.field(
         controls.gui.add_checkbox("Erase (alt)", False),
-        h.set_erasing,
+        lambda on: c.change(erasing=on),
         value=lambda s: s.erasing,
         visible=lambda s: s.tool in h.SHAPES,
     )

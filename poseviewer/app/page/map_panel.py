@@ -292,13 +292,13 @@ class LandscapePanel:
         self._note = gui.add_markdown("Drawing the maps ...")
         controls.field(
             gui.add_dropdown("Loss of", tuple(WHOSE)),
-            lambda text: c.change_landscape(whose=WHOSE[text]),
-            value=lambda s: next(text for text, whose in WHOSE.items() if whose == s.maps.whose),
+            lambda text: c.change(whose=WHOSE[text]),
+            value=lambda s: next(text for text, whose in WHOSE.items() if whose == s.whose),
         )
         controls.field(
             gui.add_slider("Range ± %", 1.0, 50.0, 1.0, 20.0),
-            lambda value: c.change_landscape(half_width=float(value) / 100.0),
-            value=lambda s: round(s.maps.half_width * 100.0, 3),
+            lambda value: c.change(half_width=float(value) / 100.0),
+            value=lambda s: round(s.half_width * 100.0, 3),
         )
         with gui.add_folder("Save the maps", expand_by_default=False):
             controls.download("Sheet (PNG)", "sheet")
@@ -310,7 +310,7 @@ class LandscapePanel:
             return True
         set_properties(self._note, visible=False)
         search = session.own_search
-        key = (session.landscapes, session.document.pose, search, session.maps)
+        key = (session.landscapes, session.document.pose, search, session.large_map)
         if len(self._shown) == len(key) and all(map(operator.is_, key, self._shown)):
             return True
         now = time.monotonic()
@@ -337,7 +337,7 @@ def _grid(session: Session, latest: LandscapeUpdate) -> str:
         whose=latest.case.settings.method_name,
         what=problem.scale.name,
         error=max((piece.error or 0.0 for piece in latest.slices), default=None),
-        large=session.maps.large,
+        large=session.large_map,
     )
     markers = markers_of(session, latest)
     return landscape_grid(latest.shown, problem.chart.names, markers, options)

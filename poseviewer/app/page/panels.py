@@ -369,19 +369,19 @@ def add_judging(controls: Controls) -> None:
     controls.text(verdict_text)
     field(
         gui.add_dropdown("Model (1-5, 0)", tuple(LOOKS.values())),
-        lambda name: c.change_look(name=name, hidden=False),
-        value=lambda s: s.look.name,
+        lambda name: c.change(look=name, photo_alone=False),
+        value=lambda s: s.look,
     )
     field(
         gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8),
-        lambda share: c.change_look(opacity=float(share)),
-        value=lambda s: s.look.opacity,
-        visible=lambda s: s.look.name == "solid",
+        lambda share: c.change(opacity=float(share)),
+        value=lambda s: s.opacity,
+        visible=lambda s: s.look == "solid",
     )
     field(
         gui.add_checkbox("Photo alone (B)", False),
-        lambda on: c.change_look(hidden=on),
-        value=lambda s: s.look.hidden,
+        lambda on: c.change(photo_alone=on),
+        value=lambda s: s.photo_alone,
     )
 
 

@@ -152,15 +152,15 @@ class PhotoScene:
         """Tints over what does not count: painted, stronger while it is; found by the search."""
         mask, painting = session.document.own.mask, session.tool in HIDING
         opacity = HIDDEN_OPACITY_WHILE_PAINTED if painting else HIDDEN_OPACITY
-        if session.look.hidden:
+        if session.photo_alone:
             mask = None
         if self._is_new("hidden", (mask, painting, self._size)):
             hidden = None if mask is None else 1.0 - mask.weights
             self._tint("/hidden/painted", hidden, HIDDEN_COLOUR, opacity)
         ended = None if session.searching else session.search
         end = session.document.object.result
-        if self._is_new("found", (ended, end, session.look.hidden, self._size)):
-            found = None if session.look.hidden else found_hidden(session)
+        if self._is_new("found", (ended, end, session.photo_alone, self._size)):
+            found = None if session.photo_alone else found_hidden(session)
             shown = None if found is None else found.astype(np.float32)
             self._tint("/hidden/found", shown, FOUND_COLOUR, HIDDEN_OPACITY)
 
@@ -221,8 +221,7 @@ class PhotoScene:
         return node
 
     def _show_model(self, overlay: Overlay, session: Session) -> None:
-        look = session.look
-        hidden = _is_hidden(session) or look.name == "none"
+        hidden = _is_hidden(session) or session.look == "none"
         if self._is_new("model", (overlay, hidden)):
             lines = overlay.outline[: 0 if hidden else None]
             self._draw(self._halo, lines, HALO)
@@ -234,7 +233,7 @@ class PhotoScene:
         drawn = session.outlines
         objects = session.document.scene.objects
         shown = {int(objects[index].id) for index in session.document.others}
-        if session.look.hidden or drawn is None:
+        if session.photo_alone or drawn is None:
             shown = set[int]()
         if not self._is_new("others", (drawn, shown, self._size)):
             return
@@ -293,7 +292,7 @@ class PhotoScene:
         the model's points, lines between the two, and the wheels' ellipses.
         """
         tool, document = session.tool, session.document
-        on = tool in MARKING and not session.look.hidden
+        on = tool in MARKING and not session.photo_alone
         pairs, wheels = on and tool == "pairs", on and tool == "wheels"
         photo, model = np.zeros((2, 0, 2))
         if on:
@@ -358,7 +357,7 @@ class PhotoScene:
 
 def _is_hidden(session: Session) -> bool:
     """Whether the picked object is not to be seen."""
-    return session.look.hidden or session.document.object.hidden
+    return session.photo_alone or session.document.object.hidden
 
 
 def _rims(session: Session) -> FloatArray:

@@ -69,7 +69,7 @@ ACTIONS = (
     Action(
         "**1 2 3 4 5**, **0**",
         "outline, solid, relit, normals, residual, nothing",
-        {code: c.change_look(name=name, hidden=False) for code, name in LOOKS.items()},
+        {code: c.change(look=name, photo_alone=False) for code, name in LOOKS.items()},
     ),
     Action("**B**", "blink: photo, model", {"KeyB": c.toggle_model()}),
     Action(

@@ -79,7 +79,7 @@ def _cell(session: Session, index: int) -> str:
 def _outlines(session: Session, index: int) -> str:
     """SVG of the objects' outlines over a small picture."""
     outlines, document = session.outlines, session.document
-    if session.look.hidden or session.look.name == "none":
+    if session.photo_alone or session.look == "none":
         return ""
     if outlines is None or index >= len(outlines.small):
         return ""

@@ -44,9 +44,6 @@ from poseviewer.app.state.marking import (
     without_marks,
 )
 from poseviewer.app.state.session import (
-    LandscapeUpdate,
-    Losses,
-    Overlay,
     Preparation,
     ProposedStarts,
     Search,
@@ -310,12 +307,6 @@ def open_document(
     )
 
 
-@drag_edit
-def mark_saved(session: Session, document: Document) -> Session:
-    """Note that the poses of ``document``, and what is compared there, stand in files."""
-    return replace(session, saved=document)
-
-
 # --- settings and camera ------------------------------------------------------------------------
 
 
@@ -546,12 +537,12 @@ def take_end(session: Session, index: int) -> Session:
     if not 0 <= index < len(session.ends):
         return session
     end, before = session.ends[index], session.document
-    document = found_at(before, end.update).with_object(settings=end.settings)
+    document = found_at(before, end).with_object(settings=end.settings)
     taken = session.with_document(document)
     if end.settings.method != before.settings.method:
         taken = replace(taken, aside=before.settings)
     asked = SearchRequest(before.reset, (end.settings,), (before.active,))
-    return replace(taken, search=Search(asked, False, end.update), anchor=asked.start.scene)
+    return replace(taken, search=Search(asked, False, end), anchor=asked.start.scene)
 
 
 @edit
@@ -619,10 +610,11 @@ def preparation_advanced(session: Session, preparation: Preparation | None) -> S
 
 
 @drag_edit
-def landscape_advanced(session: Session, update: tuple[LandscapeUpdate, ...]) -> Session:
-    """Show the maps as far as they are known, for each loss that is shown."""
-    stays = all(maps.document.shows_same(session.document) for maps in update)
-    return replace(session, landscapes=update) if stays else session
+def show(session: Session, document: Document, **results: Any) -> Session:
+    """Show what a worker has made of a document: fields of the session. Dropped where other photos
+    or another model are at hand by now.
+    """
+    return replace(session, **results) if document.shows_same(session.document) else session
 
 
 @edit
@@ -656,39 +648,19 @@ def picked_parameters(piece: Slice, centre: FloatArray, u: float, v: float) -> F
 
 
 @drag_edit
-def change_look(session: Session, **changes: Any) -> Session:
-    """Change fields of ``Look``."""
-    return replace(session, look=replace(session.look, **changes))
+def change(session: Session, **fields: Any) -> Session:
+    """Change fields of the session that are no part of its document."""
+    return replace(session, **fields)
 
 
 @drag_edit
 def toggle_model(session: Session) -> Session:
     """Show the photo alone, or the model again."""
-    return replace(session, look=replace(session.look, hidden=not session.look.hidden))
-
-
-@drag_edit
-def change_landscape(session: Session, **changes: Any) -> Session:
-    """Change fields of ``LandscapeView``."""
-    return replace(session, maps=replace(session.maps, **changes))
+    return replace(session, photo_alone=not session.photo_alone)
 
 
 @drag_edit
 def enlarge_map(session: Session, first: int, second: int) -> Session:
     """Make the map of a pair of parameters large, or small again."""
-    pair = None if session.maps.large == (first, second) else (first, second)
-    return replace(session, maps=replace(session.maps, large=pair))
-
-
-@drag_edit
-def overlay_drawn(session: Session, overlay: Overlay) -> Session:
-    """Show the model as drawn."""
-    is_there = overlay.request.document.shows_same(session.document)
-    return replace(session, overlay=overlay) if is_there else session
-
-
-@drag_edit
-def losses_read(session: Session, losses: Losses) -> Session:
-    """Show the losses of a pose that is, or a moment ago was, at hand."""
-    is_there = losses.request.document.shows_same(session.document)
-    return replace(session, losses=losses) if is_there else session
+    pair = None if session.large_map == (first, second) else (first, second)
+    return replace(session, large_map=pair)

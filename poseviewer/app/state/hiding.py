@@ -87,12 +87,6 @@ def unhide(session: Session) -> Session:
 
 
 @edit
-def set_erasing(session: Session, on: bool) -> Session:
-    """Choose whether strokes bring back what they cover."""
-    return replace(session, erasing=on)
-
-
-@edit
 def leave_out(session: Session, x: float, y: float) -> Session:
     """Leave out the part of the model that is seen at a point of the photo."""
     document = session.document

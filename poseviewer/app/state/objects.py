@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.edits import drag_edit, edit
-from poseviewer.app.state.session import Outlines, Session
+from poseviewer.app.state.edits import edit
+from poseviewer.app.state.session import Session
 from poseviewer.errors import SettingsError
 from poseviewer.fit.scene import InView, LoadedModel, SceneObject
 from poseviewer.starts.placing import look_from
@@ -30,7 +30,7 @@ def add_object(session: Session, model: LoadedModel | None = None) -> Session:
     """Add an object, active and still to be placed; None: of the active one's model."""
     document = session.document
     added = session.with_document(with_added(document, model or document.model))
-    return replace(added, tool="pose", look=replace(added.look, hidden=False))
+    return replace(added, tool="pose", photo_alone=False)
 
 
 def with_added(document: Document, model: LoadedModel) -> Document:
@@ -85,12 +85,6 @@ def alter_object(session: Session, number: int, **changes: Any) -> Session:
     document = session.document.with_object(index, **changes)
     altered = session.with_document(document, same_step=typed_on and "name" in changes)
     return replace(altered, typed=(what, document)) if "name" in changes else altered
-
-
-@drag_edit
-def outlines_drawn(session: Session, outlines: Outlines) -> Session:
-    """Show what a worker has drawn beside the active object."""
-    return replace(session, outlines=outlines)
 
 
 @edit

@@ -115,22 +115,10 @@ class SearchUpdate(SearchProgress):
     """The progress at the first evaluation of each restart."""
     is_over: bool = False
     """Whether it is the last one."""
-    ends: tuple[MethodEnd, ...] = ()
-    """Ends of the methods, in the last update of a search by several."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MethodEnd:
-    """End of one of several methods, from the start that they share."""
-
-    update: SearchUpdate
-    losses: tuple[float, ...]
-    """At its pose, by each of the methods in their order."""
-
-    @property
-    def settings(self) -> FitSettings:
-        """By which it was searched."""
-        return self.update.settings
+    ends: tuple[SearchUpdate, ...] = ()
+    """Ends of the methods from one start, in the last update of a search by several."""
+    losses: tuple[float, ...] = ()
+    """Of one of these ends: loss by each of the methods, in their order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,29 +144,6 @@ class LandscapeUpdate:
     def maps(self) -> LossMaps:
         """The slices as files hold them."""
         return self.case.maps_at(self.parameters, self.slices, self.half_width)
-
-
-@dataclass(frozen=True, slots=True)
-class Look:
-    """Appearance of the model."""
-
-    name: str = "outline"
-    opacity: float = 0.8
-    """Opacity of the look ``solid``."""
-    hidden: bool = False
-    """Blinked away: the photo alone."""
-
-
-@dataclass(frozen=True, slots=True)
-class LandscapeView:
-    """Appearance of the maps."""
-
-    half_width: float = 0.2
-    """Share of each parameter's scale: 0.2 is the paper's 20 %."""
-    large: tuple[int, int] | None = None
-    """The pair whose map is open large."""
-    whose: Whose = "chosen"
-    """Whose loss is shown: that of the method that is chosen, of one of them, or both."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -254,13 +219,23 @@ class Session:
     """Whether strokes of the tools that hide bring back what they cover."""
     strokes: int = 0
     """Number of strokes that were taken: a page shows its own until then."""
-    look: Look = field(default_factory=Look)
-    maps: LandscapeView = field(default_factory=LandscapeView)
+    look: str = "outline"
+    """Drawing of the model."""
+    opacity: float = 0.8
+    """Opacity of the look ``solid``."""
+    photo_alone: bool = False
+    """Whether the model is blinked away."""
+    half_width: float = 0.2
+    """Reach of the maps as a share of each parameter's scale: 0.2 is the paper's 20 %."""
+    large_map: tuple[int, int] | None = None
+    """Pair of parameters whose map is open large."""
+    whose: Whose = "chosen"
+    """Whose loss is mapped: that of the chosen method, of one of them, or both."""
     search: Search | None = None
     proposals: ProposedStarts | None = None
     landscapes: tuple[LandscapeUpdate, ...] = ()
     """One for each loss that is shown."""
-    ends: tuple[MethodEnd, ...] = ()
+    ends: tuple[SearchUpdate, ...] = ()
     """Ends of both methods when they were last compared on this photo and model."""
     aside: FitSettings = field(default_factory=lambda: FitSettings("paper"))
     """The settings as they were before the method was changed last."""
@@ -285,7 +260,7 @@ class Session:
     @property
     def overlay_request(self) -> OverlayRequest:
         """Request for the picture that is wanted by now."""
-        return OverlayRequest(self.document, self.compared, self.look.name, self.look.opacity)
+        return OverlayRequest(self.document, self.compared, self.look, self.opacity)
 
     def covariance_in(self, view: int) -> PoseCovariance | None:
         """Covariance of the active object's pose in a view; None where no search has said it."""
@@ -339,7 +314,7 @@ class Session:
     @property
     def mapped(self) -> tuple[FitSettings, ...]:
         """By which settings the losses are that the maps are to show."""
-        own, whose = self.document.settings, self.maps.whose
+        own, whose = self.document.settings, self.whose
         if whose == "both":
             return tuple(self.settings_by(method) for method in METHODS)
         return (own if whose == "chosen" else self.settings_by(whose),)

@@ -72,8 +72,7 @@ def export(what: Export, session: Session) -> dict[str, bytes]:
         files = {} if mask is None else {beside: mask_as_png(mask)}
         return {name: (text + "\n").encode(), **files}
     if what == "overlay":
-        look = session.look  # the photo in its own size
-        picture = picture_of(session.document, look.name, look.opacity)
+        picture = picture_of(own, session.look, session.opacity)  # of the photo's own size
         data = np.asarray(cv2.imencode(".png", picture[..., ::-1])[1]).tobytes()
         return {f"{stem}.overlay.png": data}
     kind = "png" if what == "sheet" else what.removeprefix("maps-")

@@ -13,7 +13,6 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state.document import Document, reference_view
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import (
-    MethodEnd,
     Preparation,
     SearchRequest,
     SearchUpdate,
@@ -184,15 +183,16 @@ def _search(scene: Scene, indices: tuple[int, ...], view: int) -> Iterator[Searc
         raise SettingsError("the objects stand wholly behind others: bring one to the front")
 
 
-def ends_of(done: Sequence[SearchUpdate], renderer: Renderer) -> tuple[MethodEnd, ...]:
+def ends_of(done: Sequence[SearchUpdate], renderer: Renderer) -> tuple[SearchUpdate, ...]:
     """The ends of searches by several methods from one start, ours first, each judged by the loss
     of each.
     """
     order = list(METHODS)
     done = sorted(done, key=lambda update: order.index(update.settings.method))
     return tuple(
-        MethodEnd(
-            end, tuple(pose_loss(by.problem, renderer, end.progress.parameters) for by in done)
+        replace(
+            end,
+            losses=tuple(pose_loss(by.problem, renderer, end.progress.parameters) for by in done),
         )
         for end in done
     )

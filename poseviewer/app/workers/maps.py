@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from poseviewer import api
-from poseviewer.app.state.commands import landscape_advanced
+from poseviewer.app.state.commands import show
 from poseviewer.app.state.document import Document, compared, reference_view
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import LandscapeUpdate, SearchUpdate, Session
@@ -49,7 +49,7 @@ class MapJob:
     @classmethod
     def wanted(cls, session: Session) -> MapJob:
         """The maps that the session asks for; coarse ones while the pose moves."""
-        losses, width = session.mapped, session.maps.half_width
+        losses, width = session.mapped, session.half_width
         latest = session.own_search
         return cls(session.document, session.compared, latest, losses, width, session.moving)
 
@@ -113,7 +113,8 @@ class MapWorker:
         if update is not None and update.error is not None:
             self._note(sentence_of(update.error))
         elif update is not None and update.item is not None:
-            yield landscape_advanced(update.item)
+            assert self._job is not None
+            yield show(self._job.document, landscapes=update.item)
 
     def close(self) -> None:
         """End the thread."""

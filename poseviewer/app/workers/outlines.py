@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from poseviewer.app.state.commands import change
 from poseviewer.app.state.document import stands
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.objects import outlines_drawn
 from poseviewer.app.state.session import Outlines, Session
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.app.workers.worker import Worker
@@ -50,7 +50,7 @@ class OutlineWorker:
         if update is not None and update.error is not None:
             raise update.error
         if update is not None and update.item is not None:
-            yield outlines_drawn(update.item)
+            yield change(outlines=update.item)
 
     def close(self) -> None:
         """End the thread."""

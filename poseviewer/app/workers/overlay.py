@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from poseviewer.app.state.commands import losses_read, overlay_drawn
+from poseviewer.app.state.commands import show
 from poseviewer.app.state.document import Document, reference_view
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import Losses, Overlay, OverlayRequest, Session
@@ -228,16 +228,17 @@ class OverlayWorkers:
         """Give what is new since the last call; raises where the model could not be drawn."""
         read = self._loss.take()
         if read is not None and read.error is not None and self._read is not None:
-            yield losses_read(Losses(self._read, note=sentence_of(read.error)))
+            losses = Losses(self._read, note=sentence_of(read.error))
+            yield show(self._read.document, losses=losses)
         elif read is not None and read.item is not None:
-            yield losses_read(read.item)
+            yield show(read.item.request.document, losses=read.item)
         for worker in (self._quick, self._fine):
             update = worker.take()
             if update is not None and update.error is not None:
                 text = f"The model could not be drawn: {update.error}"
                 raise SettingsError(text) from update.error
             if update is not None and update.item is not None:
-                yield overlay_drawn(update.item)
+                yield show(update.item.request.document, overlay=update.item)
 
     def close(self) -> None:
         """End the threads."""

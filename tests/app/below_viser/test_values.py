@@ -99,7 +99,7 @@ def test_reports_that_make_no_sense_change_nothing(running: RunningApp) -> None:
         for text in NOT_REPORTS:
             page.change(page.shown.channel, text)
         page.key("KeyB")  # answered after all of those
-        page.wait_until(lambda: running.app.session.look.hidden)
+        page.wait_until(lambda: running.app.session.photo_alone)
         assert running.app.session.document is document
         assert running.app.session.drag is None
         assert not running.app.session.searching

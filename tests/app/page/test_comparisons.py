@@ -26,7 +26,7 @@ def ended(scene) -> list[SearchUpdate]:
     methods: Any = ("paper", "default")
     settings = tuple(FitSettings(method, limits=limits) for method in methods)
     *_, last = run_search(SearchRequest(document, settings, (0,)))
-    return [end.update for end in last.ends]
+    return list(last.ends)
 
 
 def test_the_curve_goes_down_and_has_a_line_at_each_restart(ended):
@@ -59,9 +59,9 @@ def test_the_table_has_the_loss_of_each_end_by_each_method(scene, ended):
     assert "Default: unexplained" in rows
     for what, read in (("evaluations", lambda p: f"{p.evaluations:,}"), ("seconds", seconds)):
         assert [cell.text_content() for cell in rows[what]][1:] == [
-            read(end.update.progress) for end in ends
+            read(end.progress) for end in ends
         ]
-    apart = pose_error(mesh, paper.update.progress.pose, ours.update.progress.pose)
+    apart = pose_error(mesh, paper.progress.pose, ours.progress.pose)
     assert f"{apart.reprojection_px:.1f} px apart" in page.text_content()
 
 

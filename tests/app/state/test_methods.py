@@ -60,10 +60,10 @@ def test_the_maps_are_of_the_loss_that_is_asked_for(session):
             ("both", ["default", "paper"]),
         ]
         for whose, methods in wanted:
-            mapped = after(at_hand, c.change_landscape(whose=whose)).mapped
+            mapped = after(at_hand, c.change(whose=whose)).mapped
             assert [settings.method for settings in mapped] == methods
             assert all(s == own for s in mapped if s.method == own.method)
-            assert after(at_hand, c.change_landscape(whose="default")).mapped == (SETTINGS,)
+            assert after(at_hand, c.change(whose="default")).mapped == (SETTINGS,)
 
 
 def test_a_comparison_searches_from_the_start_by_both_methods(session, updates):
@@ -84,9 +84,9 @@ def test_a_comparison_searches_from_the_start_by_both_methods(session, updates):
     assert not done.searching
     assert done.history.past == (*session.history.past, session.document)
     assert [end.settings.method for end in done.ends] == ["default", "paper"]
-    assert_same_pose(done.document.pose, done.ends[0].update.progress.pose)
+    assert_same_pose(done.document.pose, done.ends[0].progress.pose)
     for index, end in enumerate(done.ends):
-        assert end.losses[index] == pytest.approx(end.update.progress.loss, rel=1e-9)
+        assert end.losses[index] == pytest.approx(end.progress.loss, rel=1e-9)
         others = [other.losses[index] for other in done.ends]
         assert len(set(others)) == 2  # each end is judged by each loss
 
@@ -103,15 +103,15 @@ def test_each_end_can_be_taken_with_its_method_and_undone(session, updates, inde
     done = compared(session, updates)
     end = done.ends[index]
     taken = after(done, c.take_end(index))
-    assert_same_pose(taken.document.pose, end.update.progress.pose)
+    assert_same_pose(taken.document.pose, end.progress.pose)
     assert taken.document.settings == end.settings
     assert taken.search is not None
-    assert taken.search.latest is end.update
+    assert taken.search.latest is end
     assert not taken.searching
     assert taken.ends is done.ends
     assert after(taken, c.undo()).document is done.document
     other = after(taken, c.take_end(1 - index))
-    assert_same_pose(other.document.pose, done.ends[1 - index].update.progress.pose)
+    assert_same_pose(other.document.pose, done.ends[1 - index].progress.pose)
     assert after(other, c.set_method("default")).document.settings == SETTINGS
     assert after(done, c.take_end(2)) is done
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from poseviewer.app.state import commands as c
+from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import (
     LandscapeUpdate,
     SearchUpdate,
@@ -59,6 +60,10 @@ def searched(session: Session, updates, count: int) -> Session:
     session = after(session, c.start_search())
     asked = asked_of(session)
     return after(session, *(c.search_advanced(asked, item) for item in updates[:count]))
+
+
+def shown(maps: tuple[LandscapeUpdate, ...]) -> Edit:
+    return c.show(maps[0].document, landscapes=maps)
 
 
 def test_a_search_is_one_step_to_its_best_pose(session, updates):
@@ -129,7 +134,7 @@ def test_a_search_that_cannot_run_goes_back(session):
 
 
 def test_a_picked_point_of_a_map_is_the_pose(session, landscape):
-    with_maps = after(session, c.landscape_advanced(landscape))
+    with_maps = after(session, shown(landscape))
     (about,) = landscape
     piece = about.slices[0]
     for u, v in ((0.0, 0.0), (1.0, 0.25), (0.5, 0.5)):
@@ -151,11 +156,11 @@ def test_a_picked_point_of_a_map_is_the_pose(session, landscape):
 
 
 def test_maps_of_another_photo_are_not_kept(session, landscape):
-    with_maps = after(session, c.landscape_advanced(landscape))
+    with_maps = after(session, shown(landscape))
     other = make_document(photo=make_photo(1))
     opened = after(with_maps, c.open_document(other))
     assert opened.landscapes == ()
-    again = after(opened, c.landscape_advanced(landscape), c.undo())
+    again = after(opened, shown(landscape), c.undo())
     assert again.document is session.document
     assert again.landscapes == ()
     same = after(with_maps, c.nudge("move", 2.0), c.undo())
@@ -167,4 +172,4 @@ def test_maps_of_more_photos_than_are_left_come_too_late(session, landscape):
     one = replace(scene.objects[0], in_views=scene.objects[0].in_views * 2)
     both = replace(session.document, scene=replace(scene, views=scene.views * 2, objects=(one,)))
     late = tuple(replace(maps, document=both) for maps in landscape)
-    assert after(session, c.landscape_advanced(late)) is session
+    assert after(session, shown(late)) is session

@@ -99,7 +99,7 @@ def test_what_comes_amid_a_drag_ends_it_in_order():
         assert found.history.past == (session.document, held.document)
     assert after(held, c.undo()).document is session.document
     # What only looks, lets it go on.
-    assert after(held, c.change_look(opacity=0.5)).drag is held.drag
+    assert after(held, c.change(opacity=0.5)).drag is held.drag
 
 
 def test_a_vehicles_pins_are_dragged():
@@ -262,7 +262,7 @@ def test_start_reset_and_poses_set():
 def test_unsaved_is_told():
     session = make_session()
     assert session.unsaved
-    saved = after(session, c.mark_saved(session.document))
+    saved = after(session, c.change(saved=session.document))
     assert not saved.unsaved
     assert after(saved, c.nudge("move", 1.0)).unsaved
     assert not after(saved, c.nudge("move", 1.0), c.undo()).unsaved

@@ -67,7 +67,7 @@ def test_another_photo_is_large_and_back_it_is_as_it_was(session: Session):
 
 
 def test_looking_at_another_photo_is_no_change_to_be_saved(session: Session):
-    saved = after(session, c.mark_saved(session.document))
+    saved = after(session, c.change(saved=session.document))
     assert not after(saved, show_view(2)).unsaved
     assert after(saved, show_view(2), c.nudge("move", 1.0)).unsaved
 

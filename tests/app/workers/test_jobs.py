@@ -196,7 +196,7 @@ def test_the_papers_loss_is_drawn_as_it_is_searched(document, renderer, pixels):
 
 def test_two_losses_are_mapped_about_one_pose(document, renderer):
     session = Session(document)
-    session = update(session, c.change_landscape(whose="both"))
+    session = update(session, c.change(whose="both"))
     job = replace(MapJob.wanted(session), moving=True)
     found = list(MapMaker(renderer).run(job))
     assert all(len(item) == 2 for item in found)  # none is shown without the other
@@ -209,5 +209,5 @@ def test_two_losses_are_mapped_about_one_pose(document, renderer):
         assert np.array_equal(one.first_values, other.first_values)
         assert np.array_equal(one.second_values, other.second_values)
         assert other.losses.max() <= 1.0 < one.losses.max()
-    other = replace(session, maps=replace(session.maps, whose="paper"))
+    other = replace(session, whose="paper")
     assert replace(MapJob.wanted(other), moving=True).replaces(job, busy=True)
