@@ -18,7 +18,7 @@ from poseviewer.app.page.page import Page
 from poseviewer.app.page.reports import newest_drags
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.edits import Edit, SavePose
 from poseviewer.app.state.session import Preparation, Session
 from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
@@ -34,7 +34,6 @@ from poseviewer.app.workers.tasks import (
     Request,
     Restore,
     Result,
-    SavePose,
     ShowHelp,
     Task,
     Tasks,

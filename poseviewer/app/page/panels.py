@@ -15,7 +15,6 @@ from poseviewer.app.page.above_steps import loss_bar
 from poseviewer.app.page.comparisons import add_comparison
 from poseviewer.app.page.controls import Controls, Read, kept, plain
 from poseviewer.app.page.hide_panel import add_hiding
-from poseviewer.app.page.reports import LOOKS
 from poseviewer.app.page.texts import (
     focal_note,
     marks_text,
@@ -26,12 +25,14 @@ from poseviewer.app.page.texts import (
     verdict_text,
 )
 from poseviewer.app.state import commands as c
+from poseviewer.app.state.actions import LOOKS
 from poseviewer.app.state.camera_change import NARROWEST_DEG, WIDEST_DEG
 from poseviewer.app.state.document import is_alone
+from poseviewer.app.state.edits import SavePose
 from poseviewer.app.state.marking import MARKING
 from poseviewer.app.state.objects import add_object, alter_object
 from poseviewer.app.state.session import SearchUpdate, Session
-from poseviewer.app.workers.tasks import Request, SavePose, ShowHelp, find_wheels
+from poseviewer.app.workers.tasks import Request, ShowHelp, find_wheels
 from poseviewer.fit.settings import METHODS, FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel

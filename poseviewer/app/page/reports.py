@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,8 +12,9 @@ from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state import objects as o
+from poseviewer.app.state.actions import ACTIONS, LOOKS
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.workers.tasks import Request, SavePose, Task, grow
+from poseviewer.app.workers.tasks import Request, Task, grow
 from poseviewer.files.state.uploads import why_not_sent, why_unfit
 
 LARGEST = 1e6
@@ -35,65 +35,8 @@ NUDGES: Mapping[str, tuple[c.NudgeKind, float, float]] = {
     "PageUp": ("scale", 1.0, 0.0),
     "PageDown": ("scale", -1.0, 0.0),
 }
-LOOKS = {
-    "Digit1": "outline",
-    "Digit2": "solid",
-    "Digit3": "relit",
-    "Digit4": "normals",
-    "Digit5": "residual",
-    "Digit0": "none",
-}
-
-
-@dataclass(frozen=True, slots=True)
-class Action:
-    """Sentence of the help dialog on what mouse or keys do."""
-
-    how: str
-    what: str
-    keys: Mapping[str, Request] = field(default_factory=dict)
-    """Request of each key, by ``event.code``."""
-
-
-ACTIONS = (
-    Action("**drag**", "move the model; a pin, if you hit one"),
-    Action("**shift + drag**", "turn it as a ball about its centre"),
-    Action("**ctrl + drag**", "roll it, and make it larger or smaller"),
-    Action("**double-click**", "pin the surface there, or take the pin away"),
-    Action("**wheel**, **right drag**, **F**", "zoom at the pointer, pan, whole photo"),
-    Action("**arrows**", "move by 1 px"),
-    Action("**J L**, **I K**, **U O**", "turn, tilt, roll by 1 degree"),
-    Action("**page up / down**", "1 % larger, smaller"),
-    Action("*with* **shift** / **ctrl**", "a tenth / ten times as much"),
-    Action("**space**", "start and stop the search", {"Space": c.toggle_search()}),
-    Action(
-        "**1 2 3 4 5**, **0**",
-        "outline, solid, relit, normals, residual, nothing",
-        {code: c.change(look=name, photo_alone=False) for code, name in LOOKS.items()},
-    ),
-    Action("**B**", "blink: photo, model", {"KeyB": c.toggle_model()}),
-    Action(
-        "**H**",
-        "hide what is in front: wheel brush size, **alt** erase",
-        {"KeyH": c.toggle_hiding()},
-    ),
-    Action("**R**", "back to the start pose", {"KeyR": c.reset_to_start()}),
-    Action(
-        "**Z**, **ctrl Z** / **Y**, **ctrl shift Z**",
-        "undo / redo",
-        {"KeyZ": c.undo(), "shift KeyZ": c.redo(), "KeyY": c.redo()},
-    ),
-    Action("**S**, **ctrl S**", "save the pose", {"KeyS": SavePose()}),
-    Action(
-        "**Esc**",
-        "let go, leave a tool, stop what is looked for or read",
-        {"Escape": c.cancel_drag()},
-    ),
-    Action("**A**, **X**, **N**, **P**", "in a review: accept, reject, next, previous"),
-)
-"""All that mouse and keys do; nudges and the keys of a review have tables of their own."""
 KEYS: Mapping[str, Request] = {
-    code: asked for action in ACTIONS for code, asked in action.keys.items()
+    code: action.asked for action in ACTIONS.values() if action.asked for code in action.keys
 }
 REVIEW: Mapping[str, Callable[[Reviewer], Task]] = {
     "KeyN": lambda review: review.step(1),
@@ -102,7 +45,9 @@ REVIEW: Mapping[str, Callable[[Reviewer], Task]] = {
     "KeyX": lambda review: review.decide("rejected"),
 }
 """Keys of a review."""
-HELP = "| | |\n|---|---|\n" + "".join(f"| {one.how} | {one.what} |\n" for one in ACTIONS)
+HELP = "| | |\n|---|---|\n" + "".join(
+    f"| {action.how} | {action.what} |\n" for action in ACTIONS.values() if action.how
+)
 FORWARDED = [*NUDGES, *KEYS, "KeyF", *REVIEW, "?"]
 """``event.code`` (or ``event.key``) of the keys that the page hands on, or heeds itself."""
 LEFT_TO_BROWSER = ["KeyF", "KeyR", "KeyB", "KeyH", *LOOKS, *REVIEW]

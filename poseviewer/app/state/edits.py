@@ -31,6 +31,11 @@ class Edit:
         return self.change(session, *self.arguments, **self.named)
 
 
+@dataclass(frozen=True, slots=True)
+class SavePose:
+    """Request to write the pose beside the photo."""
+
+
 def edit(change: Callable[Concatenate[Session, P], Session]) -> Callable[P, Edit]:
     """Make a function of a session one that gives the ``Edit``."""
     return _maker(change, False)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.app.state.commands import lay_wheels, set_tool
-from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.edits import Edit, SavePose
 from poseviewer.app.state.hiding import Stroke, paint_found
 from poseviewer.app.state.objects import add_object
 from poseviewer.app.state.session import Session
@@ -60,11 +60,6 @@ class Task:
     """Whether it waits until the model can be drawn."""
     size: int = 0
     """Bytes that it holds until it begins."""
-
-
-@dataclass(frozen=True, slots=True)
-class SavePose:
-    """Write the pose beside the photo."""
 
 
 @dataclass(frozen=True, slots=True)
