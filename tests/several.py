@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import shutil
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from poseviewer.files.formats.bop import MODEL_FILE, BopObject, save_bop_images
 from poseviewer.files.photo import save_image
@@ -68,17 +69,22 @@ def make_photo() -> Photo:
 
 
 def lit_models(
-    models: Sequence[PlacedModel], light: NDArray[np.float64], random: np.random.Generator
+    models: Sequence[PlacedModel],
+    light: ArrayLike,
+    random: np.random.Generator,
+    ground: ArrayLike = 0.08,
+    factor: float = 3.0,
 ) -> NDArray[np.uint8]:
-    """A photo of models, those in front hiding others, on a dark ground; smoothed and noisy."""
-    large = [replace(one, pose=one.pose.scaled(3.0)) for one in models]
+    """A photo of models, those in front hiding others, smoothed and noisy, before a ``ground``: its
+    grey or a picture ``factor`` times as large.
+    """
+    large = [replace(one, pose=one.pose.scaled(factor)) for one in models]
     seen = visibility(large)
-    lit = np.full((*seen.nearest.shape, 3), 0.08)
+    lit = np.broadcast_to(np.asarray(ground, float), (*seen.nearest.shape, 3))
     for index, one in enumerate(large):
         image = SoftwareRenderer(one.mesh).render(one.pose)
-        shade = np.clip(0.5 + 0.45 * image.normals @ light, 0.03, 1.0)
-        shown = image.reflectance * shade[..., None]
-        lit = np.where(seen.seen(index)[..., None], shown, lit)
+        shade = np.clip(0.5 + 0.45 * image.normals @ np.asarray(light), 0.03, 1.0)
+        lit = np.where(seen.seen(index)[..., None], image.reflectance * shade[..., None], lit)
     size = (models[0].pose.camera.width, models[0].pose.camera.height)
     small = cv2.resize(lit, size, interpolation=cv2.INTER_AREA)
     noisy = small + random.normal(0.0, 0.01, small.shape)
@@ -114,14 +120,31 @@ def make_bop(folder: Path) -> Path:
     """Write the same as a BOP scene of one image, the starts as its poses; returns its folder. The
     models are in ``models`` beside it, as objects 1, 2, 3.
     """
-    scene, models = folder / "bop", folder / "models"
-    (scene / "rgb").mkdir(parents=True)
-    models.mkdir()
-    save_image(scene / "rgb" / "000004.png", make_photo().pixels)
-    found = []
+    (folder / "models").mkdir()
+    objects = []
     for number, one in enumerate(STARTS, 1):
-        save_model(models / MODEL_FILE.format(number), one.mesh)
-        found.append(BopObject(number, one.pose.camera_from_model))
-    matrix = opencv_matrix(CAMERA).reshape(-1).tolist()
-    save_bop_images(scene, {"4": {"cam_K": matrix, "depth_scale": 1.0}}, {4: found})
+        save_model(folder / "models" / MODEL_FILE.format(number), one.mesh)
+        objects.append(BopObject(number, one.pose.camera_from_model))
+    save_image(folder / "bop.png", make_photo().pixels)
+    return write_bop_scene(folder / "bop", CAMERA, {4: folder / "bop.png"}, {4: objects})
+
+
+def write_bop_scene(
+    scene: Path,
+    camera: Perspective,
+    photos: Mapping[int, Path],
+    objects: Mapping[int, Sequence[BopObject]],
+    worlds: Mapping[int, RigidTransform] | None = None,
+) -> Path:
+    """Write a BOP scene of photos by one camera, perhaps with its poses in the scene's world."""
+    (scene / "rgb").mkdir(parents=True)
+    cameras = {}
+    for number, photo in photos.items():
+        shutil.copy(photo, scene / "rgb" / f"{number:06d}.png")
+        entry = {"cam_K": opencv_matrix(camera).ravel().tolist(), "depth_scale": 1.0}
+        if worlds:
+            entry["cam_R_w2c"] = worlds[number].rotation.ravel().tolist()
+            entry["cam_t_w2c"] = worlds[number].translation.tolist()
+        cameras[str(number)] = entry
+    save_bop_images(scene, cameras, objects)
     return scene

@@ -19,11 +19,14 @@ from poseviewer.files.keypoints import keypoints_path
 from poseviewer.files.photo import load_photo, save_image
 from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.fit.progress import FitProgress, Status
+from poseviewer.fit.scene import LoadedModel
 from poseviewer.fit.settings import Limits
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.pose_error import pose_error
+from poseviewer.geometry.transform import RigidTransform
 from poseviewer.starts.loading import load_model
 from tests.several import make_three
+from tests.view_sets import DISTANCE, MESH, START, TRUTH, make_views
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 
@@ -162,6 +165,23 @@ def test_mistakes_are_one_sentence(scene, tmp_path):
         case.draw(tmp_path / "x.png", look="fancy")
     with pytest.raises(poseviewer.PoseViewerError, match="cannot be written as"):
         case.draw(tmp_path / "x.doc")
+
+
+@pytest.mark.slow
+def test_a_camera_that_contradicts_the_others_is_named_and_does_no_harm():
+    good = make_views()
+    turn = RigidTransform.from_rotation_vector([0.0, np.radians(3.0), 0.0], np.zeros(3))
+    wrong = replace(good.views[2], camera_from_world=turn @ good.views[2].camera_from_world)
+    views, model = replace(good, views=(*good.views[:2], wrong)), LoadedModel(MESH, "m", "", None)
+    found = poseviewer.load(
+        views=views, model=model, start=START, view="a.png", limits=Limits(1500)
+    ).fit()
+    assert found.verdict is not None
+    assert found.verdict.word != "found"
+    assert found.end_notes[0].startswith("c.png goes least with the others")
+    assert found.record.notes == found.end_notes  # as the file and the page have it
+    at, true = (p.camera_from_model.apply(MESH.centre) for p in (found.pose, TRUTH[0]))
+    assert np.abs(at - true).max() < 0.003 * DISTANCE
 
 
 def test_the_citation_names_this_version():

@@ -3,27 +3,21 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
 from tests.meshes import make_bumpy
+from tests.several import save_model
 
 LENGTHS = np.array([2.0, 0.8, 0.6])
 
 
 def save_vehicle(folder: Path) -> Path:
     """Write model and key points; x is forward and z up."""
-    mesh = make_bumpy(3)
-    path = folder / "vehicle.ply"
-    shape = trimesh.Trimesh(
-        mesh.vertices * LENGTHS,
-        mesh.faces,
-        vertex_colors=np.rint(mesh.colours * 255).astype(np.uint8),
-        process=False,
-    )
-    shape.export(str(path))
+    mesh, path = make_bumpy(3), folder / "vehicle.ply"
+    save_model(path, replace(mesh, vertices=mesh.vertices * LENGTHS))
     sides = {
         name: {
             "rear_wheel": [-1.2, 0.7 * out, -0.4],

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from poseviewer.files.formats.bop import BopObject, save_bop_images
+from poseviewer.files.formats.bop import BopObject
 from poseviewer.files.photo import save_image
 from poseviewer.files.photo_sets import LoadedViews
 from poseviewer.files.pose import PhotoReference, PoseRecord, save_pose
@@ -28,9 +27,8 @@ from poseviewer.geometry.image import Photo
 from poseviewer.geometry.symmetry_group import Symmetry, Turn
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view import View
-from poseviewer.render.software.software_renderer import SoftwareRenderer
 from tests.meshes import make_box, make_bumpy
-from tests.several import coloured, lit_models, save_model
+from tests.several import coloured, lit_models, save_model, write_bop_scene
 
 CAMERA = Perspective(600.0, 600.0, 160.5, 120.5, 320, 240)
 MESH = coloured(make_bumpy(3), (1.0, 0.8, 0.6))
@@ -70,15 +68,10 @@ START = FreeBodyChart.near(MESH, TRUTH[0]).to_pose(OFF)
 @cache
 def make_pixels(index: int, light: tuple[float, float, float]) -> NDArray[np.uint8]:
     """A photo of the shape on a dark ground with a blob beside it; smoothed and noisy."""
-    pose = TRUTH[index].scaled(3.0)
-    image = SoftwareRenderer(MESH).render(pose)
-    shade = np.clip(0.5 + 0.45 * image.normals @ np.array(light), 0.03, 1.0)
-    lit = np.full((*image.mask.shape, 3), 0.08)
-    cv2.circle(lit, (200 + 250 * index, 120), 60, (0.5, 0.3, 0.4), -1)
-    lit = np.where(image.mask[..., None], image.reflectance * shade[..., None], lit)
-    small = cv2.resize(lit, (CAMERA.width, CAMERA.height), interpolation=cv2.INTER_AREA)
-    noisy = small + np.random.default_rng(index).normal(0.0, 0.01, small.shape)
-    return np.rint(np.clip(noisy, 0.0, 1.0) * 255.0).astype(np.uint8)
+    ground = np.full((3 * CAMERA.height, 3 * CAMERA.width, 3), 0.08)
+    cv2.circle(ground, (200 + 250 * index, 120), 60, (0.5, 0.3, 0.4), -1)
+    placed = [PlacedModel(MESH, TRUTH[index])]
+    return lit_models(placed, light, np.random.default_rng(index), ground)
 
 
 BOX = coloured(make_box((1.3, 2.2, 0.9)), (0.5, 0.7, 1.0))
@@ -132,7 +125,7 @@ def write_two(folder: Path) -> tuple[Path, Path, Path]:
     """
     for index, name in enumerate(NAMES):
         placed = [PlacedModel(MESH, TRUTH[index]), PlacedModel(BOX, BOX_TRUTH[index])]
-        lit = lit_models(placed, np.array(LIGHTS[index]), np.random.default_rng(index))
+        lit = lit_models(placed, LIGHTS[index], np.random.default_rng(index))
         save_image(folder / name, lit)
     save_model(folder / "ball.ply", MESH)
     save_model(folder / "box.ply", BOX)
@@ -165,17 +158,7 @@ def write_frames(folder: Path, **shared: Any) -> Path:
 
 def write_bop(folder: Path, with_world: bool) -> Path:
     """Write a BOP scene of object 5, with copies of the photos."""
-    scene = folder / "bop"
-    (scene / "rgb").mkdir(parents=True)
-    cameras, poses = {}, {}
-    for number, name in enumerate(NAMES):
-        shutil.copy(folder / name, scene / "rgb" / f"{number:06d}.png")
-        entry: dict = {"cam_K": [600, 0, 160, 0, 600, 120, 0, 0, 1], "depth_scale": 1.0}
-        if with_world:
-            place = CAMERAS_FROM_SET[number]
-            entry["cam_R_w2c"] = place.rotation.ravel().tolist()
-            entry["cam_t_w2c"] = place.translation.tolist()
-        cameras[str(number)] = entry
-        poses[number] = [BopObject(5, TRUTH[number].camera_from_model)]
-    save_bop_images(scene, cameras, poses)
-    return scene
+    photos = {number: folder / name for number, name in enumerate(NAMES)}
+    objects = {n: [BopObject(5, pose.camera_from_model)] for n, pose in enumerate(TRUTH)}
+    worlds = dict(enumerate(CAMERAS_FROM_SET)) if with_world else None
+    return write_bop_scene(folder / "bop", CAMERA, photos, objects, worlds)

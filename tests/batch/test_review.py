@@ -15,36 +15,29 @@ from poseviewer.batch.job import run_job
 from poseviewer.batch.results import ACCEPTED, Batch, worst_first
 from poseviewer.batch.run import open_batch, save_summaries
 from poseviewer.errors import PoseViewerError
-from poseviewer.files.formats.bop import BopObject, read_bop, save_bop_images
+from poseviewer.files.formats.bop import BopObject, read_bop
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.pose import load_pose
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.camera import Perspective
-from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.transform import RigidTransform
 from tests.commands import read_rows
+from tests.scene import Scene
+from tests.several import write_bop_scene
 
 QUICK = FitSettings(limits=Limits(40, 600.0))
-IMAGES = (0, 3, 12)
+IMAGES: tuple[int, ...] = (0, 3, 12)
 
 
-def make_bop(scene, folder: Path, posed: bool = True) -> tuple[Path, Path]:
+def make_bop(scene: Scene, folder: Path) -> tuple[Path, Path]:
     """A scene of one object in three images, and its models."""
-    start = load_pose(scene.start, 160, 120).pose
+    models, start = folder / "models", load_pose(scene.start, 160, 120).pose
     assert isinstance(start.camera, Perspective)
-    matrix = opencv_matrix(start.camera).reshape(-1).tolist()
-    bop, models = folder / "000001", folder / "models"
-    (bop / "rgb").mkdir(parents=True)
     models.mkdir()
     shutil.copy(scene.model, models / "obj_000005.ply")
-    for number in IMAGES:
-        shutil.copy(scene.photo, bop / "rgb" / f"{number:06d}.png")
-    cameras = {str(n): {"cam_K": matrix, "depth_scale": 0.1} for n in IMAGES}
     objects = [BopObject(5, start.camera_from_model)]
-    save_bop_images(bop, cameras, dict.fromkeys(IMAGES, objects))
-    if not posed:
-        (bop / "scene_gt.json").unlink()
-    return bop, models
+    photos, poses = dict.fromkeys(IMAGES, scene.photo), dict.fromkeys(IMAGES, objects)
+    return write_bop_scene(folder / "000001", start.camera, photos, poses), models
 
 
 def fit_all(batch: Batch) -> None:
@@ -152,7 +145,8 @@ def test_a_pose_by_another_camera_is_refused_for_a_scene(out):
     ids=["no models", "no poses", "no folder"],
 )
 def test_a_scene_that_lacks_something_is_said(scene, tmp_path, models, words):
-    bop, _ = make_bop(scene, tmp_path, posed=False)
+    bop, _ = make_bop(scene, tmp_path)
+    (bop / "scene_gt.json").unlink()
     models = models and tmp_path / models
     with pytest.raises(PoseViewerError, match=words):
         open_batch(bop, tmp_path / "out", QUICK, models=models)

@@ -1,98 +1,103 @@
-"""``poseviewer convert`` as a user meets it: files, what is printed, one-line errors."""
+"""``poseviewer convert``: there and back; scenes of several objects; files that are named."""
 
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
-import cv2
 import jsonschema
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
-from poseviewer.files.pose import load_pose, save_pose
+from poseviewer.api import load
+from poseviewer.files.photo import load_photo
+from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_file import load_scene
+from poseviewer.geometry.camera import Perspective
 from tests.commands import run
-from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record, write_files
+from tests.files.formats.cases import HEIGHT, WIDTH
 from tests.schemas import json_schema
+from tests.several import IDS, MESHES, STARTS, make_bop
 
 
-@pytest.fixture
-def pose(tmp_path):
-    """A pose file with its photo and model beside it."""
-    write_files(tmp_path)
-    save_pose(tmp_path / "pose.json", perspective_record())
-    return tmp_path / "pose.json"
-
-
-def test_there_and_back(pose, tmp_path, capsys):
-    out, back = tmp_path / "model", tmp_path / "back.json"
-    assert run("convert", pose, "--to", "colmap", out) == 0
-    assert str(out / "images.txt") in capsys.readouterr().out
-    assert run("convert", out, "--from", "colmap", back, "--unit", "m") == 0
-    data = json.loads(back.read_text())
+def test_there_and_back(folder, capsys):
+    assert run("convert", "named.json", "--to", "colmap", "out") == 0
+    assert "out/images.txt" in capsys.readouterr().out
+    assert run("convert", "out", "--from", "colmap", "back.json", "--unit", "m") == 0
+    data = json.loads((folder / "back.json").read_text())
     jsonschema.validate(data, json_schema("pose"))
     assert data["photo"] == {"file": "000003.png", "width": WIDTH, "height": HEIGHT}
     assert data["model"] == {"unit": "m"}
-    found = load_pose(back, WIDTH, HEIGHT).pose.camera_from_model.translation
+    found = load_pose(folder / "back.json").pose.camera_from_model.translation
     assert found.tolist() == pytest.approx([0.15, -0.1, 6.0], abs=1e-12)
-    files = ("--photo", tmp_path / "000003.png", "--model", tmp_path / "obj_000005.ply")
-    assert (
-        run("convert", out, "--from", "colmap", "--to", "scene", tmp_path / "s.json", *files) == 0
-    )
-    again = load_scene(tmp_path / "s.json").pose(0).camera_from_model.translation
+    files = ("--photo", "000003.png", "--model", "obj_000005.ply")
+    assert run("convert", "out", "--from", "colmap", "--to", "scene", "s.json", *files) == 0
+    again = load_scene(folder / "s.json").pose(0).camera_from_model.translation
     assert again.tolist() == found.tolist()
 
 
-def test_a_photo_that_is_stored_turned_is_told(pose, tmp_path, capsys):
+@pytest.mark.usefixtures("folder")
+def test_a_photo_that_is_stored_turned_is_told(capsys):
     """poseviewer shows photos upright, by EXIF; other tools show what is stored."""
     exif = Image.Exif()
     exif[0x0112] = 6  # a quarter turn
-    with Image.open(tmp_path / "000003.png") as upright:
-        stored = upright.transpose(Image.Transpose.ROTATE_90)
-    stored.save(tmp_path / "turned.jpg", exif=exif)
-    named = ("--photo", tmp_path / "turned.jpg")
-    assert run("convert", pose, "--to", "meshlab", tmp_path / "out.mlp", *named) == 0
+    with Image.open("000003.png") as upright:
+        upright.transpose(Image.Transpose.ROTATE_90).save("turned.jpg", exif=exif)
+    named = ("convert", "named.json", "--photo", "turned.jpg", "--to")
+    assert run(*named, "meshlab", "out.mlp") == 0
     assert "turned.jpg is stored turned" in capsys.readouterr().out
-    assert run("convert", pose, "--to", "gltf", tmp_path / "out.glb", *named) == 0
+    assert run(*named, "gltf", "out.glb") == 0
     assert "turned" not in capsys.readouterr().out
 
 
-def test_files_that_are_named_come_first(pose, tmp_path):
-    other = tmp_path / "elsewhere"
-    other.mkdir()
-    (other / "photo.png").write_bytes((tmp_path / "000003.png").read_bytes())
-    out = tmp_path / "transforms.json"
-    assert run("convert", pose, "--to", "nerfstudio", out, "--photo", other / "photo.png") == 0
-    assert json.loads(out.read_text())["frames"][0]["file_path"] == "elsewhere/photo.png"
+def test_files_that_are_named_come_first(folder):
+    (folder / "000003.png").rename(folder / "set" / "photo.png")
+    line = "convert named.json --to nerfstudio out.json --photo set/photo.png"
+    assert run(*line.split()) == 0
+    assert json.loads(Path("out.json").read_text())["frames"][0]["file_path"] == "set/photo.png"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        ("POSE --to bop OUT --photo none.png", "none.png: no such file"),
-        ("POSE --to gltf OUT", "end in .glb"),
-        ("POSE --to opencv OUT.txt", ".yaml"),
-        ("none.json --to opencv OUT.yml", "no such file"),
-        ("POSE --from opencv OUT.json", "camera_matrix"),
-        ("POSE --to nothing OUT", "invalid choice"),
-        ("POSE --photo-size 20 OUT", "1920x1080"),
-        ("POSE --photo-size 100x75 OUT", "200x150"),
-        ("POSE --to gltf OUT.glb --model MODEL --photo WRONG", "10x10"),
-        ("POSE POSE", "--overwrite"),
-    ],
-)
-def test_bad_input_is_one_sentence(pose, tmp_path, capsys, arguments, says):
-    cv2.imwrite(str(tmp_path / "wrong.png"), np.zeros((10, 10, 3), np.uint8))
-    names = {
-        "POSE": pose,
-        "MODEL": tmp_path / "obj_000005.ply",
-        "WRONG": tmp_path / "wrong.png",
-    } | {f"OUT{end}": tmp_path / f"out{end}" for end in ("", ".txt", ".yml", ".json", ".glb")}
-    before = sorted(tmp_path.iterdir()), pose.read_bytes()
-    words = [str(names.get(word, word)) for word in arguments.split()]
-    assert run("convert", *words) == 2
-    printed = capsys.readouterr()
-    assert says in printed.err
-    assert len(printed.err.strip().splitlines()) == 1
-    assert (sorted(tmp_path.iterdir()), pose.read_bytes()) == before
+def test_a_scene_becomes_an_image_of_a_bop_scene_and_back(folder, capsys):
+    make_bop(folder)
+    (folder / "out" / "rgb").mkdir(parents=True)
+    (folder / "three.png").rename(folder / "out" / "rgb" / "000004.png")
+    data = json.loads(Path("three.scene.json").read_text())
+    data["views"][0]["photo"]["file"] = "out/rgb/000004.png"
+    for number, one in enumerate(data["objects"], 1):
+        one["model"].update(file=f"models/obj_{number:06d}.ply", unit="mm")
+    Path("three.scene.json").write_text(json.dumps(data))
+    line = "convert three.scene.json out --from scene --to bop --image 4"
+    assert [run(*line.split()) for _ in range(2)] == [0, 2]
+    assert "there already" in capsys.readouterr().err
+    shown = load("three.scene.json").visibility
+    for index in range(3):
+        for kind, wanted in (("mask", shown.drawn[index]), ("mask_visib", shown.seen(index))):
+            mask = load_photo(folder / "out" / kind / f"000004_{index:06d}.png").pixels
+            assert np.array_equal(mask, 255 * wanted[..., None].astype(np.uint8))
+    line = "convert out back.json --from bop --to scene --model models"
+    assert run(*line.split()) == 0
+    again = load_scene(folder / "back.json")
+    assert [one.id for one in again.objects] == ["1", "2", "3"]
+    for index, start in enumerate(STARTS):
+        place = again.pose(index).camera_from_model
+        assert place.translation == pytest.approx(start.pose.camera_from_model.translation)
+    assert again.views[0].camera == Perspective(420.0, 420.0, 160.5, 120.5, 320, 240)
+
+
+def test_a_scene_becomes_one_gltf_file_and_one_of_its_objects_a_pose_file(folder):
+    assert run("convert", "three.scene.json", "o.glb", "--from", "scene", "--to", "gltf") == 0
+    found = trimesh.load_scene(str(folder / "o.glb"))
+    for name, one, mesh in zip(IDS, STARTS, MESHES, strict=True):
+        transform, geometry = found.graph[name]
+        corners = trimesh.transform_points(found.geometry[geometry].vertices, transform)
+        wanted = one.pose.camera_from_model.apply(mesh.vertices) * (1.0, -1.0, -1.0)
+        assert np.allclose(corners.min(axis=0), wanted.min(axis=0), atol=1e-5)
+        assert np.allclose(corners.max(axis=0), wanted.max(axis=0), atol=1e-5)
+    line = "convert three.scene.json front.json --from scene --object front"
+    assert run(*line.split()) == 0
+    data = json.loads((folder / "front.json").read_text())
+    assert data["model"]["file"] == "front.ply"
+    wanted = STARTS[1].pose.camera_from_model.translation
+    assert data["camera_from_model"]["translation"] == wanted.tolist()

@@ -1,0 +1,168 @@
+"""Every command, with its configurations: what it prints and writes, or refuses in one line."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from argparse import ArgumentTypeError
+from pathlib import Path
+
+import pytest
+
+from poseviewer.cli import main as cli
+from poseviewer.cli.options import READERS, RECTANGLE
+from tests.commands import run
+
+FIT = "fit p.png m.ply --pose start.json --out o.json"
+SET = "--views set/set.json set/m.ply --pose set/start.json"
+LOCK = "--lock rotation_x,rotation_y,shift_x,shift_y"
+PAPER = "--method paper"
+WITH_SCENE = "with three.scene.json, which says it itself"
+
+
+@pytest.mark.parametrize(
+    ("line", "words", "written"),
+    [
+        (f"{FIT} --evaluations 25 --quiet", '25 evaluations|raise "Max evaluations" (--', "o.json"),
+        ("overlay p.png m.ply --pose true.json --out o.png --quiet", "overlay: o.png", "o.png"),
+        (f"overlay {SET} --out o.png --quiet", "o.c.png", "o.a.png o.b.png o.c.png"),
+        (
+            "landscape p.png m.ply --pose true.json --out in/maps --size 3 --range 0.1 --quiet",
+            "maps: in/maps/landscape.png",
+            "in/maps/landscape.png in/maps/landscape.npz",
+        ),
+        (f"landscape {SET} --out maps --size 3 {LOCK} --quiet", "", "maps/landscape.png"),
+        (
+            "landscape three.scene.json --object ball --out maps --size 3 --quiet",
+            "landscape.npz",
+            "maps/landscape.npz",
+        ),
+        ("info p.png", "160 x 120 px|colour|50 degrees", ""),
+        ("info m.ply", "1,280 on|vertices|free-body", ""),
+        ("info start.json", "perspective|fx 300|cx 82.5", ""),
+        ("info three.scene.json", "three.png, 320 x 240 px|front: front.ply at (", ""),
+    ],
+)
+def test_a_command_says_and_writes_its_results(folder, capsys, line, words, written):
+    assert run(*line.split()) == 0
+    printed = capsys.readouterr()
+    assert all(word in printed.out for word in words.split("|")), printed.out
+    assert printed.err == ""
+    assert all((folder / name).stat().st_size > 500 for name in written.split())
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        (f"{FIT} --chart vehicle", "keypoints.json"),
+        (f"{FIT} --lock mu_x", "no such number"),
+        (f"{FIT} --lock rotation_x,rotation_y,rotation_z,shift_x,shift_y,log_depth", "leave one"),
+        (f"{FIT} --region 500,500,10,10", "no pixel"),
+        (f"{FIT} --region 1,2,3", "left,top,width,height"),
+        (f"{FIT} --evaluations many", "many is not a whole number above 0"),
+        (f"{FIT} --overlay /no/such/folder/x.png", "no folder"),
+        (f"{FIT} --look fancy", "outline"),
+        (f"{FIT} {PAPER} --pixels near", "--pixels"),
+        (f"{FIT} {PAPER} --colour-reflectance", "--colour-reflectance"),
+        (f"{FIT} --scale 2", "--scale without --views"),
+        (f"{FIT} --object ball", "--object without a scene"),
+        ("fit p.png m.ply --pose start.json --out set", "is a folder"),
+        ("fit none.json --out o.json", "none.json: no such file"),
+        ("fit --pose three.scene.json --out o.json", "PHOTO and MODEL are wanted"),
+        ("fit three.scene.json --pose p.json --out o.json", f"--pose {WITH_SCENE}"),
+        ("fit three.scene.json --mask m.png --out o.json", f"--mask {WITH_SCENE}"),
+        ("fit three.scene.json --object who --out o.json", "no object 'who' in"),
+        ("fit three.scene.json --free-focal --out o.json", "share one camera"),
+        ("fit --views set/set.json a.png set/m.ply --out o.json", "wants MODEL alone"),
+        ("fit --views set/set.json set/m.ply --start auto --out o.json", "a start with --pose"),
+        (f"fit {SET} --view z.png --out o.json", "no photo z.png"),
+        ("landscape three.scene.json --out o", "several objects; say which"),
+        ("landscape p.png m.ply --pose start.json --out p.png --quiet", "folder of yours"),
+        ("convert three.scene.json o.yml --from scene --to opencv", "choose an object"),
+        ("convert named.json o --to bop --photo none.png", "none.png: no such file"),
+        ("convert named.json o --to gltf", "end in .glb"),
+        ("convert named.json o.txt --to opencv", ".yaml"),
+        ("convert none.json o.yml --to opencv", "no such file"),
+        ("convert named.json o.json --from opencv", "camera_matrix"),
+        ("convert named.json o --to nothing", "invalid choice"),
+        ("convert named.json o --photo-size 20", "1920x1080"),
+        ("convert named.json o --photo-size 100x75", "200x150"),
+        ("convert named.json o.glb --to gltf --model m.ply --photo p.png", "160x120"),
+        ("convert named.json named.json", "--overwrite"),
+        ("undistort p.png --out u.png", "give --calibration"),
+        ("bench --quick --json set", "is a folder"),
+        ("photo.jpg", "name PHOTO and MODEL"),
+        ("--pose pose.json", "name all three"),
+        ("bad.scene.json", "bad.scene.json: "),  # before there is a page
+    ],
+)
+def test_what_cannot_work_is_said_in_a_line_before_any_work(
+    folder: Path, capsys: pytest.CaptureFixture[str], line: str, words: str
+):
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+    assert run(*line.split()) == 2
+    printed = capsys.readouterr()
+    assert words in printed.err
+    assert printed.err.count("\n") == 1
+    assert printed.out == ""
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
+
+
+@pytest.mark.parametrize(
+    ("shown", "text", "wanted", "refused"),
+    [
+        ("WIDTHxHEIGHT", "640X480", (640, 480), ("", "640", "0x4", "4x-1", "4x4x4")),
+        (RECTANGLE, "1,-2,30,40", (1, -2, 30, 40), ("", "1,2,3", "1,2,3,4.5")),
+        ("SECONDS", "1e-4", 1e-4, ("0", "-1", "nan", "inf", "a")),
+        ("N", "7", 7, ("0", "1.5", "")),
+        ("PORT", "0", 0, ("-1", "65536", "a")),
+        ("SEED", "0", 0, ("-1", "1.5", "")),
+        ("POINTS", "9", 9, ("8", "1", "403")),
+        ("N,...", "5, 15", (5, 15), ("5,,15",)),
+        ("NAME,...", "a, b,", ("a", "b"), ()),
+    ],
+)
+def test_values_are_read_or_refused(shown, text, wanted, refused):
+    assert READERS[shown](text) == wanted
+    for other in refused:
+        with pytest.raises(ArgumentTypeError):
+            READERS[shown](other)
+
+
+@pytest.mark.parametrize("command", cli.COMMANDS)
+def test_every_command_is_listed_and_describes_itself(command, capsys):
+    assert f"\n    {command}" in cli.make_parser().format_help()
+    with pytest.raises(SystemExit) as ended:
+        cli.parse([command, "--help"])
+    assert ended.value.code == 0
+    assert f"usage: poseviewer {command} " in capsys.readouterr().out
+
+
+def test_no_command_at_all_is_the_app():
+    options = cli.parse([])
+    assert (options.command, options.photo, options.host) == ("app", None, "127.0.0.1")
+    options = cli.parse(["car.jpg", "car.glb", "--pose", "p.json", "--no-browser"])
+    paths = Path("car.jpg"), Path("car.glb")
+    assert (options.command, options.photo, options.model) == ("app", *paths)
+    assert cli.parse(["demo"]).command == "demo"
+
+
+@pytest.mark.parametrize(
+    ("code", "heavy"),
+    [
+        (
+            "from poseviewer.cli.main import COMMANDS, make_parser, parser_of; make_parser();"
+            "[parser_of(name, name) for name in COMMANDS if name != 'convert']",
+            {"numpy", "scipy", "cv2", "numba", "trimesh", "viser", "matplotlib"},
+        ),
+        (
+            "import poseviewer.app.app",
+            {"numba", "scipy.stats", "trimesh", "matplotlib", "pyrender", "pandas"},
+        ),
+    ],
+    ids=["help", "app"],
+)
+def test_nothing_is_imported_that_can_wait(code: str, heavy: set[str]):
+    command = [sys.executable, "-c", f"{code}; import sys; print(*sys.modules)"]
+    ended = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert not heavy & set(ended.stdout.split())

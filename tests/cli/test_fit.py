@@ -1,0 +1,148 @@
+"""``poseviewer fit`` to its end: a pose, a scene of several objects, a set of photos; stopped."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import signal
+import subprocess
+import sys
+import termios
+import time
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+from poseviewer.files.demo import demo_case
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.photo import load_photo
+from poseviewer.files.pose import load_pose
+from poseviewer.files.scene_file import load_scene
+from poseviewer.geometry.pose_error import pose_error
+from tests.commands import run
+from tests.ctrl_c import ctrl_c_ends_them
+from tests.schemas import json_schema
+from tests.several import IDS, MESHES, TRUTH
+from tests.view_sets import MESH, SET_FROM_MODEL
+
+pytestmark = pytest.mark.slow
+FIT = [sys.executable, "-m", "poseviewer.cli.main", "fit"]
+
+
+def test_the_pose_is_found_and_the_file_says_what_is_printed(folder, capsys):
+    line = "fit p.png m.ply --pose start.json --out pose.json --overlay overlay.png"
+    assert run(*line.split()) == 0
+    printed = capsys.readouterr()
+    assert "Converged" in printed.out
+    assert "pose: pose.json" in printed.out
+    assert "free-body chart" in printed.err
+    truth, found = load_pose(folder / "true.json").pose, load_pose(folder / "pose.json")
+    assert pose_error(load_mesh(folder / "m.ply"), found.pose, truth).reprojection_px < 1.0
+    assert found.warnings == ()
+    data = json.loads((folder / "pose.json").read_text())
+    jsonschema.validate(data, json_schema("pose"))
+    assert data["photo"]["file"] == "p.png"
+    assert data["settings"]["chart"] == "auto"
+    assert 0.0 < data["unexplained"] < 1.0
+    assert f"unexplained {data['unexplained']:.3f} (start " in printed.out
+    assert "unexplained by part: light " in printed.out
+    assert found.covariance is not None
+    assert f"how sure, as standard deviations: {found.covariance.words()}" in printed.out
+    assert run("info", "pose.json") == 0
+    assert found.covariance.words() in capsys.readouterr().out
+    assert load_photo(folder / "overlay.png").pixels.shape == (120, 160, 3)
+
+
+def off(scene, index: int) -> float:
+    """The mean distance of an object's vertices from the truth, px."""
+    vertices = MESHES[index].vertices
+    apart = scene.pose(index).project(vertices) - TRUTH[index].pose.project(vertices)
+    return float(np.linalg.norm(apart, axis=1).mean())
+
+
+@pytest.mark.parametrize("moved", [(0, 1, 2), (2,)], ids=["all", "one"])
+def test_objects_of_a_scene_are_found_and_the_others_stay(folder, capsys, moved):
+    alone = [] if len(moved) == 3 else ["--object", IDS[moved[0]]]
+    line = "fit three.scene.json --out out.json --quiet --overlay o.png"
+    assert run(*line.split(), *alone) == 0
+    printed = capsys.readouterr().out
+    assert sum(f"{name} (seen to " in printed for name in IDS) == len(moved)
+    jsonschema.validate(json.loads(Path("out.json").read_text()), json_schema("scene"))
+    before, after = load_scene(folder / "three.scene.json"), load_scene(folder / "out.json")
+    for index, (old, new) in enumerate(zip(before.objects, after.objects, strict=True)):
+        if index in moved:
+            assert off(after, index) < 0.3 * off(before, index)
+            assert new.result is not None
+            assert new.result.verdict is not None
+        else:
+            assert old.place == new.place
+    assert (load_photo(Path("o.png")).pixels != load_photo(Path("three.png")).pixels).any()
+
+
+def test_a_set_is_fitted_and_its_file_says_the_pose_in_the_set(folder, capsys):
+    line = "fit --views set/set.json set/m.ply --pose set/start.json --out out.json --overlay o.png"
+    assert run(*line.split(), "--lock", "rotation_z", "--quiet") == 0
+    said = capsys.readouterr().out
+    assert "b.png: unexplained" in said
+    assert "By each of the 3 photos alone it is" in said
+    data = json.loads((folder / "out.json").read_text())
+    jsonschema.validate(data, json_schema("scene"))
+    assert all((folder / f"o.{name}.png").is_file() for name in "abc")
+    place = data["objects"][0]["world_from_model"]
+    centre = np.array(place["rotation"]) @ MESH.centre + place["translation"]
+    assert np.linalg.norm(centre - SET_FROM_MODEL.apply(MESH.centre)) < 0.1
+    words = [view["word"] for view in data["objects"][0]["result"]["verdict"]["views"]]
+    assert len(words) == 3
+    assert set(words) <= {"found", "doubtful", "lost"}
+
+
+def test_without_opengl_only_its_own_option_fails(folder):
+    """EGL without any driver, which is what a machine without Mesa has."""
+    blind = {**os.environ, "PYOPENGL_PLATFORM": "egl", "__EGL_VENDOR_LIBRARY_DIRS": str(folder)}
+    blind["PYTHONPATH"] = str(Path(__file__).parents[2])
+    line = "p.png m.ply --pose start.json --out o.json --quiet --evaluations 5"
+    ended = [
+        subprocess.run([*FIT, *line.split(), *more], env=blind, capture_output=True, text=True,
+                       check=False)
+        for more in ([], ["--renderer", "opengl"])
+    ]  # fmt: skip
+    assert [one.returncode for one in ended] == [0, 2], ended
+    assert "libegl1" in ended[1].stderr
+    assert ended[1].stderr.count("\n") == 1
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT for one process there")
+def test_ctrl_c_keeps_the_best_pose(tmp_path):
+    out, demo = tmp_path / "pose.json", demo_case()  # large: it takes long enough to be stopped
+    command = [*FIT, demo.photo, demo.model, "--pose", demo.start, "--out", out]
+    command += ["--method", "paper", "--evaluations", 10_000_000]
+    # On a terminal the progress is shown at once; in a pipe only every few seconds.
+    terminal, its_end = pty.openpty()
+    termios.tcsetwinsize(its_end, (24, 120))
+    with ctrl_c_ends_them():
+        process = subprocess.Popen(
+            [str(part) for part in command], stdout=subprocess.PIPE, stderr=its_end, text=True
+        )
+    os.close(its_end)
+    with os.fdopen(terminal, errors="replace") as shown:
+        for _ in range(5):  # shown five times: it has come some way
+            _wait_for(shown, "loss")
+        process.send_signal(signal.SIGINT)
+        printed, _ = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Stopped by the user" in printed
+    (before,) = re.findall(r"\(start ([0-9.]+)\)", printed)
+    assert json.loads(out.read_text())["loss"] < float(before)
+
+
+def _wait_for(stream, word: str, seconds: float = 120.0) -> None:
+    seen, end = "", time.monotonic() + seconds
+    while word not in seen:
+        assert time.monotonic() < end, seen
+        piece = stream.read(1)
+        assert piece, seen
+        seen += piece
