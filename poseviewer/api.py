@@ -2,26 +2,21 @@
 
 ::
 
-    case = load("photo.jpg", "car.glb", "start.json")
-    found = case.fit(seconds=60)
+    found = load("photo.jpg", "car.glb", "start.json").fit(seconds=60)
     print(found.verdict, found.unexplained, found.pose.camera_from_model.rotation)
     found.save("pose.json")
     found.draw("residual.png", look="residual")
     found.landscape(size=21).save("maps.png")
 
-    shelf = load("shelf.scene.json").fit()             # several objects in one photo
-    print(shelf["duck"].verdict)
-    shelf.save("fitted.scene.json")
-
+    shelf = load("shelf.scene.json").fit()                                    # several objects
     rig = load(views="rig.json", model="car.glb", start="start.json").fit()   # several photos
-    rig.save("pose.json")
 
 Inside poses, pixel centres are at i + 0.5; the files have OpenCV's, at integers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -46,10 +41,9 @@ from poseviewer.fit.problem import FitProblem, make_problem, numbers_of, pose_lo
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.scene import LoadedModel, SceneObject
 from poseviewer.fit.scene import Scene as SceneData
-from poseviewer.fit.search import Placing, Search, SearchProgress, unsearched_result, with_end
+from poseviewer.fit.search import Placing, Search, SearchProgress, unsearched_result
 from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.slices import Slice, landscape
-from poseviewer.fit.stages import make_stages
 from poseviewer.fit.unexplained import LossScale, Unexplained
 from poseviewer.fit.visibility import Visibility, hiding, visibility
 from poseviewer.geometry.arrays import FloatArray
@@ -111,24 +105,23 @@ def load(
     watch: Callable[[], object] = lambda: None,
     **changes: Any,
 ) -> Scene:
-    """A scene, ready to be fitted: a photo, a model and a start; a scene file; or several photos of
-    one thing, a model and a start.
+    """Load a scene: a photo, a model and a start; a scene file; or several photos of one thing, a
+    model and a start.
 
     Args:
         photo: JPEG, PNG, TIFF, WebP or BMP file; or, alone, a scene file.
         model: OBJ, PLY, STL, OFF, GLB, glTF or 3DS file; or a loaded one
             (``starts.loading.load_model``), for many photos of one thing.
-        start: a pose file or a pose; ``"auto"``: searched for, which takes some seconds; or a
-            function that finds one, such as ``starts.point_pairs.start_from_pairs``.
+        start: a pose file or a pose; ``"auto"``: searched for in some seconds; or a function that
+            finds one, such as ``starts.point_pairs.start_from_pairs``.
         settings: what is compared and how; parts ``without`` of a scene's objects are named with
             their ids: ``duck:beak``.
-        views: several photos whose cameras know their poses to one another, in place of ``photo``:
-            our own set file, COLMAP's model or project, ``transforms.json``, or the folder of a BOP
-            scene; or a set that is loaded.
-        view: of several, the photo that the start is a pose in; default: the one that the pose file
-            names.
-        scale: how many lengths of the model's unit one of the set's is, in place of what the set
-            says. Where nobody says it, it is searched for.
+        views: photos whose cameras know their poses to one another, in place of ``photo``: our own
+            set file, COLMAP's model or project, ``transforms.json``, the folder of a BOP scene; or
+            a loaded set.
+        view: the photo of ``views`` that the start is a pose in; default: the pose file's.
+        scale: lengths of the model's unit to one of the set's; default: the set's own, else it is
+            searched for.
         choice: which of the set's photos, and what else its file does not say.
         calibration: the camera and its lens: a file, or a choice among the cameras of one
             (``files.cameras.Calibration``); a distorted photo is undistorted.
@@ -191,15 +184,13 @@ def make_scene(
     Raises:
         PoseViewerError: the settings of its only object, or ``index``, do not go with the photos.
     """
-    of_mesh: dict[Mesh, Renderer] = {}
-    if renderer is not None:
-        of_mesh[data.objects[index or 0].mesh] = renderer
+    of_mesh = {} if renderer is None else {data.objects[index or 0].mesh: renderer}
     if index is None and len(data.objects) == 1:
         index = 0
-    for one in data.objects if index is None else [data.objects[index]]:
-        if one.model.mesh not in of_mesh:
-            of_mesh[one.model.mesh] = make_renderer(one.model.mesh, one.settings.renderer)
     scene = Scene(data, of_mesh, index, view)
+    for one in (data.objects[i] for i in scene.indices):
+        if one.mesh not in of_mesh:
+            of_mesh[one.mesh] = make_renderer(one.mesh, one.settings.renderer)
     if index is None:
         return scene
     _, notes = scene._made
@@ -226,8 +217,6 @@ class Scene:
     """Notes for the user on how the files were read."""
     placings: Mapping[int, Placing] = field(default_factory=dict)
     """The end of the last search for each object that was searched for."""
-    known_loss: float | None = None
-    """The loss at the pose, where it is known without a search."""
     before: Scene | None = field(default=None, repr=False)
     """The scene that was searched; None: it was not."""
     _problems: dict[int, tuple[FitProblem, tuple[str, ...]]] = field(
@@ -273,6 +262,11 @@ class Scene:
             ids = ", ".join(repr(one.id) for one in self.objects)
             raise SettingsError(f"the scene has several objects; say which, one of {ids}.")
         return self.objects[self.index]
+
+    @property
+    def indices(self) -> Sequence[int]:
+        """Indices of the objects that it is about."""
+        return range(len(self.objects)) if self.index is None else [self.index]
 
     @property
     def _at(self) -> int:
@@ -335,37 +329,21 @@ class Scene:
         problem, scale = self.problem, self.object.world_from_model.scale
         return numbers_of(problem.chart, self.data.pose(self._at, problem.views[0].index), scale)
 
-    def at(self, pose: Pose, known_loss: float | None = None) -> Scene:
+    def at(self, pose: Pose) -> Scene:
         """The object at another pose in the view whose chart is used, compared with the same
         pixels.
         """
         data = self.data.with_pose(self._at, pose, self.view)
-        problems = {self._at: self._made}
-        return replace(self, data=data, placings={}, known_loss=known_loss, _problems=problems)
+        return replace(self, data=data, placings={}, _problems={self._at: self._made})
 
     def comparing(self, problem: FitProblem, renderer: Renderer) -> Scene:
         """The scene whose object is compared as a ``problem`` has it, by another renderer."""
         renderers, problems = {**self.renderers, self.mesh: renderer}, {self._at: (problem, ())}
         return replace(self, renderers=renderers, placings={}, _problems=problems)
 
-    def ended(self, placing: Placing, index: int | None = None) -> Scene:
-        """The scene with an object where a search for it has ended."""
-        index = self._at if index is None else index
-        renderer = self.renderers[self.objects[index].mesh]
-        data = with_end(self.data, index, placing.problem, placing.progress, renderer)
-        placings = {**self.placings, index: placing}
-        return replace(self, data=data, placings=placings, _problems={})
-
-    def prepare(self) -> None:
-        """Make the coarser models that a search begins with, so that the first search of the model
-        does not have to: a second or two.
-        """
-        make_stages(self.problem, self.renderer)
-
     def _search(self, threads: int) -> Search:
-        indices = range(len(self.objects)) if self.index is None else [self.index]
-        renderers = {i: self.renderers[self.objects[i].mesh] for i in indices}
-        return Search(self.data, renderers, tuple(indices), threads, self.view)
+        renderers = {i: self.renderers[self.objects[i].mesh] for i in self.indices}
+        return Search(self.data, renderers, tuple(self.indices), threads, self.view)
 
     def search(self, *, threads: int = 1) -> Iterator[SearchProgress]:
         """The search from where all is, as it goes: after every evaluation the object that is at
@@ -413,13 +391,11 @@ class Scene:
         return replace(self, data=data, placings=now.placings, before=self, _problems={})
 
     def _limited(self, seconds: float | None, evaluations: int | None) -> Scene:
+        given = {"seconds": seconds, "evaluations": evaluations}
+        given = {name: limit for name, limit in given.items() if limit is not None}
         objects = []
         for one in self.objects:
-            limits = one.settings.limits
-            if seconds is not None:
-                limits = replace(limits, seconds=seconds)
-            if evaluations is not None:
-                limits = replace(limits, evaluations=evaluations)
+            limits = replace(one.settings.limits, **given)
             objects.append(replace(one, settings=replace(one.settings, limits=limits)))
         return replace(self, data=replace(self.data, objects=tuple(objects)))
 
@@ -452,8 +428,6 @@ class Scene:
         """
         if self.progress is not None:
             return self.progress.loss
-        if self.known_loss is not None:
-            return self.known_loss
         return pose_loss(self.problem, self.renderer, self.parameters)
 
     @property
@@ -485,24 +459,17 @@ class Scene:
     @property
     def view_results(self) -> tuple[ViewResult, ...]:
         """The result by each compared view alone; takes an evaluation for each."""
+        problems, result, at = self.problem.alone, self.object.result, self.parameters
         verdicts = () if self.verdict is None else self.verdict.views
-        result, parameters, found = self.object.result, self.parameters, []
-        for number, problem in enumerate(self.problem.alone):
-            index = problem.views[0].index
-            loss = pose_loss(problem, self.renderer, parameters)
+        results = []
+        verdicts = verdicts or [self.verdict] * len(problems)
+        for problem, verdict in zip(problems, verdicts, strict=True):
+            index, pose = problem.views[0].index, problem.chart.to_pose(at)
+            loss = pose_loss(problem, self.renderer, at)
             seen = result.seen[index] if result is not None and result.seen else None
-            verdict = verdicts[number] if verdicts else self.verdict
-            pose = problem.chart.to_pose(parameters)
-            scale = problem.scale
-            found.append(ViewResult(self.views[index], index, pose, loss, scale, verdict, seen))
-        return tuple(found)
-
-    @property
-    def end_notes(self) -> tuple[str, ...]:
-        """Notes on the pose for its user: that its camera is a guess; which view goes least
-        with the others.
-        """
-        return () if self.object.result is None else self.object.result.notes
+            view = self.views[index]
+            results.append(ViewResult(view, pose, loss, problem.scale, verdict, seen))
+        return tuple(results)
 
     @property
     def visibility(self) -> Visibility:
@@ -554,8 +521,7 @@ class Scene:
         view = self.view if view is None else view
         photo = self.views[view].photo
         picture = photo.as_rgb8(photo.width, photo.height)
-        indices = range(len(self.objects)) if self.index is None else [self.index]
-        for index in indices:
+        for index in self.indices:
             if not self.objects[index].hidden:
                 picture = replace(self, index=index)._drawn_over(picture, look, opacity, view)
         return picture
@@ -641,7 +607,6 @@ class ViewResult:
     """The result of an object by one view alone."""
 
     view: View
-    index: int
     pose: Pose
     loss: float
     scale: LossScale

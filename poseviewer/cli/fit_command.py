@@ -128,7 +128,8 @@ def _print_end(scene: Scene) -> None:
     if verdict is None:
         return
     say(f"verdict: {verdict.word} ({verdict.share_right})")
-    for reason in (*verdict.reasons, *scene.end_notes):
+    notes = () if scene.object.result is None else scene.object.result.notes
+    for reason in (*verdict.reasons, *notes):
         say(f"  {reason}")
     if verdict.covariance is not None:
         say(f"how sure, as standard deviations: {verdict.covariance.words(scene.mesh.unit)}")

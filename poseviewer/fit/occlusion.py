@@ -24,7 +24,7 @@ from poseviewer.fit.problem import ComparedView, FitProblem
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose, level_pose
 from poseviewer.render.moments import model_attributes
-from poseviewer.render.pyramid.levels import with_structure
+from poseviewer.render.pyramid.levels import structured
 from poseviewer.render.types import PhotoAttributes, Renderer
 
 ROBUST_ROUNDS, ROUNDS = 12, 4
@@ -93,7 +93,7 @@ def _behind(view: ComparedView, hidden: Hidden) -> ComparedView:
         height, width = fine.weights.shape
         larger = enlarged(hidden, photo.factor / fine.factor, width, height)
         fine = replace(fine, weights=fine.weights * ~larger)
-    photo = with_structure(left, photo.structure.is_steep)
+    photo = structured(left, is_steep=photo.structure.is_steep)
     return replace(view, photo=photo, fine_photo=fine)
 
 

@@ -31,7 +31,7 @@ from poseviewer.render.pyramid.levels import (
     Level,
     coarsest_level,
     lighter_level,
-    with_structure,
+    structured,
 )
 from poseviewer.render.types import Renderer
 
@@ -221,7 +221,7 @@ class _Run:
         photos = [level.photo for level in stage.levels]
         if photos[0].structure is None and self._problem.photo.structure is not None:
             # The fine photo's is made only for its stage, beside the one before.
-            photos = [with_structure(photo, is_steep=True) for photo in photos]
+            photos = [structured(photo, is_steep=True) for photo in photos]
         return self._problem.on(photos)
 
     def _states(

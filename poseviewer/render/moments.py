@@ -52,11 +52,8 @@ def moments_of_images(image: AttributeImage, photo: PhotoAttributes) -> Moments:
     total = float(w.sum()) if photo.clipped else photo.photo_sums.weight
     if total <= 0.0:
         return Moments(0, 0.0, np.zeros(size), np.zeros((size, size)), n, cosine)
-    joint, origin = np.concatenate([seen, model], axis=1), np.zeros(size)
-    if photo.clipped:
-        origin = w @ joint / total
-    elif photo.structure is None:
-        origin[:n] = photo.origin
+    joint = np.concatenate([seen, model], axis=1)
+    origin = w @ joint / total if photo.clipped else np.append(photo.origin, np.zeros(size - n))
     joint -= origin
     first, second = w @ joint, (w[:, None] * joint).T @ joint
     if not photo.clipped:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import RendererUnavailableError
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Perspective, Pose, level_pose
+from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.render.moments import moments_of_images
@@ -143,13 +143,9 @@ class OpenGLRenderer(Renderer):
             self._apply_textures(pose, face_ids, pictures[2][..., :2], reflectance)
         return AttributeImage(face_ids, reflectance, normals)
 
-    def covers(self, pose: Pose) -> NDArray[np.bool_]:
-        """(height, width): where the model is seen."""
-        return self.render(pose).mask
-
-    def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
-        """Sum the joint moments of the photo's and the model's attributes by the plain path."""
-        return moments_of_images(self.render(level_pose(pose, photo.factor)), photo)
+    def level_moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
+        """Joint moments by the plain path."""
+        return moments_of_images(self.render(pose), photo)
 
     def close(self) -> None:
         """Free the graphics memory; the next picture takes it again."""

@@ -64,14 +64,24 @@ class PhotoStructure:
     """(height, width): the class of each pixel."""
     shares: FloatArray
     """(K,): sum of the weights of each class; K is the number of classes."""
-    first: FloatArray
-    """(n + K,): weighted sums over P of the photo's channels and of the memberships."""
-    second: FloatArray
-    """(n + K, n + K): the same of their products."""
     field: NDArray[np.float32]
     """(height, width, 2): the orientation field, scaled so that its weighted square sum is 1."""
     is_steep: bool = False
     """Whether blurred edges were made steep, see ``make_structure``."""
+
+    def sums(
+        self, channels: NDArray[np.float32], weights: NDArray[np.float32]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Weighted sums of ``channels`` (height, width, n) and memberships, and of their products.
+
+        (n + K,) and (n + K, n + K).
+        """
+        counts, classes = weights > 0.0, len(self.shares)
+        colours, weight = channels[counts].astype(float), weights[counts].astype(float)
+        weighted, labels = weight[:, None] * colours, self.labels[counts]
+        by_class = np.array([np.bincount(labels, column, classes) for column in weighted.T])
+        second = np.block([[weighted.T @ colours, by_class], [by_class.T, np.diag(self.shares)]])
+        return np.concatenate([weighted.sum(axis=0), self.shares]), second
 
 
 def make_structure(
@@ -95,10 +105,9 @@ def make_structure(
     length = float(np.sqrt(np.einsum("vu,vuk,vuk->", weights, field, field, dtype=float)))
     if length > 0.0:
         field /= np.float32(length)
-    first, second = _sums_of_photo(channels, weights, labels, shares)
-    for array in (labels, shares, first, second, field):
+    for array in (labels, shares, field):
         array.flags.writeable = False
-    return PhotoStructure(labels, shares, first, second, field, is_steep)
+    return PhotoStructure(labels, shares, field, is_steep)
 
 
 def _steepened(light: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -122,24 +131,6 @@ def _nearby(
     """The least (``cv2.erode``) or greatest (``cv2.dilate``) in the square about each pixel."""
     # OpenCV drops the axis of a single channel.
     return extreme(light, np.ones((side, side), np.uint8)).reshape(light.shape)
-
-
-def _sums_of_photo(
-    channels: NDArray[np.float32],
-    weights: NDArray[np.float32],
-    labels: NDArray[np.uint8],
-    shares: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    counts = weights > 0.0
-    colours, weight = channels[counts].astype(float), weights[counts].astype(float)
-    weighted = weight[:, None] * colours
-    by_class = np.array([np.bincount(labels[counts], column, len(shares)) for column in weighted.T])
-    n = len(by_class)
-    second = np.zeros((n + len(shares), n + len(shares)))
-    second[:n, :n] = weighted.T @ colours
-    second[:n, n:], second[n:, :n] = by_class, by_class.T
-    second[n:, n:] = np.diag(shares)
-    return np.concatenate([weighted.sum(axis=0), shares]), second
 
 
 def orientation_field(

@@ -4,40 +4,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray, frozen_array
-from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.camera import Pose, level_pose
 from poseviewer.geometry.linear_algebra import whiten
 from poseviewer.render.structure import PhotoStructure
 
 
 class PhotoSums(NamedTuple):
-    """Sums of the photo's attributes over the whole region, about 0 or the photo's ``origin``."""
+    """Sums of the photo's attributes over the whole region, about the photo's ``origin``."""
 
     weight: float
     first: FloatArray
     """(n,): sum of ``w (F - origin)``."""
     second: FloatArray
     """(n, n): sum of ``w (F - origin)(F - origin)^T``."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PhotoMoments:
-    """Moments of F alone and its edges, the same for all poses where there is a ``structure``."""
-
-    weight: float
-    mean: FloatArray
-    """(n,): of F."""
-    covariance: FloatArray
-    """(n, n): of F."""
-    whitening: FloatArray
-    """(rank, n): see ``linear_algebra.whiten``."""
-    edges: NDArray[np.float32]
-    """(2, height, width): the photo's orientation field times the weights."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,17 +65,19 @@ class PhotoAttributes:
 
     @cached_property
     def origin(self) -> FloatArray:
-        """(n,): the mean of F over the region; sums are taken about it."""
+        """(n,): point that sums are taken about: F's mean, or 0 where there is a ``structure``."""
+        if self.structure is not None:
+            return np.zeros(self.photo_channels)
         total = float(self.weights.sum(dtype=float))
         sums = np.einsum("vu,vun->n", self.weights, self.channels, dtype=float)
         return sums / total if total > 0.0 else np.zeros_like(sums)
 
     @cached_property
     def photo_sums(self) -> PhotoSums:
-        """Sums over the whole region, about ``origin``; about 0 where there is a ``structure``."""
+        """Sums of F over the whole region."""
         if self.structure is not None:
-            weight = float(self.structure.shares.sum())
-            return PhotoSums(weight, self.structure.first, self.structure.second)
+            sums = self.structure.sums(self.channels, self.weights)
+            return PhotoSums(float(self.structure.shares.sum()), *sums)
         first, n = [], self.channels.shape[2]
         second = np.zeros((n, n))
         for weights, rows in zip(self.weights, self.channels, strict=True):
@@ -101,16 +88,21 @@ class PhotoAttributes:
         return PhotoSums(float(self.weights.sum(dtype=float)), np.sum(first, axis=0), second)
 
     @cached_property
-    def photo_moments(self) -> PhotoMoments:
-        """Moments of F, cached; there must be a ``structure``."""
-        assert self.structure is not None
+    def photo_moments(self) -> Moments:
+        """Moments of F alone, the same for all poses where there is a ``structure``."""
         weight, first, second = self.photo_sums
         share = 1.0 / weight if weight > 0.0 else 0.0
         mean = share * first
         covariance = share * second - np.outer(mean, mean)
+        whitening = whiten(covariance, mean)
+        return Moments(0, weight, mean, covariance, len(mean), photo_whitening=whitening)
+
+    @cached_property
+    def edge_target(self) -> NDArray[np.float32]:
+        """(2, height, width): the photo's orientation field times the weights."""
+        assert self.structure is not None
         weighted = self.weights[..., None] * self.structure.field
-        target = np.ascontiguousarray(np.moveaxis(weighted, 2, 0))
-        return PhotoMoments(weight, mean, covariance, whiten(covariance, mean), target)
+        return np.ascontiguousarray(np.moveaxis(weighted, 2, 0))
 
     @property
     def photo_channels(self) -> int:
@@ -174,9 +166,9 @@ class AttributeImage:
         return AttributeImage(self.face_ids.ravel()[pixels], reflectance, normals)
 
 
-class Renderer(Protocol):
+class Renderer:
     """A mesh, ready to be seen from any pose, by one thread at a time; the picture's size is the
-    camera's.
+    camera's. Subclasses define ``render`` and ``level_moments``.
     """
 
     @property
@@ -199,13 +191,24 @@ class Renderer(Protocol):
         return self
 
     def render(self, pose: Pose) -> AttributeImage:
-        """Visibility, reflectance and normals at every pixel centre."""
-        ...
+        """Visibility, reflectance and normals (camera frame) at every pixel centre."""
+        raise NotImplementedError
 
     def covers(self, pose: Pose) -> NDArray[np.bool_]:
-        """(height, width): where the model is seen; ``render(pose).mask``, sooner."""
-        ...
+        """(height, width): where the model is seen."""
+        return self.render(pose).mask
 
     def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
-        """The joint moments of the photo's and the model's attributes."""
-        ...
+        """Joint moments of the photo's and the model's attributes.
+
+        ``pose``: on the photo of factor 1. Raises ``ValueError`` if camera and photo differ in
+        size.
+        """
+        pose = level_pose(pose, photo.factor)
+        if photo.weights.shape != (pose.camera.height, pose.camera.width):
+            raise ValueError("the pose's camera and the photo differ in size")
+        return self.level_moments(pose, photo)
+
+    def level_moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
+        """``moments`` at a pose on the photo's own pyramid level."""
+        raise NotImplementedError

@@ -21,6 +21,7 @@ from poseviewer.errors import sentence_of
 from poseviewer.fit.scene import Scene
 from poseviewer.fit.settings import FitSettings, Method
 from poseviewer.fit.slices import QUICK_SIZES, Slice, landscape, quick_level, strides
+from poseviewer.fit.stages import make_stages
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.pool import RendererPool, processors
 
@@ -157,7 +158,7 @@ class MapMaker:
                 return
             if size is None and self._prepared is not mesh:  # now, and not when it is waited for
                 self._prepared = mesh
-                cases[0].prepare()
+                make_stages(cases[0].problem, self._renderer)
             for case in cases:
                 for _ in made(case, size):
                     yield tuple(known.values())

@@ -256,7 +256,8 @@ class OverlayWorkers:
 
 
 def _sketch(request: OverlayRequest) -> Overlay:
-    outline = sketch_of(request.document.mesh).silhouette(request.document.pose)
+    mesh = request.document.mesh
+    outline = quick_silhouette(mesh, sketch_of(mesh), request.document.pose)
     return Overlay(request, outline)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Perspective, Pose, level_pose
+from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.gpu.device import GROUPS, gpu_device
@@ -69,7 +69,7 @@ class GpuRenderer(SoftwareRenderer):
         """Upload the model; raises ``RendererUnavailableError`` where there is no GPU."""
         self.device = gpu_device()
         super().__init__(mesh)
-        self._buffers = self._uploaded()
+        self._buffers = () if self.device.lost else self._uploaded()
         self._corners = np.array(list(product(*np.transpose(mesh.bounds))))
         self._questions: list[Question] = []
         self._answering = threading.Lock()
@@ -82,10 +82,6 @@ class GpuRenderer(SoftwareRenderer):
         other._questions, other._answering = [], threading.Lock()
         return other
 
-    @property
-    def _kind(self) -> type[SoftwareRenderer]:
-        return SoftwareRenderer if self.device.lost else GpuRenderer
-
     def culled(self, pose: Pose) -> GpuRenderer:
         """Clone: to upload another model takes longer than to draw hidden faces."""
         del pose
@@ -96,7 +92,7 @@ class GpuRenderer(SoftwareRenderer):
         """Number of threads that may ask for moments at once; 0 where the GPU has failed."""
         return 0 if self.device.lost else CALLERS
 
-    def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
+    def level_moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
         """Joint moments, computed together with those that other threads ask for meanwhile."""
         question = Question(pose, photo)
         self._questions.append(question)
@@ -113,14 +109,11 @@ class GpuRenderer(SoftwareRenderer):
         return question.answer
 
     def moments_at(self, poses: Sequence[Pose], photo: PhotoAttributes) -> list[Moments]:
-        """The joint moments at each pose."""
-        on_level = [level_pose(pose, photo.factor) for pose in poses]
-        if any(photo.weights.shape != (p.camera.height, p.camera.width) for p in on_level):
-            raise ValueError("the pose's camera and the photo differ in size")
+        """The joint moments at each pose on the photo's own pyramid level."""
         device, found = self.device, {}
         if not device.lost and not photo.colour_reflectance:
             try:
-                found = self._on_device(on_level, photo)
+                found = self._on_device(poses, photo)
             except device.errors as error:
                 device.lost = True
                 _log.warning(
@@ -129,7 +122,7 @@ class GpuRenderer(SoftwareRenderer):
                     " ".join(str(error).split())[:200],
                 )
         return [
-            found[i] if i in found else super(GpuRenderer, self).moments(pose, photo)
+            found[i] if i in found else super(GpuRenderer, self).level_moments(pose, photo)
             for i, pose in enumerate(poses)
         ]
 
@@ -206,12 +199,12 @@ def _batches(boxes: NDArray[np.int64]) -> Iterator[list[int]]:
 def photo_pixels(photo: PhotoAttributes) -> NDArray[np.float32]:
     """(height, width, 7): F (a grey one three times), weight, class and edges."""
     weights, pixels = photo.weights, np.zeros((*photo.weights.shape, 7), np.float32)
-    origin = 0.0 if photo.structure is not None else photo.origin.astype(np.float32)
+    origin = photo.origin[: photo.channels.shape[2]].astype(np.float32)
     pixels[..., :3] = np.where(weights[..., None] > 0.0, photo.channels - origin, np.float32(0.0))
     pixels[..., 3] = weights
     if photo.structure is not None:
         pixels[..., 4] = photo.structure.labels
-        pixels[..., 5:] = np.moveaxis(photo.photo_moments.edges, 0, 2)
+        pixels[..., 5:] = np.moveaxis(photo.edge_target, 0, 2)
     return pixels
 
 
@@ -234,14 +227,14 @@ def moments_of_sums(
     if not photo.clipped:
         model = np.vstack([model, np.eye(10)[9]])
     mean, covariance = np.zeros((poses, size)), np.zeros((poses, size, size))
-    weight, origin = total[:, 9, 9], np.append(photo.origin, np.zeros(n - channels))
+    weight = total[:, 9, 9]
     mean[:, :channels], mean[:, n:] = total[:, 9, :channels], total[:, 9] @ model.T
     covariance[:, :channels, :channels] = total[:, :channels, :channels]
     covariance[:, :channels, n:] = total[:, :channels] @ model.T
     covariance[:, n:, n:] = model @ total @ model.T
     cosines, whitening = [None] * poses, None
     if photo.structure is not None:
-        origin, whitening = np.zeros(n), photo.photo_moments.whitening
+        whitening = photo.photo_moments.photo_whitening
         by_class = of_classes.reshape(poses, GROUPS, 16, 7) @ np.swapaxes(
             shift[..., 3:, 3:], -1, -2
         )
@@ -256,7 +249,7 @@ def moments_of_sums(
     mean *= share[:, None]
     covariance = share[:, None, None] * covariance - mean[:, :, None] * mean[:, None]
     covariance = 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
-    mean[:, :n] += (weight > 0.0)[:, None] * origin
+    mean[:, :n] += (weight > 0.0)[:, None] * photo.origin
     mean.flags.writeable = covariance.flags.writeable = False
     counts = pixels.sum(axis=(1, 2)).astype(int).tolist()
     of_poses = zip(counts, weight.tolist(), mean, covariance, cosines, strict=True)

@@ -81,19 +81,16 @@ FEW_FACES = 4000
 """Models of no more are drawn as they are."""
 CELLS = 64
 """Cells along the diameter; vertices of a larger model in one cell become one."""
-SAMPLES = 60_000
-"""Size of the image that the faces are filled in, px."""
 SHIFT = 4
 """Binary digits of a place that OpenCV takes as a fraction of a sample."""
 FARTHEST = 2.0**14
 """Samples from the corner: farther places would overflow OpenCV's numbers."""
 
 
-class Sketch:
-    """One model, ready to be drawn from anywhere."""
+class Sketch(Renderer):
+    """A renderer that knows which pixels the model covers, to a hundredth of it, and no more."""
 
     def __init__(self, mesh: Mesh) -> None:
-        self._mesh = mesh
         self._vertices: FloatArray = mesh.vertices
         self._faces = mesh.faces
         if len(mesh.faces) > FEW_FACES:
@@ -106,15 +103,11 @@ class Sketch:
             is_face = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2])
             self._faces = np.unique(faces[is_face], axis=0)
 
-    def silhouette(self, pose: Pose) -> FloatArray:
-        """(N, 2, 2): its segments in px of the photo, off by up to a hundredth of the model."""
-        window = model_window(self._mesh, pose, margin=4, most_samples=SAMPLES)
-        if window is None:
-            return np.zeros((0, 2, 2))
-        seen = window.pose(pose)
-        places = seen.project(self._vertices)[self._faces] - 0.5  # OpenCV's centres are at integers
+    def covers(self, pose: Pose) -> NDArray[np.bool_]:
+        """(height, width): where the model is seen."""
+        places = pose.project(self._vertices)[self._faces] - 0.5  # OpenCV's centres are at integers
         places = places[np.isfinite(places).all(axis=(1, 2))].clip(-FARTHEST, FARTHEST)
-        covered = np.zeros((seen.camera.height, seen.camera.width), np.uint8)
+        covered = np.zeros((pose.camera.height, pose.camera.width), np.uint8)
         for corners in np.rint(places * 2**SHIFT).astype(np.int32):
             cv2.fillConvexPoly(covered, corners, 1, shift=SHIFT)
-        return silhouette(covered > 0, window)
+        return covered > 0

@@ -1,8 +1,4 @@
-"""Coarser levels of a photo: the same poses judged on fewer, larger pixels and triangles.
-
-``replace(problem, photo=level.photo)`` with ``level.renderer`` is the same search over the same
-chart, at a fraction of the time. Coordinates are divided by the level's factor, exactly.
-"""
+"""Coarser levels of a photo: the same poses judged on fewer, larger pixels and triangles."""
 
 from __future__ import annotations
 
@@ -42,18 +38,17 @@ def make_level(photo: PhotoAttributes, renderer: Renderer, factor: int, pixels: 
 
 def lighter_level(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> Level:
     """The photo as it is, with a model of half as many triangles as it shows pixels of."""
-    return make_level(photo, renderer, 1, _pixels(photo, renderer, pose) / 2)
+    return make_level(photo, renderer, 1, int(_counting(photo, renderer, pose).sum()) / 2)
 
 
 def coarsest_level(photo: PhotoAttributes, renderer: Renderer, pose: Pose, fewest: float) -> Level:
-    """The coarsest level at which the model at ``pose`` covers at least ``fewest`` px; with a
-    factor of 1, photo and renderer as they are.
+    """The coarsest level, by a power of 2, at which the model at ``pose`` still covers ``fewest``
+    px; with a factor of 1, photo and renderer as they are.
     """
-    pixels = _pixels(photo, renderer, pose)
-    factor = coarsest_factor(pixels, fewest)
-    if factor == 1:
-        return Level(1, photo, renderer)
-    return make_level(photo, renderer, factor, pixels)
+    pixels, factor = int(_counting(photo, renderer, pose).sum()), 1
+    while factor < LARGEST_FACTOR and pixels / (2 * factor) ** 2 >= fewest:
+        factor *= 2
+    return Level(1, photo, renderer) if factor == 1 else make_level(photo, renderer, factor, pixels)
 
 
 def covered(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> NDArray[np.bool_]:
@@ -63,20 +58,13 @@ def covered(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> NDArray[n
 
 def seen_share(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> float:
     """The share of the model's pixels that count, in [0, 1]; 0 where it is not in sight."""
-    weights = photo.weights[covered(photo, renderer, pose)]
-    return float(np.mean(weights > 0.0)) if len(weights) else 0.0
+    counting = _counting(photo, renderer, pose)
+    return float(counting.mean()) if len(counting) else 0.0
 
 
-def _pixels(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> int:
-    return int(np.count_nonzero(photo.weights[covered(photo, renderer, pose)] > 0.0))
-
-
-def coarsest_factor(pixels: float, fewest: float) -> int:
-    """The largest power of 2 at which a model of ``pixels`` still covers the ``fewest`` px."""
-    factor = 1
-    while factor < LARGEST_FACTOR and pixels / (2 * factor) ** 2 >= fewest:
-        factor *= 2
-    return factor
+def _counting(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> NDArray[np.bool_]:
+    """(N,): which of the pixels that show the model have weight."""
+    return photo.weights[covered(photo, renderer, pose)] > 0.0
 
 
 def smaller(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
@@ -95,7 +83,11 @@ def smaller(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
     weights = np.zeros((rows, columns), np.float32)
     channels = np.zeros((rows, columns, n), np.float32)
     # What does not count costs nothing: only the box of the pixels that do is looked at.
-    pixels, small = _boxes(photo.weights, factor)
+    small = tuple(
+        slice(box.start // factor, max(box.stop - 1, 0) // factor + 1)
+        for box in bounding_slices(photo.weights)
+    )
+    pixels = tuple(slice(box.start * factor, box.stop * factor) for box in small)
     counts = photo.weights[pixels]
     seen = np.where(counts[..., None] > 0.0, photo.channels[pixels], np.float32(0.0))
     mean = weights[small] = _averaged(counts, factor)
@@ -107,26 +99,12 @@ def smaller(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
     return replace(photo, channels=channels, weights=weights, structure=structure, factor=factor)
 
 
-def with_structure(photo: PhotoAttributes, is_steep: bool = False) -> PhotoAttributes:
-    """The photo with its classes and edges; ``is_steep`` as of ``make_structure``."""
+def structured(photo: PhotoAttributes, factor: int = 1, is_steep: bool = False) -> PhotoAttributes:
+    """The photo ``factor`` times smaller, with its classes and edges; ``is_steep`` as of
+    ``make_structure``.
+    """
+    photo = smaller(photo, factor)
     return replace(photo, structure=make_structure(photo.channels, photo.weights, is_steep))
-
-
-def structured(photo: PhotoAttributes, factor: int, is_steep: bool = False) -> PhotoAttributes:
-    """The photo ``factor`` times smaller, with its classes and edges."""
-    return with_structure(smaller(photo, factor), is_steep)
-
-
-def _boxes(
-    weights: NDArray[np.float32], factor: int
-) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """Rows and columns of the pixels that count, out to the level's pixels, and those of these."""
-    level = tuple(
-        slice(box.start // factor, max(box.stop - 1, 0) // factor + 1)
-        for box in bounding_slices(weights)
-    )
-    rows, columns = (slice(box.start * factor, box.stop * factor) for box in level)
-    return (rows, columns), (level[0], level[1])
 
 
 def _averaged(image: NDArray[np.float32], factor: int) -> NDArray[np.float32]:

@@ -39,13 +39,16 @@ class Surface:
     others zeros. (1, 12) where there are none."""
 
 
-def make_surface(mesh: Mesh, seen: NDArray[np.bool_]) -> Surface:
-    """Lay out a mesh: faces ``seen`` (F,) from outside first, which win at the same depth.
-
-    Then by the axis that faces look along, then along Morton's curve (1966).
+def face_order(mesh: Mesh, seen: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """(F,): faces ``seen`` (F,) from outside first, which win at the same depth; then by the axis
+    that faces look along, then along Morton's curve (1966).
     """
     place = _along_curve(mesh.vertices[mesh.faces].mean(axis=1))
-    order = np.lexsort((place, _direction(mesh), ~seen)).astype(np.int32)
+    return np.lexsort((place, _direction(mesh), ~seen)).astype(np.int32)
+
+
+def make_surface(mesh: Mesh, order: NDArray[np.int32]) -> Surface:
+    """Lay out the faces of a mesh that are in ``order``."""
     corners, texture = mesh.faces[order], np.ascontiguousarray(mesh.face_texture[order])
     used, faces = _in_order_of_use(corners, len(mesh.vertices))
     colours, uvs = mesh.colours[corners], mesh.uvs[corners]
@@ -67,24 +70,6 @@ def make_surface(mesh: Mesh, seen: NDArray[np.bool_]) -> Surface:
         np.concatenate([colours[:, 0], np.zeros((1, 3), np.float32)]),
         kinds,
         paint.reshape(-1, 12),
-    )
-
-
-def part_of(surface: Surface, kept: NDArray[np.bool_]) -> Surface:
-    """The faces ``kept`` (F,) alone, with the vertices that they use, in the same order."""
-    used, faces = np.unique(surface.faces[kept], return_inverse=True)
-    kept_and_none = np.append(kept, True)  # the row at the end that is of no face
-    has_paint = len(surface.paint) > 1
-    return Surface(
-        surface.order[kept],
-        surface.centre,
-        np.ascontiguousarray(surface.vertices[:, used]),
-        faces.reshape(-1, 3).astype(np.int32),
-        surface.face_texture[kept],
-        surface.normals[kept_and_none],
-        surface.colours[kept_and_none],
-        surface.kinds[kept],
-        surface.paint[kept_and_none] if has_paint else surface.paint,
     )
 
 

@@ -6,8 +6,8 @@ pixel needs no corners.
 Arguments that kernels share: ``of_faces`` is (planes, colours (F + 1, 3), whether any reflectance
 varies within a face, paints, levels of the faces' textures); ``textures`` is (tints (F + 1, 3) that
 a face's texture is multiplied by, the texture of each face (F,), texels and table as
-``flatten_textures`` gives them); ``workspace`` is for a row of pixels: (3, width), (n + 6, width)
-and (3, width) float32.
+``flatten_textures`` gives them); ``workspace`` is for a row of pixels, float32 (rows, width) for
+each of ``ROWS``: normals, what is added up (n + 6, n being 1 or 3), paint.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.render.software.kernel import kernel
 from poseviewer.render.software.rasterise import COLUMN_OF, GREY, MAPPED, ROW_OF
 
+ROWS = 3, 9, 3
 NO_WEIGHT = np.float32(1e-20)
 """A paint's fourth number that is no greater is that of no face, or of one seen edge-on."""
 TINY = np.float32(1e-30)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Parallel, Perspective, Pose, level_pose
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
@@ -21,7 +21,7 @@ from poseviewer.render.moments import moments_of_images
 from poseviewer.render.pyramid.simplified import simplify
 from poseviewer.render.software import rasterise, shade, sums
 from poseviewer.render.software.blocks import BLOCK
-from poseviewer.render.software.raster_surface import Surface, make_surface, part_of
+from poseviewer.render.software.raster_surface import Surface, face_order, make_surface
 from poseviewer.render.structure import BLUR_TAPS, MODEL_NOISE, PhotoStructure
 from poseviewer.render.texture import TexturePyramid, flatten_textures
 from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes, Renderer
@@ -47,10 +47,8 @@ class SoftwareRenderer(Renderer):
         self._near = NEAR_PER_DIAMETER * mesh.diameter
         self._textures = flatten_textures(mesh.textures)
         self._texel_areas = TexturePyramid(*self._textures).texel_areas(mesh)
-        self._surface = make_surface(mesh, np.ones(len(mesh.faces), bool))
-        self._allocate()
-        self._surface = make_surface(mesh, self._seen_from_outside())
-        self._allocate()
+        self._allocate(make_surface(mesh, face_order(mesh, np.ones(len(mesh.faces), bool))))
+        self._allocate(make_surface(mesh, face_order(mesh, self._seen_from_outside())))
 
     def clone(self) -> SoftwareRenderer:
         """Another renderer of the same mesh with buffers of its own, for another thread."""
@@ -58,18 +56,13 @@ class SoftwareRenderer(Renderer):
 
     def culled(self, pose: Pose) -> SoftwareRenderer:
         """A renderer without faces hidden at a pose, for poses within ``CULLED_PX`` of it."""
-        return self._with(part_of(self._surface, ~self._hidden(pose)))
+        return self._with(make_surface(self.mesh, self._surface.order[~self._hidden(pose)]))
 
     def reduced(self, faces: int) -> SoftwareRenderer:
         """A renderer of the model with at most this number of triangles, or of it as it is."""
         if len(self.mesh.faces) <= faces:
             return self.clone()
-        return _simplified(self._kind, self.mesh, faces).clone()
-
-    @property
-    def _kind(self) -> type[SoftwareRenderer]:
-        """Class of renderers of decimated meshes."""
-        return SoftwareRenderer
+        return _simplified(type(self), self.mesh, faces).clone()
 
     def render(self, pose: Pose) -> AttributeImage:
         """Visibility, reflectance and normals at every pixel centre."""
@@ -82,7 +75,7 @@ class SoftwareRenderer(Renderer):
             self._of_faces,
             self._of_textures,
             pose.camera_from_model.rotation,
-            self._of_row(0),
+            self._row,
             reflectance,
             normals,
         )
@@ -105,11 +98,8 @@ class SoftwareRenderer(Renderer):
         depth = np.full(nearness.shape, np.inf, np.float32)
         return np.divide(np.float32(1.0), nearness, out=depth, where=nearness > 0.0)
 
-    def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
+    def level_moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
         """Joint moments, added up in the kernel; by pictures for ``colour_reflectance``."""
-        pose = level_pose(pose, photo.factor)
-        if photo.weights.shape != (pose.camera.height, pose.camera.width):
-            raise ValueError("the pose's camera and the photo differ in size")
         if photo.colour_reflectance:
             return moments_of_images(self.render(pose), photo)
         if photo.structure is not None:
@@ -126,7 +116,7 @@ class SoftwareRenderer(Renderer):
             (photo.planar, photo.weights),
             photo.origin,
             photo.model_channels,
-            (self._of_row(n), self._weighted),
+            (self._row, self._weighted),
             region,
             pose.camera_from_model.rotation,
         )
@@ -145,11 +135,11 @@ class SoftwareRenderer(Renderer):
             self._of_faces,
             self._of_textures,
             (photo.planar, structure.labels, photo.weights),
-            fixed.edges,
+            photo.edge_target,
             pose.camera_from_model.rotation,
             MODEL_NOISE,
             BLUR_TAPS,
-            (self._of_row(0), *workspace),
+            (self._row, *workspace),
         )
         _, joint, second = workspace[1]
         (n, m), share = joint.shape, 1.0 / fixed.weight if fixed.weight > 0.0 else 0.0
@@ -162,14 +152,14 @@ class SoftwareRenderer(Renderer):
         covariance[n:, n:] = share * second - np.multiply.outer(mean[n:], mean[n:])
         mean.flags.writeable = covariance.flags.writeable = False
         cosine = dot / square**0.5 if square > 0.0 else 0.0
-        return Moments(pixels, fixed.weight, mean, covariance, n, cosine, fixed.whitening)
+        return Moments(pixels, fixed.weight, mean, covariance, n, cosine, fixed.photo_whitening)
 
     def _with(self, surface: Surface) -> SoftwareRenderer:
         """Another renderer of the same mesh, of which it draws the ``surface``."""
         other = object.__new__(type(self))
-        other.mesh, other._near, other._surface = self.mesh, self._near, surface
+        other.mesh, other._near = self.mesh, self._near
         other._textures, other._texel_areas = self._textures, self._texel_areas
-        other._allocate()
+        other._allocate(surface)
         return other
 
     def _hidden(self, pose: Pose) -> NDArray[np.bool_]:
@@ -189,8 +179,9 @@ class SoftwareRenderer(Renderer):
         hidden[ids[ids >= 0]] = False
         return hidden
 
-    def _allocate(self) -> None:
-        surface, count_of_levels = self._surface, self._textures[1].shape[1]
+    def _allocate(self, surface: Surface) -> None:
+        """Draw this surface from now on."""
+        self._surface, count_of_levels = surface, self._textures[1].shape[1]
         faces, vertices = len(surface.faces), surface.vertices.shape[1]
         planes = np.zeros((faces + 1, rasterise.PLANE), np.float32)
         paints = np.zeros((len(surface.paint), rasterise.PAINT), np.float32)
@@ -214,37 +205,25 @@ class SoftwareRenderer(Renderer):
 
     def _make_picture(self, width: int, height: int) -> None:
         self._size = width, height
-        self._depth = _aligned(height, _padded(width), np.float32, -np.inf)
-        self._ids = _aligned(height, _padded(width), np.int32, -1)
-        self._normals, self._paint = (
-            np.empty((3, width), np.float32),
-            np.empty((3, width), np.float32),
-        )
-        self._run = np.empty((0, width), np.float32)
+        self._depth = _aligned(height, width, np.float32, -np.inf)
+        self._ids = _aligned(height, width, np.int32, -1)
+        self._row = tuple(np.empty((rows, width), np.float32) for rows in shade.ROWS)
         self._weighted = np.empty(width)
         self._drawn: Box = (0, 0, 0, 0)
-        self._of_structure: tuple[tuple[int, ...], tuple[Any, ...]] | None = None
-
-    def _of_row(self, channels: int) -> tuple[NDArray[np.float32], ...]:
-        """The workspace of ``shade``, with n ``channels`` of a photo."""
-        if len(self._run) < channels + 6:
-            self._run = np.empty((channels + 6, self._run.shape[1]), np.float32)
-        return self._normals, self._run, self._paint
+        self._of_structure: dict[tuple[int, int], tuple[Any, ...]] = {}
 
     def _structure_workspace(self, photo: PhotoAttributes) -> tuple[Any, ...]:
         """(spans, planes), (run, joint, second), (rows, across), kept from pose to pose."""
         (height, width), m, n = photo.weights.shape, photo.model_channels, photo.photo_channels
-        key = height, width, m, n
-        if self._of_structure is None or self._of_structure[0] != key:
+        if (n, m) not in self._of_structure:
             planes = np.zeros((sums.PLANES, height + 2, width + 2), np.float32)
             rows = np.empty((5, width + 2 * (len(BLUR_TAPS) - 1)), np.float32)
-            buffers = (
+            self._of_structure[n, m] = (
                 (np.zeros((height, 2), np.int64), planes),
                 (np.empty((n + m + 1, width)), np.empty((n, m)), np.empty((m, m))),
                 (rows, np.empty((2, height, width), np.float32)),
             )
-            self._of_structure = key, buffers
-        return self._of_structure[1]
+        return self._of_structure[n, m]
 
     def _rasterise(self, pose: Pose) -> Box:
         """Fill the id buffer; returns the box outside which it is empty."""
@@ -271,16 +250,12 @@ class SoftwareRenderer(Renderer):
 
 
 def _aligned(height: int, width: int, kind: type, value: float) -> NDArray[Any]:
-    """A buffer whose first entry starts a line of the processor's cache: so does each block."""
+    """A picture whose rows are whole blocks, each of which starts a line of the cache."""
+    width = -(-width // BLOCK) * BLOCK
     size = height * width
     buffer = np.full(size + CACHE_LINE, value, kind)
     skip = -(buffer.ctypes.data // buffer.itemsize) % (CACHE_LINE // buffer.itemsize)
     return buffer[skip : skip + size].reshape(height, width)
-
-
-def _padded(width: int) -> int:
-    """The columns of a buffer whose rows are whole blocks."""
-    return -(-width // BLOCK) * BLOCK
 
 
 def _views_around(mesh: Mesh) -> Iterator[Pose]:
