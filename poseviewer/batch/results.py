@@ -79,7 +79,7 @@ class JobResult:
 
 
 STDS = tuple(one.name for one in fields(JobResult) if one.name.endswith("_std"))
-"""Columns of standard deviations: attributes of ``PoseCovariance`` with an ending."""
+"""Columns of standard deviations: ``PoseCovariance.deviations`` with an ending."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +123,8 @@ class Batch:
 
 def standard_deviations(covariance: PoseCovariance | None) -> dict[str, Any]:
     """The columns of ``STDS``; None each where there is no covariance."""
-    return {name: covariance and getattr(covariance, name.removesuffix("_std")) for name in STDS}
+    known = {} if covariance is None else covariance.deviations
+    return {name: known.get(name.removesuffix("_std")) for name in STDS}
 
 
 def worst_first(rows: Sequence[Row]) -> list[Row]:

@@ -12,7 +12,7 @@ this photo stays and the other cameras come nearer.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -34,9 +34,25 @@ STEP = 1e-5
 """Share of a number's scale for differences: above rounding, below any curvature."""
 LARGEST_LOGARITHM = 20.0
 """Greatest logarithm of scale and focal length; beyond it there is no photo."""
-FOCAL = ("log_focal", "width_per_focal")
+LOG_FOCAL: Literal["log_focal"] = "log_focal"
+FOCAL = (LOG_FOCAL, "width_per_focal")
 """Charts' names for a free focal length."""
-ROTATIONS = ("rotation_x", "rotation_y", "rotation_z")
+SPREAD = 0.031
+"""Standard deviation at curvature, unexplained and seen share 1, by ``tests.measure.real``."""
+SEEN_POWER = 2.0
+"""The more of the model is hidden, the farther what hides it draws the fit."""
+PINV = 1e-12
+"""Share of the greatest variance, or inverse of one, below which it stands for none."""
+WORDS = {
+    "depth": "depth ±{}{unit}",
+    "scale_percent": "scale ±{} %",
+    "sideways": "the rest ±{}{unit}",
+    "degrees": "±{}°",
+    "size_percent": "its size ±{} %",
+    "focal_px": "focal length ±{} px",
+    "px": "in the photo ±{} px",
+}
+"""Text of each of ``PoseCovariance.deviations``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +68,7 @@ class PoseCovariance:
     px: float = 0.0
     """Root mean square distance in the photo, over the distribution and the model's outer points,
     from where the pose shows them."""
-    seventh: Literal["log_focal", "log_size"] = "log_focal"
+    seventh: Literal["log_focal", "log_size"] = LOG_FOCAL
     """Meaning of the last of seven numbers: focal length, or size of the model in its set."""
 
     def __post_init__(self) -> None:
@@ -96,7 +112,7 @@ class PoseCovariance:
         """
         turn = np.eye(len(self.matrix))
         turn[:3, :3] = turn[3:6, 3:6] = view_from_this.rotation
-        if self.has_size:  # a larger model is nearer to this camera
+        if self.extra == SIZE:  # a larger model is nearer to this camera
             turn[3:6, 6] = -view_from_this.translation
         return replace(self, pose=pose).with_matrix(turn @ self.matrix @ turn.T, mesh)
 
@@ -104,18 +120,13 @@ class PoseCovariance:
     def names(self) -> tuple[str, ...]:
         """Name of each number of a deviation."""
         depth = "log_scale" if isinstance(self.pose.camera, Parallel) else "shift_z"
-        names = (*ROTATIONS, "shift_x", "shift_y", depth)
-        return (*names, self.seventh) if len(self.matrix) > 6 else names
+        names = ("rotation_x", "rotation_y", "rotation_z", "shift_x", "shift_y", depth)
+        return (*names, self.extra) if self.extra else names
 
     @property
-    def has_focal(self) -> bool:
-        """Whether the focal length is one of the numbers."""
-        return len(self.matrix) > 6 and self.seventh == "log_focal"
-
-    @property
-    def has_size(self) -> bool:
-        """Whether the model's size in its set is."""
-        return len(self.matrix) > 6 and self.seventh == SIZE
+    def extra(self) -> str:
+        """Name of the seventh number; "" where there is none."""
+        return self.seventh if len(self.matrix) > 6 else ""
 
     @cached_property
     def scales(self) -> FloatArray:
@@ -138,7 +149,7 @@ class PoseCovariance:
             camera = replace(camera, scale=camera.scale * math.exp(logarithms[5]))
         else:
             middle[2] += numbers[5]
-            if self.has_focal:
+            if self.extra == LOG_FOCAL:
                 zoom = math.exp(logarithms[6])
                 camera = replace(camera, fx=camera.fx * zoom, fy=camera.fy * zoom)
         return Pose(camera, RigidTransform(rotation, middle - rotation @ self.centre))
@@ -151,82 +162,111 @@ class PoseCovariance:
         own, its = self.pose.camera, pose.camera
         if isinstance(own, Parallel) and isinstance(its, Parallel):
             return np.array([*turn, *shift[:2], math.log(its.scale / own.scale)])
-        if self.has_focal and isinstance(own, Perspective) and isinstance(its, Perspective):
+        if (
+            self.extra == LOG_FOCAL
+            and isinstance(own, Perspective)
+            and isinstance(its, Perspective)
+        ):
             return np.array([*turn, *shift, math.log(its.fx / own.fx)])
-        return np.array([*turn, *shift, *([0.0] * self.has_size)])
+        return np.array([*turn, *shift, *([0.0] * bool(self.extra))])
 
     def in_chart(self, chart: Chart) -> FloatArray:
         """(n, n): covariance of a chart's numbers, to first order; nan for an unknown size."""
 
         def numbers(deviation: FloatArray) -> FloatArray:
             pose = self.moved(deviation)
-            if self.has_size and isinstance(chart, ViewChart):
+            if self.extra == SIZE and isinstance(chart, ViewChart):
                 return chart.numbers_at(pose, chart.scale * math.exp(-deviation[6]))
             return chart.from_pose(pose)
 
         jacobian = _derivatives(numbers, self.scales)
         found = jacobian @ self.matrix @ jacobian.T
-        if isinstance(chart, ViewChart) and chart.free_size and not self.has_size:
+        if isinstance(chart, ViewChart) and chart.free_size and self.extra != SIZE:
             found[-1] = found[:, -1] = np.nan
         return found
 
     @property
-    def degrees(self) -> float:
-        """Standard deviation of the turn about the axis that is least sure, degrees."""
-        return math.degrees(_largest(self.matrix[:3, :3]))
+    def deviations(self) -> dict[str, float]:
+        """Standard deviations by name, of what there is.
 
-    @property
-    def depth(self) -> float | None:
-        """Standard deviation along the line of sight, model units; None in parallel projection."""
-        if isinstance(self.pose.camera, Parallel):
-            return None
-        sight = self._line_of_sight
-        return math.sqrt(max(float(sight @ self.matrix[3:6, 3:6] @ sight), 0.0))
-
-    @property
-    def sideways(self) -> float:
-        """Greatest standard deviation across the line of sight, model units."""
-        if isinstance(self.pose.camera, Parallel):
-            return _largest(self.matrix[3:5, 3:5])
-        sight = self._line_of_sight
-        across = np.eye(3) - np.outer(sight, sight)
-        return _largest(across @ self.matrix[3:6, 3:6] @ across)
-
-    @property
-    def scale_percent(self) -> float | None:
-        """Standard deviation of the scale of a parallel projection, %; None in perspective."""
-        is_parallel = isinstance(self.pose.camera, Parallel)
-        return 100.0 * math.sqrt(max(self.matrix[5, 5], 0.0)) if is_parallel else None
-
-    @property
-    def focal_px(self) -> float | None:
-        """Standard deviation of the focal length ``fx``, px; None where it was not looked for."""
-        camera = self.pose.camera
-        if not self.has_focal or isinstance(camera, Parallel):
-            return None
-        return camera.fx * math.sqrt(max(self.matrix[6, 6], 0.0))
-
-    @property
-    def size_percent(self) -> float | None:
-        """Standard deviation of the model's size in its set, %; None where that is known."""
-        return 100.0 * math.sqrt(max(self.matrix[6, 6], 0.0)) if self.has_size else None
-
-    @property
-    def _line_of_sight(self) -> FloatArray:
-        middle = self.pose.camera_from_model.apply(self.centre)
-        return middle / max(float(np.linalg.norm(middle)), 1e-300)
+        ``depth`` of the centre along its line of sight, in the model's unit, or under parallel
+        projection ``scale_percent``; ``sideways`` across it, in the direction that is least sure;
+        ``degrees`` about the axis that is least sure; ``focal_px``; ``size_percent`` of the model
+        in its set; ``px`` of the model's outer points in the photo.
+        """
+        camera, shifts = self.pose.camera, self.matrix[3:6, 3:6]
+        if isinstance(camera, Parallel):
+            said = {"scale_percent": 100.0 * math.sqrt(max(self.matrix[5, 5], 0.0))}
+            shifts = shifts[:2, :2]
+        else:
+            middle = self.pose.camera_from_model.apply(self.centre)
+            sight = middle / max(float(np.linalg.norm(middle)), 1e-300)
+            said = {"depth": math.sqrt(max(float(sight @ shifts @ sight), 0.0))}
+            across = np.eye(3) - np.outer(sight, sight)
+            shifts = across @ shifts @ across
+        said["sideways"] = _largest(shifts)
+        said["degrees"] = math.degrees(_largest(self.matrix[:3, :3]))
+        share = math.sqrt(max(self.matrix[-1, -1], 0.0))
+        if self.extra == SIZE:
+            said["size_percent"] = 100.0 * share
+        elif self.extra and isinstance(camera, Perspective):
+            said["focal_px"] = camera.fx * share
+        return {**said, "px": self.px}
 
     def words(self, unit: str | None = None) -> str:
         """Standard deviations, such as ``depth ±12 mm, the rest ±0.4 mm, ±0.1°, ...``."""
         unit = f" {unit}" if unit else ""
-        if self.depth is not None:
-            first = f"depth ±{short(self.depth)}{unit}"
-        else:
-            first = f"scale ±{short(self.scale_percent or 0.0)} %"
-        rest = f"the rest ±{short(self.sideways)}{unit}, ±{short(self.degrees)}°"
-        focal = "" if self.focal_px is None else f", focal length ±{short(self.focal_px)} px"
-        size = "" if self.size_percent is None else f", its size ±{short(self.size_percent)} %"
-        return f"{first}, {rest}{focal}{size}, in the photo ±{short(self.px)} px"
+        said = ((WORDS[name], short(value)) for name, value in self.deviations.items())
+        return ", ".join(word.format(value, unit=unit) for word, value in said)
+
+
+def spread(unexplained: float, seen: float) -> float:
+    """Standard deviations of a pose over those by the curvature of its loss.
+
+    The loss sums logarithms of what is unexplained u, so its curvature is u's divided by u. The
+    scale is calibrated: gloss, surroundings and other colours are no noise of known size. ``seen``:
+    the share of the model that is, above 0.
+    """
+    return SPREAD / (unexplained * seen**SEEN_POWER)
+
+
+def joint_covariance(
+    charts: Sequence[Chart],
+    covariances: Sequence[PoseCovariance | None],
+    parameters: FloatArray,
+    mesh: Mesh,
+) -> PoseCovariance | None:
+    """Covariance of a pose in the first of several views, by adding the inverses of those in each;
+    None where no view has one. Its seventh number is the focal length of the first view's camera
+    where that was free, else the model's size. ``parameters`` (d,): of the pose in ``charts``.
+    """
+    total, own = np.zeros((len(parameters), len(parameters))), None
+    for chart, one in zip(charts, covariances, strict=True):
+        if one is None or not isinstance(chart, ViewChart):
+            continue
+        # Turns, shifts and log focal length in the view, from the chart's numbers.
+        from_first, turn = np.zeros((7, len(parameters))), chart.view_from_reference
+        from_first[:3, :3] = from_first[3:6, 3:6] = turn.rotation
+        if chart.free_focals:
+            from_first[6, 6 + chart.focal_index] = 1.0
+        if chart.free_size:
+            from_first[3:6, -1] = -chart.nearness(parameters) * turn.translation
+        from_first = from_first[: len(one.matrix)]
+        units = np.outer(one.scales, one.scales)
+        inverse = np.linalg.pinv(one.matrix / units, PINV) / units  # 0 where a number was held
+        total += from_first.T @ inverse @ from_first
+        own = own or PoseCovariance(charts[0].to_pose(parameters), one.centre, np.zeros((6, 6)))
+    if own is None:
+        return None
+    scales = np.append(own.scales, np.ones(len(parameters) - 6))
+    units = np.outer(scales, scales)
+    inverse = np.asarray(np.linalg.pinv(total * units, PINV), float)
+    # Where one view alone has a covariance, nothing is said of the size.
+    is_told = np.diag(inverse @ total * units)[6:7] > 1.0 - PINV**0.5
+    size = 7 if is_told.any() else 6
+    joint = (inverse * units)[:size, :size]
+    seventh = LOG_FOCAL if has_focal(charts[0]) else SIZE
+    return replace(own, seventh=seventh).with_matrix(joint, mesh)
 
 
 def region_reach(size: int) -> float:
@@ -254,9 +294,10 @@ def _largest(covariance: FloatArray) -> float:
     return math.sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
 
 
-def has_focal(chart: Chart) -> bool:
-    """Whether the focal length is a number of the chart."""
-    return any(name.startswith(FOCAL) for name in chart.names)
+def has_focal(chart: Chart, indices: Iterable[int] | None = None) -> bool:
+    """Whether the focal length is a number of the chart, and among the ``indices`` if given."""
+    names = chart.names if indices is None else [chart.names[index] for index in indices]
+    return any(name.startswith(FOCAL) for name in names)
 
 
 def _derivatives(function: Callable[[FloatArray], FloatArray], scales: FloatArray) -> FloatArray:

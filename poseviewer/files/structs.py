@@ -235,13 +235,11 @@ class Uncertainty(Struct, frozen=True, kw_only=True):
     @classmethod
     def of(cls, covariance: PoseCovariance) -> Self:
         """A covariance, and what it says of single quantities."""
-        names = ("depth", "sideways", "scale_percent", "degrees", "focal_px", "size_percent", "px")
-        deviations = {name: getattr(covariance, name) for name in names}
         return cls(
             covariance=tuple(map(tuple, covariance.matrix.tolist())),
             names=covariance.names,
             centre=tuple(covariance.centre.tolist()),
-            deviations={k: float(value) for k, value in deviations.items() if value is not None},
+            deviations=covariance.deviations,
         )
 
     def about(self, pose: Pose) -> PoseCovariance:

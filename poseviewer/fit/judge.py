@@ -1,27 +1,27 @@
-"""The verdict on a pose: found, doubtful or lost, and why.
-
-Features of the pose, from a few hundred evaluations on a coarse level, tell right poses from wrong
-ones.
-"""
+"""Evidence on a pose, from the losses about it: for its verdict, its covariance, a better turn."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
 
 import numpy as np
 
+from poseviewer.confidence.pose_covariance import PoseCovariance, joint_covariance, spread
 from poseviewer.confidence.verdict import Features, Verdict, judge, judge_together
 from poseviewer.errors import PoseViewerError
-from poseviewer.fit.covariance import find_covariance, joint_covariance
 from poseviewer.fit.outline import outline_support
 from poseviewer.fit.probing import Probe
 from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.progress import FitProgress, Status
+from poseviewer.fit.unexplained import LossScale
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.optimise import quadratic
 from poseviewer.render.pyramid.levels import covered, seen_share
 from poseviewer.render.types import Renderer
 
@@ -33,6 +33,15 @@ RETURNS, RETURN_DISTANCE, RETURN_EDGE, RETURN_EVALUATIONS = 4, 0.15, 0.08, 60
 """Descents from near by: 8 degrees away, or that share of the radius."""
 MINIMUM_EDGE, MINIMUM_EVALUATIONS = 0.03, 50
 """Descent from the pose itself: a coarse level's minimum is a little beside the photo's."""
+TURN_EDGE, TURN_EVALUATIONS = 0.08, 60
+"""Edge and length of descents from turned poses."""
+TURN_GAIN = 0.02
+"""Loss that a turned pose must gain on the coarse level, as in a search's last stage."""
+OUTLINE_OVERLAP = 0.75
+"""Intersection over union of two poses' pictures from which their outlines count as the same."""
+MODELS = quadratic.QuadraticOptions(reach=0.1, rise=0.3, rounds=3, least_gain=-math.inf)
+"""Models of the loss about the end: from 5 % of the model's size at its rim down to where the loss
+has risen as far as the last models of a search look; always so many rounds."""
 
 
 def judge_end(
@@ -47,7 +56,8 @@ def judge_end(
         verdict = judge_together(each)
         if verdict.word == "lost":
             return verdict
-        covariance = joint_covariance(problem, mesh, progress.parameters, each)
+        charts, known = [view.chart for view in problem.views], [one.covariance for one in each]
+        covariance = joint_covariance(charts, known, progress.parameters, mesh)
         return replace(verdict, covariance=covariance)
     features: Features | None = None
     if progress.status is not Status.NOTHING_SEEN:
@@ -113,3 +123,65 @@ def _distances_of_returns(probe: Probe) -> list[float]:
     own = (np.zeros(size), MINIMUM_EDGE, MINIMUM_EVALUATIONS)
     (minimum, _), *ends = probe.descend([own, *descents])
     return [probe.distance(minimum, end) for end, _ in ends]
+
+
+def find_covariance(
+    problem: FitProblem,
+    mesh: Mesh,
+    renderer: Renderer,
+    pose: Pose,
+    seen: float,
+    threads: int = 1,
+) -> PoseCovariance | None:
+    """Covariance of the pose that a search ended in, by the curvature of the loss and ``spread``;
+    None where poses beside it are in no photo.
+    """
+    with (
+        suppress(PoseViewerError, OutsideChartError, np.linalg.LinAlgError),
+        closing(Probe(problem, mesh, renderer, pose, threads, is_fine=True)) as probe,
+    ):
+        least, inverse = inverse_curvature(probe.losses, len(probe.motions))
+        factor = spread(LossScale.of(probe.photo).unexplained(least), seen)
+        covariance = factor**2 * probe.motions.T @ inverse @ probe.motions
+        return PoseCovariance.from_chart(mesh, pose, probe.chart, covariance)
+    return None
+
+
+def inverse_curvature(
+    losses: Callable[[Sequence[FloatArray]], FloatArray], size: int
+) -> tuple[float, FloatArray]:
+    """Least loss about 0, and the inverse (k, k) of its second derivatives there.
+
+    Raises ``LinAlgError`` where ``losses``, of points (``size``,), are not finite.
+    """
+    at, scale = np.zeros(size), np.eye(size)
+    *_, last = quadratic.minimise(lambda steps: iter(losses(steps)), at, scale, MODELS)
+    if last.axes is None or not np.isfinite([last.value, *last.axes.ravel()]).all():
+        raise np.linalg.LinAlgError
+    # Along each of its axes a the model rises by the options' rise: a^T H a = 2 rise.
+    return last.value, last.axes @ last.axes.T / (2.0 * MODELS.rise)
+
+
+def better_turn(
+    problem: FitProblem, mesh: Mesh, renderer: Renderer, pose: Pose, threads: int = 1
+) -> FloatArray | None:
+    """Parameters (d,) of the best pose of the same outline that descents from turned poses reach on
+    a coarse level; None where a descent from the pose itself reaches no worse one.
+
+    A can turned about its axis keeps its outline, and so, nearly, do bottles and cups. Its print
+    tells the turn, but only a few degrees far: a search from farther away ends beside the right
+    turn.
+    """
+    with suppress(PoseViewerError), closing(Probe(problem, mesh, renderer, pose, threads)) as probe:
+        photo, level = probe.level.photo, probe.level.renderer
+        starts = [np.zeros(len(probe.motions)), *probe.turns()]
+        descents = [(start, TURN_EDGE, TURN_EVALUATIONS) for start in starts]
+        (_, own), *ends = probe.descend(descents)
+        for step, loss in sorted(ends, key=lambda end: end[1]):
+            if loss > own - TURN_GAIN:
+                break
+            here, there = (covered(photo, level, probe.pose(at)) for at in (starts[0], step))
+            if np.count_nonzero(here & there) >= OUTLINE_OVERLAP * np.count_nonzero(here | there):
+                parameters = problem.chart.from_pose(probe.pose(step))
+                return problem.complete(parameters[problem.free_indices])
+    return None

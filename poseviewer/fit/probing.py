@@ -1,13 +1,9 @@
-"""Losses about a pose on a coarse level, along the motions that its search was free in; turns.
-
-A can turned about its axis keeps its outline, and so, nearly, do bottles and cups. Its print tells
-the turn, but only a few degrees far: a search from farther away ends beside the right turn.
-"""
+"""Losses about a pose, along the motions that its search was free in."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import closing, suppress
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import islice
@@ -15,8 +11,7 @@ from itertools import islice
 import numpy as np
 from scipy.linalg import orth
 
-from poseviewer.confidence.pose_covariance import FOCAL
-from poseviewer.errors import PoseViewerError
+from poseviewer.confidence.pose_covariance import has_focal
 from poseviewer.fit.compared import box_near, working_factor
 from poseviewer.fit.loss import registration_loss
 from poseviewer.fit.problem import FitProblem
@@ -30,8 +25,8 @@ from poseviewer.geometry.symmetry_group import Symmetry
 from poseviewer.geometry.transform import rotation_about
 from poseviewer.optimise import nelder_mead
 from poseviewer.render.pool import RendererPool
-from poseviewer.render.pyramid.levels import coarsest_level, covered, lighter_level, structured
-from poseviewer.render.types import PhotoAttributes, Renderer
+from poseviewer.render.pyramid.levels import coarsest_level, lighter_level, structured
+from poseviewer.render.types import Renderer
 
 SMALL_STEP = 1e-4
 """Step of a derivative by a chart's parameter, in units of its scale."""
@@ -42,12 +37,6 @@ TURNS_DEG = (15.0, 30.0, 45.0)
 """Turns to each side: a descent finds the right one from half of the way to the next."""
 FREE_SHARE = 0.9
 """A turn counts where this share of it is left of what the search was free to change."""
-TURN_EDGE, TURN_EVALUATIONS = 0.08, 60
-"""Edge and length of descents from turned poses."""
-TURN_GAIN = 0.02
-"""Loss that a turned pose must gain on the coarse level, as in a search's last stage."""
-OUTLINE_OVERLAP = 0.75
-"""Intersection over union of two poses' pictures from which their outlines count as the same."""
 
 Descent = tuple[FloatArray, float, int]
 """Start (k,), edge and number of evaluations of a downhill simplex."""
@@ -72,17 +61,22 @@ class Probe:
 
         Raises ``PoseViewerError`` for a pose that has no parameters in a chart.
         """
-        is_focal_free = any(problem.chart.names[i].startswith(FOCAL) for i in problem.free_indices)
-        free_focal = is_focal_free and not isinstance(pose.camera, Parallel)
+        free_focal = has_focal(problem.chart, problem.free_indices)
+        free_focal = free_focal and not isinstance(pose.camera, Parallel)
         self.chart = FreeBodyChart.near(mesh, pose, free_focal)
         motions = free_motions(problem, problem.chart.from_pose(pose), self.chart)
         self.motions = _without_equal(motions, self.chart, problem.symmetry)
         """(k, d): orthonormal, in the numbers of ``chart``; none leads along equal poses."""
-        self.photo = compared_photo(problem, mesh, pose)
+        photo = problem.photo
+        if photo.structure is None:  # by classes and edges near the pose, whatever was compared
+            near = photo.weights * box_near(mesh, pose).mask(*photo.weights.shape)
+            plain = replace(photo, weights=near, clipped=False)
+            photo = structured(plain, working_factor(mesh, pose))
+        self.photo = photo
         if is_fine:
-            self.level = lighter_level(self.photo, renderer, pose)
+            self.level = lighter_level(photo, renderer, pose)
         else:
-            self.level = coarsest_level(self.photo, renderer, pose, FEWEST_OF_STRUCTURE)
+            self.level = coarsest_level(photo, renderer, pose, FEWEST_OF_STRUCTURE)
         self._symmetry, self._mesh, self._points = problem.symmetry, mesh, hull_points(mesh)
         self._pool = RendererPool(self.level.renderer, threads)
         self.close = self._pool.close
@@ -108,12 +102,8 @@ class Probe:
 
     def _descend(self, renderer: Renderer, descent: Descent) -> tuple[FloatArray, float]:
         start, edge, evaluations = descent
-        states = nelder_mead.minimise(
-            lambda steps: map(partial(self._loss, renderer), steps),
-            start,
-            edge * np.eye(len(start)),
-            TOLERANCES,
-        )
+        objective, edges = partial(map, partial(self._loss, renderer)), edge * np.eye(len(start))
+        states = nelder_mead.minimise(objective, start, edges, TOLERANCES)
         *_, last = islice(states, evaluations + 1)
         return last.best, last.value
 
@@ -141,63 +131,19 @@ class Probe:
         apart = float(np.linalg.norm(here - there, axis=1).mean())
         return min(apart / diagonal, 1.0) if diagonal > 0.0 and np.isfinite(apart) else 1.0
 
-    def overlap(self, one: FloatArray, other: FloatArray) -> float:
-        """Intersection over union of the pixels that two poses cover, in [0, 1]."""
-        photo, renderer = self.level.photo, self.level.renderer
-        masks = [covered(photo, renderer, self.pose(step)) for step in (one, other)]
-        either = np.count_nonzero(masks[0] | masks[1])
-        return np.count_nonzero(masks[0] & masks[1]) / either if either else 0.0
-
-
-def better_turn(
-    problem: FitProblem, mesh: Mesh, renderer: Renderer, pose: Pose, threads: int = 1
-) -> FloatArray | None:
-    """Parameters (d,) of the best pose of the same outline that descents from turned poses reach on
-    a coarse level; None where a descent from the pose itself reaches no worse one.
-    """
-    with suppress(PoseViewerError), closing(Probe(problem, mesh, renderer, pose, threads)) as probe:
-        starts = [np.zeros(len(probe.motions)), *probe.turns()]
-        descents = [(start, TURN_EDGE, TURN_EVALUATIONS) for start in starts]
-        (_, own), *ends = probe.descend(descents)
-        for step, loss in sorted(ends, key=lambda end: end[1]):
-            if loss > own - TURN_GAIN:
-                break
-            if probe.overlap(starts[0], step) >= OUTLINE_OVERLAP:
-                parameters = problem.chart.from_pose(probe.pose(step))
-                return problem.complete(parameters[problem.free_indices])
-    return None
-
-
-def compared_photo(problem: FitProblem, mesh: Mesh, pose: Pose) -> PhotoAttributes:
-    """Classes and edges near the pose, whatever its search has compared."""
-    photo = problem.photo
-    if photo.structure is not None:
-        return photo
-    near = photo.weights * box_near(mesh, pose).mask(*photo.weights.shape)
-    plain = replace(photo, weights=near, clipped=False)
-    return structured(plain, working_factor(mesh, pose))
-
 
 def free_motions(problem: FitProblem, parameters: FloatArray, chart: FreeBodyChart) -> FloatArray:
     """(k, d): orthonormal motions that span what the search was free to change."""
-    size, motions = len(chart.names), []
-    if not all(problem.free):
-        each = (_motion(problem, parameters, index, chart) for index in problem.free_indices)
-        motions = [motion for motion in each if motion is not None]
-    return orth(np.array(motions).T, LEAST_MOTION).T if motions else np.eye(size)
-
-
-def _motion(
-    problem: FitProblem, parameters: FloatArray, index: int, chart: FreeBodyChart
-) -> FloatArray | None:
-    """(d,): derivative by a parameter, one-sided; None where no step leads to a pose."""
-    step = SMALL_STEP * problem.chart.scales(parameters)[index]
-    for sign in (1.0, -1.0):
-        changed = parameters.copy()
-        changed[index] += sign * step
-        with suppress(OutsideChartError):
-            return chart.from_pose(problem.chart.to_pose(changed)) * (sign / SMALL_STEP)
-    return None
+    scales, motions = problem.chart.scales(parameters), []
+    for index in () if all(problem.free) else problem.free_indices:
+        for sign in (1.0, -1.0):  # at the border of a chart one of them leads to no pose
+            changed = parameters.copy()
+            changed[index] += sign * SMALL_STEP * scales[index]
+            with suppress(OutsideChartError):
+                motion = chart.from_pose(problem.chart.to_pose(changed)) * (sign / SMALL_STEP)
+                motions.append(motion)
+                break
+    return orth(np.array(motions).T, LEAST_MOTION).T if motions else np.eye(len(chart.names))
 
 
 def _without_equal(motions: FloatArray, chart: FreeBodyChart, symmetry: Symmetry) -> FloatArray:

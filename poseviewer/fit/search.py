@@ -28,9 +28,8 @@ from poseviewer.confidence.verdict import (
     TURNED_THRESHOLD,
     Verdict,
 )
-from poseviewer.fit.judge import judge_end
+from poseviewer.fit.judge import better_turn, judge_end
 from poseviewer.fit.occlusion import Hidden, behind, enlarged, find_hidden
-from poseviewer.fit.probing import better_turn
 from poseviewer.fit.problem import (
     ComparedView,
     FitProblem,

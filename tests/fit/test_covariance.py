@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.fit.covariance import find_covariance, inverse_curvature
-from poseviewer.fit.judge import judge_end
+from poseviewer.fit.judge import find_covariance, inverse_curvature, judge_end
 from poseviewer.fit.problem import FitProblem, make_problem
 from poseviewer.fit.scene import Scene as FitScene
 from poseviewer.fit.stages import fit_pose
@@ -60,8 +59,8 @@ def test_the_end_of_a_fit_is_sure_and_the_same_on_any_threads(
     assert verdict.word == "found"
     assert sure is not None
     assert np.linalg.eigvalsh(sure.matrix)[0] > 0.0
-    assert sure.depth is not None
-    assert 0.0 < sure.sideways < sure.depth < registration.objects[0].mesh.diameter
+    said = sure.deviations
+    assert 0.0 < said["sideways"] < said["depth"] < registration.objects[0].mesh.diameter
     assert 0.0 < sure.px < 5.0
     seen = verdict.features.seen if verdict.features is not None else 0.0
     again = find_covariance(problem, registration.objects[0].mesh, renderer, end.pose, seen, 3)
@@ -101,11 +100,8 @@ def test_a_free_focal_length_has_a_deviation_of_its_own(
     assert sure is not None
     assert known is not None
     assert sure.matrix.shape == (7, 7)
-    assert sure.focal_px is not None
-    assert sure.focal_px > 0.0
-    assert sure.depth is not None
-    assert known.depth is not None
-    assert sure.depth > known.depth
+    assert sure.deviations["focal_px"] > 0.0
+    assert sure.deviations["depth"] > known.deviations["depth"]
 
 
 def test_where_nothing_is_seen_it_is_not_told(

@@ -15,8 +15,8 @@ from poseviewer.api import load
 from poseviewer.confidence.verdict import judge
 from poseviewer.evaluation.synthetic import photograph, random_lighting
 from poseviewer.files.demo import demo_case
-from poseviewer.fit.judge import gather_features
-from poseviewer.fit.probing import TURNS_DEG, Probe, better_turn
+from poseviewer.fit.judge import better_turn, gather_features
+from poseviewer.fit.probing import TURNS_DEG, Probe
 from poseviewer.fit.problem import FitProblem, make_problem
 from poseviewer.fit.scene import Scene
 from poseviewer.fit.search import Search

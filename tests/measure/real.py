@@ -161,7 +161,7 @@ def _trial(case: Case, way: str, start: Pose, end: Scene, seconds: float) -> Tri
     depth = float(off @ centre) / distance
     across = float(np.linalg.norm(off - centre * (depth / distance)))
     sure, deviations = end.covariance, np.nan
-    if sure is not None and sure.depth is not None:
+    if sure is not None and "depth" in sure.deviations:
         away = sure.deviation(case.truth)
         deviations = float(np.sqrt(away @ np.linalg.solve(sure.matrix, away)))
     return Trial(
