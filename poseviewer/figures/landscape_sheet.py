@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from poseviewer.fit.slices import Slice, slice_minimum
+from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.charts import short_name
 
@@ -80,9 +80,9 @@ def _draw_map(axes: Axes, piece: Slice, pose: FloatArray, scale: Normalize) -> N
         axes.contourf(x, y, losses, levels, cmap=COLOURS, norm=scale, extend="both")
         if np.ptp(losses) > levels[1] - levels[0]:
             axes.contour(x, y, losses, levels[1:-1], colors="white", linewidths=0.35, alpha=0.55)
-    least = slice_minimum(piece)
+    least = piece.minimum
     if least is not None:
-        axes.plot(least.first_value, least.second_value, linestyle="none", **_MINIMUM)
+        axes.plot(*least[:2], linestyle="none", **_MINIMUM)
     axes.plot(pose[piece.first], pose[piece.second], linestyle="none", **_POSE)
     axes.set_xlim(x[0], x[-1])
     axes.set_ylim(y[0], y[-1])

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +33,14 @@ CHECKED = 8
 """Points of each map that tell how good its interpolation is."""
 
 Pair = tuple[int, int]
-Place = frozenset[tuple[int, int]]
-"""A point of the grid: (number, step) of those numbers that are not at the centre."""
+
+
+class SliceMinimum(NamedTuple):
+    """The least known loss of a slice, and where it is."""
+
+    first_value: float
+    second_value: float
+    loss: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,11 +67,6 @@ class Slice:
         object.__setattr__(self, "second_values", frozen_array(self.second_values, (size,)))
         object.__setattr__(self, "losses", frozen_array(self.losses, (size, size)))
 
-    @property
-    def complete(self) -> bool:
-        """Whether every loss is known."""
-        return not bool(np.isnan(self.losses).any())
-
     def shown(self, scale: LossScale) -> Slice:
         """The slice with its losses as shown to a person."""
         return replace(self, losses=scale.shown(self.losses))
@@ -77,26 +79,14 @@ class Slice:
         rows, columns = distance_transform_edt(unknown, return_distances=False, return_indices=True)  # pyright: ignore[reportGeneralTypeIssues] - scipy's stub sees no tuple here
         return self.losses[rows, columns]
 
-
-@dataclass(frozen=True, slots=True)
-class SliceMinimum:
-    """The least known loss of a slice, and where it is."""
-
-    first_value: float
-    second_value: float
-    loss: float
-
-
-def slice_minimum(piece: Slice) -> SliceMinimum | None:
-    """The minimum, the first in reading order; None if no loss is known."""
-    if np.isnan(piece.losses).all():
-        return None
-    row, column = np.unravel_index(np.nanargmin(piece.losses), piece.losses.shape)
-    return SliceMinimum(
-        float(piece.first_values[column]),
-        float(piece.second_values[row]),
-        float(piece.losses[row, column]),
-    )
+    @property
+    def minimum(self) -> SliceMinimum | None:
+        """The least known loss, the first in reading order; None if no loss is known."""
+        if np.isnan(self.losses).all():
+            return None
+        at = row, column = np.unravel_index(np.nanargmin(self.losses), self.losses.shape)
+        least = self.first_values[column], self.second_values[row], self.losses[at]
+        return SliceMinimum(*map(float, least))
 
 
 def landscape(
@@ -129,98 +119,94 @@ def landscape(
         )
     if len(problem.free_indices) < 2:
         raise SettingsError("a landscape needs two free numbers; lock fewer.")
-    centre = np.array(centre, dtype=float)
     steps = half_width * np.linspace(-1.0, 1.0, size)
     steps[size // 2] = 0.0
     # Column i: the values that number i takes along its axis.
-    values = centre + steps[:, None] * problem.chart.scales(centre)
-    losses = _Losses(problem, pool, values)
-    first, *finer = strides(size)
-    yield from losses.fill(first)
-    if smooth and len(finer) >= WHOLE_GRIDS:
-        yield from losses.fill_smooth(finer)
-        yield from losses.checked()
-        return
-    for stride in finer:
+    values = np.array(centre, dtype=float) + steps[:, None] * problem.chart.scales(centre)
+    losses, level = _Losses(problem, pool, values), 0
+    for level, stride in enumerate(strides(size)):
+        if smooth and level >= WHOLE_GRIDS:
+            losses.interpolate(stride)
         yield from losses.fill(stride)
+    if smooth and level >= WHOLE_GRIDS:
+        yield from losses.checked()
 
 
 class _Losses:
     """The slices' losses, as far as they are known."""
 
     def __init__(self, problem: FitProblem, pool: RendererPool, values: FloatArray) -> None:
-        self._loss, self._pool = partial(pose_loss, problem), pool
-        self._values, self._size = values, len(values)
-        self._known: dict[Place, float] = {}
-        shape, pairs = (self._size, self._size), [*combinations(problem.free_indices.tolist(), 2)]
-        self._grids = {pair: np.full(shape, np.nan) for pair in pairs}
-        self._guessed = {pair: np.full(shape, False) for pair in pairs}
+        self._problem, self._pool, self._values = problem, pool, values
+        self._known: dict[tuple[float, ...], float] = {}
+        pairs, size = combinations(problem.free_indices.tolist(), 2), len(values)
+        self._grids = {pair: np.full((size, size), np.nan) for pair in pairs}
 
     def fill(self, stride: int) -> Iterator[Slice]:
         """Evaluate what is not known on a grid of this stride; yields the slice after each row."""
-        rows: list[tuple[Pair, int, list[int], list[Place]]] = []
-        for pair, losses in self._grids.items():
-            for row in range(0, self._size, stride):
-                columns = [c for c in range(0, self._size, stride) if np.isnan(losses[row, c])]
-                if columns:
-                    rows.append((pair, row, columns, [self._place(pair, row, c) for c in columns]))
-        coming = self._find([place for *_, places in rows for place in places])
-        for pair, row, columns, places in rows:
-            for place in places:
-                while place not in self._known:
+        wanted = np.zeros((len(self._values),) * 2, bool)
+        wanted[::stride, ::stride] = True
+        rows = [
+            (pair, row, np.flatnonzero(marks).tolist())
+            for pair, losses in self._grids.items()
+            for row, marks in enumerate(wanted & np.isnan(losses))
+            if marks.any()
+        ]
+        points = [[self._point(pair, row, c) for c in columns] for pair, row, columns in rows]
+        coming = self._evaluate([point for some in points for point in some])
+        for (pair, row, columns), some in zip(rows, points, strict=True):
+            for point in some:
+                while point not in self._known:
                     next(coming)
-            self._grids[pair][row, columns] = [self._known[place] for place in places]
-            yield self._slice(pair, self._grids[pair].copy())
+            self._grids[pair][row, columns] = [self._known[point] for point in some]
+            yield self._slice(pair)
 
-    def fill_smooth(self, finer: Sequence[int]) -> Iterator[Slice]:
-        """Fill the grids of the strides after the first one, interpolated where that did well one
-        grid before.
+    def interpolate(self, stride: int) -> None:
+        """Fill the grids of this stride from those of twice the stride, where that would have told
+        these from the grids before.
         """
-        guesses: dict[Pair, FloatArray] = {}
-        for level, stride in enumerate(finer, 1):
-            for pair, losses in self._grids.items():
-                if level >= WHOLE_GRIDS:
-                    self._grids[pair] = _with_smooth(losses, guesses[pair], 2 * stride)
-                    self._guessed[pair] |= np.isnan(losses) & ~np.isnan(self._grids[pair])
-                guesses[pair] = _between(self._grids[pair], 2 * stride, stride)
-            yield from self.fill(stride)
+        for losses in self._grids.values():
+            coarse = losses[:: 2 * stride, :: 2 * stride]
+            guess = _between(losses, 4 * stride, 2 * stride)
+            between, part = _between(losses, 2 * stride, stride), losses[::stride, ::stride]
+            near = maximum_filter(np.abs(guess - coarse), 3).repeat(2, axis=0).repeat(2, axis=1)
+            off = maximum_filter(near[: len(part), : len(part)], 3)
+            smooth = np.isnan(part) & (off <= SMOOTH * np.ptp(coarse))
+            part[smooth] = between[smooth]
 
     def checked(self) -> Iterator[Slice]:
         """The slices, evaluated about their minima, and how good the other losses are."""
         random = np.random.default_rng(0)
-        off: list[float] = []
+        errors: list[float] = []
         for pair, losses in self._grids.items():
-            points = np.vstack([random.integers(self._size, size=(CHECKED, 2)), _about(losses)])
-            places = [self._place(pair, row, column) for row, column in points.tolist()]
-            deque(self._find(places), maxlen=0)
-            at = tuple(points.T)
-            known = np.array([self._known[place] for place in places])
-            away = np.abs(losses[at] - known) / max(np.ptp(losses), 1e-12)
-            off.extend(away[:CHECKED][self._guessed[pair][at][:CHECKED]])
-            losses[at] = known
-        error = float(np.quantile(off, 0.95)) if off else 0.0
-        for pair, losses in self._grids.items():
-            yield replace(self._slice(pair, losses), error=error)
+            drawn = random.integers(len(losses), size=(CHECKED, 2))
+            at = np.vstack([drawn, _about(losses)])
+            points = [self._point(pair, row, column) for row, column in at.tolist()]
+            deque(self._evaluate(points), maxlen=0)
+            known = np.array([self._known[point] for point in points])
+            off = np.abs(losses[tuple(at.T)] - known)[:CHECKED] / max(np.ptp(losses), 1e-12)
+            errors.extend(off[off > 0.0])  # of those that were interpolated
+            losses[tuple(at.T)] = known
+        error = float(np.quantile(errors, 0.95)) if errors else 0.0
+        for pair in self._grids:
+            yield replace(self._slice(pair), error=error)
 
-    def _place(self, pair: Pair, row: int, column: int) -> Place:
-        steps = (pair[0], column), (pair[1], row)
-        return frozenset((i, step) for i, step in steps if step != self._size // 2)
+    def _point(self, pair: Pair, row: int, column: int) -> tuple[float, ...]:
+        point = self._values[len(self._values) // 2].tolist()
+        point[pair[0]], point[pair[1]] = self._values[column, pair[0]], self._values[row, pair[1]]
+        return tuple(point)
 
-    def _find(self, places: Sequence[Place]) -> Iterator[None]:
+    def _evaluate(self, points: Sequence[tuple[float, ...]]) -> Iterator[None]:
         """Evaluate those that are not known, one a step."""
-        new = [place for place in dict.fromkeys(places) if place not in self._known]
-        points = []
-        for place in new:
-            points.append(self._values[self._size // 2].copy())
-            for i, step in place:
-                points[-1][i] = self._values[step, i]
-        for place, loss in zip(new, self._pool.map(self._loss, points), strict=True):
-            self._known[place] = loss
+        new = [point for point in dict.fromkeys(points) if point not in self._known]
+        losses = self._pool.map(partial(pose_loss, self._problem), [np.array(p) for p in new])
+        for point, loss in zip(new, losses, strict=True):
+            self._known[point] = loss
             yield
 
-    def _slice(self, pair: Pair, losses: FloatArray) -> Slice:
+    def _slice(self, pair: Pair) -> Slice:
         first, second = pair
-        return Slice(first, second, self._values[:, first], self._values[:, second], losses)
+        x, y = self._values[:, first], self._values[:, second]
+        return Slice(first, second, x, y, self._grids[pair])
 
 
 def _about(losses: FloatArray) -> NDArray[np.intp]:
@@ -231,27 +217,11 @@ def _about(losses: FloatArray) -> NDArray[np.intp]:
 
 
 def _between(losses: FloatArray, stride: int, finer: int) -> FloatArray:
-    """(k, k): ``losses`` known at every ``stride``, cubic between them, at every ``finer``."""
+    """(m, m): losses at every ``finer`` point, cubic between those at every ``stride``."""
     known, wanted = (np.arange(0, len(losses), step) for step in (stride, finer))
     order = min(3, len(known) - 1)
     curve = RectBivariateSpline(known, known, losses[::stride, ::stride], kx=order, ky=order, s=0)
-    between = np.full_like(losses, np.nan)
-    between[::finer, ::finer] = curve(wanted, wanted)
-    return between
-
-
-def _with_smooth(losses: FloatArray, guess: FloatArray, stride: int) -> FloatArray:
-    """(k, k): ``losses`` known at every ``stride``, and at half of it where a ``guess`` of those
-    from the grid before was right near by.
-    """
-    coarse, half = losses[::stride, ::stride], stride // 2
-    near = maximum_filter(np.abs(guess[::stride, ::stride] - coarse), 3)
-    filled, between = losses.copy(), _between(losses, stride, half)[::half, ::half]
-    part = filled[::half, ::half]
-    near = near.repeat(2, axis=0).repeat(2, axis=1)[: len(part), : len(part)]
-    smooth = np.isnan(part) & (maximum_filter(near, 3) <= SMOOTH * np.ptp(coarse))
-    part[smooth] = between[smooth]
-    return filled
+    return np.asarray(curve(wanted, wanted))
 
 
 def strides(size: int) -> list[int]:

@@ -28,7 +28,7 @@ from poseviewer.app.state.session import LandscapeUpdate, Session, Whose
 from poseviewer.confidence.pose_covariance import ellipse
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.settings import METHODS
-from poseviewer.fit.slices import Pair, Slice, slice_minimum
+from poseviewer.fit.slices import Pair, Slice
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.charts import OutsideChartError, short_name, tooltip
 
@@ -144,7 +144,7 @@ def _labels(parameters: Sequence[int], names: Sequence[str]) -> str:
 
 def _large(piece: Slice, names: Sequence[str], markers: Markers, what: str) -> str:
     """A map with its two ranges and its least value."""
-    pair, least = (piece.first, piece.second), slice_minimum(piece)
+    pair, least = (piece.first, piece.second), piece.minimum
     x, y = (
         f"{escape(short_name(names[i]))} {values[0]:.4g} ... {values[-1]:.4g}"
         for i, values in zip(pair, (piece.first_values, piece.second_values), strict=True)
@@ -168,7 +168,7 @@ def _cell(
     first, second = pair
     pick, enlarge = (on_press(kind=k, first=first, second=second) for k in ("pick", "enlarge"))
     what = escape(f"{short_name(names[first])}, {short_name(names[second])}")
-    least = slice_minimum(piece)
+    least = piece.minimum
     # The map from its first to its last grid point: half of each border pixel is cut off.
     data = base64.b64encode(_png(piece)).decode()
     step = 100.0 / (len(piece.first_values) - 1)
@@ -209,10 +209,10 @@ def _markers(piece: Slice, markers: Markers) -> str:
         within = places[np.all(np.abs(places - 0.5) <= 0.55, axis=1)]
         dots = "".join(f"M{x:.4g} {y:.4g}h0" for x, y in _on_picture(within))
         drawn.append(_DOTS.format(dots))
-    least = slice_minimum(piece)
+    least = piece.minimum
     if least is not None:
         parameters = np.array(markers.pose)
-        parameters[[piece.first, piece.second]] = least.first_value, least.second_value
+        parameters[[piece.first, piece.second]] = least[:2]
         x, y = _on_picture(on_map(piece, parameters))
         drawn.append(f'<circle class="pv-least" cx="{x:.4g}" cy="{y:.4g}" r="4"/>')
     pair = [piece.first, piece.second]

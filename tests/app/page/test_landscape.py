@@ -20,7 +20,7 @@ from poseviewer.app.page.map_panel import (
 )
 from poseviewer.app.state.commands import picked_parameters
 from poseviewer.confidence.pose_covariance import region_reach
-from poseviewer.fit.slices import Slice, slice_minimum
+from poseviewer.fit.slices import Slice
 
 NAMES = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y")
 CENTRE = np.array([0.3, 0.6, -0.2, 0.1, 0.5, 0.0])
@@ -126,7 +126,7 @@ def test_the_maps_say_whose_loss_they_show():
 
 def test_a_large_map_says_its_ranges_and_its_least_loss():
     piece = make_slices(41)[3]
-    least, options = slice_minimum(piece), GridOptions(large=(piece.first, piece.second))
+    least, options = piece.minimum, GridOptions(large=(piece.first, piece.second))
     assert least is not None
     page = html.fromstring(landscape_grid(make_slices(41), NAMES, Markers(CENTRE), options))
     (large,) = page.xpath("//div[@class='pv-large']")
