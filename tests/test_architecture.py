@@ -38,11 +38,11 @@ def test_only_the_command_line_prints():
 
 
 def test_no_thread_outside_the_workers():
-    # Processes of a study or a batch have one that ends them with their parent, and no more.
-    allowed = {PACKAGE / "evaluation" / "trials.py", PACKAGE / "batch" / "processes.py"}
     for path in PACKAGE.rglob("*.py"):
         is_worker = path.parent == PACKAGE / "app" / "workers"
-        assert is_worker or path in allowed or "Thread(" not in path.read_text(), path
+        assert is_worker or path == PACKAGE / "processes.py" or "Thread(" not in path.read_text(), (
+            path
+        )
 
 
 def test_schemas_are_in_the_package():

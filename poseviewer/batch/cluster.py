@@ -7,19 +7,22 @@ a worker dies, Dask gives its jobs to others; those whose results were written a
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, TypeVar
 
-from poseviewer.batch.job import run_job
-from poseviewer.batch.job_table import Job
-from poseviewer.batch.results import Batch, JobResult, save_failure
 from poseviewer.errors import BatchError
 
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 CONNECT_SECONDS = 10.0
 
 
-def run_on_cluster(jobs: Sequence[Job], plan: Batch, address: str) -> Iterator[JobResult]:
-    """Yield the results of the jobs as they come, in no order."""
+def run_on_cluster(
+    function: Callable[[Item], Result], items: Mapping[str, Item], address: str
+) -> Iterator[tuple[Item, Result | None]]:
+    """Call a function on items, whose names are the same whoever submits them; yield each with its
+    result as it comes, or with None if the workers died at it.
+    """
     with _connected(address) as client:
         from distributed import (  # pyright: ignore[reportMissingImports] - an extra
             CancelledError,
@@ -27,20 +30,13 @@ def run_on_cluster(jobs: Sequence[Job], plan: Batch, address: str) -> Iterator[J
             as_completed,
         )
 
-        # A job of a batch has one name, whoever submits it.
-        names = {job: f"poseviewer-{job.key}-{plan.folder}" for job in jobs}
-        submitted = {client.submit(run_job, job, plan, key=key): job for job, key in names.items()}
+        submitted = {client.submit(function, item, key=name): item for name, item in items.items()}
         try:
             for future in as_completed(list(submitted), loop=client.loop):
                 try:
-                    yield future.result()
+                    yield submitted[future], future.result()
                 except KilledWorker:
-                    yield save_failure(
-                        plan.folder,
-                        submitted[future],
-                        "every worker that fitted it died; is there memory enough for the photo "
-                        "and the model?",
-                    )
+                    yield submitted[future], None
                 except (CancelledError, OSError):  # a closed connection is an OSError
                     raise BatchError(
                         f"{address}: the Dask scheduler went away. What is done is kept: start it "

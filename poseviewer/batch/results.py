@@ -8,13 +8,15 @@ to be done, however the batch ended. ``batch.json`` says what the batch is.
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+import msgspec
+from msgspec import Struct
 
 from poseviewer.batch.job_table import Job
 from poseviewer.confidence.pose_covariance import PoseCovariance
@@ -28,7 +30,6 @@ LOCK = ".at-work"
 ABOUT_JOB = ("row", "photo", "model", "start")
 """Columns of the table from the job; the others are those of ``JobResult``."""
 ACCEPTED, MENDED, REJECTED = "accepted", "mended", "rejected"
-FORMAT, VERSION = "poseviewer-batch", 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +122,16 @@ class Batch:
         return sorted(first.values(), key=lambda job: job.row)
 
 
+class Manifest(Struct, kw_only=True):
+    """Content of ``batch.json``."""
+
+    format: Literal["poseviewer-batch"] = "poseviewer-batch"
+    version: Literal[1] = 1
+    scene: str | None
+    settings: dict[str, Any]
+    jobs: tuple[Job, ...]
+
+
 def standard_deviations(covariance: PoseCovariance | None) -> dict[str, Any]:
     """The columns of ``STDS``; None each where there is no covariance."""
     known = {} if covariance is None else covariance.deviations
@@ -160,12 +171,11 @@ def alone_in(folder: Path) -> Iterator[None]:
 
 
 def load_result(folder: Path, key: str) -> JobResult | None:
-    """The result of the job with this key; None where it or one of its files is not there."""
+    """Read the result of the job with this key; None where it or one of its files is not there."""
     try:
-        data = json.loads((folder / ROWS / f"{key}.json").read_bytes())
-        names = [one.name for one in fields(JobResult) if one.name in data]
-        result = JobResult(**{name: data[name] for name in names})
-    except (OSError, ValueError, TypeError):
+        data = (folder / ROWS / f"{key}.json").read_bytes()
+        result = msgspec.json.decode(data, type=JobResult)
+    except (OSError, msgspec.MsgspecError):
         return None
     files = () if result.failed else (result.pose, result.picture)
     return result if all((folder / name).is_file() for name in files) else None
@@ -196,32 +206,25 @@ def save_table(folder: Path, rows: Sequence[Row]) -> None:
 
 def save_batch(batch: Batch) -> None:
     """Write ``batch.json``."""
-    data = {
-        "format": FORMAT,
-        "version": VERSION,
-        "scene": batch.scene,
-        "settings": settings_as_json(batch.settings),
-        "jobs": [asdict(job) for job in batch.jobs],
-    }
+    settings = settings_as_json(batch.settings)
+    manifest = Manifest(scene=batch.scene, settings=settings, jobs=batch.jobs)
+    data = msgspec.to_builtins(manifest)
     write_json(batch.folder / MANIFEST, data, BatchError, indent=1)
 
 
 def load_batch(folder: Path) -> Batch:
     """Read what ``save_batch`` wrote."""
     try:
-        data = json.loads((folder / MANIFEST).read_bytes())
-        if (data["format"], data["version"]) != (FORMAT, VERSION):
-            raise ValueError(f"{data['format']} {data['version']}")
-        names = [one.name for one in fields(Job)]
-        jobs = tuple(Job(**{name: job[name] for name in names}) for job in data["jobs"])
-        return Batch(folder, jobs, settings_from_json(data["settings"]), data["scene"])
+        manifest = msgspec.json.decode((folder / MANIFEST).read_bytes(), type=Manifest)
     except FileNotFoundError:
         raise BatchError(
             f"{folder}: no {MANIFEST} in it; name the folder of results that "
             "`poseviewer batch ... --out` filled (run it again if an older version did)."
         ) from None
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, msgspec.MsgspecError) as error:
         raise BatchError(
             f"{folder / MANIFEST}: cannot be used ({type(error).__name__}: {error}); run the batch "
             "again, what is done is not done twice."
         ) from None
+    settings = settings_from_json(manifest.settings)
+    return Batch(folder, manifest.jobs, settings, manifest.scene)

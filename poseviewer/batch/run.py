@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
+from functools import partial
 from pathlib import Path
 
 from poseviewer.batch.bop_rows import load_scene_jobs, save_scene
 from poseviewer.batch.html_report import save_report
+from poseviewer.batch.job import run_job
 from poseviewer.batch.job_table import Job, load_jobs
-from poseviewer.batch.processes import run_here
 from poseviewer.batch.results import (
     Batch,
     JobResult,
@@ -16,11 +17,15 @@ from poseviewer.batch.results import (
     alone_in,
     make_folders,
     save_batch,
+    save_failure,
     save_table,
 )
 from poseviewer.errors import BatchError
 from poseviewer.fit.settings import FitSettings
+from poseviewer.processes import run_in_processes
 from poseviewer.render.pool import processors
+
+DIED = "each process that fitted it died; is there memory enough for the photo and the model?"
 
 
 def open_batch(
@@ -56,13 +61,17 @@ def run_batch(
     """Results of jobs as they come, from this machine or a Dask ``scheduler``."""
     if not jobs:
         return
+    fit, processes = partial(run_job, plan=batch.plan), processes or processors()
     with alone_in(batch.folder):
         if scheduler is None:
-            yield from run_here(jobs, batch.plan, processes or processors())
-            return
-        from poseviewer.batch.cluster import run_on_cluster
+            results = run_in_processes(fit, jobs, processes)
+        else:
+            from poseviewer.batch.cluster import run_on_cluster
 
-        yield from run_on_cluster(jobs, batch.plan, scheduler)
+            names = [f"poseviewer-{job.key}-{batch.folder}" for job in jobs]
+            results = run_on_cluster(fit, dict(zip(names, jobs, strict=True)), scheduler)
+        for job, result in results:
+            yield result or save_failure(batch.folder, job, DIED)
 
 
 def save_summaries(batch: Batch) -> list[Row]:

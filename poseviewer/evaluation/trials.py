@@ -3,15 +3,9 @@
 from __future__ import annotations
 
 import math
-import os
-import signal
-import threading
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from multiprocessing import get_context, parent_process
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -20,7 +14,7 @@ import numpy as np
 
 from poseviewer.api import make_scene
 from poseviewer.confidence.verdict import Features
-from poseviewer.errors import EXIT_INTERRUPTED, PoseViewerError, SettingsError
+from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.evaluation.cases import Case
 from poseviewer.files.photo import load_photo
 from poseviewer.fit.problem import pose_loss
@@ -32,6 +26,7 @@ from poseviewer.geometry.image import Photo
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.symmetry_group import Symmetry
 from poseviewer.geometry.view import View
+from poseviewer.processes import run_in_processes
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import Renderer
 from poseviewer.starts.loading import load_model
@@ -221,33 +216,14 @@ def open_photo(path: Path) -> Photo:
 
 
 def run_all(tasks: Sequence[Task], jobs: int) -> Iterator[Trial]:
-    """Run tasks, yielding each row when it is done; one job runs them here, in order.
-
-    Processes, not threads: a search spends a fifth of its time in Python. Spawned, not forked, as
-    this process may hold an OpenGL context.
-    """
-    if jobs == 1 or len(tasks) < 2:
+    """Run tasks, yielding each row when it is done; one job runs them here, in order."""
+    if jobs == 1:
         yield from (task.run() for task in tasks)
         return
-    pool = ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_end_with_the_study)
-    try:
-        for done in as_completed([pool.submit(task.run) for task in tasks]):
-            yield done.result()
-    except BrokenProcessPool:
-        raise SettingsError(
-            "a process of the study was ended from outside, perhaps for want of memory; what was "
-            "done is kept: run the same again, with fewer --jobs"
-        ) from None
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-def _end_with_the_study() -> None:
-    """End silently on Ctrl-C, which the study's own process reports; and with that process."""
-    study = parent_process()
-    assert study is not None
-    signal.signal(signal.SIGINT, lambda *_: os._exit(EXIT_INTERRUPTED))
-    ending = threading.Thread(
-        target=lambda: (study.join(), os._exit(EXIT_INTERRUPTED)), daemon=True
-    )
-    ending.start()
+    for _, trial in run_in_processes(Task.run, tasks, jobs):
+        if trial is None:
+            raise SettingsError(
+                "a process of the study was ended from outside, perhaps for want of memory; what "
+                "was done is kept: run the same again, with fewer --jobs"
+            )
+        yield trial

@@ -11,6 +11,7 @@ import sys
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 
 from poseviewer.batch.job_table import load_jobs
@@ -57,11 +58,10 @@ def wait_until(true, seconds: float = 120.0) -> None:
         time.sleep(0.02)
 
 
-def workers_of(process: int) -> list[int]:
-    """The processes that fit, of a batch."""
-    children = Path(f"/proc/{process}/task/{process}/children").read_text().split()
-    lines = {int(c): Path(f"/proc/{c}/cmdline").read_bytes() for c in children}
-    return [child for child, line in lines.items() if b"spawn_main" in line]
+def workers_of(batch: int) -> list[psutil.Process]:
+    """The processes that fit."""
+    children = psutil.Process(batch).children()
+    return [child for child in children if any("spawn_main" in word for word in child.cmdline())]
 
 
 @pytest.mark.slow
@@ -147,7 +147,6 @@ def test_rows_alike_are_fitted_once(scene, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
 def test_a_killed_batch_goes_on_and_its_workers_end_and_one_that_dies_takes_no_row_along(
     scene, tmp_path
 ):
@@ -158,12 +157,13 @@ def test_a_killed_batch_goes_on_and_its_workers_end_and_one_that_dies_takes_no_r
         workers = workers_of(process.pid)
         process.kill()
     assert len(workers) == 2
-    wait_until(lambda: not any(_alive(worker) for worker in workers))
+    psutil.wait_procs(workers, 120)
+    assert not any(worker.is_running() for worker in workers)
     before = kept(out)
     assert 2 <= len(before) < 8
     with subprocess.Popen(line) as process:
         wait_until(lambda: len(kept(out)) > len(before))
-        os.kill(workers_of(process.pid)[0], signal.SIGKILL)
+        workers_of(process.pid)[0].kill()
         before.update(kept(out))
         assert process.wait(120) == 0
     assert before.items() <= kept(out).items()
@@ -261,14 +261,6 @@ def test_a_missing_table_and_a_wrong_folder_are_said(scene, tmp_path, capsys):
     table = write_table(scene, tmp_path, 1)
     assert run("batch", table, "--out", table) == 2
     assert "name a folder of yours" in capsys.readouterr().err
-
-
-def _alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    return True
 
 
 @pytest.mark.slow
