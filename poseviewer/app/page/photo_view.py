@@ -7,6 +7,9 @@ them, at any zoom.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import cv2
@@ -19,14 +22,19 @@ from poseviewer.app.page.controls import set_properties
 from poseviewer.app.state.dragging import pins_in_photo
 from poseviewer.app.state.hiding import HIDING, found_hidden
 from poseviewer.app.state.marking import MARKING, marks_in_photo
-from poseviewer.app.state.session import Overlay, Session
+from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.looks import HALO_COLOUR, LINE_COLOUR
 from poseviewer.render.structure import bounding_slices
 from poseviewer.vehicle.chart import VehicleChart
 
+Colour = tuple[int, int, int]
+Anchor = Literal["bottom-left", "top-left"]
+Rect = tuple[float, float, float, float]
+"""Left, top, width, height in px of the photo."""
 DEPTH, SIDE = 20.0, 10.0
 """World units: how far away the photo lies, and how long its longer side is."""
 LARGEST_SIDE, LARGEST_SHOWN = 8192, 24_000_000
@@ -37,7 +45,7 @@ HALO, OUTLINE, HANDLES = 0.997, 0.996, 0.995
 MARKS, MARK_LINES = 0.994, 0.9945
 """Depths of a quick start's marks: nearer than all else that is drawn."""
 PIN_COLOURS = ((255, 176, 59), (120, 230, 110), (255, 110, 200))
-PIN_LABELS: tuple[tuple[str, Literal["bottom-left", "top-left"]], ...] = (
+PIN_LABELS: tuple[tuple[str, Anchor], ...] = (
     ("rear wheel", "bottom-left"),
     ("front wheel", "bottom-left"),
     ("axle", "top-left"),
@@ -54,7 +62,58 @@ HIDDEN_OPACITY, HIDDEN_OPACITY_WHILE_PAINTED = 0.25, 0.5
 """Opacities of these tints."""
 LARGEST_TINT = 1_000_000
 """Pixels of the tint; it is drawn smaller where it has more."""
-_NO_LINES = np.zeros((1, 2, 3))
+HALO_NAME, OUTLINE_NAME = "/model/halo", "/model/outline"
+_NO_LINES = np.zeros((0, 2, 2))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawing:
+    """Lines, a handle or a label over the photo."""
+
+    name: str
+    depth: float
+    places: FloatArray
+    """(n, 2, 2): line segments, or (2,): where a handle or label is; px of the photo."""
+    colour: Colour = LINE_COLOUR
+    thickness: float = 2.0
+    """Of lines, px of the screen."""
+    shape: FloatArray | None = None
+    """(m, 2, 3): line segments of a handle about its place, px of the screen."""
+    text: str = ""
+    """Of a label."""
+    anchor: Anchor = "bottom-left"
+
+    @property
+    def finite(self) -> NDArray[np.bool_]:
+        """(n,): which lines, or (): whether the place is anywhere."""
+        axes = (1, 2)[: self.places.ndim - 1] or None
+        return np.asarray(np.isfinite(self.places).all(axis=axes))
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether anything of it is anywhere."""
+        return bool(self.finite.any())
+
+    def is_same(self, shown: Drawing) -> bool:
+        """Whether both look alike, drawn over one photo."""
+        return self.places is shown.places or np.array_equal(self.places, shown.places, True)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """A picture over a part of the photo."""
+
+    name: str
+    depth: float
+    key: tuple[Any, ...]
+    """What it shows: it is drawn anew where this is another one."""
+    draw: Callable[[], tuple[NDArray[np.uint8], Rect]]
+    """Give its pixels (h, w, 3 or 4), and where they lie."""
+    is_seen = True
+
+    def is_same(self, shown: Picture) -> bool:
+        """Whether both look alike, drawn over one photo."""
+        return self.key == shown.key
 
 
 class PhotoScene:
@@ -72,301 +131,204 @@ class PhotoScene:
         camera = server.initial_camera
         camera.position, camera.look_at, camera.up = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0, -1, 0)
         camera.near, camera.far = 1.0, 100.0
-        self._photo: viser.ImageHandle | None = None
-        self._picture: viser.ImageHandle | None = None
-        self._tints: dict[str, viser.ImageHandle] = {}
+        self._nodes: dict[str, Any] = {}
         self._shown: dict[str, Any] = {}
-        self._size = (1.0, 1.0)
-        self._halo = self._lines("/model/halo", HALO_COLOUR, 4.6)
-        self._outline = self._lines("/model/outline", LINE_COLOUR, 2.0)
-        self._links = self._lines("/links", LINK_COLOUR, 1.2)
-        self._region = self._lines("/region", REGION_COLOUR, 1.6)
-        self._box = self._lines("/box", BOX_COLOUR, 1.6)
-        self._pair_lines = self._lines("/marks/lines", MODEL_MARK_COLOUR)
-        self._rims = self._lines("/marks/rims", MARK_COLOUR)
-        self._others: dict[int, tuple[Any, Any]] = {}
-        # Nodes below /handles/ keep their size on the screen, in px: by the client's script.
-        self._crosses: list[Any] = []
-        self._diamonds: list[Any] = []
-        self._numbers: list[Any] = []
-        self._pins = [
-            self._lines(f"/handles/pin{i}", colour, 2.2, _pin())
-            for i, colour in enumerate(PIN_COLOURS)
-        ]
-        self._labels = [
-            scene.add_label(f"/labels/{i}", text, visible=False, anchor=anchor)
-            for i, (text, anchor) in enumerate(PIN_LABELS)
-        ]
+        """The newest drawing of each node, for the photo that is shown."""
+        self._photo: Photo | None = None
 
     def show(self, session: Session) -> None:
         """Bring the page to the session; what has not changed is not sent."""
-        drawn = self._shown.get("model")
+        if session.document.photo is not self._photo:
+            self._photo = session.document.photo
+            self._shown.clear()
+        outline = self._shown.get(OUTLINE_NAME)
+        drawings = {drawing.name: drawing for drawing in _drawings(session) if drawing.is_seen}
+        kept = () if _has_overlay(session) else (HALO_NAME, OUTLINE_NAME)
         with self._server.atomic():
-            self._show_photo(session)
-            self._show_hidden(session)
-            overlay = session.overlay
-            photo = session.document.photo
-            if overlay is not None and overlay.request.document.photo is photo:
-                self._show_model(overlay, session)
-            self._show_others(session)
-            self._show_pins(session)
-            self._show_rectangle("region", self._region, session.document.own.region)
-            self._show_rectangle("box", self._box, session.shown_box)
-            self._show_marks(session)
-        if self._shown.get("model") is not drawn:
+            for name in self._nodes.keys() - drawings.keys() - set(kept):
+                set_properties(self._nodes[name], visible=False)
+            for name, drawing in drawings.items():
+                if name not in self._nodes:
+                    self._nodes[name] = self._made(drawing)
+                node, shown = self._nodes[name], self._shown.get(name)
+                if shown is None or not drawing.is_same(shown):
+                    self._shown[name] = drawing
+                    self._draw(node, drawing, session.document.photo)
+                set_properties(node, visible=True)
+        if self._shown.get(OUTLINE_NAME) is not outline:
             # viser gathers messages for a while before it sends them; a drag must not wait.
             self._server.flush()
 
-    def place(self, points: FloatArray, depth: float) -> FloatArray:
-        """World points (..., 3) over photo points (..., 2), ``depth`` times as deep as it."""
-        unit = SIDE / max(self._size)
-        xy = (np.asarray(points, dtype=float) - np.array(self._size) / 2.0) * unit * depth
-        return np.concatenate([xy, np.full((*xy.shape[:-1], 1), DEPTH * depth)], axis=-1)
+    def _made(self, drawing: Drawing | Picture) -> Any:
+        """A hidden node for a drawing."""
+        scene, name = self._server.scene, drawing.name
+        shown: dict[str, Any] = {"visible": False}
+        if isinstance(drawing, Picture):
+            shown |= {"jpeg_quality": 95, "cast_shadow": False, "receive_shadow": False}
+            return scene.add_image(name, np.zeros((1, 1, 3), np.uint8), 1.0, 1.0, **shown)
+        if drawing.text:
+            return scene.add_label(name, drawing.text, anchor=drawing.anchor, **shown)
+        shown |= {"thickness": drawing.thickness, "thickness_units": "screen"}
+        shape = np.zeros((1, 2, 3)) if drawing.shape is None else drawing.shape
+        return scene.add_line_segments(name, shape.astype(np.float32), drawing.colour, **shown)
 
-    def _is_new(self, name: str, key: Any) -> bool:
-        """Whether what is shown under a name is to be drawn anew."""
-        if name in self._shown and self._shown[name] == key:
-            return False
-        self._shown[name] = key
-        return True
-
-    def _show_photo(self, session: Session) -> None:
-        photo = session.document.photo
-        if self._shown.get("photo") is photo:
-            return
-        self._shown["photo"] = photo
-        self._size = (float(photo.width), float(photo.height))
-        factor = min(
-            1.0,
-            LARGEST_SIDE / max(self._size),
-            (LARGEST_SHOWN / (photo.width * photo.height)) ** 0.5,
-        )
-        width, height = (max(1, round(side * factor)) for side in self._size)
-        pixels = photo.as_rgb8(width, height)
-        centre = photo.width / 2.0, photo.height / 2.0
-        self._photo = self._image(self._photo, "/photo", pixels, centre, self._size, 1.0)
-        if self._picture is not None:
-            self._picture.visible = False
-
-    def _show_hidden(self, session: Session) -> None:
-        """Tints over what does not count: painted, stronger while it is; found by the search."""
-        mask, painting = session.document.own.mask, session.tool in HIDING
-        opacity = HIDDEN_OPACITY_WHILE_PAINTED if painting else HIDDEN_OPACITY
-        if session.photo_alone:
-            mask = None
-        if self._is_new("hidden", (mask, painting, self._size)):
-            hidden = None if mask is None else 1.0 - mask.weights
-            self._tint("/hidden/painted", hidden, HIDDEN_COLOUR, opacity)
-        ended = None if session.searching else session.search
-        end = session.document.object.result
-        if self._is_new("found", (ended, end, session.photo_alone, self._size)):
-            found = None if session.photo_alone else found_hidden(session)
-            shown = None if found is None else found.astype(np.float32)
-            self._tint("/hidden/found", shown, FOUND_COLOUR, HIDDEN_OPACITY)
-
-    def _tint(
-        self,
-        name: str,
-        hidden: NDArray[np.float32] | None,
-        colour: tuple[int, int, int],
-        opacity: float,
-    ) -> None:
-        """A colour over what of the photo (height, width) is hidden; None: nowhere."""
-        node = self._tints.get(name)
-        if hidden is None or not hidden.any():
-            if node is not None:
-                set_properties(node, visible=False)
-            return
-        rows, columns = bounding_slices(hidden)
-        hidden = hidden[rows, columns]
-        height, width = hidden.shape
-        share = min(1.0, (LARGEST_TINT / (width * height)) ** 0.5)
-        size = max(1, round(width * share)), max(1, round(height * share))
-        shown = cv2.resize(hidden, size, interpolation=cv2.INTER_AREA)
-        pixels = np.empty((*shown.shape, 4), np.uint8)
-        pixels[..., :3] = colour
-        pixels[..., 3] = np.rint(255.0 * opacity * shown)
-        centre = columns.start + width / 2.0, rows.start + height / 2.0
-        self._tints[name] = self._image(node, name, pixels, centre, (width, height), TINT)
-
-    def _image(
-        self,
-        node: viser.ImageHandle | None,
-        name: str,
-        pixels: NDArray[np.uint8],
-        centre: tuple[float, float],
-        size: tuple[float, float],
-        depth: float,
-    ) -> viser.ImageHandle:
-        """The node, made where there is none, with a picture over the photo: ``centre`` and
-        ``size`` in its px.
-        """
-        unit, middle = SIDE / max(self._size) * depth, tuple(self.place(np.array(centre), depth))
-        width, height = (side * unit for side in size)
-        if node is None:
-            return self._server.scene.add_image(
-                name,
-                pixels,
-                width,
-                height,
-                format="png" if pixels.shape[2] == 4 else "jpeg",
-                jpeg_quality=95,
-                cast_shadow=False,
-                receive_shadow=False,
-                position=middle,
-            )
-        node.image, node.position = pixels, middle
-        node.render_width, node.render_height = width, height
-        set_properties(node, visible=True)
-        return node
-
-    def _show_model(self, overlay: Overlay, session: Session) -> None:
-        hidden = _is_hidden(session) or session.look == "none"
-        if self._is_new("model", (overlay, hidden)):
-            lines = overlay.outline[: 0 if hidden else None]
-            self._draw(self._halo, lines, HALO)
-            self._draw(self._outline, lines, OUTLINE)
-            self._show_picture(overlay, hidden)
-
-    def _show_others(self, session: Session) -> None:
-        """The objects that are not picked: outlines in colours of their own."""
-        drawn = session.outlines
-        objects = session.document.scene.objects
-        shown = {int(objects[index].id) for index in session.document.others}
-        if session.photo_alone or drawn is None:
-            shown = set[int]()
-        if not self._is_new("others", (drawn, shown, self._size)):
-            return
-        for number in shown - self._others.keys():
-            self._others[number] = (
-                self._lines(f"/others/{number}/halo", HALO_COLOUR, 4.0),
-                self._lines(f"/others/{number}/outline", object_colour(number), 1.6),
-            )
-        for number, (halo, outline) in self._others.items():
-            lines = np.zeros((0, 2, 2))
-            if drawn is not None and number in shown:
-                lines = drawn.lines.get(number, lines)
-            self._draw(halo, lines, OTHERS_HALO)
-            self._draw(outline, lines, OTHERS)
-
-    def _show_picture(self, overlay: Overlay, hidden: bool) -> None:
-        left, top, width, height = overlay.place
-        pixels = overlay.picture
-        if pixels is None or hidden or width <= 0.0:
-            if self._picture is not None:
-                set_properties(self._picture, visible=False)
-            return
-        if self._picture is not None and self._shown.get("channels") != pixels.shape[2]:
-            self._picture.remove()
-            self._picture = None
-        self._shown["channels"] = pixels.shape[2]
-        centre = left + width / 2.0, top + height / 2.0
-        place = centre, (width, height), PICTURE
-        self._picture = self._image(self._picture, "/model/picture", pixels, *place)
-
-    def _show_pins(self, session: Session) -> None:
-        document = session.document
-        pins = pins_in_photo(document)
-        # Of the pose at hand alone, and where presses are for them.
-        if _is_hidden(session) or session.tool in (*MARKING, *HIDING):
-            pins = pins[:0]
-        if not self._is_new("pins", pins.tobytes()):
-            return
-        vehicle = isinstance(document.chart, VehicleChart) and not document.state.pins
-        self._put(self._pins, pins, HANDLES)
-        self._put(self._labels, pins if vehicle else pins[:0], HANDLES)
-        linked = vehicle and len(pins) == 3
-        self._draw(self._links, pins[[[0, 1], [0, 2]]] if linked else pins[:0], OUTLINE)
-
-    def _show_rectangle(self, name: str, node: Any, shown: Rectangle | None) -> None:
-        if not self._is_new(name, (shown, self._size)):
-            return
-        corners = np.zeros((0, 2))
-        if shown is not None:
-            (left, top, *_), right, bottom = shown, shown.right, shown.bottom
-            corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
-        self._draw(node, _closed(corners), OUTLINE)
-
-    def _show_marks(self, session: Session) -> None:
-        """A quick start's marks: crosses where the photo was clicked, diamonds where the pose shows
-        the model's points, lines between the two, and the wheels' ellipses.
-        """
-        tool, document = session.tool, session.document
-        on = tool in MARKING and not session.photo_alone
-        pairs, wheels = on and tool == "pairs", on and tool == "wheels"
-        photo, model = np.zeros((2, 0, 2))
-        if on:
-            photo = marks_in_photo(document.marks, tool)
-        if pairs:
-            points = np.array([pair.point for pair in document.marks.pairs]).reshape(-1, 3)
-            model = document.pose.project(points)
-        rims = _rims(session) if wheels else np.zeros((0, 2, 2))
-        key = (photo.tobytes(), model.tobytes(), rims.tobytes(), tool, self._size)
-        if not self._is_new("marks", key):
-            return
-        for nodes, places, name, colour, shape in (
-            (self._crosses, photo, "mark", MARK_COLOUR, _cross()),
-            (self._diamonds, model, "meant", MODEL_MARK_COLOUR, _diamond()),
-        ):
-            while len(nodes) < len(places):
-                nodes.append(self._lines(f"/handles/{name}{len(nodes)}", colour, points=shape))
-            self._put(nodes, places, MARKS)
-        while len(self._numbers) < len(photo) and pairs:
-            number = str(len(self._numbers) + 1)
-            label = self._server.scene.add_label(
-                f"/labels/mark{number}", number, anchor="bottom-left"
-            )
-            self._numbers.append(label)
-        self._put(self._numbers, photo if pairs else photo[:0], MARKS)
-        self._draw(self._rims, rims, MARK_LINES)
-        done = np.stack([photo, model[: len(photo)]], axis=1) if pairs else np.zeros((0, 2, 2))
-        self._draw(self._pair_lines, done, MARK_LINES)
-
-    def _put(self, nodes: list[Any], places: FloatArray, depth: float) -> None:
-        """A node at each place (n, 2); nodes left over, or whose place is nowhere, are hidden."""
-        for index, node in enumerate(nodes):
-            there = index < len(places) and bool(np.isfinite(places[index]).all())
-            if there:
-                node.position = tuple(self.place(places[index], depth))
-            set_properties(node, visible=there)
-
-    def _draw(self, node: Any, lines: FloatArray, depth: float) -> None:
-        """Segments (n, 2, 2), but for those with an end nowhere; none hide the node."""
-        lines = np.asarray(lines, dtype=float).reshape(-1, 2, 2)
-        lines = lines[np.isfinite(lines).all(axis=(1, 2))]
-        if len(lines):
-            node.points = self.place(lines, depth).astype(np.float32)
-        set_properties(node, visible=len(lines) > 0)
-
-    def _lines(
-        self,
-        name: str,
-        colour: tuple[int, int, int],
-        thickness: float = 2.0,
-        points: FloatArray = _NO_LINES,
-    ) -> viser.LineSegmentsHandle:
-        return self._server.scene.add_line_segments(
-            name,
-            points.astype(np.float32),
-            colour,
-            thickness=thickness,
-            thickness_units="screen",
-            visible=False,
-        )
+    def _draw(self, node: Any, drawing: Drawing | Picture, photo: Photo) -> None:
+        """Bring a node to its drawing over the photo."""
+        if isinstance(drawing, Picture):
+            pixels, (left, top, width, height) = drawing.draw()
+            places = np.array([[left, top], [left + width, top + height]])
+            (left, top, _), (right, bottom, _) = corners = over_photo(places, photo, drawing.depth)
+            node.image, node.position = pixels, tuple(corners.mean(axis=0))
+            node.render_width, node.render_height = right - left, bottom - top
+        elif drawing.places.ndim > 1:
+            lines = over_photo(drawing.places[drawing.finite], photo, drawing.depth)
+            node.points = lines.astype(np.float32)
+        else:
+            node.position = tuple(over_photo(drawing.places, photo, drawing.depth))
 
 
-def _is_hidden(session: Session) -> bool:
-    """Whether the picked object is not to be seen."""
-    return session.photo_alone or session.document.object.hidden
+def over_photo(points: FloatArray, photo: Photo, depth: float) -> FloatArray:
+    """World points (..., 3) over photo points (..., 2), ``depth`` times as deep as it."""
+    unit = SIDE / max(photo.width, photo.height)
+    xy = (points - np.array([photo.width, photo.height]) / 2.0) * unit * depth
+    return np.concatenate([xy, np.full((*xy.shape[:-1], 1), DEPTH * depth)], axis=-1)
 
 
-def _rims(session: Session) -> FloatArray:
-    """(k, 2, 2): the outlines of the wheels that have their points."""
-    try:
-        outlines = [_closed(ellipse.outline()) for ellipse in session.document.marks.ellipses]
-    except QuickStartError:
-        outlines = []
-    return np.concatenate([np.zeros((0, 2, 2)), *outlines])
+def _has_overlay(session: Session) -> bool:
+    """Whether the model is drawn for the photo at hand; until then the lines before it stay."""
+    overlay = session.overlay
+    return overlay is not None and overlay.request.document.photo is session.document.photo
+
+
+def _drawings(session: Session) -> Iterator[Drawing | Picture]:
+    """Everything that is to be seen."""
+    document, alone = session.document, session.photo_alone
+    photo = document.photo
+    yield Picture("/photo", 1.0, (photo,), lambda: _photo_pixels(photo))
+    if not alone:
+        yield from _tints(session)
+        yield from _other_objects(session)
+    if not alone and not document.object.hidden:
+        yield from _model(session)
+        yield from _pins(session)
+    if document.own.region is not None:
+        sides = _sides(document.own.region)
+        yield Drawing("/region", OUTLINE, sides, REGION_COLOUR, 1.6)
+    if session.shown_box is not None:
+        yield Drawing("/box", OUTLINE, _sides(session.shown_box), BOX_COLOUR, 1.6)
+    if not alone and session.tool in MARKING:
+        yield from _marks(session)
+
+
+def _photo_pixels(photo: Photo) -> tuple[NDArray[np.uint8], Rect]:
+    """The photo, smaller where it is larger than browsers show."""
+    sides = photo.width, photo.height
+    share = (LARGEST_SHOWN / (photo.width * photo.height)) ** 0.5
+    factor = min(1.0, LARGEST_SIDE / max(sides), share)
+    width, height = (max(1, round(side * factor)) for side in sides)
+    return photo.as_rgb8(width, height), (0.0, 0.0, *sides)
+
+
+def _tints(session: Session) -> Iterator[Picture]:
+    """Tints over what does not count: painted, stronger while it is; found by the search."""
+    document, mask, painting = session.document, session.document.own.mask, session.tool in HIDING
+    opacity = HIDDEN_OPACITY_WHILE_PAINTED if painting else HIDDEN_OPACITY
+    if mask is not None:
+
+        def painted() -> tuple[NDArray[np.uint8], Rect]:
+            return _tint(1.0 - mask.weights, HIDDEN_COLOUR, opacity)
+
+        yield Picture("/hidden/painted", TINT, (mask, painting), painted)
+
+    def found() -> tuple[NDArray[np.uint8], Rect]:
+        return _tint(found_hidden(session), FOUND_COLOUR, HIDDEN_OPACITY)
+
+    key = None if session.searching else session.search, document.object.result, document.at
+    yield Picture("/hidden/found", TINT, key, found)
+
+
+def _tint(
+    hidden: NDArray[Any] | None, colour: Colour, opacity: float
+) -> tuple[NDArray[np.uint8], Rect]:
+    """A colour over what of the photo (height, width) is hidden; a clear pixel for nothing."""
+    if hidden is None or not hidden.any():
+        return np.zeros((1, 1, 4), np.uint8), (0.0, 0.0, 1.0, 1.0)
+    rows, columns = bounding_slices(hidden)
+    hidden = hidden[rows, columns].astype(np.float32)
+    height, width = hidden.shape
+    share = min(1.0, (LARGEST_TINT / (width * height)) ** 0.5)
+    size = max(1, round(width * share)), max(1, round(height * share))
+    shown = cv2.resize(hidden, size, interpolation=cv2.INTER_AREA)
+    pixels = np.empty((*shown.shape, 4), np.uint8)
+    pixels[..., :3] = colour
+    pixels[..., 3] = np.rint(255.0 * opacity * shown)
+    return pixels, (columns.start, rows.start, width, height)
+
+
+def _model(session: Session) -> Iterator[Drawing | Picture]:
+    """The active object as drawn: its outline, and a picture."""
+    overlay = session.overlay
+    if overlay is None or session.look == "none" or not _has_overlay(session):
+        return
+    yield Drawing(HALO_NAME, HALO, overlay.outline, HALO_COLOUR, 4.6)
+    yield Drawing(OUTLINE_NAME, OUTLINE, overlay.outline)
+    pixels, rect = overlay.picture, overlay.place
+    if pixels is not None and rect[2] > 0.0:
+        name = f"/model/picture{pixels.shape[2]}"
+        yield Picture(name, PICTURE, (overlay,), lambda: (pixels, rect))
+
+
+def _other_objects(session: Session) -> Iterator[Drawing]:
+    """The objects that are not active: outlines in colours of their own."""
+    outlines = {} if session.outlines is None else session.outlines.lines
+    for index in session.document.others:
+        number = int(session.document.scene.objects[index].id)
+        if number in outlines:
+            name, lines = f"/others/{number}", outlines[number]
+            yield Drawing(f"{name}/halo", OTHERS_HALO, lines, HALO_COLOUR, 4.0)
+            yield Drawing(f"{name}/outline", OTHERS, lines, object_colour(number), 1.6)
+
+
+def _pins(session: Session) -> Iterator[Drawing]:
+    """The pins of the pose at hand, where presses are for them; a vehicle's have names."""
+    document = session.document
+    if session.tool in (*MARKING, *HIDING):
+        return
+    pins = pins_in_photo(document)
+    for i, pin in enumerate(pins):
+        yield Drawing(f"/handles/pin{i}", HANDLES, pin, PIN_COLOURS[i], 2.2, PIN)
+    if isinstance(document.chart, VehicleChart) and not document.state.pins:
+        for i, (text, anchor) in enumerate(PIN_LABELS):
+            yield Drawing(f"/labels/{i}", HANDLES, pins[i], text=text, anchor=anchor)
+        yield Drawing("/links", OUTLINE, pins[[[0, 1], [0, 2]]], LINK_COLOUR, 1.2)
+
+
+def _marks(session: Session) -> Iterator[Drawing]:
+    """A quick start's marks: crosses where the photo was clicked, diamonds where the pose shows
+    the model's points, lines between the two, and the wheels' ellipses.
+    """
+    marks, pose = session.document.marks, session.document.pose
+    photo = marks_in_photo(marks, session.tool)
+    for i, place in enumerate(photo):
+        yield Drawing(f"/handles/mark{i}", MARKS, place, MARK_COLOUR, shape=CROSS)
+    if session.tool == "wheels":
+        with suppress(QuickStartError):
+            rims = np.concatenate([_NO_LINES, *(_closed(e.outline()) for e in marks.ellipses)])
+            yield Drawing("/marks/rims", MARK_LINES, rims, MARK_COLOUR)
+        return
+    model = pose.project(np.array([pair.point for pair in marks.pairs]).reshape(-1, 3))
+    for i, place in enumerate(model):
+        yield Drawing(f"/handles/meant{i}", MARKS, place, MODEL_MARK_COLOUR, shape=DIAMOND)
+    for i, place in enumerate(photo):
+        yield Drawing(f"/labels/mark{i}", MARKS, place, text=str(i + 1))
+    done = np.stack([photo, model[: len(photo)]], axis=1)
+    yield Drawing("/marks/lines", MARK_LINES, done, MODEL_MARK_COLOUR)
+
+
+def _sides(rectangle: Rectangle) -> FloatArray:
+    """(4, 2, 2): the sides of a rectangle."""
+    (left, top, *_), right, bottom = rectangle, rectangle.right, rectangle.bottom
+    return _closed(np.array([[left, top], [right, top], [right, bottom], [left, bottom]]))
 
 
 def _closed(corners: FloatArray) -> FloatArray:
@@ -374,19 +336,18 @@ def _closed(corners: FloatArray) -> FloatArray:
     return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
 
 
-def _cross(inner: float = 2.0, outer: float = 8.0) -> FloatArray:
-    """(4, 2, 3): arms that leave the middle free; the unit is a px of the screen."""
+def _cross(inner: float, outer: float) -> FloatArray:
+    """(4, 2, 3): arms that leave the middle free."""
     ways = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
     return np.stack([inner * ways, outer * ways], axis=1)
 
 
-def _diamond() -> FloatArray:
-    """(4, 2, 3)."""
-    return _closed(5.0 * np.array([[1.0, 0, 0], [0, 1.0, 0], [-1.0, 0, 0], [0, -1.0, 0]]))
+def _ring(radius: float, corners: int) -> FloatArray:
+    """(n, 2, 3): a regular polygon."""
+    angles = np.linspace(0.0, 2.0 * np.pi, corners, endpoint=False)
+    return _closed(radius * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(corners)]))
 
 
-def _pin() -> FloatArray:
-    """(n, 2, 3): a ring with a cross-hair that leaves its middle free."""
-    angles = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
-    ring = 11.0 * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(32)])
-    return np.concatenate([_closed(ring), _cross(4.0, 16.0)])
+CROSS, DIAMOND = _cross(2.0, 8.0), _ring(5.0, 4)
+PIN = np.concatenate([_ring(11.0, 32), _cross(4.0, 16.0)])
+"""(n, 2, 3), px of the screen: a ring with a cross-hair that leaves its middle free."""
