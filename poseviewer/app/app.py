@@ -23,10 +23,10 @@ from poseviewer.app.state.session import Preparation, Session
 from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import has_renderer, preparing, proposing, searching
-from poseviewer.app.workers.maps import MapWorker
+from poseviewer.app.workers.maps import mapping
 from poseviewer.app.workers.opening import Opened, restore
-from poseviewer.app.workers.outlines import OutlineWorker
-from poseviewer.app.workers.overlay import OverlayWorkers
+from poseviewer.app.workers.outlines import outlining
+from poseviewer.app.workers.overlay import drawing, reading, refining
 from poseviewer.app.workers.tasks import (
     Exported,
     Found,
@@ -71,10 +71,10 @@ class App:
         self._review = review
         self._autosaver = Autosaver(state)
         self._page = Page(server, self._mailbox.post, review)
-        self._overlay = OverlayWorkers(notify)
-        self._searcher, self._mapper = searching(), MapWorker(self._page.maps_note)
-        background = preparing(notify), self._searcher, proposing(notify)
-        self._workers = (self._overlay, OutlineWorker(notify), *background, self._mapper)
+        self._drawer, self._searcher, self._mapper = drawing(notify), searching(), mapping()
+        others = refining, reading, outlining, preparing, proposing
+        own = self._autosaver.job, self._drawer, self._searcher, self._mapper
+        self._workers = (*own, *(job(notify) for job in others))
         self._running, self._failed = True, False
         self._page.tell_all(opened.warnings)
         notify()  # the page is shown at once
@@ -99,7 +99,6 @@ class App:
     def step(self) -> None:
         """Take what has come, start what is wanted, show what is new."""
         busy = self._searcher.busy or self._mapper.busy
-        busy = busy or self._overlay.is_unfinished(self.session.moving)
         for request in newest_drags(self._mailbox.take(BUSY_S if busy else IDLE_S)):
             with self._told():
                 self._handle(request)
@@ -112,9 +111,6 @@ class App:
                 _log.exception("step")
                 self._page.show_error("Something went wrong inside. Undo or save, and go on.")
             self._failed = True
-        trouble = self._autosaver.tick(self.session)
-        if trouble:
-            self._page.show_error(trouble)
 
     @contextmanager
     def _told(self) -> Iterator[None]:
@@ -185,7 +181,7 @@ class App:
             with self._told():
                 for edit in worker.take():
                     self._edit(edit)
-        self._mapper.hold(self._overlay.busy)
+        self._mapper.hold(self._drawer.busy)
         for worker in (*self._workers, self._tasks):
             worker.follow(self.session)
 
@@ -206,4 +202,4 @@ class App:
     def _open(self, opened: Opened) -> None:
         self._edit(c.open_document(opened.document, unsaved=opened.restored))
         if opened.restored:
-            self._autosaver.adopt(self.session)
+            self._autosaver.adopt()

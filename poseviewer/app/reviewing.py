@@ -54,7 +54,7 @@ class Reviewer:
 
     def close(self) -> None:
         """Write table and report at a clean end."""
-        self._reporter.finish()
+        self._reporter.close()
         r.save_reviewed(self.queue)
 
     def open_row(self, index: int) -> Task:

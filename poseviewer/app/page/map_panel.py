@@ -306,9 +306,11 @@ class LandscapePanel:
 
     def show(self, session: Session) -> bool:
         """Bring the panel to the session; False if it is to be asked again soon."""
+        if session.maps_note:
+            set_properties(self._note, content=plain(session.maps_note), visible=True)
         if not session.landscapes:
             return True
-        set_properties(self._note, visible=False)
+        set_properties(self._note, visible=bool(session.maps_note))
         search = session.own_search
         key = (session.landscapes, session.document.pose, search, session.large_map)
         if len(self._shown) == len(key) and all(map(operator.is_, key, self._shown)):
@@ -320,10 +322,6 @@ class LandscapePanel:
         grids = [_grid(session, latest) for latest in session.landscapes]
         self._maps.content = f'<div class="pv-both">{"".join(grids)}</div>'
         return True
-
-    def note(self, text: str) -> None:
-        """Say why there are no maps."""
-        set_properties(self._note, content=plain(text), visible=True)
 
 
 def _grid(session: Session, latest: LandscapeUpdate) -> str:

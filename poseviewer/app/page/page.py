@@ -184,10 +184,6 @@ class Page:
         """Take away what pages show of strokes that are done: their tint is there."""
         self._script.forget_strokes()
 
-    def maps_note(self, text: str) -> None:
-        """Say why there are no maps."""
-        self._landscape.note(text)
-
     def send(self, exported: Exported) -> None:
         """Give files to the page that asked for them."""
         client = self._server.get_clients().get(exported.client)

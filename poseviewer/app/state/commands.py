@@ -654,6 +654,12 @@ def change(session: Session, **fields: Any) -> Session:
 
 
 @drag_edit
+def refuse(_: Session, sentence: str) -> Session:
+    """Tell a sentence; nothing changes."""
+    raise SettingsError(sentence)
+
+
+@drag_edit
 def toggle_model(session: Session) -> Session:
     """Show the photo alone, or the model again."""
     return replace(session, photo_alone=not session.photo_alone)

@@ -46,6 +46,8 @@ class OverlayRequest:
     can be compared."""
     look: str
     opacity: float = 0.8
+    is_sketch: bool = False
+    """Whether a sketch of the model is drawn, before it has a renderer."""
 
     def compares_same(self, other: OverlayRequest) -> bool:
         """Whether both compare the same pixels by the same loss, of the same photo large."""
@@ -59,6 +61,11 @@ class OverlayRequest:
     def has_loss_of(self, other: OverlayRequest) -> bool:
         """Whether the losses of both are one."""
         return self.document.pose is other.document.pose and self.compares_same(other)
+
+    def has_picture_of(self, other: OverlayRequest) -> bool:
+        """Whether the pictures of both are one."""
+        mine, its = ((one.look, one.opacity, one.is_sketch) for one in (self, other))
+        return mine == its and self.has_loss_of(other)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -235,6 +242,8 @@ class Session:
     proposals: ProposedStarts | None = None
     landscapes: tuple[LandscapeUpdate, ...] = ()
     """One for each loss that is shown."""
+    maps_note: str = ""
+    """Why there are no maps; a sentence."""
     ends: tuple[SearchUpdate, ...] = ()
     """Ends of both methods when they were last compared on this photo and model."""
     aside: FitSettings = field(default_factory=lambda: FitSettings("paper"))
@@ -260,7 +269,8 @@ class Session:
     @property
     def overlay_request(self) -> OverlayRequest:
         """Request for the picture that is wanted by now."""
-        return OverlayRequest(self.document, self.compared, self.look, self.opacity)
+        is_sketch = self.preparation is not None
+        return OverlayRequest(self.document, self.compared, self.look, self.opacity, is_sketch)
 
     def covariance_in(self, view: int) -> PoseCovariance | None:
         """Covariance of the active object's pose in a view; None where no search has said it."""

@@ -7,16 +7,20 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 from msgspec import structs
 
+from poseviewer.app.state.commands import refuse
 from poseviewer.app.state.document import Document, is_alone
+from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import filed_view, saved_scene
-from poseviewer.app.workers.worker import Worker
-from poseviewer.errors import PoseViewerError, sentence_of
+from poseviewer.app.workers.worker import Job
+from poseviewer.errors import PoseViewerError
 from poseviewer.files.masks import mask_path, save_pose_and_mask
 from poseviewer.files.scene_file import place_of, save_scene
 from poseviewer.files.state.autosave import (
@@ -36,78 +40,75 @@ RETRY_S = 10.0
 """A full disk is not mended in less."""
 
 
+Kept = Document | Literal["nothing"]
+"""Contents of the session's own file."""
+
+
 class Autosaver:
     """Keeps the session on disk, and finds what an earlier one left.
 
     Its own file is touched in one thread alone, and each time whole or not at all; what was there
-    stays until then. The newest wish wins.
+    stays until then.
     """
 
     def __init__(self, state: Path) -> None:
         self._uploads = state / "uploads"
-        self._writer: Worker[None] = Worker("autosave")
-        self._saved: Document | None = None
-        """Document on disk, or on its way there."""
-        self._next = 0.0
-        self._moving = False
-        self._trouble = self._adopted = False
         self._own: set[Path] = set()
         self._offered, self._offer = left_behind(state / "sessions") or (None, None)
+        self._is_adopted = False
         self._file = SessionFile(state / "sessions")
+        self._kept: Kept = "nothing"
+        self.job = Job(
+            "autosave", _to_keep, self._keeping, period_s=lambda now: PERIOD_S if now.moving else 0
+        )
+        """Writes the session as soon as it has changed; says why it cannot, once."""
 
     def offer(self) -> AutosavedSession | None:
         """Session that an earlier run left unsaved, until it is taken or refused."""
         return self._offer
 
     def take_offer(self, wanted: bool) -> AutosavedSession | None:
-        """The offer, for the last time. One that is ``wanted`` stays on disk until ``adopt``: it
-        may turn out that it cannot be opened.
+        """The offer, for the last time. One that is ``wanted`` stays on disk until it is adopted:
+        it may turn out that it cannot be opened.
         """
         offer, self._offer = self._offer, None
         if not wanted:
             self._discard_offered()
         return offer
 
-    def adopt(self, session: Session) -> None:
+    def adopt(self) -> None:
         """The offer has been opened: keep it as this session's own."""
-        self._adopted = True
-        self.save_now(session)
-
-    def tick(self, session: Session) -> str:
-        """Write the session, if it changed: at once, and now and then while a hand or a search
-        moves the model. Gives why it cannot be written, once.
-        """
-        moving = session.before_drag is not None or session.searching
-        if moving is not self._moving or not (moving or self._trouble):
-            self._next = 0.0
-        self._moving = moving
-        if time.monotonic() >= self._next:
-            self.save_now(session)
-        return self._take_trouble()
-
-    def save_now(self, session: Session) -> None:
-        """Write the session, if it changed since."""
-        document = session.document
-        if document is self._saved or not session.unsaved:
-            return
-        self._next = time.monotonic() + PERIOD_S
-        self._saved = document
-
-        def write() -> Iterator[None]:
-            self._file.save(kept_of(document))
-            if self._adopted:
-                self._discard_offered()
-            yield
-
-        self._writer.start(write)
+        self._is_adopted = True
 
     def close(self, session: Session) -> None:
         """At a clean end: what is saved elsewhere needs no autosave; what is not, stays."""
-        self.save_now(session)
-        if not session.unsaved:
-            self._writer.start(self._forget)
-        self._writer.finish()
+        self.job.close()
+        with suppress(PoseViewerError):
+            self._keep(_to_keep(session))
         self._file.close()
+
+    def _keeping(self, wanted: Kept) -> Iterator[Edit]:
+        is_told = False
+        while True:
+            try:
+                return self._keep(wanted)
+            except PoseViewerError as error:
+                if not is_told:
+                    yield refuse(f"{error} Until then a crash would lose what is not saved.")
+                is_told = True
+            self.job.require_asked(wanted, RETRY_S)
+
+    def _keep(self, wanted: Kept) -> None:
+        if wanted == self._kept:
+            return
+        if isinstance(wanted, Document):
+            self._file.save(kept_of(wanted))
+            if self._is_adopted:
+                self._discard_offered()
+        else:
+            self._file.close()
+            discard(self._file.path)
+        self._kept = wanted
 
     def where(self, session: Session) -> str:
         """The file's name, as it is shown; its folder is told when it is written."""
@@ -137,8 +138,6 @@ class Autosaver:
                 one.with_suffix(f"{one.suffix}.bak").replace(one)
             raise
         self._own.add(path)
-        self._saved = None
-        self._writer.start(self._forget)
         return path
 
     def _path(self, document: Document) -> Path:
@@ -155,28 +154,14 @@ class Autosaver:
             folder = Path.cwd()
         return folder / f"{path.stem}.{ending}"
 
-    def _forget(self) -> Iterator[None]:
-        self._file.close()
-        discard(self._file.path)
-        yield
-
-    def _take_trouble(self) -> str:
-        """Why the last write failed, where the one before did not."""
-        ended = self._writer.take()
-        if ended is None or not ended.finished:
-            return ""
-        known, self._trouble = self._trouble, ended.error is not None
-        if ended.error is None:
-            return ""
-        self._saved, self._next = None, time.monotonic() + RETRY_S
-        if known:
-            return ""
-        return f"{sentence_of(ended.error)} Until then a crash would lose what is not saved."
-
     def _discard_offered(self) -> None:
         if self._offered is not None:
             discard(self._offered)
             self._offered = None
+
+
+def _to_keep(session: Session) -> Kept:
+    return session.document if session.unsaved else "nothing"
 
 
 def kept_of(document: Document) -> AutosavedSession:

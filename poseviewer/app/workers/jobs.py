@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from poseviewer import api
 from poseviewer.app.state import commands as c
@@ -34,6 +34,7 @@ from poseviewer.starts.automatic import propose
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer
 
+R = TypeVar("R")
 
 COMPILING_FAILED = (
     "The model cannot be compared with the photo: its kernels could not be compiled; "
@@ -67,6 +68,11 @@ def has_renderer(mesh: Mesh) -> bool:
     return bool(_made_for(mesh))
 
 
+def for_one_thread(make: Callable[[SoftwareRenderer], R]) -> Callable[[Mesh], R]:
+    """Keep what a thread of its own makes of the renderer of the model that it was at last."""
+    return lru_cache(maxsize=1)(lambda mesh: make(renderer_of(mesh).clone()))
+
+
 def prepare(mesh: Mesh) -> Iterator[Preparation]:
     """Make ready what draws and compares a model: the kernels, and its renderer.
 
@@ -94,8 +100,8 @@ def preparing(notify: Callable[[], None]) -> Job[Mesh]:
         "preparation",
         asked,
         lambda mesh: map(c.preparation_advanced, prepare(mesh)),
-        lambda _, error: c.preparation_advanced(Preparation(trouble=str(error))),
         notify,
+        failed=lambda _, error: c.preparation_advanced(Preparation(trouble=str(error))),
     )
 
 
@@ -107,7 +113,7 @@ def searching() -> Job[SearchRequest]:
             now.search.asked if now.search and now.searching and not now.preparation else None
         ),
         lambda asked: (c.search_advanced(asked, update) for update in run_search(asked)),
-        lambda asked, _: c.search_failed(asked),
+        failed=lambda asked, _: c.search_failed(asked),
     )
 
 
@@ -122,7 +128,7 @@ def proposing(notify: Callable[[], None]) -> Job[Document]:
     def make(document: Document) -> Iterator[Edit]:
         return propose_starts(document, lambda: job.require_asked(document))
 
-    job = Job("proposals", asked, make, lambda *_: c.stop_proposing(), notify)
+    job = Job("proposals", asked, make, notify, failed=lambda *_: c.stop_proposing())
     return job
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -15,9 +14,9 @@ from poseviewer.app.state.commands import show
 from poseviewer.app.state.document import Document, compared, reference_view
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import LandscapeUpdate, SearchUpdate, Session
-from poseviewer.app.workers.jobs import case_of, renderer_of
-from poseviewer.app.workers.worker import Worker, lower_priority
-from poseviewer.errors import sentence_of
+from poseviewer.app.workers.jobs import case_of, for_one_thread
+from poseviewer.app.workers.worker import Job, lower_priority
+from poseviewer.errors import PoseViewerError
 from poseviewer.fit.scene import Scene
 from poseviewer.fit.settings import FitSettings, Method
 from poseviewer.fit.slices import QUICK_SIZES, Slice, landscape, quick_level, strides
@@ -54,9 +53,9 @@ class MapJob:
         latest = session.own_search
         return cls(session.document, session.compared, latest, losses, width, session.moving)
 
-    def replaces(self, other: MapJob | None, busy: bool) -> bool:
+    def replaces(self, other: MapJob, busy: bool) -> bool:
         """Whether to begin anew, while ``other`` runs (``busy``) or is done."""
-        if other is None or not self.has_same_losses(other):
+        if not self.has_same_losses(other):
             return True
         if self.moving and other.moving and busy:
             return False  # coarse maps are soon done; a new start for every step shows none
@@ -71,55 +70,25 @@ class MapJob:
         return same_maps and own == its and problems[0] is problems[1]
 
 
-class MapWorker:
-    """A thread that makes the maps that the session asks for."""
+def mapping() -> Job[MapJob]:
+    """Make the maps of the loss that the session asks for; the loop looks for what is known."""
+    maker = for_one_thread(MapMaker)
 
-    def __init__(self, note: Callable[[str], None]) -> None:
-        """``note`` is told why there are no maps."""
-        self._note = note
-        self._worker: Worker[tuple[LandscapeUpdate, ...]] = Worker("maps", low_priority=True)
-        self._maker: MapMaker | None = None
-        self._made_for: Mesh | None = None
-        self._job: MapJob | None = None
-        self._begun_at = 0.0
+    def make(job: MapJob) -> Iterator[Edit]:
+        try:
+            for landscapes in maker(job.document.mesh).run(job):
+                yield show(job.document, landscapes=landscapes, maps_note="")
+        except PoseViewerError as error:
+            yield show(job.document, maps_note=str(error))
 
-    @property
-    def busy(self) -> bool:
-        """Whether maps are being made."""
-        return self._worker.busy
-
-    def hold(self, held: bool) -> None:
-        """Pause, or go on: what the hand is moving comes first."""
-        self._worker.hold(held)
-
-    def follow(self, session: Session) -> None:
-        """Begin the maps that are wanted by now, in the place of older ones."""
-        mesh = session.document.mesh
-        if session.preparation is not None:
-            self._made_for = None
-            self._worker.stop()
-            return
-        if self._maker is None or self._made_for is not mesh:
-            self._maker, self._made_for, self._job = MapMaker(renderer_of(mesh).clone()), mesh, None
-        job, maker, now = MapJob.wanted(session), self._maker, time.monotonic()
-        follows = session.searching and self._job is not None and self._job.moving
-        is_due = not follows or now - self._begun_at > SEARCH_MAPS_S
-        if is_due and job.replaces(self._job, self._worker.busy):
-            self._job, self._begun_at = job, now
-            self._worker.start(lambda: maker.run(job))
-
-    def take(self) -> Iterator[Edit]:
-        """Give what is new since the last call."""
-        update = self._worker.take()
-        if update is not None and update.error is not None:
-            self._note(sentence_of(update.error))
-        elif update is not None and update.item is not None:
-            assert self._job is not None
-            yield show(self._job.document, landscapes=update.item)
-
-    def close(self) -> None:
-        """End the thread."""
-        self._worker.close()
+    return Job(
+        "maps",
+        lambda now: None if now.preparation else MapJob.wanted(now),
+        make,
+        serves=lambda begun, asked, busy: not asked.replaces(begun, busy),
+        period_s=lambda now: SEARCH_MAPS_S if now.searching else 0.0,
+        low_priority=True,
+    )
 
 
 class MapMaker:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import lru_cache
@@ -14,9 +13,9 @@ from poseviewer.app.state.commands import show
 from poseviewer.app.state.document import Document, reference_view
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import Losses, Overlay, OverlayRequest, Session
-from poseviewer.app.workers.jobs import renderer_of
-from poseviewer.app.workers.worker import Worker
-from poseviewer.errors import PoseViewerError, SettingsError, sentence_of
+from poseviewer.app.workers.jobs import for_one_thread
+from poseviewer.app.workers.worker import Job
+from poseviewer.errors import PoseViewerError
 from poseviewer.fit.compared import shown_attributes
 from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.loss import worst_registration_loss
@@ -179,88 +178,61 @@ def sketch_of(mesh: Mesh) -> Sketch:
     return Sketch(mesh)
 
 
-class OverlayWorkers:
-    """Three threads for what the session shows: the quick drawing, its losses, the fine one."""
+def drawing(notify: Callable[[], None]) -> Job[OverlayRequest]:
+    """Draw the model at once, one picture after another: one that is displaced before it is shown
+    helps nobody.
+    """
+    drawer = for_one_thread(OverlayDrawer)
 
-    def __init__(self, notify: Callable[[], None]) -> None:
-        self._quick: Worker[Overlay] = Worker("overlay", notify)
-        self._loss: Worker[Losses] = Worker("loss", notify)
-        self._fine: Worker[Overlay] = Worker("fine overlay", notify)
-        self._made_for: tuple[Mesh, bool] | None = None
-        self._tools: tuple[OverlayDrawer, LossReader, SoftwareRenderer] | None = None
-        self._drawn: OverlayRequest | None = None
-        self._read: OverlayRequest | None = None
-        self._moved_at = 0.0
+    def make(request: OverlayRequest) -> Iterator[Edit]:
+        mesh, pose = request.document.mesh, request.document.pose
+        if request.is_sketch:
+            overlay = Overlay(request, quick_silhouette(mesh, sketch_of(mesh), pose))
+        else:
+            overlay = drawer(mesh).draw(request)
+        yield show(request.document, overlay=overlay)
 
-    @property
-    def busy(self) -> bool:
-        """Whether the quick drawing is under way."""
-        return self._quick.busy
-
-    def is_unfinished(self, moving: bool) -> bool:
-        """Whether the fine drawing of what is shown is still to be begun."""
-        return self._moved_at > 0.0 and not moving and not self._quick.busy
-
-    def follow(self, session: Session) -> None:
-        """Begin what is to be drawn and read by now."""
-        self._use(session.document.mesh, session.preparation is None)
-        request, tools, now = session.overlay_request, self._tools, time.monotonic()
-        if self._drawn is None or not _same_picture(request, self._drawn):
-            searches = session.searching and tools is not None
-            # One at a time: a drawing that is displaced before it is shown helps nobody.
-            if not self._quick.busy and not (searches and now - self._moved_at < SEARCH_DRAW_S):
-                self._drawn, self._moved_at = request, now
-                self._fine.stop()
-                draw = _sketch if tools is None else tools[0].draw
-                self._quick.start(lambda: iter([draw(request)]))
-        elif self.is_unfinished(session.moving) and now - self._moved_at > SETTLED_S:
-            self._moved_at = 0.0
-            if tools is not None and request.look in LINES:
-                self._fine.start(lambda: iter([draw_fine_lines(request, tools[2])]))
-        # A search finds the losses of its poses itself.
-        if tools is None or session.searching or self._loss.busy:
-            return
-        if self._read is None or not request.has_loss_of(self._read):
-            self._read = request
-            self._loss.start(lambda: iter([tools[1].read(request)]))
-
-    def take(self) -> Iterator[Edit]:
-        """Give what is new since the last call; raises where the model could not be drawn."""
-        read = self._loss.take()
-        if read is not None and read.error is not None and self._read is not None:
-            losses = Losses(self._read, note=sentence_of(read.error))
-            yield show(self._read.document, losses=losses)
-        elif read is not None and read.item is not None:
-            yield show(read.item.request.document, losses=read.item)
-        for worker in (self._quick, self._fine):
-            update = worker.take()
-            if update is not None and update.error is not None:
-                text = f"The model could not be drawn: {update.error}"
-                raise SettingsError(text) from update.error
-            if update is not None and update.item is not None:
-                yield show(update.item.request.document, overlay=update.item)
-
-    def close(self) -> None:
-        """End the threads."""
-        for worker in (self._quick, self._loss, self._fine):
-            worker.close()
-
-    def _use(self, mesh: Mesh, ready: bool) -> None:
-        """Draw another model, each thread with buffers of its own; sketch it until it is ready."""
-        if self._made_for == (mesh, ready):
-            return
-        self._made_for, self._tools, self._drawn, self._read = (mesh, ready), None, None, None
-        if ready:
-            quick, loss, fine = (renderer_of(mesh).clone() for _ in range(3))
-            self._tools = OverlayDrawer(quick), LossReader(loss), fine
+    return Job(
+        "overlay",
+        lambda session: session.overlay_request,
+        make,
+        notify,
+        serves=lambda begun, asked, busy: busy or begun.has_picture_of(asked),
+        period_s=lambda session: SEARCH_DRAW_S if session.searching else 0.0,
+    )
 
 
-def _sketch(request: OverlayRequest) -> Overlay:
-    mesh = request.document.mesh
-    outline = quick_silhouette(mesh, sketch_of(mesh), request.document.pose)
-    return Overlay(request, outline)
+def refining(notify: Callable[[], None]) -> Job[OverlayRequest]:
+    """Draw the lines finely once the model has come to rest."""
+    renderer = for_one_thread(lambda own: own)
+
+    def asked(session: Session) -> OverlayRequest | None:
+        drawn = None if session.overlay is None else session.overlay.request
+        if drawn is None or session.moving or drawn.is_sketch or drawn.look not in LINES:
+            return None
+        return drawn if drawn.has_picture_of(session.overlay_request) else None
+
+    def make(request: OverlayRequest) -> Iterator[Edit]:
+        job.require_asked(request, SETTLED_S)
+        overlay = draw_fine_lines(request, renderer(request.document.mesh))
+        yield show(request.document, overlay=overlay)
+
+    job = Job("fine overlay", asked, make, notify)
+    return job
 
 
-def _same_picture(one: OverlayRequest, other: OverlayRequest) -> bool:
-    looks = (one.look, one.opacity) == (other.look, other.opacity)
-    return looks and one.has_loss_of(other)
+def reading(notify: Callable[[], None]) -> Job[OverlayRequest]:
+    """Read the losses of the pose at hand; a search finds those of its poses itself."""
+    reader = for_one_thread(LossReader)
+
+    def make(request: OverlayRequest) -> Iterator[Edit]:
+        losses = reader(request.document.mesh).read(request)
+        yield show(request.document, losses=losses)
+
+    return Job(
+        "loss",
+        lambda now: None if now.preparation or now.searching else now.overlay_request,
+        make,
+        notify,
+        serves=lambda begun, asked, busy: busy or begun.has_loss_of(asked),
+    )

@@ -7,10 +7,12 @@ job displaces the old one between two items; no thread waits for another.
 from __future__ import annotations
 
 import logging
+import math
 import os
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
@@ -33,7 +35,6 @@ A = TypeVar("A")
 class JobUpdate(Generic[T]):
     """The newest item of a job, or why it failed."""
 
-    ticket: int
     item: T | None
     error: Exception | None = None
     finished: bool = False
@@ -75,50 +76,43 @@ class Worker(Generic[T]):
         where the system lets it.
         """
         self._notify = notify
-        self._low_priority = low_priority
+        self._thread = ThreadPoolExecutor(1, name, lower_priority if low_priority else None)
         self._change = threading.Condition()
-        self._job: tuple[int, Callable[[], Iterator[T]]] | None = None
-        self._wanted = 0
-        self._held = False
-        self._closed = False
+        self._wanted: Callable[[], Iterator[T]] | None = None
         self._latest: JobUpdate[T] | None = None
-        self._busy = False
+        self._held = False
         self._let_go = 0.0
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        self._thread.start()
 
     @property
     def busy(self) -> bool:
         """Whether a job runs or waits to."""
-        return self._busy
+        return self._wanted is not None
 
-    def start(self, make: Callable[[], Iterator[T]]) -> int:
-        """Run the iterator that ``make`` gives, in the worker's thread, instead of what runs.
-
-        Returns the ticket that its updates bear.
-        """
-        with self._change:
-            self._wanted += 1
-            self._job = (self._wanted, make)
-            self._busy = True
-            self._latest = None
-            self._change.notify_all()
-            return self._wanted
+    def start(self, make: Callable[[], Iterator[T]]) -> None:
+        """Run the iterator that ``make`` gives, in the worker's thread, instead of what runs."""
+        self._want(make)
+        self._thread.submit(self._work, make)
 
     def stop(self) -> None:
         """Let go of the job after the item it is at; its updates are dropped."""
+        self._want(None)
+
+    def _want(self, make: Callable[[], Iterator[T]] | None) -> None:
         with self._change:
-            self._wanted += 1
-            self._job, self._busy, self._latest = None, False, None
+            self._wanted, self._latest = make, None
             self._change.notify_all()
 
     def hold(self, held: bool) -> None:
         """Pause the job between two items, or let it go on."""
-        if held is self._held:
-            return
+        if held is not self._held:
+            with self._change:
+                self._held = held
+                self._change.notify_all()
+
+    def wait_for(self, holds: Callable[[], bool], seconds: float) -> bool:
+        """Wait until something holds that a new job or ``stop`` can bring about; False: in vain."""
         with self._change:
-            self._held = held
-            self._change.notify_all()
+            return self._change.wait_for(holds, seconds)
 
     def take(self) -> JobUpdate[T] | None:
         """The newest item, once; None if there is none since the last time."""
@@ -126,63 +120,42 @@ class Worker(Generic[T]):
             latest, self._latest = self._latest, None
             return latest
 
-    def finish(self) -> None:
-        """End the thread when what was started last is done."""
-        with self._change:
-            self._change.wait_for(lambda: not self._busy)
-        self.close()
-
     def close(self) -> None:
         """End the thread, after the item it is at."""
-        with self._change:
-            self._closed = True
-            self._wanted += 1
-            self._change.notify_all()
-        self._thread.join()
+        self.stop()
+        self._thread.shutdown()
 
-    def _run(self) -> None:
-        if self._low_priority:
-            lower_priority()
-        while True:
-            with self._change:
-                self._change.wait_for(lambda: self._closed or self._job is not None)
-                if self._closed or self._job is None:
-                    return
-                ticket, make = self._job
-                self._job = None
-            self._work(ticket, make)
-            del make  # it may hold what was uploaded
-
-    def _work(self, ticket: int, make: Callable[[], Iterator[T]]) -> None:
+    def _work(self, make: Callable[[], Iterator[T]]) -> None:
         item: T | None = None
         error: Exception | None = None
+        if self._wanted is not make:
+            return
         try:
             for item in make():
-                if not self._publish(JobUpdate(ticket, item)):
+                if not self._publish(make, JobUpdate(item)):
                     return
-                self._wait_while_held(ticket)
+                self._wait_while_held(make)
         except Exception as raised:  # noqa: BLE001 - whatever it is, the user is to be told
-            _log.debug("job %d of %s", ticket, self._thread.name, exc_info=raised)
+            _log.debug("%s", threading.current_thread().name, exc_info=raised)
             error = raised.with_traceback(None)  # its frames hold what was worked on
-        self._publish(JobUpdate(ticket, item, error, finished=True))
+        self._publish(make, JobUpdate(item, error, finished=True))
 
-    def _wait_while_held(self, ticket: int) -> None:
+    def _wait_while_held(self, make: Callable[[], Iterator[T]]) -> None:
         if self._held:
             with self._change:
-                self._change.wait_for(lambda: not self._held or ticket != self._wanted)
+                self._change.wait_for(lambda: not self._held or self._wanted is not make)
         elif time.monotonic() > self._let_go + LET_GO_S:
             time.sleep(0.0)  # let go of the interpreter: others may be waiting for it
             self._let_go = time.monotonic()
 
-    def _publish(self, latest: JobUpdate[T]) -> bool:
+    def _publish(self, make: Callable[[], Iterator[T]], latest: JobUpdate[T]) -> bool:
         """False if the job has been displaced."""
         with self._change:
-            if latest.ticket != self._wanted:
+            if self._wanted is not make:
                 return False
             self._latest = latest
             if latest.finished:
-                self._busy = False
-                self._change.notify_all()
+                self._wanted = None
         if self._notify is not None:
             self._notify()
         return True
@@ -196,15 +169,25 @@ class Job(Generic[A]):
         name: str,
         asked: Callable[[Session], A | None],
         make: Callable[[A], Iterator[Edit]],
-        failed: Callable[[A, Exception], Edit],
         notify: Callable[[], None] | None = None,
+        *,
+        failed: Callable[[A, Exception], Edit] | None = None,
+        serves: Callable[[A, A, bool], bool] = lambda begun, asked, _: begun is asked,
+        period_s: Callable[[Session], float] = lambda _: 0.0,
+        low_priority: bool = False,
     ) -> None:
-        """``asked`` gives what a session asks for, each time the same object (None: nothing),
-        ``make`` the edits that come of it, and ``failed`` the edit where it ends in an error.
+        """``asked`` gives what a session asks for (None: nothing), ``make`` the edits that come of
+        it, and ``failed`` an edit for where it ends in an error.
+
+        ``serves(begun, asked, busy)``: whether what was begun, and is under way or done, will do
+        for what is asked for; ``period_s``: least time between two that are begun.
         """
-        self._worker: Worker[Edit] = Worker(name, notify)
+        self._worker: Worker[Edit] = Worker(name, notify, low_priority)
         self._asked, self._make, self._failed = asked, make, failed
+        self._serves, self._period_s = serves, period_s
         self._begun: A | None = None
+        self._begun_at = -math.inf
+        self.hold = self._worker.hold
 
     @property
     def busy(self) -> bool:
@@ -213,18 +196,19 @@ class Job(Generic[A]):
 
     def follow(self, session: Session) -> None:
         """Begin what the session asks for by now; stop what it does not ask for any more."""
-        asked = self._asked(session)
-        if asked is self._begun:
-            return
-        self._begun = asked
+        asked, begun, now = self._asked(session), self._begun, time.monotonic()
         if asked is None:
+            self._begun = None
             self._worker.stop()
-        else:
+        elif begun is not None and self._serves(begun, asked, self.busy):
+            return
+        elif now >= self._begun_at + self._period_s(session):
+            self._begun, self._begun_at = asked, now
             self._worker.start(lambda: self._make(asked))
 
-    def require_asked(self, asked: A) -> None:
-        """Raise unless this is still asked for; from any thread."""
-        if self._begun is not asked:
+    def require_asked(self, asked: A, seconds: float = 0.0) -> None:
+        """Raise unless this is still asked for after so long; from any thread."""
+        if self._worker.wait_for(lambda: self._begun is not asked, seconds):
             raise RuntimeError("it is not asked for any more")
 
     def take(self) -> Iterator[Edit]:
@@ -235,12 +219,13 @@ class Job(Generic[A]):
         if update.item is not None:
             yield update.item
         if update.error is not None:
-            if self._begun is not None:
+            if self._failed is not None and self._begun is not None:
                 yield self._failed(self._begun, update.error)
             raise update.error
 
     def close(self) -> None:
-        """End the thread."""
+        """End the thread, after the item it is at."""
+        self._begun = None
         self._worker.close()
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from poseviewer.app.state.objects import add_object
 from poseviewer.app.state.session import Outlines, Session
-from poseviewer.app.workers.outlines import OutlineWorker
+from poseviewer.app.workers.outlines import outlining
 from tests.app.state.documents import after
 from tests.app.state.sets import make_set_session
 from tests.view_sets import MESH, TRUTH
@@ -18,7 +18,7 @@ from tests.view_sets import MESH, TRUTH
 def drawn_in(session: Session) -> Outlines:
     """The objects in all photos, as the worker draws it."""
     drawn = Event()
-    with closing(OutlineWorker(drawn.set)) as worker:
+    with closing(outlining(drawn.set)) as worker:
         worker.follow(session)
         while drawn.wait(60.0):
             drawn.clear()

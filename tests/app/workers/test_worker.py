@@ -86,7 +86,7 @@ def worker(bell, request) -> Iterator[Worker[object]]:
     made: Worker[object] = Worker("tested", bell, low_priority=request.param)
     yield made
     made.close()
-    assert not any(thread.name == "tested" for thread in threading.enumerate())
+    assert not any(thread.name.startswith("tested") for thread in threading.enumerate())
 
 
 def taken(worker: Worker[object]) -> JobUpdate[object]:
@@ -97,28 +97,27 @@ def taken(worker: Worker[object]) -> JobUpdate[object]:
 
 def test_each_item_is_taken_once_and_the_last_is_told_as_such(worker, bell):
     job = Steps("ab")
-    ticket = worker.start(job)
+    worker.start(job)
     assert worker.busy
     for item in "ab":
         assert worker.take() is None
         job.go()
         bell.heard()
         if item == "a":
-            assert taken(worker) == JobUpdate(ticket, "a")
+            assert taken(worker) == JobUpdate("a")
     bell.heard()  # the end rings as well
-    assert taken(worker) == JobUpdate(ticket, "b", finished=True)
+    assert taken(worker) == JobUpdate("b", finished=True)
     assert worker.take() is None
     assert not worker.busy
-    assert job.thread == "tested"
+    assert job.thread.startswith("tested")
 
 
 def test_a_new_job_displaces_the_old_one_whose_updates_are_dropped(worker, bell):
     old, new = Steps("abc"), Steps("x")
-    first = worker.start(old)
+    worker.start(old)
     old.go()
     bell.heard()
-    second = worker.start(new)
-    assert second > first
+    worker.start(new)
     assert worker.take() is None  # what the old job had published is gone
     old.go()  # the item it was at
     assert new.began.wait(LONG)
@@ -126,7 +125,7 @@ def test_a_new_job_displaces_the_old_one_whose_updates_are_dropped(worker, bell)
     new.go()
     bell.heard()
     bell.heard()
-    assert taken(worker) == JobUpdate(second, "x", finished=True)
+    assert taken(worker) == JobUpdate("x", finished=True)
 
 
 def test_stop_drops_what_was_published_and_what_is_on_its_way(worker, bell):
@@ -170,20 +169,20 @@ def test_a_held_job_pauses_between_two_items_and_goes_on(worker, bell):
 def test_an_exception_is_told_and_the_next_job_runs(worker, bell):
     error = ValueError("no such thing")
     job, after = Steps("a", error), Steps("x")
-    ticket = worker.start(job)
+    worker.start(job)
     job.go()
     bell.heard()
     bell.heard()
     latest = taken(worker)
     assert latest.error is error
-    assert latest == JobUpdate(ticket, "a", error, finished=True)
+    assert latest == JobUpdate("a", error, finished=True)
     assert not worker.busy
     worker.start(after)
     after.go()
     bell.heard()
     bell.heard()
     assert taken(worker).item == "x"
-    assert after.thread == "tested"
+    assert after.thread.startswith("tested")
 
 
 def made(step: Steps) -> Iterator[Edit]:
@@ -197,8 +196,8 @@ def test_a_job_is_begun_once_and_stopped_where_it_is_not_asked_for(bell):
         "tested",
         lambda now: now.tool if now.tool in steps else None,
         lambda asked: made(steps[asked]),
-        lambda *_: set_tool("region"),
         bell,
+        failed=lambda *_: set_tool("region"),
     )
     job.follow(session)
     assert not job.busy
@@ -234,7 +233,7 @@ def test_close_ends_the_thread_at_the_item_it_is_at(held, bell):
     bell.heard()
     job.go(2)
     worker.close()
-    assert not any(thread.name == "closing" for thread in threading.enumerate())
+    assert not any(thread.name.startswith("closing") for thread in threading.enumerate())
 
 
 def test_no_item_of_many_posters_is_lost():
