@@ -40,24 +40,21 @@ def test_the_model_of_the_photo_is_first(scene, others):
         assert all(fit.loss <= fit.start_loss for _, fit in ranked)
 
 
-def test_all_models_are_judged_on_the_same_pixels(scene, others):
+def test_all_models_are_judged_on_the_same_pixels_and_a_region_cuts_them(scene, others):
     opened = open_all(scene, [scene.model, *others])
-    shared = shared_settings(opened, FitSettings())
-    weights = [make_problem(one.with_object(0, settings=shared))[0].photo.weights for one in opened]
-    for mine, one in zip(weights, opened, strict=True):
-        np.testing.assert_array_equal(mine, weights[0])
-        near = make_problem(one)[0].photo.weights
-        assert np.all(mine[near > 0.0] > 0.0)
 
+    def weights(settings: FitSettings) -> list[np.ndarray]:
+        shared = shared_settings(opened, settings)
+        problems = (make_problem(one.with_object(0, settings=shared)) for one in opened)
+        return [problem.photo.weights for problem, _ in problems]
 
-def test_a_region_cuts_the_shared_pixels(scene, others):
-    opened = open_all(scene, others)
-    shared = shared_settings(opened, FitSettings(region=Rectangle(0, 0, 80, 200)))
-    weights = make_problem(opened[0].with_object(0, settings=shared))[0].photo.weights
-    assert np.any(weights > 0.0)
-    assert not np.any(weights[:, 80:])
-    whole = shared_settings(opened, FitSettings(pixels="whole"))
-    assert np.all(make_problem(opened[0].with_object(0, settings=whole))[0].photo.weights == 1.0)
+    for mine, one in zip(whole := weights(FitSettings()), opened, strict=True):
+        np.testing.assert_array_equal(mine, whole[0])
+        assert np.all(mine[make_problem(one)[0].photo.weights > 0.0] > 0.0)
+    cut = weights(FitSettings(region=Rectangle(0, 0, 80, 200)))[0]
+    assert np.any(cut > 0.0)
+    assert not np.any(cut[:, 80:])
+    assert np.all(weights(FitSettings(pixels="whole"))[0] == 1.0)
 
 
 def test_what_cannot_be_compared_is_refused(scene, others):
@@ -76,17 +73,3 @@ def test_the_command_prints_a_table(scene, others, capsys):
     lines = printed.out.splitlines()
     assert lines[1].split()[:2] == ["1", scene.model.name]
     assert lines[2].split()[:2] == ["2", "box.ply"]
-
-
-@pytest.mark.parametrize(
-    ("more", "words"),
-    [([], "two or more"), (["no.ply"], "no.ply: no such file"), (["--pixels", "clip"], "clip")],
-    ids=["one model", "missing model", "clip"],
-)
-def test_mistakes_are_one_sentence(scene, more, words, capsys):
-    models = [scene.model, scene.model] if "clip" in more else [scene.model]
-    arguments = ["identify", scene.photo, *models, *more, "--start", scene.start, "--quiet"]
-    assert cli.main([str(argument) for argument in arguments]) == 2
-    printed = capsys.readouterr().err
-    assert words in printed
-    assert printed.count("\n") == 1

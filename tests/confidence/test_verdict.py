@@ -1,0 +1,73 @@
+"""The verdict on a pose by its features, and by several photos."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from poseviewer.confidence.verdict import (
+    FOUND_FROM,
+    LOST_BELOW,
+    Features,
+    Verdict,
+    judge,
+    judge_together,
+    percent_right,
+)
+
+RIGHT = Features(turn_margin=3.0, spread_percent=1.0, outline=0.95, seen=1.0)
+
+
+def test_worse_features_are_less_probable_and_lost_in_the_end():
+    assert judge(RIGHT).word == "found"
+    worse = {"turn_margin": 0.1, "spread_percent": 20.0, "outline": 0.5}
+    verdicts = [judge(replace(RIGHT, **{name: value})) for name, value in worse.items()]
+    assert all(one.probability < judge(RIGHT).probability for one in verdicts)
+    assert judge(replace(RIGHT, **worse)).word == "lost"
+    assert judge(None).word == "lost"
+
+
+def test_a_model_of_which_too_little_is_seen_is_lost():
+    hidden = judge(replace(RIGHT, seen=0.3))
+    assert hidden.word == "lost"
+    assert any("Only 30%" in reason for reason in hidden.reasons)
+    assert judge(replace(RIGHT, seen=0.5)).word == "found"
+
+
+def test_a_model_in_part_hidden_must_be_more_probable_to_be_found():
+    whole = [replace(RIGHT, outline=share, turn_margin=1.5) for share in np.linspace(0, 1, 101)]
+    between = [f for f in whole if judge(f).word == "found" and judge(f).probability < 0.95]
+    assert between
+    assert all(judge(replace(f, seen=0.6)).word == "doubtful" for f in between)
+
+
+@pytest.mark.parametrize("word", ["found", "doubtful", "lost"])
+def test_word_and_number_of_a_verdict_never_contradict(word: str):
+    """The number alone leads to its word, and is never sure."""
+    said = {percent_right(word, probability) for probability in np.linspace(0.0, 1.0, 101)}
+    assert max(said) < 100
+    for number in (share / 100.0 for share in said):
+        is_found, is_lost = number >= FOUND_FROM, number < LOST_BELOW
+        assert ("found" if is_found else "lost" if is_lost else "doubtful") == word
+
+
+@pytest.mark.parametrize(
+    ("alone", "word"),
+    [
+        ([0.9, 0.9], "found"),
+        ([0.1, 0.1, 0.1], "lost"),
+        ([0.99, 0.99, 0.3], "found"),
+        ([0.97, 0.97, 0.01], "doubtful"),  # a camera contradicts the other two
+        ([0.99, 0.01], "doubtful"),  # one of the other
+        ([0.99, 0.99, 0.99, 0.7, 0.7, 0.7, 0.7], "doubtful"),  # fewer than half are as sure
+        ([0.87, 0.77, 0.47, 0.52, 0.95, 0.01, 0.01, 0.06], "doubtful"),  # as many for it as against
+        ([0.87, 0.47, 0.47, 0.52, 0.95, 0.01, 0.01, 0.06], "lost"),
+    ],
+)
+def test_several_photos_are_of_one_mind_or_it_is_doubtful(alone: list[float], word: str):
+    verdict = judge_together([Verdict("found", one, (), None) for one in alone])
+    assert verdict.word == word
+    assert min(alone) - 1e-9 <= verdict.probability <= max(alone) + 1e-9
+    assert len(verdict.views) == len(alone)

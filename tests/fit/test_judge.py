@@ -1,0 +1,125 @@
+"""Evidence on a pose of the small scene: its features, its covariance, and the border of charts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from poseviewer.confidence.verdict import judge
+from poseviewer.fit.judge import find_covariance, gather_features, inverse_curvature, judge_end
+from poseviewer.fit.probing import free_motions
+from poseviewer.fit.problem import make_problem
+from poseviewer.fit.stages import fit_pose
+from poseviewer.geometry.camera import Parallel, Pose
+from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.starts.loading import open_photo
+from poseviewer.vehicle.chart import LEAST_AXLE_COMPONENT, VehicleChart
+from tests.geometry.test_charts import make_keypoints
+from tests.opened import by
+
+
+@pytest.fixture(scope="module")
+def opened(scene):
+    return open_photo(scene.photo, scene.model, scene.truth)
+
+
+@pytest.fixture(scope="module")
+def case(opened) -> Any:
+    mesh = opened.objects[0].mesh
+    return make_problem(by(opened, chart="free-body"))[0], mesh, SoftwareRenderer(mesh)
+
+
+@pytest.fixture(scope="module")
+def truth(opened) -> Pose:
+    return opened.pose(0)
+
+
+def test_the_features_speak_for_the_true_pose(case, truth):
+    off = case[0].chart.to_pose(np.array([0.7, -0.5, 0.3, 0.3, 0.2, 0.1]))
+    right, wrong = (gather_features(*case, pose=pose) for pose in (truth, off))
+    assert right is not None
+    assert wrong is not None
+    assert right.turn_margin > wrong.turn_margin
+    assert right.spread_percent < wrong.spread_percent
+    assert judge(wrong).word == "lost"
+    assert judge(right).probability > 0.5 > judge(wrong).probability
+
+
+def test_a_pose_at_the_border_of_its_chart_has_motions(case):
+    """The axle lies as flat as the vehicle's numbers allow: one more step leads to no pose."""
+    problem, mesh, _ = case
+    camera = Parallel(60.0, 100.0, 80.0, 200, 160)
+    chart = VehicleChart(make_keypoints(np.random.default_rng(3)).left, camera)
+    flattest = np.sqrt(1.0 - LEAST_AXLE_COMPONENT**2) - 1e-9
+    parameters, free = np.array([0.3, 0.6, 0.3, 0.01, 0.0, flattest]), (True,) * 4 + (False, True)
+    with pytest.raises(OutsideChartError):
+        chart.to_pose(parameters + 1e-4 * np.eye(6)[5])
+    views = (replace(problem.views[0], chart=chart),)
+    here = replace(problem, views=views, start=parameters, free=free)
+    motions = free_motions(here, parameters, FreeBodyChart.near(mesh, chart.to_pose(parameters)))
+    np.testing.assert_allclose(motions @ motions.T, np.eye(5), atol=1e-9)
+
+
+def test_the_curvature_of_a_known_quadratic_is_found_under_jumps():
+    random = np.random.default_rng(0)
+    axes, _ = np.linalg.qr(random.normal(size=(6, 6)))
+    hessian = (axes * [300.0, 1000.0, 3000.0, 5000.0, 10000.0, 20000.0]) @ axes.T
+    centre = 0.003 * random.normal(size=6)
+
+    def losses(points: Sequence[np.ndarray]) -> np.ndarray:
+        away = np.array(points) - centre
+        smooth = 40.0 + 0.5 * np.einsum("ni,ij,nj->n", away, hessian, away)
+        return smooth + 0.003 * random.normal(size=len(away))
+
+    least, inverse = inverse_curvature(losses, 6)
+    assert least == pytest.approx(40.0, abs=0.02)
+    ratios = np.linalg.eigvals(inverse @ hessian).real
+    assert 0.8 < ratios.min() <= ratios.max() < 1.25
+
+
+def test_the_end_of_a_fit_is_sure_and_the_same_on_any_threads(case):
+    problem, mesh, renderer = case
+    *_, end = fit_pose(problem, renderer)
+    verdict = judge_end(end, *case)
+    sure = verdict.covariance
+    assert verdict.word == "found"
+    assert verdict.features is not None
+    assert sure is not None
+    assert np.linalg.eigvalsh(sure.matrix)[0] > 0.0
+    assert 0.0 < sure.deviations["sideways"] < sure.deviations["depth"] < mesh.diameter
+    assert 0.0 < sure.px < 5.0
+    again = find_covariance(*case, pose=end.pose, seen=verdict.features.seen, threads=3)
+    assert again is not None
+    np.testing.assert_array_equal(again.matrix, sure.matrix)
+    far = problem.chart.to_pose(np.array([0.0, 0.0, 0.0, 30.0, 30.0, 0.0]))
+    unseen = judge_end(replace(end, pose=far), *case)
+    assert (unseen.word, unseen.probability, unseen.covariance) == ("lost", 0.0, None)
+
+
+def test_the_less_is_seen_the_less_sure_it_is_and_what_is_held_is_sure(case, truth):
+    problem, mesh, renderer = case
+    whole, half = (find_covariance(*case, pose=truth, seen=seen) for seen in (1.0, 0.5))
+    held = replace(problem, free=(True,) * 5 + (False,))
+    sure = find_covariance(held, mesh, renderer, truth, 1.0)
+    assert whole is not None
+    assert half is not None
+    assert sure is not None
+    assert half.px > whole.px
+    assert np.linalg.matrix_rank(sure.matrix / np.outer(sure.scales, sure.scales)) == 5
+    assert sure.matrix[5, 5] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_free_focal_length_has_a_deviation_of_its_own(opened, case, truth):
+    free, _ = make_problem(by(opened, chart="free-body", free_focal=True))
+    sure, known = (find_covariance(one, *case[1:], pose=truth, seen=1.0) for one in (free, case[0]))
+    assert sure is not None
+    assert known is not None
+    assert sure.matrix.shape == (7, 7)
+    assert sure.deviations["focal_px"] > 0.0
+    assert sure.deviations["depth"] > known.deviations["depth"]
