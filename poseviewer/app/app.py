@@ -30,7 +30,6 @@ from poseviewer.app.workers.overlay import drawing, reading, refining
 from poseviewer.app.workers.tasks import (
     Exported,
     Found,
-    Greet,
     Request,
     Restore,
     Result,
@@ -76,7 +75,9 @@ class App:
         own = self._autosaver.job, self._drawer, self._searcher, self._mapper
         self._workers = (*own, *(job(notify) for job in others))
         self._running, self._failed = True, False
-        self._page.tell_all(opened.warnings)
+        self._page.tell("Note", *opened.warnings)
+        if self._autosaver.offer is not None:
+            self._page.offer(self._autosaver.offer)
         notify()  # the page is shown at once
 
     def run(self) -> None:
@@ -138,8 +139,6 @@ class App:
                 self._save()
             case ShowHelp(client):
                 self._page.show_help(client)
-            case Greet(client):
-                self._page.greet(client, self._autosaver.offer())
             case Restore(wanted):
                 kept = self._autosaver.take_offer(wanted)
                 self._page.close_offer()
@@ -169,7 +168,7 @@ class App:
         ended = self._tasks.take()
         if ended is not None:
             self._page.working("")
-            self._page.forget_strokes()
+            self._edit(c.change(strokes=self.session.strokes + 1))  # those in vain are taken, too
             with self._told():
                 self._finish(ended.item)
                 if ended.error is not None:
@@ -190,12 +189,12 @@ class App:
         match result:
             case Opened():
                 self._open(result)
-                self._page.tell_all(result.warnings)
+                self._page.tell("Note", *result.warnings)
             case Found():
                 for edit in result.edits:
                     with self._told():
                         self._edit(edit)
-                self._page.tell_all(result.warnings)
+                self._page.tell("Note", *result.warnings)
             case Exported():
                 self._page.send(result)
 

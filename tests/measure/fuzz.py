@@ -26,8 +26,7 @@ from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from zipfile import ZipFile
 
-from poseviewer.app.below_viser.client_script import _parsed
-from poseviewer.app.page.reports import request_of
+from poseviewer.app.page.reports import meaning_of
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.update import update
 from poseviewer.batch.job_table import load_jobs
@@ -83,11 +82,9 @@ def read_format(name: str, in_folder: bool = False) -> Reader:
 
 def read_report(path: Path) -> None:
     """Do what a page's script asks for."""
-    report = _parsed(path.read_bytes().decode("utf-8", "replace"))
-    session = make_session()
-    request = None if report is None else request_of(report)
-    if isinstance(request, Edit):
-        update(session, request)
+    meaning = meaning_of(path.read_bytes().decode("utf-8", "replace"))
+    if isinstance(meaning, Edit):
+        update(make_session(), meaning)
 
 
 READERS: dict[str, Reader] = {

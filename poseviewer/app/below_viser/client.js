@@ -474,11 +474,11 @@ addEventListener("drop", async (event) => {
   try {
     for (const entry of entries) await filesOf(entry, found);
   } catch (error) {
-    send({ kind: "unreadable", name: entries[0].name });
+    send({ kind: "not sent", trouble: "unreadable", name: entries[0].name });
     return;
   }
   if (found.length) give(input, found);
-  else send({ kind: "empty", name: entries[0].name });
+  else send({ kind: "not sent", trouble: "empty", name: entries[0].name });
 }, true);
 
 // --- the panels ---------------------------------------------------------------------------------
@@ -581,7 +581,7 @@ document.head.append(style, pictures);
 document.querySelector("link[rel~='icon']").href = CONFIG.icon;
 sendTheme();
 if (window.name.startsWith("cut off ")) {
-  send({ kind: "cut off", name: window.name.slice(8) });
+  send({ kind: "not sent", trouble: "cut off", name: window.name.slice(8) });
   window.name = "";
 }
 watch();

@@ -23,8 +23,6 @@ from viser import _messages
 _SOURCE = Path(__file__).with_name("client.js")
 _ICON = Path(__file__).with_name("icon.svg")
 
-Report = dict[str, Any]
-
 
 class ClientScript:
     """Puts the script on every page that connects, and hands on what pages report."""
@@ -33,10 +31,10 @@ class ClientScript:
         self,
         server: viser.ViserServer,
         config: Mapping[str, Any],
-        on_report: Callable[[Report, viser.ClientHandle], None],
+        on_report: Callable[[object, viser.ClientHandle], None],
     ) -> None:
         """``config``: what the script is told, as the head of ``client.js`` says;
-        ``on_report(report, client)`` is called in viser's thread.
+        ``on_report(report, client)`` is called in viser's thread; a page may report anything.
         """
         self._server = server
         self._config = config
@@ -48,10 +46,8 @@ class ClientScript:
 
         @self._channel.on_update
         async def _(event: viser.GuiEvent) -> None:
-            report = _parsed(self._channel.value)
-            if event.client is None or report is None:
-                return
-            on_report(report, event.client)
+            if event.client is not None:
+                on_report(self._channel.value, event.client)
 
         server.on_client_connect(self._greet)
 
@@ -63,11 +59,8 @@ class ClientScript:
         with self._telling:
             if self._told.get(function) != told:
                 self._told[function] = told
-                self._run(told)
-
-    def forget_strokes(self) -> None:
-        """Pages need not show the strokes that are done any longer."""
-        self._run("window.poseviewer?.forgetStrokes();")
+                for client in self._server.get_clients().values():
+                    _run_on(client, told)
 
     async def _greet(self, client: viser.ClientHandle) -> None:
         icon = base64.b64encode(_ICON.read_bytes()).decode()
@@ -81,19 +74,6 @@ class ClientScript:
             source = source.replace("/*CONFIG*/ {}", json.dumps(config), 1)
             _run_on(client, "\n".join([source, *self._told.values()]))
 
-    def _run(self, source: str) -> None:
-        for client in self._server.get_clients().values():
-            _run_on(client, source)
-
 
 def _run_on(client: viser.ClientHandle, source: str) -> None:
     client.gui._websock_interface.queue_message(_messages.RunJavascriptMessage(source))
-
-
-def _parsed(text: object) -> Report | None:
-    """Parse a report; None for what is none (a page may send anything)."""
-    try:
-        report = json.loads(text) if isinstance(text, str) else None
-    except (ValueError, RecursionError):
-        return None
-    return report if isinstance(report, dict) and isinstance(report.get("kind"), str) else None

@@ -48,17 +48,21 @@ def objects_list(session: Session) -> str:
 def _row(one: SceneObject, is_picked: bool) -> str:
     name, number = escape(label_of(one)), int(one.id)
     colour = LINE_COLOUR if is_picked else object_colour(number)
-    hide = ("show", "show it") if one.hidden else ("hide", "hide it")
-    lock = ("unlock", "unlock it") if one.locked else ("lock", "leave it where it is")
+    hide, lock = ("show" if one.hidden else "hide"), ("unlock" if one.locked else "lock")
+    hint = "unlock it" if one.locked else "leave it where it is"
+    hiding, locking = (
+        on_press("alter object", number=number, what=what, on=not getattr(one, what))
+        for what in ("hidden", "locked")
+    )
+    removing = on_press("remove object", number=number)
     icons = (
-        _button(number, *hide, "eye", one.hidden),
-        _button(number, *lock, "lock" if one.locked else "open", not one.locked),
-        _button(number, "remove", "remove it", "away"),
+        _button(f"{hide} {number}", f"{hide} it", "eye", one.hidden, hiding),
+        _button(
+            f"{lock} {number}", hint, "lock" if one.locked else "open", not one.locked, locking
+        ),
+        _button(f"remove {number}", "remove it", "away", False, removing),
     )
-    at, pick = (
-        " class=pv-at" if is_picked else "",
-        on_press(kind="object", wish="pick", number=number),
-    )
+    at, pick = " class=pv-at" if is_picked else "", on_press("pick object", number=number)
     return (
         f'<tr{at} tabindex="0" title="{name}: pick it" {pick}>'
         f'<td><i style="background:rgb{colour}"></i></td><td>{name}</td>'
@@ -66,11 +70,10 @@ def _row(one: SceneObject, is_picked: bool) -> str:
     )
 
 
-def _button(number: int, wish: str, hint: str, icon: str, is_faint: bool = False) -> str:
+def _button(label: str, hint: str, icon: str, is_faint: bool, press: str) -> str:
     faint = "class=pv-faint " if is_faint else ""
     return (
-        f'<button type="button" title="{hint}" aria-label="{wish} {number}" {faint}'
-        f"{on_press(kind='object', wish=wish, number=number)}>"
+        f'<button type="button" title="{hint}" aria-label="{label}" {faint}{press}>'
         f'<svg viewBox="0 0 16 16">{ICONS[icon]}</svg></button>'
     )
 

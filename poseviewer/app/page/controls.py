@@ -164,9 +164,9 @@ def kept(key: Read, read: Read) -> Read:
     return look
 
 
-def on_press(**report: Any) -> str:
+def on_press(kind: str, **report: Any) -> str:
     """HTML attribute that has the page's script report a press, or Enter, on an element."""
-    return f'data-report="{escape(json.dumps(report))}"'
+    return f'data-report="{escape(json.dumps({"kind": kind, **report}))}"'
 
 
 def set_properties(handle: Any, **values: Any) -> None:

@@ -88,7 +88,7 @@ def parts_left_out(mesh: Mesh) -> str:
     """The parts that are left out, each with a button that brings it back (HTML)."""
     rows = "".join(
         f'<li>{escape(name or "(unnamed)")}<button type="button" '
-        f"{on_press(kind='part', index=index)}>Bring back</button></li>"
+        f"{on_press('part', index=index)}>Bring back</button></li>"
         for index, name in enumerate(mesh.left_out)
     )
     return f'<div class="pv-parts">Left out of the model:<ul>{rows}</ul></div>' if rows else ""

@@ -166,7 +166,7 @@ def _cell(
     if piece is None:
         return f'<div class="pv-cell pv-none" style="{place}"></div>'
     first, second = pair
-    pick, enlarge = (on_press(kind=k, first=first, second=second) for k in ("pick", "enlarge"))
+    pick, enlarge = (on_press(k, first=first, second=second) for k in ("pick", "enlarge"))
     what = escape(f"{short_name(names[first])}, {short_name(names[second])}")
     least = piece.minimum
     # The map from its first to its last grid point: half of each border pixel is cut off.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +23,14 @@ from poseviewer.app.page.panels import (
     add_status,
 )
 from poseviewer.app.page.photo_view import DEPTH, SIDE, PhotoScene
-from poseviewer.app.page.reports import FORWARDED, HELP, LEFT_TO_BROWSER, request_of
+from poseviewer.app.page.reports import FORWARDED, HELP, LEFT_TO_BROWSER, Theme, meaning_of
 from poseviewer.app.page.rows import RowsPanel
 from poseviewer.app.page.strip import PhotoStrip
 from poseviewer.app.page.texts import hint_of
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.hiding import SHAPES
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.tasks import Exported, Greet, Restore, ShowHelp
+from poseviewer.app.workers.tasks import Exported, Restore
 from poseviewer.files.file_set import MOST_FILES
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.files.state.uploads import LARGEST_UPLOAD
@@ -97,13 +96,9 @@ class Page:
         self._shown: Session | None = None
         self._late = False
         self._working: list[viser.NotificationHandle] = []
-        self._offers: list[Any] = []
-        bound_uploads(server, self.show_error_to)
+        self._offer: Any = None
+        bound_uploads(server, lambda client, why: self.show_error(why, client))
         check_values(server)
-
-        @server.on_client_connect
-        async def _(client: viser.ClientHandle) -> None:
-            post(Greet(client.client_id))
 
     def show(self, session: Session, where: str) -> None:
         """Bring the page to the session; cheap where nothing has changed."""
@@ -121,8 +116,7 @@ class Page:
             self._script.show("setPen", shape, session.erasing)
             self.scene.show(session)
             self._strip.show(session)
-            if self._shown is None or session.strokes != self._shown.strokes:
-                self.forget_strokes()
+            self._script.show("forgetStrokes", session.strokes)  # their tint is there
         self._shown, self._late = session, True
         now = time.monotonic()
         if now < self._next_panels:
@@ -135,93 +129,73 @@ class Page:
         self._late = not self._landscape.show(session)
         self._next_panels = time.monotonic() + PANELS_S
 
-    def _reported(self, content: dict[str, Any], client: viser.ClientHandle) -> None:
-        if content["kind"] == "theme":
-            choose_theme(client.gui, content.get("light") is True)
-            return
-        is_help = content["kind"] == "key" and content.get("key") == "?"
-        asked = ShowHelp(client.client_id) if is_help else request_of(content, self._review)
-        if isinstance(asked, str):
-            self.show_error_to(client.client_id, asked)
-        elif asked is not None:
-            self._post(asked)
+    def _reported(self, report: object, client: viser.ClientHandle) -> None:
+        match meaning_of(report, client.client_id, self._review):
+            case Theme(light):
+                choose_theme(client.gui, light)
+            case str(trouble):
+                self.show_error(trouble, client.client_id)
+            case None:
+                pass
+            case request:
+                self._post(request)
 
-    def show_error(self, sentence: str) -> None:
-        """Tell all pages what could not be done, and why."""
-        for client in self._server.get_clients():
-            self.show_error_to(client, sentence)
+    def _tabs(self, client: int | None = None) -> list[viser.ClientHandle]:
+        """All pages that are open, or (by its client's id) one of them while it is."""
+        clients = self._server.get_clients()
+        return [handle for number, handle in clients.items() if client in (None, number)]
 
-    def show_error_to(self, client: int, sentence: str) -> None:
-        """Tell one page what could not be done, and why; from any thread."""
-        handle = self._server.get_clients().get(client)
-        if handle is not None:
-            handle.add_notification(
+    def show_error(self, sentence: str, client: int | None = None) -> None:
+        """Tell all pages, or one, what could not be done, and why; from any thread."""
+        for tab in self._tabs(client):
+            tab.add_notification(
                 "That did not work", sentence, color="orange", auto_close_seconds=12.0
             )
 
-    def tell(self, title: str, text: str) -> None:
-        """Tell all pages that something is done."""
-        for client in self._server.get_clients().values():
-            client.add_notification(title, text, color="cyan", auto_close_seconds=5.0)
-
-    def tell_all(self, notes: Sequence[str]) -> None:
-        """Notes on files that were opened."""
-        for note in notes:
-            self.tell("Note", note)
+    def tell(self, title: str, *texts: str) -> None:
+        """Tell all pages that something is done, a notice for each text."""
+        for tab in self._tabs():
+            for text in texts:
+                tab.add_notification(title, text, color="cyan", auto_close_seconds=5.0)
 
     def working(self, what: str, note: str = "") -> None:
         """Say that something is being done that takes a moment; "" when it is over."""
         for notice in self._working:
             notice.remove()
-        self._working = []
-        if what:
-            self._working = [
-                client.add_notification(what, note, loading=True, with_close_button=False)
-                for client in self._server.get_clients().values()
-            ]
-
-    def forget_strokes(self) -> None:
-        """Take away what pages show of strokes that are done: their tint is there."""
-        self._script.forget_strokes()
+        self._working = [
+            tab.add_notification(what, note, loading=True, with_close_button=False)
+            for tab in (self._tabs() if what else ())
+        ]
 
     def send(self, exported: Exported) -> None:
         """Give files to the page that asked for them."""
-        client = self._server.get_clients().get(exported.client)
-        if client is not None:
+        for tab in self._tabs(exported.client):
             for name, content in exported.files.items():
-                client.send_file_download(name, content, save_immediately=True)
+                tab.send_file_download(name, content, save_immediately=True)
 
     def show_help(self, client: int) -> None:
         """Open the panel with the keys."""
-        handle = self._server.get_clients().get(client)
-        if handle is not None:
-            modal = handle.gui.add_modal("Keys and mouse")
-            with modal:
-                handle.gui.add_markdown(HELP)
-                handle.gui.add_button("Close").on_click(lambda _: close_modal(modal))
+        for tab in self._tabs(client):
+            with tab.gui.add_modal("Keys and mouse") as modal:
+                tab.gui.add_markdown(HELP)
+                tab.gui.add_button("Close").on_click(lambda _, modal=modal: close_modal(modal))
 
-    def greet(self, client: int, offer: AutosavedSession | None) -> None:
-        """Offer a page that has just connected what an earlier session left."""
-        handle = self._server.get_clients().get(client)
-        if handle is None or offer is None:
-            return
-        modal = handle.gui.add_modal("An earlier session ended without saving")
-        self._offers.append(modal)
+    def offer(self, offer: AutosavedSession) -> None:
+        """Offer all pages, those to come too, what an earlier session left."""
+        gui = self._server.gui
         when = time.strftime("%d %B %Y, %H:%M", time.localtime(offer.saved_at))
-        with modal:
-            handle.gui.add_markdown(
+        with gui.add_modal("An earlier session ended without saving") as self._offer:
+            gui.add_markdown(
                 f"**{plain(offer.photo_name)}** with **{plain(offer.model_name)}**, last kept on "
                 f"{when}."
             )
-            controls = Controls(handle.gui, self._post)
-            controls.button("Open it again", Restore(True), color="cyan")
-            controls.button("Discard", Restore(False))
+            self._controls.button("Open it again", Restore(True), color="cyan")
+            self._controls.button("Discard", Restore(False))
 
     def close_offer(self) -> None:
         """Take the offer off all pages."""
-        for modal in self._offers:
-            close_modal(modal)
-        self._offers = []
+        if self._offer is not None:
+            close_modal(self._offer)
 
 
 def close_modal(modal: Any) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from dataclasses import dataclass
+from inspect import signature
+from typing import Literal, get_type_hints
 
+import msgspec
 import numpy as np
 
 from poseviewer.app.reviewing import Reviewer
@@ -13,12 +15,10 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state import objects as o
 from poseviewer.app.state.actions import ACTIONS, LOOKS
-from poseviewer.app.state.edits import Edit
-from poseviewer.app.workers.tasks import Request, Task, grow
+from poseviewer.app.state.edits import Edit, Px
+from poseviewer.app.workers.tasks import Request, ShowHelp, Task, grow
 from poseviewer.files.state.uploads import why_not_sent, why_unfit
 
-LARGEST = 1e6
-"""px: the largest distance of a pointer from the photo's corner."""
 FINE, COARSE = 0.1, 10.0
 """Factors of nudges with shift, and with ctrl."""
 NUDGES: Mapping[str, tuple[c.NudgeKind, float, float]] = {
@@ -52,109 +52,113 @@ FORWARDED = [*NUDGES, *KEYS, "KeyF", *REVIEW, "?"]
 """``event.code`` (or ``event.key``) of the keys that the page hands on, or heeds itself."""
 LEFT_TO_BROWSER = ["KeyF", "KeyR", "KeyB", "KeyH", *LOOKS, *REVIEW]
 """Not taken where ctrl is held: find, reload, and so on."""
-OBJECTS: Mapping[str, Callable[[int], Edit]] = {
-    "pick": o.pick_object,
-    "remove": o.remove_object,
-    "hide": lambda number: o.alter_object(number, hidden=True),
-    "show": lambda number: o.alter_object(number, hidden=False),
-    "lock": lambda number: o.alter_object(number, locked=True),
-    "unlock": lambda number: o.alter_object(number, locked=False),
-}
-"""Wishes about an object in the list."""
-PHOTOS: Mapping[str, Callable[[int], Edit]] = {
-    "look": o.show_view,
-    "compare": lambda index: o.compare_view(index, True),
-    "leave": lambda index: o.compare_view(index, False),
-}
-"""Wishes about a photo in the strip."""
 DRAG = c.drag_to(0.0, 0.0).change
 
 
-def request_of(report: Mapping[str, Any], review: Reviewer | None = None) -> Request | str | None:
-    """The request that a report means, or a sentence for the page that it comes from; None for a
-    report that makes no sense.
-    """
-    try:
-        return _request_of(report, review)
-    except (KeyError, OverflowError, TypeError, ValueError):
-        return None  # not from our script: nothing to do, and nobody to tell
+@dataclass(frozen=True, slots=True)
+class Theme:
+    """Colours that a browser prefers."""
+
+    light: bool = False
 
 
-def _request_of(report: Mapping[str, Any], review: Reviewer | None) -> Request | str | None:
-    match report["kind"]:
-        case "press":
-            held = bool(report.get("shift")), bool(report.get("ctrl"))
-            return c.press(*_point(report), _zoom(report), *held)
-        case "drag":
-            return c.drag_to(*_point(report))
-        case "release":
-            return c.release()
-        case "cancel":
-            return c.cancel_drag()
-        case "stroke":
-            return _stroke(report)
-        case "part":
-            return h.bring_back(int(report["index"]))
-        case "double":
-            return c.double_press(*_point(report), _zoom(report))
-        case "pick":
-            pair = int(report["first"]), int(report["second"])
-            return c.pick_in_landscape(*pair, _finite(report["u"]), _finite(report["v"]))
-        case "enlarge":
-            return c.enlarge_map(int(report["first"]), int(report["second"]))
-        case "object":
-            return OBJECTS[report["wish"]](int(report["number"]))
-        case "row":
-            return None if review is None else review.open_row(int(report["index"]))
-        case "photo":
-            return PHOTOS[report["wish"]](int(report["index"]))
-        case "key":
-            return _key(report, review)
-        case "unfit":
-            return why_unfit(str(report["name"]), int(report["size"]), int(report["count"]))
-        case "unreadable" | "empty" | "cut off" as trouble:
-            return why_not_sent(str(report["name"]), trouble)
-    return None
+Answer = Request | Theme | str | None
+"""What a report means: a request, or a sentence for the page that it comes from."""
 
 
-def _key(report: Mapping[str, Any], review: Reviewer | None) -> Request | None:
-    code, shift, ctrl = str(report.get("code")), bool(report.get("shift")), report.get("ctrl")
+def _object(number: int, what: Literal["hidden", "locked"], on: bool) -> Edit:
+    return o.alter_object(number, **{what: on})
+
+
+def _key(
+    client: int,
+    review: Reviewer | None,
+    code: str,
+    key: str = "",
+    shift: bool = False,
+    ctrl: bool = False,
+    repeat: bool = False,
+) -> Request | None:
+    if key == "?":
+        return ShowHelp(client)
     if code in NUDGES:
         kind, x, y = NUDGES[code]
         factor = FINE if shift else COARSE if ctrl else 1.0
         return c.nudge(kind, x * factor, y * factor)
-    if report.get("repeat"):
+    if repeat:
         return None
     if code in REVIEW:
         return None if review is None else REVIEW[code](review)
     return (shift and KEYS.get(f"shift {code}")) or KEYS.get(code)
 
 
-def _stroke(report: Mapping[str, Any]) -> Request:
-    shape = report["shape"]
-    if shape not in h.SHAPES:
-        raise ValueError(f"{shape!r} is no shape")
-    places = [_finite(value) for value in report["points"]]
-    points = np.array(places).reshape(-1, 2)
-    if len(points) < (3 if shape == "polygon" else 1):
-        raise ValueError("too few points")
-    stroke = h.Stroke(shape, points, abs(_finite(report["radius"])), bool(report["erase"]))
+def _stroke(shape: h.Shape, points: list[Px], radius: Px, erase: bool) -> Request | None:
+    if len(points) % 2 or len(points) < (6 if shape == "polygon" else 2):
+        return None
+    stroke = h.Stroke(shape, np.reshape(points, (-1, 2)), abs(radius), erase)
     return grow(stroke) if shape == "scribble" else h.paint(stroke)
 
 
-def _point(report: Mapping[str, Any]) -> tuple[float, float]:
-    return _finite(report["x"]), _finite(report["y"])
+def _row(review: Reviewer | None, index: int) -> Task | None:
+    return None if review is None else review.open_row(index)
 
 
-def _zoom(report: Mapping[str, Any]) -> float:
-    return min(max(_finite(report.get("zoom", 1.0)), 1e-3), 1e3)
+MEANINGS: Mapping[str, Callable[..., Answer]] = {
+    "press": c.press,
+    "drag": c.drag_to,
+    "release": c.release,
+    "cancel": c.cancel_drag,
+    "double": c.double_press,
+    "stroke": _stroke,
+    "key": _key,
+    "pick": c.pick_in_landscape,
+    "enlarge": c.enlarge_map,
+    "pick object": o.pick_object,
+    "remove object": o.remove_object,
+    "alter object": _object,
+    "part": h.bring_back,
+    "photo": o.show_view,
+    "compare photo": o.compare_view,
+    "row": _row,
+    "theme": Theme,
+    "unfit": why_unfit,
+    "not sent": why_not_sent,
+}
+"""What a report of each kind means, made of its other fields by their names."""
 
 
-def _finite(value: Any) -> float:
-    number = float(value)
-    if not math.isfinite(number) or abs(number) > LARGEST:
-        raise ValueError(f"{value!r} is no place")
-    return number
+class _Kind(msgspec.Struct):
+    kind: str
+
+
+def _form(meaning: Callable[..., Answer]) -> type[msgspec.Struct]:
+    """A struct of the arguments that a report gives."""
+    hints = get_type_hints(meaning, include_extras=True)
+    fields = [
+        (name, hints[name]) if one.default is one.empty else (name, hints[name], one.default)
+        for name, one in signature(meaning).parameters.items()
+        if name not in ("session", *OURS)
+    ]
+    return msgspec.defstruct(meaning.__name__, fields)
+
+
+OURS = ("client", "review")
+"""Arguments that no report gives."""
+FORMS = {kind: _form(meaning) for kind, meaning in MEANINGS.items()}
+
+
+def meaning_of(report: object, client: int = 0, review: Reviewer | None = None) -> Answer:
+    """The meaning of a report (JSON) of a page; None for one that makes no sense."""
+    try:
+        text = str.encode(report)  # pyright: ignore[reportArgumentType]
+        kind = msgspec.json.decode(text, type=_Kind).kind
+        given = msgspec.structs.asdict(msgspec.json.decode(text, type=FORMS[kind]))
+    except (KeyError, TypeError, ValueError, RecursionError, msgspec.MsgspecError):
+        return None  # not from our script: nothing to do, and nobody to tell
+    meaning = MEANINGS[kind]
+    ours = {"client": client, "review": review}
+    wanted = signature(meaning).parameters
+    return meaning(**given, **{name: ours[name] for name in ours if name in wanted})
 
 
 def newest_drags(requests: list[Request]) -> list[Request]:

@@ -83,7 +83,7 @@ def rows_list(queue: ReviewQueue, at: int | None) -> str:
 def _row(folder: Path, row: Row, index: int, is_open: bool) -> str:
     result, name = row.result, escape(Path(row.job.photo).name)
     word = result.review or ("failed" if result.failed else result.verdict or "not searched")
-    press = on_press(kind="row", index=index)
+    press = on_press("row", index=index)
     picture = DOT if result.failed else thumbnail(folder / result.picture)
     here = f' class="pv-at"><img class="pv-here" alt="" src="{DOT}" onload="{TO_ROW}"'
     return (

@@ -60,17 +60,17 @@ def _cell(session: Session, index: int) -> str:
     document = session.document
     view, is_compared = document.scene.views[index], document.object.in_views[index].is_compared
     at = " pv-at" if index == document.at else ""
-    wish, hint = ("leave", "do not compare it") if is_compared else ("compare", "compare it again")
+    hint = "do not compare it" if is_compared else "compare it again"
     said = " · ".join(filter(None, (said_of(session, index), word_of(document.object, index))))
     return (
         f'<div class="pv-photo{at}{"" if is_compared else " pv-off"}" tabindex="0" '
         f'title="{"the large photo" if at else "press: make it the large one"}" '
-        f"{on_press(kind='photo', wish='look', index=index)}>"
+        f"{on_press('photo', index=index)}>"
         f'<div class="pv-small" style="aspect-ratio:{view.photo.width}/{view.photo.height}">'
         f'<svg viewBox="0 0 {UNITS} {UNITS}" preserveAspectRatio="none">'
         f"{_outlines(session, index)}</svg></div>"
         f'<div class="pv-said"><button type="button" title="{hint}" '
-        f"{on_press(kind='photo', wish=wish, index=index)}>"
+        f"{on_press('compare photo', index=index, on=not is_compared)}>"
         f'<svg viewBox="0 0 16 16">{ICONS["eye"]}</svg></button>'
         f"<b>{escape(view.name)}</b><span>{escape(said)}</span></div></div>"
     )

@@ -32,7 +32,7 @@ from poseviewer.app.state.dragging import (
     take_hold,
     turned,
 )
-from poseviewer.app.state.edits import drag_edit, edit
+from poseviewer.app.state.edits import Px, Zoom, drag_edit, edit
 from poseviewer.app.state.hiding import HIDING, leave_out
 from poseviewer.app.state.marking import (
     MARKING,
@@ -81,7 +81,7 @@ LARGEST_NUDGE = 300.0
 
 @edit
 def press(
-    session: Session, x: float, y: float, zoom: float = 1.0, shift: bool = False, ctrl: bool = False
+    session: Session, x: Px, y: Px, zoom: Zoom = 1.0, shift: bool = False, ctrl: bool = False
 ) -> Session:
     """Take hold of what is at a point of the photo, and pick it where it is another object; with a
     marking tool, set a mark where there is none; where the model is nowhere yet, put it there.
@@ -130,7 +130,7 @@ def put(document: Document, pose: Pose) -> Document:
 
 
 @drag_edit
-def drag_to(session: Session, x: float, y: float) -> Session:
+def drag_to(session: Session, x: Px, y: Px) -> Session:
     """Bring what is held to the pointer; a search ends. ``release`` checks the pose."""
     if session.drag is None:
         return session
@@ -176,7 +176,7 @@ def cancel_drag(session: Session) -> Session:
 
 
 @edit
-def double_press(session: Session, x: float, y: float, zoom: float = 1.0) -> Session:
+def double_press(session: Session, x: Px, y: Px, zoom: Zoom = 1.0) -> Session:
     """Pin the surface point seen there, or take the pin (with a marking tool: the mark) away."""
     document, point, tool = session.document, np.array([x, y]), session.tool
     if tool in HIDING:

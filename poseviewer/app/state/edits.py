@@ -5,11 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
-from typing import Any, Concatenate, ParamSpec
+from typing import Annotated, Any, Concatenate, ParamSpec
+
+from msgspec import Meta
 
 from poseviewer.app.state.session import Session
 
 P = ParamSpec("P")
+Px = Annotated[float, Meta(ge=-1e6, le=1e6)]
+"""Coordinate in the photo that a page may send."""
+Zoom = Annotated[float, Meta(ge=1e-3, le=1e3)]
+"""Screen px per photo px that a page may send."""
 
 
 @dataclass(frozen=True, slots=True)

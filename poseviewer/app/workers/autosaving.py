@@ -63,6 +63,7 @@ class Autosaver:
         )
         """Writes the session as soon as it has changed; says why it cannot, once."""
 
+    @property
     def offer(self) -> AutosavedSession | None:
         """Session that an earlier run left unsaved, until it is taken or refused."""
         return self._offer

@@ -76,14 +76,7 @@ class Restore:
     wanted: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Greet:
-    """Show a page that has connected what an earlier session left."""
-
-    client: int
-
-
-Request = Edit | Task | SavePose | ShowHelp | Restore | Greet
+Request = Edit | Task | SavePose | ShowHelp | Restore
 """All that a page asks of the main loop."""
 
 

@@ -44,7 +44,7 @@ NOT_REPORTS = (
     '{"kind": "key", "code": ["Space"]}',
     '{"kind": "key", "code": "NoSuchKey"}',
     '{"kind": "unfit", "name": "a", "size": "many"}',
-    '{"kind": "empty"}',
+    '{"kind": "not sent", "name": "a", "trouble": "none"}',
     '{"kind": "no such kind"}',
     200_000 * "[",
     7,

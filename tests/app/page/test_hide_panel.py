@@ -10,7 +10,7 @@ import pytest
 from lxml import html
 
 from poseviewer.app.page.hide_panel import HINTS, hidden_text, parts_left_out
-from poseviewer.app.page.reports import request_of
+from poseviewer.app.page.reports import meaning_of
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.workers.tasks import Task
@@ -43,7 +43,7 @@ def test_every_tool_has_its_hint():
 def test_a_stroke_is_painted_or_grown(shape: str):
     points = [1.0, 2.0, 30.0, 4.0, 30.0, 40.0]
     report = {"kind": "stroke", "shape": shape, "points": points, "radius": 4.0, "erase": True}
-    asked = request_of(report)
+    asked = meaning_of(json.dumps(report))
     if shape == "scribble":
         assert isinstance(asked, Task)
         return
@@ -66,4 +66,4 @@ def test_a_stroke_is_painted_or_grown(shape: str):
 )
 def test_a_stroke_that_makes_no_sense_is_dropped(change: dict):
     report = {"kind": "stroke", "shape": "brush", "points": [1.0, 2.0], "radius": 4.0}
-    assert request_of(report | {"erase": False} | change) is None
+    assert meaning_of(json.dumps(report | {"erase": False} | change)) is None
