@@ -1,9 +1,5 @@
-"""Photos with known poses in a folder of ``cases.json`` and ``starts.json``.
-
-``cases.json``: per case ``id``, ``set``, ``photo``, ``mesh``, ``camera`` (fx fy cx cy, pixel
-centres at integers), ``camera_from_model``, ``accuracy`` of the truth in words,
-``image_diagonal_px``; perhaps ``visible``, the share of the model that nothing hides.
-``starts.json``: ``case``, ``degrees``, ``draw``, ``camera_from_model`` for each start.
+"""Photos with known poses in a folder of ``cases.json``, ``{"cases": [...]}``, and
+``starts.json``, a list.
 """
 
 from __future__ import annotations
@@ -13,22 +9,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
 
+import msgspec
 import numpy as np
+from msgspec import Struct
 
-from poseviewer.errors import PoseFileError, SettingsError
-from poseviewer.files.checks import read_json
+from poseviewer.errors import SettingsError
+from poseviewer.files.checks import Reading
 from poseviewer.files.formats.bop_models import BopModel
 from poseviewer.files.photo import load_photo
-from poseviewer.geometry.camera import Perspective, Pose
-from poseviewer.geometry.frames import camera_from_integer_centres
+from poseviewer.files.structs import CameraNumbers, Positive, Transform, decoded
+from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform, nearest_rotation
 
 CASES, STARTS = "cases.json", "starts.json"
 SEEN = {0.9: "seen 90 % and more", 0.5: "seen 50-90 %", 0.0: "seen to less than 50 %"}
 """Label of a visible share, by the least share that it is for."""
-_PIXELS = re.compile(r"(\d+(?:\.\d+)?)(?:-(\d+(?:\.\d+)?))? px")
+_PIXELS = re.compile(r"^exact|(\d+(?:\.\d+)?) px")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,20 +54,55 @@ class Case:
         return f"{self.set}, {next(text for least, text in SEEN.items() if self.visible >= least)}"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Start:
+class Entry(Struct, frozen=True):
+    """A case of ``cases.json``; pixel centres are at integers."""
+
+    id: str
+    set: str
+    photo: str
+    mesh: str
+    camera: CameraNumbers
+    camera_from_model: Transform
+    accuracy: str
+    """Largest error of the truth, "2-4 px" or "exact"."""
+    image_diagonal_px: Positive
+    visible: float | None = None
+
+    def accuracy_percent(self, reading: Reading) -> float:
+        """Largest error of the truth, by the model's size in the photo."""
+        match = _PIXELS.search(self.accuracy)
+        if match is None:
+            found = f"accuracy of {self.id} is {self.accuracy!r}"
+            raise reading.error(found, "wanted 'exact', or px as in '1-2 px'")
+        return 100.0 * float(match[1] or 0.0) / self.image_diagonal_px
+
+
+class Start(Struct, frozen=True):
     """A pose to start from; ``draw`` numbers those of one case and deviation."""
 
     case: str
     degrees: int
     draw: int
-    camera_from_model: RigidTransform
+    transform: Transform = msgspec.field(name="camera_from_model")
+
+    @property
+    def camera_from_model(self) -> RigidTransform:
+        """The start."""
+        return _rigid(self.transform)
 
 
 def load_cases(folder: Path, pattern: str = "") -> list[Case]:
     """Load the cases whose id contains the pattern, or with ``*`` or ``?`` in it matches whole."""
-    listed = _listed(folder / CASES, "cases")
-    cases = [_case(folder, data) for data in listed if _matches(str(data.get("id", "")), pattern)]
+    reading, cases = Reading(folder / CASES, kind="list of cases"), []
+    listed = reading.load_object().get("cases")
+    for entry in decoded(reading, listed, list[Entry], ("photo", "mesh")):
+        if fnmatchcase(entry.id, pattern if set("*?") & set(pattern) else f"*{pattern}*"):
+            path = folder / entry.photo
+            photo = load_photo(path)
+            camera = entry.camera.perspective(reading, photo.width, photo.height)
+            truth = Pose(camera, _rigid(entry.camera_from_model))
+            accuracy, mesh = entry.accuracy_percent(reading), folder / entry.mesh
+            cases.append(Case(entry.id, entry.set, path, mesh, truth, accuracy, entry.visible))
     if not cases:
         raise SettingsError(f"--cases {pattern}: no id in {folder / CASES} matches; see there")
     return cases
@@ -78,7 +110,8 @@ def load_cases(folder: Path, pattern: str = "") -> list[Case]:
 
 def load_starts(folder: Path, degrees: Sequence[int], draws: int) -> list[Start]:
     """Load the first ``draws`` starts of every case at each of the deviations."""
-    starts = [_start(folder, data) for data in _listed(folder / STARTS)]
+    reading = Reading(folder / STARTS, kind="list of starts")
+    starts = decoded(reading, reading.load_json(), list[Start])
     known = sorted({start.degrees for start in starts})
     for wanted in degrees:
         if wanted not in known:
@@ -89,55 +122,6 @@ def load_starts(folder: Path, degrees: Sequence[int], draws: int) -> list[Start]
     return [start for start in starts if start.degrees in degrees and start.draw < draws]
 
 
-def _listed(path: Path, key: str = "") -> list[dict[str, Any]]:
-    data = read_json(path)
-    items = data.get(key) if key and isinstance(data, dict) else data
-    if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
-        raise PoseFileError(f"{path}: holds no list of {path.stem}; name a folder that has them")
-    return items
-
-
-def _matches(name: str, pattern: str) -> bool:
-    return fnmatchcase(name, pattern) if set("*?") & set(pattern) else pattern in name
-
-
-def _case(folder: Path, data: dict[str, Any]) -> Case:
-    try:
-        path = folder / data["photo"]
-        photo = load_photo(path)
-        camera = Perspective(**data["camera"], width=photo.width, height=photo.height)
-        truth = Pose(camera_from_integer_centres(camera), _transform(data))
-        accuracy = 100.0 * _accuracy_px(data["accuracy"]) / data["image_diagonal_px"]
-        mesh, visible = folder / data["mesh"], data.get("visible")
-        return Case(data["id"], data["set"], path, mesh, truth, accuracy, visible)
-    except (KeyError, TypeError, ValueError) as error:
-        raise _unreadable(folder / CASES, data.get("id"), error) from None
-
-
-def _start(folder: Path, data: dict[str, Any]) -> Start:
-    try:
-        return Start(data["case"], data["degrees"], data["draw"], _transform(data))
-    except (KeyError, TypeError, ValueError) as error:
-        raise _unreadable(folder / STARTS, data.get("case"), error) from None
-
-
-def _unreadable(path: Path, name: object, error: Exception) -> PoseFileError:
-    return PoseFileError(
-        f"{path}: {name or 'an entry without a name'} cannot be read "
-        f"({type(error).__name__}: {error}); mend that entry"
-    )
-
-
-def _accuracy_px(words: str) -> float:
-    """Largest error that is said of a truth ("2-4 px ..."); 0 for one that is exact."""
-    if words.startswith("exact"):
-        return 0.0
-    match = _PIXELS.search(words)
-    if not match:
-        raise ValueError(f"accuracy is {words!r}, wanted 'exact', or px as in '1-2 px'")
-    return float(match[2] or match[1])
-
-
-def _transform(data: dict[str, Any]) -> RigidTransform:
-    matrix = data["camera_from_model"]
-    return RigidTransform(nearest_rotation(np.array(matrix["rotation"])), matrix["translation"])
+def _rigid(transform: Transform) -> RigidTransform:
+    rotation = nearest_rotation(np.array(transform.rotation))
+    return RigidTransform(rotation, np.array(transform.translation))

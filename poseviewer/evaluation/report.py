@@ -1,8 +1,9 @@
-"""Tables and lines of trials: shares of fits that found the pose, and how sure they are."""
+"""Tables of trials: shares of fits that found the pose by deviation, and BOP's average recalls."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
 from scipy.stats import binomtest
@@ -10,79 +11,121 @@ from scipy.stats import binomtest
 from poseviewer.evaluation.photos import KINDS
 from poseviewer.evaluation.trials import FOUND_PERCENT, Trial
 from poseviewer.figures.text_table import Table
+from poseviewer.fit.progress import Status
+from poseviewer.geometry.arrays import FloatArray
 
+Key = TypeVar("Key", bound=Hashable)
+Column = Callable[[Sequence[Trial]], str]
 NONE = "-"
 WRONG_PERCENT = 2.0
 """Error beyond the truth's own from which a pose that is called found counts as wrong."""
 LABELS = {str(kind): label for kind, label in KINDS.items()}
-Line = tuple[str, str, str, str]
-"""Method, reading, photos, pixels."""
-Lines = dict[Line, list[Trial]]
+THRESHOLDS = {"mssd": np.arange(0.05, 0.501, 0.05), "mspd": np.arange(5.0, 50.1, 5.0)}
+"""Shares of the model's diameter; px of a photo that is 640 px wide."""
 
 
-def wilson_interval(found: int, trials: int) -> tuple[float, float]:
-    """95 % interval of a share (Wilson, 1927), right for few trials and for none or all found."""
-    interval = binomtest(found, trials).proportion_ci(method="wilson")
-    return float(interval.low), float(interval.high)
+def _values(trials: Iterable[Trial], name: str) -> FloatArray:
+    return np.array([getattr(trial, name) for trial in trials], float)
 
 
-def lines_of(trials: Sequence[Trial], groups: Mapping[str, str]) -> Lines:
-    """Sort trials into the report's lines; ``groups`` names a case's photos, else its set does."""
-    lines: Lines = {}
+def _median(name: str, shown: str) -> Column:
+    return lambda trials: format(np.median(_values(trials, name)), shown)
+
+
+def _share(test: Callable[[Trial], bool], among: Callable[[Trial], bool] | None = None) -> Column:
+    def share(trials: Sequence[Trial]) -> str:
+        tested = [test(trial) for trial in trials if among is None or among(trial)]
+        return f"{np.mean(tested):.0%}" if tested else NONE
+
+    return share
+
+
+def _is_called_found(trial: Trial) -> bool:
+    return trial.verdict == "found"
+
+
+def _is_worse(trial: Trial) -> bool:
+    margin = max(trial.accuracy_percent, FOUND_PERCENT)
+    return trial.error_percent_end > trial.error_percent_start + margin
+
+
+def _is_wrong(trial: Trial) -> bool:
+    return trial.error_percent_end > trial.accuracy_percent + WRONG_PERCENT
+
+
+COLUMNS: Mapping[str, Column] = {
+    "start": _median("error_percent_start", ".2f"),
+    "end": _median("error_percent_end", ".2f"),
+    "improved": _share(lambda trial: trial.error_percent_end < trial.error_percent_start),
+    "made worse": _share(_is_worse),
+    "called found": _share(_is_called_found),
+    "of these wrongly": _share(_is_wrong, _is_called_found),
+    "loss below truth's": _share(lambda trial: trial.loss_end < trial.loss_truth),
+    "evaluations": _median("evaluations", ".0f"),
+    "seconds": _median("seconds", ".2g"),
+}
+
+
+def study_table(trials: Sequence[Trial], groups: Mapping[str, str]) -> Table:
+    """Tabulate shares found by deviation, and what all fits come to, a row for each method, reading
+    and group of photos; ``groups`` names that of a case, else its set does.
+    """
+
+    def line(trial: Trial) -> tuple[str, ...]:
+        group = groups.get(trial.case, trial.set)
+        return trial.method, trial.reading or "angle", LABELS.get(group, group), trial.pixels
+
+    deviations, rows = sorted({_deviation(trial) for trial in trials}), []
+    for (method, reading, label, pixels), some in sorted(_grouped(trials, line).items()):
+        name = f"{method}: {label}" + ("" if pixels == "near" else f", {pixels}")
+        found = ([trial.found for trial in some if _deviation(trial) == one] for one in deviations)
+        rows.append((name, reading, *map(_interval, found), *(of(some) for of in COLUMNS.values())))
+    offs = (f"{degrees}°" if degrees else f"{percent:g} %" for percent, degrees in deviations)
+    title = "Fits that found the pose, % (95 % interval), by deviation"
+    return Table(title, ("method: photos", "off by", *offs, *COLUMNS), tuple(rows))
+
+
+def bop_table(trials: Sequence[Trial], targets: int) -> Table:
+    """Tabulate average recalls before and after, of all targets and of each object's fits."""
+    names = [f"{error}_{when}" for error in THRESHOLDS for when in ("start", "end")]
+    is_kept, rows = _share(lambda trial: trial.status == Status.KEPT.name), []
+    for method, own in _grouped(trials, lambda trial: f"{trial.method}, {trial.pixels}").items():
+        objects = sorted(_grouped(own, lambda trial: trial.set).items())
+        groups = [("all targets", own, targets)]
+        groups += [(f"fits of {name}", some, len(some)) for name, some in objects]
+        for name, some, count in groups:
+            shares = (average_recall(_values(some, n), THRESHOLDS[n[:4]], count) for n in names)
+            columns = is_kept, COLUMNS["called found"], COLUMNS["seconds"]
+            recalls = (f"{share:.3f}" for share in shares)
+            rows.append((name, method, str(count), *recalls, *(of(some) for of in columns)))
+    recalls = ("MSSD before", "after", "MSPD before", "after")
+    return Table(
+        "Average recall of BOP's MSSD and MSPD, of the estimates and after the fits",
+        ("targets", "method", "n", *recalls, "estimate kept", "called found", "seconds"),
+        tuple(rows),
+    )
+
+
+def average_recall(errors: FloatArray, thresholds: FloatArray, targets: int) -> float:
+    """Share of ``targets`` within a threshold, mean over thresholds; no error counts as outside."""
+    return float((errors[:, None] < thresholds).sum(axis=0).mean()) / targets
+
+
+def _deviation(trial: Trial) -> tuple[float, int]:
+    return trial.percent, trial.degrees
+
+
+def _grouped(trials: Sequence[Trial], key: Callable[[Trial], Key]) -> dict[Key, list[Trial]]:
+    groups: dict[Key, list[Trial]] = {}
     for trial in trials:
-        line = trial.method, trial.reading, groups.get(trial.case, trial.set), trial.pixels
-        lines.setdefault(line, []).append(trial)
-    kinds = [*LABELS]
-
-    def order(line: Line) -> tuple[str, bool, int, str, str]:
-        method, reading, photos, pixels = line
-        rank = kinds.index(photos) if photos in kinds else len(kinds)
-        return method, reading == "absolute", rank, photos, pixels
-
-    return {line: lines[line] for line in sorted(lines, key=order)}
+        groups.setdefault(key(trial), []).append(trial)
+    return groups
 
 
-def report_table(lines: Lines) -> Table:
-    """Tabulate a row for each line: shares found by deviation, and what all its fits come to."""
-    offs = sorted({(trial.percent, trial.degrees) for some in lines.values() for trial in some})
-    columns = (
-        *("method: photos", "off by"),
-        *(f"{degrees}°" if degrees else f"{percent:g} %" for percent, degrees in offs),
-        *("start", "end", "improved", "made worse", "called found", "of these wrongly"),
-        *("loss below truth's", "evaluations", "seconds"),
-    )
-    rows = []
-    for (method, reading, photos, pixels), some in lines.items():
-        label = LABELS.get(photos, photos) + ("" if pixels == "near" else f", {pixels}")
-        by_off: dict[tuple[float, int], list[bool]] = {}
-        for trial in some:
-            by_off.setdefault((trial.percent, trial.degrees), []).append(trial.found)
-        shares = (_share(by_off[off]) if off in by_off else NONE for off in offs)
-        rows.append((f"{method}: {label}", reading or "angle", *shares, *_totals(some)))
-    return Table("Fits that found the pose, % (95 % interval), by deviation", columns, tuple(rows))
-
-
-def _share(found: Sequence[bool]) -> str:
-    low, high = wilson_interval(sum(found), len(found))
-    return f"{100 * sum(found) / len(found):.0f} ({100 * low:.0f} to {100 * high:.0f})"
-
-
-def _totals(trials: Sequence[Trial]) -> tuple[str, ...]:
-    """Median errors in per cent of the model's size in the photo, shares, and medians of effort."""
-    start = np.array([trial.error_percent_start for trial in trials])
-    end = np.array([trial.error_percent_end for trial in trials])
-    accuracy = np.array([trial.accuracy_percent for trial in trials])
-    called = np.array([trial.verdict == "found" for trial in trials])
-    shares = (
-        end < start,
-        end > start + np.maximum(accuracy, FOUND_PERCENT),
-        called,
-        end[called] > accuracy[called] + WRONG_PERCENT,
-        [trial.loss_end < trial.loss_truth for trial in trials],
-    )
-    return (
-        *(f"{np.median(start):.2f}", f"{np.median(end):.2f}"),
-        *(f"{np.mean(share):.0%}" if len(share) else NONE for share in shares),
-        f"{np.median([trial.evaluations for trial in trials]):.0f}",
-        f"{np.median([trial.seconds for trial in trials]):.2g}",
-    )
+def _interval(found: Sequence[bool]) -> str:
+    """Share and its interval (Wilson, 1927), right for few trials and for none or all found."""
+    if not found:
+        return NONE
+    interval = binomtest(sum(found), len(found)).proportion_ci(method="wilson")
+    low, high = 100.0 * interval.low, 100.0 * interval.high
+    return f"{100.0 * np.mean(found):.0f} ({low:.0f} to {high:.0f})"

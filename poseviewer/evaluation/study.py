@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 from poseviewer.errors import PoseFileError, SettingsError
-from poseviewer.evaluation.bop_estimates import bop_folder, bop_table, bop_tasks
+from poseviewer.evaluation.bop_estimates import bop_folder, bop_tasks
 from poseviewer.evaluation.cases import CASES, STARTS, Case, load_cases, load_starts
 from poseviewer.evaluation.photos import (
     DRAWN,
@@ -21,7 +21,7 @@ from poseviewer.evaluation.photos import (
     make_photos,
     make_seed,
 )
-from poseviewer.evaluation.report import lines_of, report_table
+from poseviewer.evaluation.report import bop_table, study_table
 from poseviewer.evaluation.trials import KEY, Task, Trial, open_model, run_all
 from poseviewer.figures.text_table import Table
 from poseviewer.files.checks import read_json
@@ -116,17 +116,28 @@ class Plan:
         pixels = self.pixels or "near"
         return FitSettings(self.method, "free-body", pixels=pixels, limits=self.limits)
 
+    @property
+    def kind(self) -> Literal["deviations", "real", "bop"]:
+        """Name of the study."""
+        return "bop" if self.bop else "real" if self.real else "deviations"
+
     def about(self) -> dict[str, Any]:
         """Describe what all rows of a folder have in common."""
-        about: dict[str, Any] = {"evaluations": self.limits.evaluations}
+        files, more = [self.model or demo_case().model], {}
         if self.bop:
-            info = bop_folder(self.bop, self.dataset) / "models" / MODELS_INFO
-            return about | {"study": "bop", "files": _hashes(self.bop, info)}
-        if self.real:
-            about |= {"study": "real", "among_others": self.among_others}
-            return about | {"files": _hashes(self.real / CASES, self.real / STARTS)}
-        about |= {"study": "deviations", "size": [*self.size], "photos": self.photos}
-        return about | {"seed": self.seed, "files": _hashes(self.model or demo_case().model)}
+            files = [self.bop, bop_folder(self.bop, self.dataset) / "models" / MODELS_INFO]
+        elif self.real:
+            files, more = (
+                [self.real / CASES, self.real / STARTS],
+                {"among_others": self.among_others},
+            )
+        else:
+            more = {"size": [*self.size], "photos": self.photos, "seed": self.seed}
+        for path in files:
+            if not path.is_file():
+                raise PoseFileError(f"{path}: there is no such file; name one that is there")
+        hashes = {path.name: sha256_of(path) for path in files}
+        return {"evaluations": self.limits.evaluations, "study": self.kind, **more, "files": hashes}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,14 +182,11 @@ def open_study(plan: Plan, tell: Callable[[str], None]) -> Run:
 
 def write_report(run: Run) -> Table:
     """Write the summary of all rows in the folder; returns its table."""
-    rows, lines = run.table.rows, lines_of(run.table.rows, run.groups)
-    words = f"{len(rows):,} trials; `{TRIALS}` has them all."
+    table, explained = study_table(run.table.rows, run.groups), EXPLAINED
     if run.targets:
-        table = bop_table(rows, run.targets)
-        words += " A target without an estimate counts as not found."
-    else:
-        table = report_table(lines)
-        words += f" {EXPLAINED}"
+        table = bop_table(run.table.rows, run.targets)
+        explained = "A target without an estimate counts as not found."
+    words = f"{len(run.table.rows):,} trials; `{TRIALS}` has them all. {explained}"
     text = f"# Reliability\n\n{table.as_markdown()}\n\n{words}\n"
     write_whole(run.out / SUMMARY, text.encode(), SettingsError)
     return table
@@ -243,18 +251,11 @@ def _open_folder(out: Path, about: Mapping[str, Any]) -> None:
     if not path.exists():
         write_json(path, about, SettingsError)
         return
-    there = read_json(path)
+    before = read_json(path)
     for key, value in about.items():
-        before = there.get(key) if isinstance(there, dict) else None
-        if before != value:
+        if not isinstance(before, dict) or before.get(key) != value:
+            was = before.get(key) if isinstance(before, dict) else before
             raise SettingsError(
-                f"{out}: holds trials of another study ({key} was {before}, and is {value} now); "
+                f"{out}: holds trials of another study ({key} was {was}, and is {value} now); "
                 "name another folder"
             )
-
-
-def _hashes(*paths: Path) -> dict[str, str]:
-    for path in paths:
-        if not path.is_file():
-            raise PoseFileError(f"{path}: there is no such file; name one that is there")
-    return {path.name: sha256_of(path) for path in paths}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from poseviewer.api import make_scene
-from poseviewer.confidence.verdict import Features
+from poseviewer.api import Scene, make_scene
 from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.evaluation.cases import Case
 from poseviewer.files.photo import load_photo
 from poseviewer.fit.problem import pose_loss
-from poseviewer.fit.scene import LoadedModel, Scene, SceneObject, scene_at
+from poseviewer.fit.scene import LoadedModel, SceneObject, scene_at
+from poseviewer.fit.scene import Scene as FitScene
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
@@ -35,8 +35,6 @@ FOUND_PX, FOUND_PERCENT = 1.0, 1.0
 """Largest error of a pose that is found: on photos drawn by OpenGL, and beyond the truth's own."""
 MODELS_KEPT = 16
 """Models kept in each process: more than there are in one photo."""
-FEATURES = tuple(field.name for field in fields(Features))
-"""Names of the verdict's features."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,28 +55,28 @@ class Trial:
     draw: int = 0
     accuracy_percent: float
     found: bool
-    end: str
+    end: str = ""
     """The parameters of the chart about the start, with blanks between them."""
     error_percent_start: float
     error_percent_end: float
     error_px_start: float
     error_px_end: float
-    loss_start: float
-    loss_end: float
-    loss_truth: float
+    loss_start: float = math.nan
+    loss_end: float = math.nan
+    loss_truth: float = math.nan
     mssd_start: float = math.nan
     """MSSD of the BOP challenge, as a share of the model's diameter."""
     mssd_end: float = math.nan
     mspd_start: float = math.nan
     """MSPD of the BOP challenge, px of a photo that is 640 px wide."""
     mspd_end: float = math.nan
-    evaluations: int
+    evaluations: int = 0
     seconds: float
     status: str
     """Name of the ``Status``, or of the error that kept the fit from beginning."""
-    verdict: str
+    verdict: str = ""
     """The verdict on the end; empty where there is none."""
-    evidence: str
+    evidence: str = ""
     """The features that the verdict comes from: ``name=value``, with blanks between them."""
 
 
@@ -103,11 +101,10 @@ class Task:
     @property
     def identity(self) -> dict[str, Any]:
         """Values of the columns ``KEY``."""
-        own = {name: getattr(self, name) for name in KEY[3:]}
-        settings = self.settings
+        settings, own = self.settings, {name: getattr(self, name) for name in KEY[3:]}
         return {"case": self.case.name, "method": settings.method, "pixels": settings.pixels} | own
 
-    def open(self) -> tuple[Scene, Renderer]:
+    def open(self) -> tuple[FitScene, Renderer]:
         """Photo, model and start, the others locked, and a renderer of the model."""
         case = self.case
         model, renderer = open_model(case.mesh)
@@ -115,73 +112,65 @@ class Task:
         symmetry = case.bop.symmetry if case.bop else model.whole_symmetry
         model = replace(model, keypoints=keypoints, whole_symmetry=symmetry)
         photo = open_photo(case.photo)
-        view = View(photo.name, photo, self.start.camera)
-        scene = scene_at(view, model, self.start, self.settings)
-        others = tuple(
-            SceneObject(
-                one.name,
-                open_model(one.mesh)[0],
-                scene.views[0].world_from_model(one.truth),
-                locked=True,
-            )
-            for one in self.others
+        scene = scene_at(
+            View(photo.name, photo, self.start.camera), model, self.start, self.settings
         )
-        return replace(scene, objects=(*scene.objects, *others)), renderer
+        for other in self.others:
+            place = scene.views[0].world_from_model(other.truth)
+            known = SceneObject(other.name, open_model(other.mesh)[0], place, locked=True)
+            scene = replace(scene, objects=(*scene.objects, known))
+        return scene, renderer
 
     def run(self) -> Trial:
         """Fit from the start, and compare its end with the truth.
 
-        A start that no fit can begin from is also where it ends. A truth whose camera the start's
-        chart does not have has the loss of the chart's nearest pose.
+        A start that no fit can begin from is also where it ends.
         """
         scene, renderer = self.open()
-        model = scene.objects[0].model
-        case, truth = self.case, self.case.truth
-        poses = {"start": self.start, "end": self.start}
-        outcome: dict[str, Any] = dict.fromkeys(("loss_start", "loss_end", "loss_truth"), math.nan)
-        outcome |= {"end": "", "evaluations": 0, "verdict": "", "evidence": ""}
-        began = perf_counter()
+        model, case, truth = scene.objects[0].model, self.case, self.case.truth
+        result, outcome, began = None, {}, perf_counter()
         try:
             result = make_scene(scene, renderer, 0).fit()
         except PoseViewerError as error:
-            outcome |= {"seconds": round(perf_counter() - began, 3), "status": type(error).__name__}
-        else:
-            seconds, progress = perf_counter() - began, result.progress
-            assert progress is not None  # it was searched for
-            problem, verdict = result.problem, progress.verdict
-            poses["end"] = result.pose
-            outcome |= {
-                "end": " ".join(repr(float(number)) for number in progress.parameters),
-                "loss_start": progress.start_loss,
-                "loss_end": progress.loss,
-                "loss_truth": pose_loss(problem, renderer, problem.chart.from_pose(truth)),
-                "evaluations": progress.evaluations,
-                "seconds": round(seconds, 3),
-                "status": progress.status.name,
-                "verdict": "" if verdict is None else verdict.word,
-                "evidence": "" if verdict is None else _as_text(verdict.features),
-            }
-        vertices, symmetry = model.mesh.vertices, model.symmetry
+            outcome["status"] = type(error).__name__
+        outcome["seconds"] = round(perf_counter() - began, 3)
+        if result is not None:
+            outcome |= _outcome(result, truth)
+        poses = {"start": self.start, "end": self.start if result is None else result.pose}
         for name, pose in poses.items():
-            error = pose_error(model.mesh, pose, truth, symmetry)
+            error = pose_error(model.mesh, pose, truth, model.symmetry)
             outcome[f"error_percent_{name}"] = error.percent
             outcome[f"error_px_{name}"] = error.reprojection_px
             if case.bop:
-                in_space, in_photo = symmetric_distances(vertices, pose, truth, symmetry)
-                outcome[f"mssd_{name}"] = in_space / case.bop.diameter
-                outcome[f"mspd_{name}"] = in_photo * 640.0 / scene.views[0].photo.width
+                distances = symmetric_distances(model.mesh.vertices, pose, truth, model.symmetry)
+                outcome[f"mssd_{name}"] = distances[0] / case.bop.diameter
+                outcome[f"mspd_{name}"] = distances[1] * 640.0 / scene.views[0].photo.width
         is_found = outcome["error_percent_end"] < case.accuracy_percent + FOUND_PERCENT
         if case.is_drawn:
             is_found = outcome["error_px_end"] < FOUND_PX
-        return Trial(
-            **self.identity, **outcome, set=case.set, found=is_found,
-            accuracy_percent=case.accuracy_percent,
-        )  # fmt: skip
+        about = {"set": case.set, "found": is_found, "accuracy_percent": case.accuracy_percent}
+        return Trial(**self.identity, **about, **outcome)
 
 
-def _as_text(features: Features | None) -> str:
-    names = () if features is None else FEATURES
-    return " ".join(f"{name}={float(getattr(features, name)):.6g}" for name in names)
+def _outcome(result: Scene, truth: Pose) -> dict[str, Any]:
+    """Columns of a search that ended. A truth whose camera the start's chart does not have has the
+    loss of the chart's nearest pose.
+    """
+    progress, problem = result.progress, result.problem
+    assert progress is not None  # it was searched for
+    verdict = progress.verdict
+    features = None if verdict is None else verdict.features
+    numbers = {} if features is None else asdict(features)
+    return {
+        "end": " ".join(repr(float(number)) for number in progress.parameters),
+        "loss_start": progress.start_loss,
+        "loss_end": progress.loss,
+        "loss_truth": pose_loss(problem, result.renderer, problem.chart.from_pose(truth)),
+        "evaluations": progress.evaluations,
+        "status": progress.status.name,
+        "verdict": "" if verdict is None else verdict.word,
+        "evidence": " ".join(f"{name}={float(value):.6g}" for name, value in numbers.items()),
+    }
 
 
 def symmetric_distances(

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poseviewer.evaluation.bop_estimates import MSPD_THRESHOLDS, average_recall
+from poseviewer.evaluation.report import THRESHOLDS, average_recall
 from poseviewer.evaluation.trials import symmetric_distances
 from poseviewer.files.formats.bop import BopObject
 from poseviewer.files.formats.bop_models import RESULTS, load_bop_models
@@ -67,7 +67,7 @@ def test_a_continuous_symmetry_is_every_turn(tmp_path: Path) -> None:
 def test_recall_is_a_mean_over_thresholds_and_targets() -> None:
     # Within all ten, within nine of ten, within none; of one no estimate is there.
     expected = (1.0 + 0.9 + 0.0) / 4
-    recall = average_recall(np.array([4.0, 6.0, 60.0]), MSPD_THRESHOLDS, 4)
+    recall = average_recall(np.array([4.0, 6.0, 60.0]), THRESHOLDS["mspd"], 4)
     assert recall == pytest.approx(expected)
 
 
