@@ -76,30 +76,33 @@ class Workload:
 
 
 @dataclass(frozen=True, slots=True)
-class PathTime:
-    """Time of one evaluation on a path, ms."""
+class Timing:
+    """Seconds of each run of something."""
 
-    path: str
-    """A letter of ``PATHS``."""
+    name: str
+    """A letter of ``PATHS``, of which a run is one evaluation; or words."""
     threads: int
-    median: float
-    least: float
-    most: float
-    runs: int
+    seconds: tuple[float, ...]
+    end: str = ""
+    """How it ended, in words."""
+
+    @property
+    def cores(self) -> str:
+        """The threads, in words."""
+        return "1 core" if self.threads == 1 else f"{self.threads} cores"
 
 
 @dataclass(frozen=True, slots=True)
 class SpeedReport:
     """All that one run measured."""
 
-    machine: dict[str, str | int | float | None]
-    """Processor, cores, system, and mean load over the minute before."""
-    versions: dict[str, str | None]
-    """Versions of packages; adapters ``opengl`` and ``gpu``, None where there are none."""
+    machine: str
+    """Processor, cores, mean load over the minute before; adapters of OpenGL and of the GPU."""
+    versions: str
     workload: str
-    rows: tuple[PathTime, ...]
-    fits: tuple[dict[str, Any], ...]
-    maps: dict[str, Any]
+    paths: tuple[Timing, ...]
+    wholes: tuple[Timing, ...]
+    """Fits, and fifteen maps."""
 
     def as_json_bytes(self) -> bytes:
         """Encode all of it as a JSON file."""
@@ -107,48 +110,23 @@ class SpeedReport:
 
     def as_markdown(self) -> str:
         """Machine, versions and tables."""
-        adapters = {"opengl": "OpenGL", "gpu": "GPU"}
-        load = self.machine["load"]
-        busy = "" if load is None else f", load {load:.1f} at the start"
-        drawn_by = "; ".join(f"{n}: {self.versions[k] or 'none'}" for k, n in adapters.items())
-        packages = ", ".join(f"{k} {v}" for k, v in self.versions.items() if k not in adapters)
-        header = f"{self.machine['cpu']}, {self.machine['cores']} cores{busy}; {drawn_by}."
-        tables = (table.as_markdown() for table in (self._path_table(), self._whole_table()))
-        return "\n\n".join([f"{header}\n{packages}.", *tables])
-
-    def _path_table(self) -> Table:
-        plain = next((row.median for row in self.rows if row.path == "a"), math.nan)
+        medians = {path.name: 1e3 * float(np.median(path.seconds)) for path in self.paths}
         rows = [
             (
-                f"{row.path}  {PATHS[row.path]}",
-                f"{row.median:.3g}",
-                f"{row.least:.3g} to {row.most:.3g}",
-                f"{plain / row.median:.1f}",
+                f"{path.name}  {PATHS[path.name]}",
+                f"{medians[path.name]:.3g}",
+                f"{1e3 * min(path.seconds):.3g} to {1e3 * max(path.seconds):.3g}",
+                f"{medians.get('a', math.nan) / medians[path.name]:.1f}",
             )
-            for row in self.rows
+            for path in self.paths
         ]
         rows.append(("the paper's own, on its machine of 2010", f"{PAPER_MS:.0f}", "-", "-"))
         title = f"One evaluation, ms: {self.workload}; medians"
-        return Table(title, ("path", "total", "least to most", "a / this"), tuple(rows))
-
-    def _whole_table(self) -> Table:
-        rows = [
-            (
-                f"fit of the demo, --method {fit['method']}, {_cores(fit['threads'])}",
-                f"{fit['seconds']:.3g}",
-                f"{fit['evaluations']:,} evaluations, {fit['end']}",
-            )
-            for fit in self.fits
-        ]
-        maps = self.maps
-        name = f"{maps['maps']} maps of {maps['size']}x{maps['size']}, {_cores(maps['threads'])}"
-        good = "" if maps["error"] is None else f", good to {maps['error']:.1%} of their range"
-        rows.append((name, f"{maps['seconds']:.3g}", f"{maps['points']:,} points{good}"))
-        return Table("Searches and maps", ("what", "seconds", "end"), tuple(rows))
-
-
-def _cores(count: int) -> str:
-    return "1 core" if count == 1 else f"{count} cores"
+        paths = Table(title, ("path", "total", "least to most", "a / this"), tuple(rows))
+        ends = tuple((f"{w.name}, {w.cores}", f"{w.seconds[0]:.3g}", w.end) for w in self.wholes)
+        wholes = Table("Searches and maps", ("what", "seconds", "end"), ends)
+        head = f"{self.machine}\n{self.versions}"
+        return "\n\n".join([head, paths.as_markdown(), wholes.as_markdown()])
 
 
 def demo_with_truth() -> tuple[Scene, Pose]:
@@ -163,16 +141,16 @@ def measure_speed(
     quick: bool, tell: Callable[[str], None], map_size: int = MAP_SIZE
 ) -> SpeedReport:
     """Measure; ``tell`` hears what comes. ``quick``: fewer runs, and fits are cut short."""
-    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
-    machine = {"cpu": _cpu(), "cores": processors(), "system": platform.system(), "load": load}
-    versions: dict[str, str | None] = {"python": platform.python_version()}
-    versions |= {name: version(name) for name in PACKAGES}
-    versions |= {"opengl": opengl_renderer_name(), "gpu": _gpu_name()}
-    letters = "a" * bool(versions["opengl"]) + "de" + "f" * bool(versions["gpu"])
+    load = f", load {os.getloadavg()[0]:.1f} at the start" if hasattr(os, "getloadavg") else ""
+    opengl, gpu = opengl_renderer_name(), _gpu_name()
+    adapters = f"OpenGL: {opengl or 'none'}; GPU: {gpu or 'none'}"
+    machine = f"{_cpu()}, {processors()} cores{load}; {adapters}."
+    versions = [f"python {platform.python_version()}", *(f"{p} {version(p)}" for p in PACKAGES)]
     demo, truth = demo_with_truth()
     tell(f"timing the paths: {TRIANGLES:,} triangles, {WIDTH_PX} px")
     work = make_workload(demo, truth, TRIANGLES, WIDTH_PX)
-    rows = tuple(time_paths(work, letters, 4 if quick else 12))
+    letters = "a" * bool(opengl) + "de" + "f" * bool(gpu)
+    paths = tuple(time_paths(work, letters, 4 if quick else 12))
     tell(f"making maps of {map_size}x{map_size}")
     maps, fits = time_maps(demo, truth, map_size), []
     for method in METHODS:
@@ -181,7 +159,7 @@ def measure_speed(
         fits.append(time_fit(demo, truth, method, limit_s))
     height, width = work.photo.weights.shape
     about = f"{TRIANGLES:,} triangles, {width}x{height}, {work.covered_px:,} covered pixels"
-    return SpeedReport(machine, versions, about, rows, tuple(fits), maps)
+    return SpeedReport(machine, f"{', '.join(versions)}.", about, paths, (*fits, maps))
 
 
 def _cpu() -> str:
@@ -215,7 +193,7 @@ def make_workload(demo: Scene, truth: Pose, triangles: int, width: int) -> Workl
     return Workload(renderer, poses, compared, int(renderer.covers(truth).sum()))
 
 
-def time_paths(work: Workload, letters: str, rounds: int) -> list[PathTime]:
+def time_paths(work: Workload, letters: str, rounds: int) -> list[Timing]:
     """Time some paths in turn: what disturbs the machine hits all.
 
     Each turn's first run, which refills the processor's caches, does not count.
@@ -230,11 +208,8 @@ def time_paths(work: Workload, letters: str, rounds: int) -> list[PathTime]:
                     began = perf_counter()
                     evaluate(poses)
                     if k > turn * BURST:
-                        times[letter, threads].append(1e3 * (perf_counter() - began) / count)
-    return [
-        PathTime(*path, float(np.median(ms)), min(ms), max(ms), len(ms))
-        for path, ms in times.items()
-    ]
+                        times[letter, threads].append((perf_counter() - began) / count)
+    return [Timing(*path, tuple(seconds)) for path, seconds in times.items()]
 
 
 def _make_path(
@@ -258,27 +233,21 @@ def _make_path(
     return 1, 1, lambda poses: one(renderer, poses[0])
 
 
-def time_fit(demo: Scene, truth: Pose, method: Method, limit_s: float) -> dict[str, Any]:
+def time_fit(demo: Scene, truth: Pose, method: Method, limit_s: float) -> Timing:
     """Time a fit from the demo's start, 8 % off in each parameter, without the verdict."""
     settings = FitSettings(method=method, limits=Limits(seconds=limit_s))
     problem, _ = make_problem(demo.with_object(0, settings=settings))
-    renderer, threads = (
-        SoftwareRenderer(demo.objects[0].mesh),
-        1 if method == "paper" else processors(),
-    )
+    renderer = SoftwareRenderer(demo.objects[0].mesh)
+    threads = 1 if method == "paper" else processors()
     make_stages(problem, renderer)  # simplifies the model, which is then kept
     *_, end = fit_pose(problem, renderer, threads)
     error = pose_error(demo.objects[0].mesh, end.pose, truth).percent
-    return {
-        "method": method,
-        "threads": threads,
-        "seconds": end.seconds,
-        "evaluations": end.evaluations,
-        "end": f"{end.status.name.lower().replace('_', ' ')}, {error:.2f} % off",
-    }
+    status = end.status.name.lower().replace("_", " ")
+    words = f"{end.evaluations:,} evaluations, {status}, {error:.2f} % off"
+    return Timing(f"fit of the demo, --method {method}", threads, (end.seconds,), words)
 
 
-def time_maps(demo: Scene, truth: Pose, size: int) -> dict[str, Any]:
+def time_maps(demo: Scene, truth: Pose, size: int) -> Timing:
     """Time the maps of all pairs of parameters about the demo's true pose, on all cores."""
     problem, _ = make_problem(demo.with_pose(0, truth))
     with RendererPool(SoftwareRenderer(demo.objects[0].mesh)) as pool:
@@ -288,11 +257,7 @@ def time_maps(demo: Scene, truth: Pose, size: int) -> dict[str, Any]:
         pieces = list(landscape(problem, pool, problem.start, size=size, smooth=True))
         seconds = perf_counter() - began
     known = {(piece.first, piece.second): piece.losses.size for piece in pieces}
-    return {
-        "maps": len(known),
-        "size": size,
-        "threads": pool.threads,
-        "seconds": seconds,
-        "points": sum(known.values()),
-        "error": pieces[-1].error,
-    }
+    error = pieces[-1].error
+    good = "" if error is None else f", good to {error:.1%} of their range"
+    words = f"{sum(known.values()):,} points{good}"
+    return Timing(f"{len(known)} maps of {size}x{size}", pool.threads, (seconds,), words)

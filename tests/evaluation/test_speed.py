@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 
-from poseviewer.cli import main as cli
 from poseviewer.evaluation.speed import (
     SpeedReport,
     demo_with_truth,
@@ -12,6 +13,7 @@ from poseviewer.evaluation.speed import (
     measure_speed,
     time_paths,
 )
+from poseviewer.render.pool import processors
 from tests.gpu import require_gpu
 from tests.opengl import require_opengl
 
@@ -31,26 +33,21 @@ def report() -> SpeedReport:
 
 @pytest.mark.slow
 def test_a_report_has_each_path_both_methods_and_the_maps(report):
-    assert [row.path for row in report.rows] == ["a", "d", "e"]
-    for row in report.rows:
-        assert 0.0 < row.least <= row.median <= row.most
-        assert row.threads == (report.machine["cores"] if row.path == "e" else 1)
-    assert [fit["method"] for fit in report.fits] == ["default", "paper"]
-    assert all(fit["evaluations"] > 1 for fit in report.fits)
-    assert (report.maps["maps"], report.maps["points"]) == (15, 15 * MAP_SIZE**2)
+    assert [path.name for path in report.paths] == ["a", "d", "e"]
+    for path in report.paths:
+        assert min(path.seconds) > 0.0
+        assert path.threads == (processors() if path.name == "e" else 1)
+    default, paper, maps = report.wholes
+    assert "--method default" in default.name
+    assert "--method paper" in paper.name
+    assert f"{15 * MAP_SIZE**2} points" in maps.end
     text = report.as_markdown()
     for words in ("| a  pyrender", "software, all cores", "machine of 2010", "numba", "15 maps of"):
         assert words in text, words
+    assert set(json.loads(report.as_json_bytes())) >= {"machine", "paths", "wholes"}
 
 
 @pytest.mark.slow
 def test_a_gpu_is_timed(work, monkeypatch):
     require_gpu(monkeypatch)
-    assert [row.path for row in time_paths(work, "f", 1)] == ["f"]
-
-
-def test_rows_go_to_a_file_that_can_be_written_alone(tmp_path, capsys):
-    assert cli.main(["bench", "--quick", "--json", str(tmp_path)]) == 2
-    printed = capsys.readouterr()
-    assert "is a folder" in printed.err
-    assert printed.err.count("\n") == 1  # nothing about the work
+    assert [path.name for path in time_paths(work, "f", 1)] == ["f"]
