@@ -23,6 +23,11 @@ PIECE, BESIDE = 3.0, 2
 """Samples: a line is cut into pieces so long; those this far beside what is seen run along it."""
 QUICK_SAMPLES = 160_000
 """A silhouette in motion is found in a picture of no more samples than this."""
+FEW_FACES, CELLS = 4000, 64
+"""A sketch draws models of so few faces as they are; vertices of a larger one that share a cell, of
+so many along the diameter, become one."""
+SHIFT, FARTHEST = 4, 2.0**14
+"""OpenCV's binary digits for fractions of a sample; farther samples would overflow its numbers."""
 
 
 def quick_silhouette(mesh: Mesh, renderer: Renderer, pose: Pose) -> FloatArray:
@@ -75,16 +80,6 @@ def within(points: FloatArray, pose: Pose, mesh: Mesh, reach: float) -> bool:
         return False
     point = (float(points[0]), float(points[1]))
     return cv2.pointPolygonTest(cv2.convexHull(outline), point, True) >= -reach
-
-
-FEW_FACES = 4000
-"""Models of no more are drawn as they are."""
-CELLS = 64
-"""Cells along the diameter; vertices of a larger model in one cell become one."""
-SHIFT = 4
-"""Binary digits of a place that OpenCV takes as a fraction of a sample."""
-FARTHEST = 2.0**14
-"""Samples from the corner: farther places would overflow OpenCV's numbers."""
 
 
 class Sketch(Renderer):

@@ -1,8 +1,8 @@
 """Lines of a model: its silhouette and its visible feature edges, as anti-aliased strokes.
 
-Lines are found in a picture of face ids, finer than the photo and cut to the model: hidden lines
-never come up, and no more lines are found than the picture can show. A feature edge lies between
-two neighbouring pixels that show different faces, where one of these holds:
+Lines are found in a picture of face ids, finer than the photo: hidden lines never come up. A
+feature edge lies between two neighbouring pixels that show different faces, where one of these
+holds:
 
 - the parts differ, or both faces have one colour each and these differ (material boundary);
 - the shading normals bend by more than ``CREASE_DEG`` (crease);
@@ -80,36 +80,33 @@ def find_lines(mesh: Mesh, renderer: Renderer, pose: Pose, scale: float) -> Line
     image = renderer.render(close)
     if not image.mask.any():
         return None
-    width = scale * window.samples
-    found = _without_specks(_feature_samples(mesh, close, image), SHORTEST * width)
-    half = np.float32(0.5)
+    width, half, samples = scale * window.samples, np.float32(0.5), np.float32(window.samples)
+    marked = _without_specks(_feature_samples(mesh, close, image), SHORTEST * width)
     outside = _without_specks(~image.mask, SMALLEST_HOLE * width)
-    silhouette = np.where(outside, _distance(outside), _distance(~outside)) - half
+    silhouette = (np.where(outside, _distance(outside), _distance(~outside)) - half) / samples
     # Samples on both sides of an edge are marked: it runs half a sample beside their centres.
-    features = _distance(~found) + half
-    samples = np.float32(window.samples)
-    return LineDrawing(
-        window, silhouette / samples, features / samples, _crowding(found, width), ~outside
-    )
+    features = (_distance(~marked) + half) / samples
+    return LineDrawing(window, silhouette, features, _crowding(marked, width), ~outside)
 
 
 def _feature_samples(mesh: Mesh, pose: Pose, image: AttributeImage) -> NDArray[np.bool_]:
     """(h, w): the samples on both sides of a feature edge."""
-    found = np.zeros(image.face_ids.shape, bool)
-    flat_ids, flat_found = image.face_ids.ravel(), found.ravel()
-    index = np.arange(flat_ids.size).reshape(image.face_ids.shape)
-    planes = _face_planes(mesh, pose)
+    ids, normals = image.face_ids.ravel(), image.normals.reshape(-1, 3)
+    is_edge, index = np.zeros(ids.size, bool), np.arange(ids.size).reshape(image.face_ids.shape)
+    points = pose.camera_from_model.apply(mesh.vertices)
+    planes, _ = face_normals_and_areas(points, mesh.faces)
+    offsets = np.einsum("ij,ij->i", planes, points[mesh.faces[:, 0]])
+    planes = np.column_stack([planes, offsets])  # n . x = d, in the camera frame
     for one, other in ((index[:, :-1], index[:, 1:]), (index[:-1], index[1:])):
         one, other = one.ravel(), other.ravel()
-        differ = flat_ids[one] != flat_ids[other]
-        differ &= (flat_ids[one] >= 0) & (flat_ids[other] >= 0)
+        differ = (ids[one] != ids[other]) & (ids[one] >= 0) & (ids[other] >= 0)
         one, other = one[differ], other[differ]
-        lies = _are_boundaries(mesh, flat_ids[one], flat_ids[other])
-        lies |= _are_creases(image.normals.reshape(-1, 3), one, other)
-        lies |= _are_steps(mesh, pose.camera, planes, flat_ids, one, other)
-        flat_found[one[lies]] = True
-        flat_found[other[lies]] = True
-    return found
+        bend = np.einsum("ij,ij->i", normals[one], normals[other])
+        lies = bend < math.cos(math.radians(CREASE_DEG))
+        lies |= _are_boundaries(mesh, ids[one], ids[other])
+        lies |= _are_steps(mesh, pose.camera, planes, ids, one, other)
+        is_edge[one[lies]] = is_edge[other[lies]] = True
+    return is_edge.reshape(index.shape)
 
 
 def _are_boundaries(mesh: Mesh, one: NDArray[np.int32], other: NDArray[np.int32]) -> NDArray:
@@ -120,29 +117,17 @@ def _are_boundaries(mesh: Mesh, one: NDArray[np.int32], other: NDArray[np.int32]
     return (mesh.face_part[one] != mesh.face_part[other]) | (step & plain[one] & plain[other])
 
 
-def _are_creases(normals: NDArray[np.float32], one: NDArray, other: NDArray) -> NDArray:
-    bend = np.einsum("ij,ij->i", normals[one], normals[other])
-    return bend < math.cos(math.radians(CREASE_DEG))
-
-
-def _face_planes(mesh: Mesh, pose: Pose) -> FloatArray:
-    """(F, 4): unit normal n and offset d of each face, in the camera frame: ``n . x = d``."""
-    points = pose.camera_from_model.apply(mesh.vertices)
-    normals, _ = face_normals_and_areas(points, mesh.faces)
-    return np.column_stack([normals, np.einsum("ij,ij->i", normals, points[mesh.faces[:, 0]])])
-
-
 def _are_steps(
     mesh: Mesh, camera: Camera, planes: FloatArray, ids: NDArray, one: NDArray, other: NDArray
 ) -> NDArray:
     """(N,): whether neither sample's surface point is near the plane of the other's face."""
-    least = np.full(len(one), np.inf)
+    are_steps = np.ones(len(one), bool)
     for here, there in ((one, other), (other, one)):
         plane = planes[ids[there]]
         point = _surface_points(camera, planes[ids[here]], here)
         away = np.einsum("ij,ij->i", point, plane[:, :3]) - plane[:, 3]
-        least = np.minimum(least, np.abs(away))
-    return least > DEPTH_STEP * mesh.diameter
+        are_steps &= np.abs(away) > DEPTH_STEP * mesh.diameter
+    return are_steps
 
 
 def _surface_points(camera: Camera, planes: FloatArray, samples: NDArray) -> FloatArray:
@@ -161,9 +146,9 @@ def _surface_points(camera: Camera, planes: FloatArray, samples: NDArray) -> Flo
     return np.nan_to_num(points, nan=1e30, posinf=1e30, neginf=-1e30)
 
 
-def _without_specks(found: NDArray[np.bool_], shortest: float) -> NDArray[np.bool_]:
-    """The connected pieces whose bounding box is at least ``shortest`` samples long."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(found.astype(np.uint8), connectivity=8)
+def _without_specks(marked: NDArray[np.bool_], shortest: float) -> NDArray[np.bool_]:
+    """Connected pieces whose bounding box is at least ``shortest`` samples long."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(marked.astype(np.uint8), connectivity=8)
     size = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
     keep = size >= shortest
     keep[0] = False  # the background
@@ -178,9 +163,9 @@ def _distance(away: NDArray[np.bool_]) -> NDArray[np.float32]:
     return np.asarray(distance, np.float32)
 
 
-def _crowding(found: NDArray[np.bool_], line_width: float) -> NDArray[np.float32]:
+def _crowding(marked: NDArray[np.bool_], line_width: float) -> NDArray[np.float32]:
     """(h, w): 1 where lines are few, down towards 0 where they crowd; widths in samples."""
     size = 2 * math.ceil(REACH * line_width / 2.0) + 1
     # Lines are marked two samples wide; what counts is how much strokes will cover.
-    covered = cv2.blur(found.astype(np.float32), (size, size)) * max(line_width, 2.0) / 2.0
+    covered = cv2.blur(marked.astype(np.float32), (size, size)) * max(line_width, 2.0) / 2.0
     return np.minimum(1.0, CROWDED / np.maximum(covered, 1e-6)).astype(np.float32)

@@ -61,43 +61,38 @@ class ModelInPhoto:
 
 def draw_look(name: str, view: ModelInPhoto) -> Picture:
     """Draw the photo (H, W, 3) with the model in the look ``name``, one of ``overlay.LOOKS``."""
-    match name:
-        case "outline":  # the silhouette, with the feature edges in fainter and thinner lines
-            return _draw_lines(view, OUTLINE_WIDTH, EDGE_STRENGTH)
-        case "edges":
-            return _draw_lines(view, EDGE_WIDTH, edge_strength=1.0)
-        case "relit":  # as the recovered lighting shows it, in place of what the photo shows there
-            return _painted(view, lambda image: _relit(view, image), opacity=1.0)
-        case "residual":
-            return _draw_residual(view)
-        case "normals":  # red to the right, green upwards, blue towards the camera
-            towards = np.array([1.0, -1.0, -1.0], np.float32)
-            return _painted(view, lambda image: 0.5 + 0.5 * image.normals * towards, opacity=0.9)
-        case "solid":
-            return _painted(view, _under_light_at_camera, view.opacity)
-        case "none":
-            return view.photo.copy()
-        case _:
-            raise KeyError(name)
-
-
-def _draw_residual(view: ModelInPhoto) -> Picture:
-    """Draw photo minus relit model, blue to red about white."""
-    window = model_window(view.mesh, view.pose)
+    window = None if name == "none" else model_window(view.mesh, view.pose)
     if window is None:
         return view.photo.copy()
+    if name == "outline":  # the silhouette, with the feature edges in fainter and thinner lines
+        return _draw_lines(view, OUTLINE_WIDTH, EDGE_STRENGTH)
+    if name == "edges":
+        return _draw_lines(view, EDGE_WIDTH, edge_strength=1.0)
     image = view.renderer.render(window.pose(view.pose))
-    relit = _relit(view, image)
-    grey = relit @ GREY_WEIGHTS if relit.shape[2] == 3 else relit[..., 0]
-    part = window.of_photo(view.pose.camera.width, view.pose.camera.height)
-    residual = view.photo[part] @ GREY_WEIGHTS - 255.0 * grey
-    return paint_residual(view.photo, part, residual, image.mask)
-
-
-def _under_light_at_camera(image: AttributeImage) -> NDArray:
-    """(h, w, 3) in [0, 1]: the model's own colours; black paint must show its shape as well."""
-    facing = np.clip(-image.normals[..., 2:], 0.0, 1.0)
-    return (0.3 + 0.7 * image.reflectance) * (0.25 + 0.75 * facing)
+    part, opacity = window.of_photo(view.pose.camera.width, view.pose.camera.height), 1.0
+    match name:
+        case "relit":  # as the recovered lighting shows it, in place of what the photo shows there
+            colours = _relit(view, image)
+        case "residual":  # photo minus relit model, blue to red about white
+            relit = _relit(view, image)
+            grey = relit @ GREY_WEIGHTS if relit.shape[2] == 3 else relit[..., 0]
+            residual = view.photo[part] @ GREY_WEIGHTS - 255.0 * grey
+            return paint_residual(view.photo, part, residual, image.mask)
+        case "normals":  # red to the right, green upwards, blue towards the camera
+            colours = 0.5 + 0.5 * image.normals * np.array([1.0, -1.0, -1.0], np.float32)
+            opacity = 0.9
+        case "solid":
+            # The model's own colours, lit from the camera; black paint must show its shape, too.
+            facing = np.clip(-image.normals[..., 2:], 0.0, 1.0)
+            colours, opacity = (
+                (0.3 + 0.7 * image.reflectance) * (0.25 + 0.75 * facing),
+                view.opacity,
+            )
+        case _:
+            raise KeyError(name)
+    picture = view.photo.copy()
+    picture[part] = _mixed(picture[part], colours, opacity * image.mask)
+    return picture
 
 
 def line_scale(width: int, height: int) -> float:
@@ -116,7 +111,7 @@ def edge_layer(lines: LineDrawing, scale: float) -> Picture:
 
 
 def _draw_lines(view: ModelInPhoto, outline_width: float, edge_strength: float) -> Picture:
-    """The silhouette, ``outline_width`` px wide, and the feature edges, in [0, 1] as strong."""
+    """Draw the silhouette, ``outline_width`` px wide, and edges of a share of its strength."""
     height, width = view.photo.shape[:2]
     scale = line_scale(width, height)
     lines = find_lines(view.mesh, view.renderer, view.pose, scale)
@@ -132,20 +127,6 @@ def _draw_lines(view: ModelInPhoto, outline_width: float, edge_strength: float) 
         edges = edge_strength * lines.edges((EDGE_WIDTH + wider) * scale)
         strokes = lines.window.resample(np.maximum(silhouette, edges), width, height)
         picture[part] = _mixed(picture[part], np.array(colour) / 255.0, opacity * strokes)
-    return picture
-
-
-def _painted(
-    view: ModelInPhoto, paint: Callable[[AttributeImage], NDArray], opacity: float
-) -> Picture:
-    """The photo with ``paint`` (h, w, 1 or 3) in [0, 1] where the model is."""
-    picture = view.photo.copy()
-    window = model_window(view.mesh, view.pose)
-    if window is None:
-        return picture
-    image = view.renderer.render(window.pose(view.pose))
-    part = window.of_photo(view.pose.camera.width, view.pose.camera.height)
-    picture[part] = _mixed(picture[part], paint(image), opacity * image.mask)
     return picture
 
 

@@ -72,8 +72,8 @@ def _bar(limit: int, text_scale: float, most_width: int) -> NDArray[np.uint8]:
     """(h, w, 3): a colour bar on a dark plate with its ticks and its title."""
     font, stroke = cv2.FONT_HERSHEY_SIMPLEX, max(1, round(text_scale * 1.6))
     title = "photo - model (0-255)"
-    (title_width, line), _ = cv2.getTextSize(title, font, text_scale, stroke)
-    text_scale *= min(1.0, 0.6 * most_width / title_width)
+    (width, _), _ = cv2.getTextSize(title, font, text_scale, stroke)
+    text_scale *= min(1.0, 0.6 * most_width / width)
     (title_width, line), _ = cv2.getTextSize(title, font, text_scale, stroke)
     pad = math.ceil(line * 0.8)
     plate = np.full((6 * pad + 2 * line, title_width + 2 * pad, 3), 24, np.uint8)

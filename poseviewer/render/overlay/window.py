@@ -21,7 +21,6 @@ class Window:
     """May be negative: a silhouette just outside the photo must be told from the photo's border."""
     top: int
     width: int
-    """Height of the piece, in photo px, as its width."""
     height: int
     samples: float = 1.0
     """Samples along a photo pixel's side: 3, 2, 1, 1/2, 1/3 ..."""
@@ -51,36 +50,27 @@ class Window:
 
 
 def model_window(
-    mesh: Mesh, pose: Pose, margin: int = 0, finest: int = 1, most_samples: int | None = None
+    mesh: Mesh, pose: Pose, margin: int = 0, finest: int = 1, most_samples: float = math.inf
 ) -> Window | None:
-    """The box of the model in the photo, with a margin; None if the model is beside the photo.
+    """The model's box in the photo (all of the photo if it is partly behind the camera), with a
+    margin; None if the model is beside the photo.
 
     It has up to ``finest`` samples along a pixel's side, fewer beyond ``most_samples`` in all.
     """
-    box = _model_box(mesh, pose)
-    if box is None:
-        return None
-    left, top = box[0] - margin, box[1] - margin
-    width, height = box[2] - box[0] + 2 * margin, box[3] - box[1] + 2 * margin
-    if most_samples is None:
-        return Window(left, top, width, height, finest)
-    share = most_samples / (width * height)
-    if share >= 1.0:
-        return Window(left, top, width, height, min(finest, math.floor(math.sqrt(share))))
-    step = math.ceil(math.sqrt(1.0 / share))
-    # Whole samples only, or the picture would be stretched.
-    return Window(left, top, -(-width // step) * step, -(-height // step) * step, 1.0 / step)
-
-
-def _model_box(mesh: Mesh, pose: Pose) -> tuple[int, int, int, int] | None:
-    """Left, top, right, bottom in px within the photo; all of it in part behind the camera."""
     points, size = hull_in_photo(mesh, pose), [pose.camera.width, pose.camera.height]
     if not len(points):
         return None
-    low, high = np.zeros(2), np.array(size, dtype=float)
+    low, high = np.zeros(2, int), np.array(size)
     if len(points) == len(hull_points(mesh)):
-        low = np.floor(np.clip(points.min(axis=0), 0, size))
-        high = np.ceil(np.clip(points.max(axis=0), 0, size))
+        low = np.floor(np.clip(points.min(axis=0), 0, size)).astype(int)
+        high = np.ceil(np.clip(points.max(axis=0), 0, size)).astype(int)
     if np.any(high <= low):
         return None
-    return int(low[0]), int(low[1]), int(high[0]), int(high[1])
+    left, top = (low - margin).tolist()
+    width, height = (high - low + 2 * margin).tolist()
+    share = most_samples / (width * height)
+    if share >= 1.0:
+        return Window(left, top, width, height, int(min(finest, math.sqrt(share))))
+    step = math.ceil(math.sqrt(1.0 / share))
+    # Whole samples only, or the picture would be stretched.
+    return Window(left, top, -(-width // step) * step, -(-height // step) * step, 1.0 / step)
