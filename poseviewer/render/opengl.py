@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from poseviewer.errors import RendererUnavailableError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
-from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.mesh import Mesh, hull_points
+from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.render.moments import moments_of_images
 from poseviewer.render.texture import TexturePyramid, doubled_areas, flatten_textures, mip_levels
 from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes, Renderer
@@ -97,20 +97,12 @@ def opengl() -> Any:
     return GL
 
 
-def opengl_unavailable_reason() -> str | None:
-    """Say in a sentence why there is no OpenGL here, or None. Makes the context if there is."""
-    try:
-        opengl()
-    except RendererUnavailableError as error:
-        return str(error)
-    return None
-
-
 def opengl_renderer_name() -> str | None:
     """Name what draws, a graphics card or Mesa's rasteriser; None where there is no OpenGL."""
-    if opengl_unavailable_reason():
+    try:
+        gl = opengl()
+    except RendererUnavailableError:
         return None
-    gl = opengl()
     return gl.glGetString(gl.GL_RENDERER).decode(errors="replace")
 
 
@@ -118,6 +110,8 @@ class OpenGLRenderer(Renderer):
     """A mesh drawn by OpenGL, with textures sampled here; for one thread of the process alone."""
 
     def __init__(self, mesh: Mesh) -> None:
+        """Raises ``RendererUnavailableError``: this machine gives no context."""
+        opengl()
         if len(mesh.faces) > MAX_FACES:
             raise ValueError(f"{len(mesh.faces)} faces; OpenGL here numbers at most {MAX_FACES}")
         self.mesh = mesh
@@ -176,15 +170,13 @@ class OpenGLRenderer(Renderer):
                 gl.glFramebufferRenderbuffer(gl.GL_FRAMEBUFFER, place, gl.GL_RENDERBUFFER, buffer)
             gl.glDrawBuffers(len(targets), targets)
         gl.glUseProgram(self._program)
-        # OpenGL's first row is the lowest: it draws upside down, where faces wind the other way.
-        flipped = np.diag([1.0, -1.0, 1.0, 1.0]) @ clip
         for name, matrix, put in (
-            ("clip_from_world", flipped, gl.glUniformMatrix4fv),
+            ("clip_from_world", clip, gl.glUniformMatrix4fv),
             ("camera_from_world", pose.camera_from_model.rotation, gl.glUniformMatrix3fv),
         ):
             put(gl.glGetUniformLocation(self._program, name), 1, True, matrix.astype(np.float32))
         gl.glViewport(0, 0, *size)
-        gl.glFrontFace(gl.GL_CW)
+        gl.glFrontFace(gl.GL_CW)  # the photo's first row is OpenGL's lowest
         gl.glEnable(gl.GL_DEPTH_TEST)
         gl.glDisable(gl.GL_CULL_FACE)
         gl.glClearColor(0.0, 0.0, 0.0, 0.0)
@@ -202,8 +194,8 @@ class OpenGLRenderer(Renderer):
 
         vertex = shaders.compileShader(VERTEX_SHADER, gl.GL_VERTEX_SHADER)
         fragment = shaders.compileShader(FRAGMENT_SHADER, gl.GL_FRAGMENT_SHADER)
-        counts = {"Framebuffers": 1, "Renderbuffers": self._targets + 1}
-        for kind, count in (counts | {"VertexArrays": 1, "Buffers": 2}).items():
+        buffers = ("Renderbuffers", self._targets + 1), ("Buffers", 2)
+        for kind, count in (("Framebuffers", 1), ("VertexArrays", 1), *buffers):
             self._objects[kind] = np.atleast_1d(getattr(gl, f"glGen{kind}")(count))
         mesh = self.mesh
         columns = mesh.vertices - mesh.centre, mesh.normals, mesh.colours, mesh.uvs
@@ -235,33 +227,30 @@ class OpenGLRenderer(Renderer):
 
 
 def clip_from_world(mesh: Mesh, pose: Pose) -> FloatArray | None:
-    """(4, 4): from the model's frame, about its centre, to OpenGL's clip space, depths spanning it.
+    """(4, 4): from the model's frame, about its centre, to clip space, v downwards, depths spanning
+    it.
 
     None if all of the model is too near or behind the camera. Multiplied in double precision, so
     that far-off models and long lenses keep their accuracy. No shift: pixel centres at i + 0.5.
     """
-    camera = pose.camera
+    camera, size = pose.camera, np.array([pose.camera.width, pose.camera.height])
     depths = pose.camera_from_model.apply(hull_points(mesh))[:, 2]
     margin, nearest = 1e-3 * mesh.diameter, NEAR_PER_DIAMETER * mesh.diameter
     near, far = float(depths.min()) - margin, float(depths.max()) + margin
-    off_x, off_y = 1.0 - 2.0 * camera.cx / camera.width, 2.0 * camera.cy / camera.height - 1.0
     clip_from_camera = np.zeros((4, 4))
     if isinstance(camera, Perspective):
         if far - margin <= nearest:
             return None
-        near = max(near, nearest)
-        scales = 2.0 * camera.fx / camera.width, 2.0 * camera.fy / camera.height
-        clip_from_camera[:2, 2] = off_x, off_y
-        clip_from_camera[2, 2:] = (far + near) / (near - far), 2.0 * far * near / (near - far)
-        clip_from_camera[3, 2] = -1.0
+        near, focal, of_w = max(near, nearest), np.array([camera.fx, camera.fy]), 2
+        clip_from_camera[2, 2:] = far + near, -2.0 * far * near
     else:
-        scales = 2.0 * camera.scale / camera.width, 2.0 * camera.scale / camera.height
-        clip_from_camera[:2, 3] = -off_x, -off_y
-        clip_from_camera[2, 2:] = 2.0 / (near - far), (far + near) / (near - far)
-        clip_from_camera[3, 3] = 1.0
-    clip_from_camera[0, 0], clip_from_camera[1, 1] = scales
-    opengl_from_model = OPENGL_FROM_OPENCV @ pose.camera_from_model
-    camera_from_world = np.eye(4)
-    camera_from_world[:3, :3] = opengl_from_model.rotation
-    camera_from_world[:3, 3] = opengl_from_model.apply(mesh.centre)
-    return clip_from_camera @ camera_from_world
+        focal, of_w = np.full(2, camera.scale), 3
+        clip_from_camera[2, 2:] = 2.0, -far - near
+    clip_from_camera[2] /= far - near
+    clip_from_camera[[0, 1], [0, 1]] = 2.0 * focal / size
+    clip_from_camera[:2, of_w] = 2.0 * np.array([camera.cx, camera.cy]) / size - 1.0
+    clip_from_camera[3, of_w] = 1.0
+    place = RigidTransform(
+        pose.camera_from_model.rotation, pose.camera_from_model.apply(mesh.centre)
+    )
+    return clip_from_camera @ Similarity(place).matrix

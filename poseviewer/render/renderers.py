@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal
 
-from poseviewer.errors import RendererUnavailableError
-
 if TYPE_CHECKING:  # the command line asks for the names alone
     from poseviewer.geometry.mesh import Mesh
     from poseviewer.render.types import Renderer
@@ -19,11 +17,8 @@ def make_renderer(mesh: Mesh, name: RendererName = "auto") -> Renderer:
     Raises ``RendererUnavailableError`` for ``gpu`` or ``opengl`` on a machine without it.
     """
     if name == "opengl":
-        from poseviewer.render.opengl import OpenGLRenderer, opengl_unavailable_reason
+        from poseviewer.render.opengl import OpenGLRenderer
 
-        reason = opengl_unavailable_reason()
-        if reason:
-            raise RendererUnavailableError(reason)
         return OpenGLRenderer(mesh)
     from poseviewer.render.software.compiled import compile_kernels
     from poseviewer.render.software.software_renderer import SoftwareRenderer

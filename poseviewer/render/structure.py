@@ -1,28 +1,18 @@
 """Colour classes and edges of a photo, which are there whatever the light.
 
-The affine light of the paper is made for a model whose reflectance is known, in front of nothing.
-Real photos have surroundings, paint that is not the model's, reflections. Two things survive them:
-
-- *Classes.* Pixels of about the same colour belong together, whatever the colour. To the colours
-  themselves F adds the memberships in a few classes, found by k-means in CIE Lab. With memberships
-  alone the loss of the paper is the correlation ratio of Roche et al. (MICCAI 1998) for a vector of
-  model attributes: the share of their variance within the classes, whatever their colours are.
-  With the colours it is exact where the affine light holds, too.
-- *Edges.* Where the model's surface turns, changes its reflectance or ends, the photo mostly has
-  an edge in the same direction, of unknown strength and sign. Attributes a_1 ... a_q give the
-  structure tensor ``J = sum grad a_i grad a_i^T`` and from it the orientation field::
-
-      e = (J_xx - J_yy, 2 J_xy) / (J_xx + J_yy + noise^2)
-
-  a vector in the unit disc at twice the angle of the gradient: sign and strength are gone. The
-  cosine between the photo's field and the model's over P tells how well they agree.
+- *Classes.* To the colours F adds the memberships in a few classes of colours, found by k-means in
+  CIE Lab. With memberships alone the loss of the paper is the correlation ratio of Roche et al.
+  (MICCAI 1998) for a vector of model attributes: the share of their variance within the classes.
+  With the colours it is exact where the affine light of the paper holds, too.
+- *Edges.* Attributes a_1 ... a_q give the structure tensor ``J = sum grad a_i grad a_i^T`` and the
+  orientation field ``e = (J_xx - J_yy, 2 J_xy) / (J_xx + J_yy + noise^2)``, a vector in the unit
+  disc at twice the angle of the gradient, without its sign and strength. The cosine between the
+  photo's field and the model's over P tells how well they agree.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -117,20 +107,14 @@ def _steepened(light: NDArray[np.float32]) -> NDArray[np.float32]:
     even beside the edge. In lightened values, half way is not the edge: dark things would look too
     small.
     """
-    least, greatest = _nearby(cv2.erode, light, STEP_PX), _nearby(cv2.dilate, light, STEP_PX)
-    around = _nearby(cv2.dilate, light, PLATEAU_PX) - _nearby(cv2.erode, light, PLATEAU_PX)
+    squares = [np.ones((side, side), np.uint8) for side in (STEP_PX, PLATEAU_PX)]
+    # OpenCV drops the axis of a single channel.
+    least, lowest = (cv2.erode(light, s).reshape(light.shape) for s in squares)
+    greatest, highest = (cv2.dilate(light, s).reshape(light.shape) for s in squares)
     nearer = np.where(light - least <= greatest - light, least, greatest)
-    is_step = greatest - least > STEP_SHARE * around
+    is_step = greatest - least > STEP_SHARE * (highest - lowest)
     is_clear = greatest - least > CLEAR_SHARE * (greatest + least) + CLEAR_STEP
     return np.where(is_step & is_clear, nearer, light)
-
-
-def _nearby(
-    extreme: Callable[..., Any], light: NDArray[np.float32], side: int
-) -> NDArray[np.float32]:
-    """The least (``cv2.erode``) or greatest (``cv2.dilate``) in the square about each pixel."""
-    # OpenCV drops the axis of a single channel.
-    return extreme(light, np.ones((side, side), np.uint8)).reshape(light.shape)
 
 
 def orientation_field(
@@ -144,11 +128,10 @@ def orientation_field(
     if smoothing_px > 0.0:
         smooth, border = cv2.GaussianBlur(attributes, (0, 0), smoothing_px), cv2.BORDER_REPLICATE
     smooth = np.asarray(smooth, np.float32).reshape(attributes.shape)
-    gradients = []
-    for du, dv in ((1, 0), (0, 1)):
-        gradient = cv2.Sobel(smooth, cv2.CV_32F, du, dv, scale=0.125, borderType=border)
-        gradients.append(gradient.reshape(attributes.shape))
-    across, down = gradients
+    across, down = (
+        cv2.Sobel(smooth, cv2.CV_32F, *step, scale=0.125, borderType=border).reshape(smooth.shape)
+        for step in ((1, 0), (0, 1))
+    )
     xx = np.einsum("vuk,vuk->vu", across, across)
     yy = np.einsum("vuk,vuk->vu", down, down)
     xy = np.einsum("vuk,vuk->vu", across, down)
@@ -193,20 +176,18 @@ def _classes(lab: NDArray[np.float32], counts: NDArray[np.bool_]) -> NDArray[np.
     # A few tell mostly that there are more colours than classes: to sort all takes long.
     few = len(np.unique(samples[:: max(len(samples) // FEW, 1)], axis=0)) <= CLASSES
     different = np.unique(samples, axis=0) if few else samples
-    if len(different) <= CLASSES:
-        centres = different
-    else:
-        found, of_sample = kmeans2(samples, CLASSES, minit="++", rng=0, missing="raise")
-        centres = found[np.unique(of_sample)]
-    labels[counts] = vq(colours.astype(float), centres)[0]
+    if len(different) > CLASSES:
+        centres, of_sample = kmeans2(samples, CLASSES, minit="++", rng=0, missing="raise")
+        different = centres[np.unique(of_sample)]
+    labels[counts] = vq(colours.astype(float), different)[0]
     return labels
 
 
 def bounding_slices(mask: NDArray, margin: int = 0) -> tuple[slice, slice]:
     """Rows and columns that hold all of ``mask`` > 0, and a margin as far as the picture goes."""
-    box = []
-    for axis, size in ((1, mask.shape[0]), (0, mask.shape[1])):
-        places = np.flatnonzero((mask > 0).any(axis=axis))
-        first, last = (places[0], places[-1] + 1) if len(places) else (0, 0)
-        box.append(slice(max(int(first) - margin, 0), min(int(last) + margin, size)))
-    return box[0], box[1]
+    left, top, width, height = cv2.boundingRect((mask > 0).view(np.uint8))
+    rows, columns = (
+        slice(max(first - margin, 0), min(first + length + margin, size))
+        for first, length, size in zip((top, left), (height, width), mask.shape, strict=True)
+    )
+    return rows, columns

@@ -25,7 +25,7 @@ from poseviewer.render.types import Renderer
 from poseviewer.starts.loading import open_photo
 from poseviewer.vehicle.chart import VehicleChart
 from tests.opened import by, scene_of
-from tests.opengl import require_opengl
+from tests.renderers import require_opengl
 
 pytestmark = pytest.mark.slow
 

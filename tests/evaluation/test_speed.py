@@ -14,8 +14,7 @@ from poseviewer.evaluation.speed import (
     time_paths,
 )
 from poseviewer.render.pool import processors
-from tests.gpu import require_gpu
-from tests.opengl import require_opengl
+from tests.renderers import require_gpu, require_opengl
 
 MAP_SIZE = 3
 

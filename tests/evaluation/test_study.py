@@ -9,7 +9,7 @@ import pytest
 from poseviewer.cli import main as cli
 from tests.commands import read_rows
 from tests.commands import run as run_command
-from tests.opengl import require_opengl
+from tests.renderers import require_opengl
 from tests.vehicles import save_vehicle
 
 

@@ -10,7 +10,7 @@ from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.opengl import OpenGLRenderer
 from tests.meshes import make_box, make_bumpy, make_mesh, make_waves
-from tests.opengl import require_opengl
+from tests.renderers import require_opengl
 
 LIGHTING = Lighting(
     np.array([0.3, 0.25, 0.28]),

@@ -29,7 +29,7 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.renderers import make_renderer
 from tests.meshes import make_mesh
 from tests.opened import scene_of
-from tests.opengl import require_opengl
+from tests.renderers import require_opengl
 
 ACROSS, _, AXIS = np.eye(3)
 

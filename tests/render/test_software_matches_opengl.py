@@ -13,7 +13,7 @@ from poseviewer.render.opengl import OpenGLRenderer
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import AttributeImage
 from tests.meshes import make_box, make_bumpy, make_mesh, make_painted, make_soup, make_sphere
-from tests.opengl import require_opengl
+from tests.renderers import require_opengl
 
 WIDTH, HEIGHT = 320, 240
 POSES = 40

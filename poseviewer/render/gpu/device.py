@@ -38,21 +38,14 @@ _making = threading.Lock()
 
 
 @lru_cache(maxsize=2)
-def _device(software: bool) -> Device | str:
-    """The device, or why there is none: an error that is kept would keep the frames it passed."""
-    try:
-        return Device(find_adapter(software))
-    except RendererUnavailableError as error:
-        return str(error)
+def _device(software: bool) -> Device:
+    return Device(find_adapter(software))
 
 
 def gpu_device() -> Device:
     """The process's device, made once; raises ``RendererUnavailableError`` where there is none."""
     with _making:
-        found = _device(os.environ.get(ADAPTER_VARIABLE) == "software")
-    if isinstance(found, str):
-        raise RendererUnavailableError(found)
-    return found
+        return _device(os.environ.get(ADAPTER_VARIABLE) == "software")
 
 
 def find_adapter(software: bool) -> Any:
