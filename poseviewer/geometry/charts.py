@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Protocol
+from typing import ClassVar
+
+import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
@@ -14,36 +16,35 @@ class OutsideChartError(ValueError):
     """Numbers that stand for no pose; a search takes them as the worst there is."""
 
 
-class Chart(Protocol):
+class Chart:
     """Numbers for poses. Every chart fixes what it does not vary (picture size, and so on)."""
 
-    @property
-    def name(self) -> str:
-        """``vehicle`` or ``free-body``."""
-        ...
+    __slots__ = ()
+    name: ClassVar[str]
+    """The chart's name in pose files."""
 
     @property
     def names(self) -> tuple[str, ...]:
         """Name of each parameter."""
-        ...
+        raise NotImplementedError
 
     def scales(self, parameters: FloatArray) -> FloatArray:
         """(d,): the change of each number, near ``parameters``, that counts as 100 %."""
-        ...
+        return np.ones(len(parameters))
 
     def to_pose(self, parameters: FloatArray) -> Pose:
         """The pose that the numbers (d,) stand for.
 
         Raises ``OutsideChartError``: they stand for none.
         """
-        ...
+        raise NotImplementedError
 
     def from_pose(self, pose: Pose) -> FloatArray:
         """The numbers (d,) of a pose.
 
         Raises ``SingularChartError``: the pose has no well-defined numbers in this chart.
         """
-        ...
+        raise NotImplementedError
 
 
 NAMES: Mapping[str, tuple[str, str]] = MappingProxyType(

@@ -2,8 +2,8 @@
 
 Numbers: a rotation vector about the model's centre in camera axes (rad), a shift of that centre in
 the picture (in units of the model's radius there), a logarithm of depth or scale, and optionally
-one of the focal length. A change of 0.01 in any of them moves the picture of the model's rim by
-about 1 % of the model's radius in the picture; the focal number is stretched to do the same.
+one of the focal length. A change of 0.01 moves the picture of the model's rim by about 1 % of its
+radius there; the focal number is stretched to do the same.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from poseviewer.errors import SettingsError, SingularChartError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
-from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform, rotation_about
 
@@ -30,9 +30,10 @@ _NUMBERS = ("rotation_x", "rotation_y", "rotation_z", "shift_x", "shift_y")
 
 
 @dataclass(frozen=True, slots=True)
-class FreeBodyChart:
+class FreeBodyChart(Chart):
     """Six numbers, or seven with the focal length, that are all 0 at the start pose."""
 
+    name = "free-body"
     start: Pose
     centre: FloatArray
     """(3,): the model's centre, in its frame."""
@@ -84,19 +85,10 @@ class FreeBodyChart:
         return cls(pose, mesh.centre, mesh.diameter / 2.0, free_focal)
 
     @property
-    def name(self) -> str:
-        """The chart's name in pose files."""
-        return "free-body"
-
-    @property
     def names(self) -> tuple[str, ...]:
         """Name of each parameter."""
         size = "log_scale" if isinstance(self.start.camera, Parallel) else "log_depth"
         return (*_NUMBERS, size, *(("log_focal",) if self.free_focal else ()))
-
-    def scales(self, parameters: FloatArray) -> FloatArray:
-        """100 % is 1: a radian, a radius, a factor e."""
-        return np.ones(len(parameters))
 
     def to_pose(self, parameters: FloatArray) -> Pose:
         """The pose that lies ``numbers`` away from the start."""

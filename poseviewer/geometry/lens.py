@@ -72,7 +72,7 @@ def undistort(pixels: NDArray, undistortion: Undistortion) -> tuple[NDArray, NDA
 
     Elsewhere, where the second result (height, width) is False, it is black.
     """
-    camera = undistortion.camera
+    camera, taken = undistortion.camera, undistortion.taken
     picture = np.zeros((camera.height, camera.width, pixels.shape[2]), pixels.dtype)
     covered = np.zeros(picture.shape[:2], bool)
     limit = _field_limit(undistortion)
@@ -80,29 +80,16 @@ def undistort(pixels: NDArray, undistortion: Undistortion) -> tuple[NDArray, NDA
     rows = max(1, STRIP_PIXELS // camera.width)
     for start in range(0, camera.height, rows):
         strip = camera.cropped(0, start, camera.width, min(rows, camera.height - start))
-        u, v = _maps(undistortion, strip)
-        seen = _inside(u, v, undistortion.taken) & (_radii(strip) < limit)
+        matrices = opencv_matrix(taken), undistortion.lens.array, np.eye(3), opencv_matrix(strip)
+        size = strip.width, strip.height
+        u, v = undistortion.lens.module.initUndistortRectifyMap(*matrices, size, cv2.CV_32FC1)
+        seen = (u >= -0.5) & (u <= taken.width - 0.5) & (v >= -0.5) & (v <= taken.height - 0.5)
+        seen &= _radii(strip) < limit
         part = slice(start, start + strip.height)
         drawn = cv2.remap(pixels, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         picture[part] = np.where(seen[..., None], drawn.reshape(*seen.shape, -1), 0)
         covered[part] = seen
     return picture, covered
-
-
-def _maps(undistortion: Undistortion, strip: Perspective) -> tuple[NDArray, NDArray]:
-    """For each pixel of a strip of the undistorted photo, where it is in the photo as taken."""
-    taken, wanted = opencv_matrix(undistortion.taken), opencv_matrix(strip)
-    size = (strip.width, strip.height)
-    u, v = undistortion.lens.module.initUndistortRectifyMap(
-        taken, undistortion.lens.array, np.eye(3), wanted, size, cv2.CV_32FC1
-    )
-    return u, v
-
-
-def _inside(u: NDArray, v: NDArray, camera: Perspective) -> NDArray[np.bool_]:
-    """Whether maps, which count from pixel centres, point into the picture."""
-    across = (u >= -0.5) & (u <= camera.width - 0.5)
-    return across & (v >= -0.5) & (v <= camera.height - 0.5)
 
 
 def _radii(camera: Perspective) -> NDArray[np.float32]:
@@ -113,29 +100,18 @@ def _radii(camera: Perspective) -> NDArray[np.float32]:
 
 
 def _field_limit(undistortion: Undistortion) -> float:
-    """Radius at z = 1 beyond which the lens's polynomial turns back, showing parts twice."""
-    camera = undistortion.camera
-    corners = camera.rays(
-        [(0, 0), (camera.width, 0), (0, camera.height), (camera.width, camera.height)]
-    )
+    """Radius at z = 1 beyond which the lens's radial part turns back, showing parts twice."""
+    camera, coefficients = undistortion.camera, undistortion.lens.array
+    if undistortion.lens.model == "opencv":
+        coefficients[2:4], coefficients[8:] = 0.0, 0.0
+    size = camera.width, camera.height
+    corners = camera.rays([(0, 0), (size[0], 0), (0, size[1]), size])
     radii = np.linspace(0.0, float(np.linalg.norm(corners[:, :2], axis=1).max()), FIELD_SAMPLES)
-    back = np.diff(_seen_radii(undistortion.lens, radii)) <= 0.0
+    rays = np.stack([radii, np.zeros_like(radii), np.ones_like(radii)], axis=-1)[:, None]
+    still = np.zeros(3), np.zeros(3), np.eye(3)
+    seen = undistortion.lens.module.projectPoints(rays, *still, coefficients)[0]
+    back = np.diff(seen[:, 0, 0]) <= 0.0
     return float(radii[np.argmax(back)]) if back.any() else np.inf
-
-
-def _seen_radii(lens: Lens, radii: FloatArray) -> FloatArray:
-    """Radii at z = 1 to which the lens's radial part moves ``radii``."""
-    k = np.zeros(14)
-    k[: len(lens.coefficients)] = lens.coefficients
-    if lens.model == "fisheye":
-        angles = np.arctan(radii)
-        seen = angles * np.polyval([k[3], k[2], k[1], k[0], 1.0], angles**2)
-        return np.asarray(seen, dtype=float)
-    squares = radii**2
-    below = np.polyval([k[7], k[6], k[5], 1.0], squares)
-    above = np.polyval([k[4], k[1], k[0], 1.0], squares)
-    with np.errstate(divide="ignore"):
-        return np.asarray(radii * above / below, dtype=float)
 
 
 def opencv_matrix(camera: Perspective) -> FloatArray:

@@ -23,10 +23,10 @@ def whiten(covariance: FloatArray, mean: FloatArray) -> FloatArray:
     rounding = CONSTANT_VARIANCE * (variance + mean * mean)
     varies = variance > rounding
     if not varies.all():
-        whitening = whiten(covariance[np.ix_(varies, varies)], mean[varies])
-        found = np.zeros((len(whitening), len(mean)))
-        found[:, varies] = whitening
-        return found
+        part = whiten(covariance[np.ix_(varies, varies)], mean[varies])
+        whitening = np.zeros((len(part), len(mean)))
+        whitening[:, varies] = part
+        return whitening
     if not len(mean):
         return np.zeros((0, 0))
     scale = 1.0 / np.sqrt(variance)

@@ -25,13 +25,12 @@ class Mask:
 
         Raises ``ValueError``: they have another shape, or are not in [0, 1].
         """
-        found = np.asarray(weights, np.float32)
-        if found.ndim != 2 or not np.all((found >= 0.0) & (found <= 1.0)):
-            raise ValueError(f"a mask of shape {found.shape}: wanted (height, width), from 0 to 1")
-        height, width = found.shape
-        counts = found > 0.0
-        is_binary = bool(np.all(found[counts] == 1.0))
-        content = np.packbits(counts) if is_binary else found
+        values = np.asarray(weights, np.float32)
+        if values.ndim != 2 or not np.all((values >= 0.0) & (values <= 1.0)):
+            raise ValueError(f"a mask of shape {values.shape}: wanted (height, width), from 0 to 1")
+        height, width = values.shape
+        is_binary = bool(np.isin(values, (0.0, 1.0)).all())
+        content = np.packbits(values > 0.0) if is_binary else values
         return cls(width, height, zlib.compress(content.tobytes(), level=1), is_binary)
 
     @property
@@ -42,9 +41,9 @@ class Mask:
 
 @lru_cache(maxsize=2)
 def _unpacked(mask: Mask) -> NDArray[np.float32]:
-    content, count = zlib.decompress(mask._packed), mask.width * mask.height
+    content = zlib.decompress(mask._packed)
     if mask._is_binary:
-        bits = np.unpackbits(np.frombuffer(content, np.uint8), count=count)
+        bits = np.unpackbits(np.frombuffer(content, np.uint8), count=mask.width * mask.height)
         weights = bits.astype(np.float32)
     else:
         weights = np.frombuffer(content, np.float32)

@@ -67,10 +67,10 @@ class Rectangle(NamedTuple):
         """(height, width): 1 inside, its right and lower ends excluded, 0 beside it."""
         import numpy as np
 
-        found = np.zeros((height, width), np.float32)
+        mask = np.zeros((height, width), np.float32)
         rows = slice(int(max(self.top, 0)), int(max(self.bottom, 0)))
-        found[rows, int(max(self.left, 0)) : int(max(self.right, 0))] = 1.0
-        return found
+        mask[rows, int(max(self.left, 0)) : int(max(self.right, 0))] = 1.0
+        return mask
 
 
 def non_maximum_suppression(

@@ -73,12 +73,10 @@ class Symmetry:
     @classmethod
     def from_turns(cls, centre: ArrayLike, turns: Iterable[Turn]) -> Symmetry:
         """Close these turns about axes through a point; raises ``ValueError`` if too many."""
-        rotations, axes = [], []
-        for axis, fold in turns:
-            if fold:
-                rotations.append(Rotation.from_rotvec(2.0 * math.pi / fold * axis).as_matrix())
-            else:
-                axes.append(axis)
+        turns = tuple(turns)
+        steps = (2.0 * math.pi / fold * axis for axis, fold in turns if fold)
+        rotations = [Rotation.from_rotvec(step).as_matrix() for step in steps]
+        axes = [axis for axis, fold in turns if not fold]
         return cls(np.array(centre, float), *_closed(rotations, axes))
 
     @classmethod
@@ -127,7 +125,8 @@ class Symmetry:
         turns: list[Turn] = []
         for rotation in self.rotations[1:]:
             vector = Rotation.from_matrix(rotation).as_rotvec()
-            axis = _upwards(vector / np.linalg.norm(vector))
+            upwards = vector[np.argmax(np.abs(vector))] > 0.0  # along the greatest coordinate
+            axis = (vector if upwards else -vector) / np.linalg.norm(vector)
             for index, known in enumerate(turns):
                 if abs(axis @ known.axis) > SAME_COSINE:
                     turns[index] = Turn(known.axis, known.fold + 1)
@@ -183,16 +182,13 @@ class Symmetry:
 
     def nearest_pose(self, pose: Pose, wanted: Pose) -> Pose:
         """Pose equal to ``pose``, with its camera, whose rotation is nearest to ``wanted``."""
-        if self.is_none:
-            return pose
-        place = self.nearest(pose.camera_from_model, wanted.camera_from_model)
-        return replace(pose, camera_from_model=place)
+        given = pose.camera_from_model
+        place = self.nearest(given, wanted.camera_from_model)
+        return pose if place is given else replace(pose, camera_from_model=place)
 
     def canonical(self, pose: Pose) -> Pose:
         """The one of the equal poses that stands for all of them."""
-        given = pose.camera_from_model
-        place = self.nearest(given, RigidTransform(REFERENCE, np.zeros(3)))
-        return pose if place is given else replace(pose, camera_from_model=place)
+        return self.nearest_pose(pose, Pose(pose.camera, RigidTransform(REFERENCE, np.zeros(3))))
 
     def about(self, rotation: FloatArray) -> RigidTransform:
         """The rotation (3, 3) about the centre."""
@@ -222,20 +218,14 @@ def _closed(
 
 def _products(rotations: Sequence[FloatArray]) -> FloatArray:
     """(n, 3, 3): what products of these come to, the identity first."""
-    found = [np.eye(3)]
+    products = [np.eye(3)]
     least = 1.0 + 2.0 * SAME_COSINE  # trace of a rotation by that angle
-    for one in found:  # grows meanwhile
-        for rotation in rotations:
-            new = one @ rotation
-            if np.max(np.einsum("nij,ij->n", np.array(found), new)) < least:
-                found.append(new)
-        if len(found) > MOST_ROTATIONS:
+    for one in products:  # grows meanwhile
+        for new in (one @ rotation for rotation in rotations):
+            if np.max(np.einsum("nij,ij->n", np.array(products), new)) < least:
+                products.append(new)
+        if len(products) > MOST_ROTATIONS:
             raise ValueError(
                 f"lead to more than {MOST_ROTATIONS} equal poses, so that no turn of them closes"
             )
-    return np.array(found)
-
-
-def _upwards(axis: FloatArray) -> FloatArray:
-    """Direction of an axis along which the greatest coordinate is positive."""
-    return axis if axis[np.argmax(np.abs(axis))] > 0.0 else -axis
+    return np.array(products)

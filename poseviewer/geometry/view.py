@@ -41,15 +41,11 @@ class View:
     """The photo's file; None: there is none."""
 
     def pose(self, world_from_model: Similarity) -> Pose:
-        """The pose, in the model's unit, by which this view shows a model; the same object each
-        time.
-        """
+        """The pose by which this view shows a model, as ``pose_in_view``."""
         return pose_in_view(self.camera, self.camera_from_world, world_from_model)
 
     def world_from_model(self, pose: Pose, scale: float = 1.0) -> Similarity:
-        """The place in the world of a model that this view shows at a ``pose``, ``scale`` lengths
-        of the world's unit to one of the model's; the inverse of ``pose``.
-        """
+        """The inverse of ``pose``, as ``world_from_pose``."""
         return world_from_pose(self.camera, self.camera_from_world, pose, scale)
 
 
@@ -71,8 +67,8 @@ def pose_in_view(camera: Camera, camera_from_world: RigidTransform, place: Simil
 def world_from_pose(
     camera: Camera, camera_from_world: RigidTransform, pose: Pose, scale: float = 1.0
 ) -> Similarity:
-    """The inverse of ``pose_in_view``; ``scale``: lengths of the world's unit to one of the
-    model's, which the cameras tell under parallel projection.
+    """The place in the world of a model that a camera shows at a ``pose``; ``scale``: lengths of
+    the world's unit to one of the model's, which the cameras tell under parallel projection.
     """
     if isinstance(pose.camera, Parallel) and isinstance(camera, Parallel):
         scale = pose.camera.scale / camera.scale
@@ -84,9 +80,8 @@ def world_from_pose(
 def scale_by_sight(
     views: Sequence[View], reference: int, ray: FloatArray, depth: float
 ) -> float | None:
-    """The scale by which what view ``reference`` sees along a ``ray`` (3,) of its camera, z = 1, at
-    a ``depth`` in the model's unit, is where the others look; None where their lines of sight do
-    not meet that ray.
+    """The scale by which a point at a ``depth``, in the model's unit, along a ``ray`` (3,), z = 1,
+    of view ``reference`` is where the others look; None where their sights do not meet that ray.
     """
     own = views[reference].camera_from_world.inverse()
     start, along = own.translation, own.rotation @ ray

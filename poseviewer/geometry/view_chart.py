@@ -1,7 +1,6 @@
 """The pose of a model in each view of a set, by the same numbers.
 
-A set's cameras know their poses to one another. The free-body chart of one of them, the reference,
-moves the model, and what it gives is seen from the others. Each camera of unknown focal length
+The free-body chart of one view, the reference, moves the model. Each camera of unknown focal length
 adds its logarithm, which changes all photos of that camera and no place. Where the set's scale is
 not known, one number more makes the model larger about its centre, which stays where it is among
 the cameras; as poses are in the model's unit, it is all cameras that then come nearer.
@@ -17,7 +16,7 @@ import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
-from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.geometry.free_body_chart import LARGEST_LOGARITHM, FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
 
@@ -25,9 +24,10 @@ SIZE: Literal["log_size"] = "log_size"
 
 
 @dataclass(frozen=True, slots=True)
-class ViewChart:
+class ViewChart(Chart):
     """Six numbers, those of focal lengths, and the model's size, for its poses in one view."""
 
+    name = "view-set"
     reference: FreeBodyChart
     """About the start, in the view that the numbers are of."""
     camera: Perspective
@@ -43,20 +43,11 @@ class ViewChart:
     """Which of them is this view's."""
 
     @property
-    def name(self) -> str:
-        """The chart's name in pose files."""
-        return "view-set"
-
-    @property
     def names(self) -> tuple[str, ...]:
         """Name of each parameter."""
         focals = (f"log_focal_{number}" for number in range(2, self.free_focals + 1))
         focals = ("log_focal", *focals) if self.free_focals else ()
         return (*self.reference.names, *focals, *((SIZE,) if self.free_size else ()))
-
-    def scales(self, parameters: FloatArray) -> FloatArray:
-        """100 % is 1, as in the free-body chart."""
-        return np.ones(len(parameters))
 
     def nearness(self, parameters: FloatArray) -> float:
         """Distance of all cameras in the model's unit over that at the start.

@@ -24,7 +24,7 @@ import numpy as np
 from poseviewer.errors import SingularChartError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
-from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints
 
@@ -41,9 +41,10 @@ _NUMBERS = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y")
 
 
 @dataclass(frozen=True, slots=True)
-class VehicleChart:
+class VehicleChart(Chart):
     """Six numbers, or seven with the focal length, for one side of a vehicle."""
 
+    name = "vehicle"
     side: SideKeypoints
     camera: Camera
     """Known intrinsics; parallel cameras give the picture size and the principal point only."""
@@ -75,11 +76,6 @@ class VehicleChart:
         chart = cls(side, pose.camera, free_focal, depth)
         chart.from_pose(pose)
         return chart
-
-    @property
-    def name(self) -> str:
-        """The chart's name in pose files."""
-        return "vehicle"
 
     @property
     def names(self) -> tuple[str, ...]:
