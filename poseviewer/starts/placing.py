@@ -63,7 +63,6 @@ def framed(pose: Pose, mesh: Mesh, rectangle: tuple[float, float, float, float])
     """Move the model, keeping its rotation, so that its box just fits into a rectangle."""
     left, top, *wanted = rectangle
     middle, points = np.array([left, top]) + np.array(wanted) / 2.0, hull_points(mesh)
-    rotation = pose.camera_from_model.rotation
     radius = float(np.linalg.norm(points - mesh.centre, axis=1).max())
     for _ in range(FRAMINGS):
         seen, camera = pose.project(points), pose.camera
@@ -73,12 +72,27 @@ def framed(pose: Pose, mesh: Mesh, rectangle: tuple[float, float, float, float])
         depth = pose.camera_from_model.apply(mesh.centre)[2]
         if isinstance(camera, Parallel):
             camera = replace(camera, scale=camera.scale * factor)
-            place = np.append((centre - np.array([camera.cx, camera.cy])) / camera.scale, depth)
         else:
             # Never so near that a corner comes behind the camera.
-            place = camera.rays(centre) * max(depth / factor, 1.05 * radius)
-        pose = Pose(camera, RigidTransform(rotation, place - rotation @ mesh.centre))
+            depth = max(depth / factor, 1.05 * radius)
+        pose = with_point_at(replace(pose, camera=camera), mesh.centre, centre, depth)
     return pose
+
+
+def with_point_at(
+    pose: Pose, point: ArrayLike, pixel: ArrayLike, depth: float | None = None
+) -> Pose:
+    """The pose moved, without a turn, until a point (3,) of the model is seen at a pixel (2,), at
+    a depth; by default at the same one.
+    """
+    camera, rotation = pose.camera, pose.camera_from_model.rotation
+    pixel = np.asarray(pixel, dtype=float)
+    far = float(pose.camera_from_model.apply(point)[2]) if depth is None else depth
+    if isinstance(camera, Parallel):
+        place = np.append((pixel - np.array([camera.cx, camera.cy])) / camera.scale, far)
+    else:
+        place = camera.rays(pixel) * far
+    return Pose(camera, RigidTransform(rotation, place - rotation @ np.asarray(point)))
 
 
 def standing_axes(

@@ -29,7 +29,7 @@ from poseviewer.app.state.actions import LOOKS
 from poseviewer.app.state.camera_change import NARROWEST_DEG, WIDEST_DEG
 from poseviewer.app.state.document import is_alone
 from poseviewer.app.state.edits import SavePose
-from poseviewer.app.state.marking import MARKING
+from poseviewer.app.state.marking import MARKING, clear_marks, remove_mark
 from poseviewer.app.state.objects import add_object, alter_object
 from poseviewer.app.state.session import SearchUpdate, Session
 from poseviewer.app.workers.tasks import Request, ShowHelp, find_wheels
@@ -167,8 +167,8 @@ def _add_quick_start(controls: Controls) -> None:
         )
         controls.text(marks_text)
         marking: dict[str, Request] = {
-            "Remove last mark": c.remove_mark(),
-            "Clear marks": c.clear_marks(),
+            "Remove last mark": remove_mark(),
+            "Clear marks": clear_marks(),
             "Done (Esc)": c.set_tool("pose"),
         }
         for name, asked in marking.items():

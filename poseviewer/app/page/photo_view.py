@@ -316,7 +316,7 @@ def _marks(session: Session) -> Iterator[Drawing]:
             rims = np.concatenate([_NO_LINES, *(_closed(e.outline()) for e in marks.ellipses)])
             yield Drawing("/marks/rims", MARK_LINES, rims, MARK_COLOUR)
         return
-    model = pose.project(np.array([pair.point for pair in marks.pairs]).reshape(-1, 3))
+    model = pose.project(np.array(marks.points).reshape(-1, 3))
     for i, place in enumerate(model):
         yield Drawing(f"/handles/meant{i}", MARKS, place, MODEL_MARK_COLOUR, shape=DIAMOND)
     for i, place in enumerate(photo):

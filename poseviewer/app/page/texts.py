@@ -5,7 +5,7 @@ from __future__ import annotations
 from poseviewer.app.page.controls import plain
 from poseviewer.app.page.hide_panel import HINTS
 from poseviewer.app.state.document import WHEELS, label_of
-from poseviewer.app.state.marking import MARKING, pair_errors, pairs_done
+from poseviewer.app.state.marking import MARKING, pair_errors
 from poseviewer.app.state.objects import symmetry_text
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.mesh import Mesh
@@ -76,7 +76,7 @@ def hint_of(session: Session) -> str:
                 name = ("rear", "front")[wheel]
                 what = f"click the {name} wheel's rim: point {point + 1} of {FEWEST_RIM_POINTS}"
         case "pairs":
-            number = len(marks.pairs)
+            number = len(marks.points)
             if marks.waits_for_pixel:
                 what = f"pair {number}: click the same point on the photo"
             else:
@@ -96,10 +96,10 @@ def marks_text(session: Session) -> str:
     marks = document.marks
     fewest = fewest_pairs(document.pose.camera)
     lines = []
-    if marks.pairs and session.tool != "wheels":
+    if marks.points and session.tool != "wheels":
         errors = pair_errors(document)
         rows = "".join(f"<br>pair {i}: {error:.1f} px" for i, error in enumerate(errors, 1))
-        missing = fewest - pairs_done(document)
+        missing = fewest - len(marks.pixels)
         lines.append(
             f"{missing} more pair{'s' * (missing > 1)} needed"
             if missing > 0

@@ -11,7 +11,7 @@ from poseviewer.errors import SettingsError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import camera_from_integer_centres
-from poseviewer.geometry.transform import RigidTransform
+from poseviewer.starts.placing import with_point_at
 
 LEAST_FOCAL_PX = 1.0
 LARGEST_FOCAL = 1000.0
@@ -25,26 +25,12 @@ NARROWEST_DEG, WIDEST_DEG = 0.5, 170.0
 def with_camera(pose: Pose, camera: Camera, centre: FloatArray) -> Pose:
     """``pose`` seen by another camera; ``centre`` (3,) of the model stays in its place."""
     old, at = pose.camera, pose.camera_from_model.apply(centre)
-    pixel = old.project(at)
-    now_per_unit = old.scale if isinstance(old, Parallel) else old.fx / at[2]
+    depth, per_unit = at[2], old.scale if isinstance(old, Parallel) else old.fx / at[2]
     if isinstance(camera, Parallel):
-        camera = replace(camera, scale=now_per_unit)
-        place = [*((pixel - [camera.cx, camera.cy]) / camera.scale), at[2]]
+        camera = replace(camera, scale=per_unit)
     else:
-        place = camera.rays(pixel) * (camera.fx / now_per_unit)
-    rotation = pose.camera_from_model.rotation
-    return Pose(camera, RigidTransform(rotation, place - rotation @ centre))
-
-
-def with_projection(pose: Pose, projection: str, fallback: Perspective, centre: FloatArray) -> Pose:
-    """The pose under ``perspective`` (``fallback``, where it was parallel) or ``parallel``."""
-    camera = pose.camera
-    if projection == "parallel" and isinstance(camera, Perspective):
-        flat = Parallel(1.0, camera.cx, camera.cy, camera.width, camera.height)
-        return with_camera(pose, flat, centre)
-    if projection == "perspective" and isinstance(camera, Parallel):
-        return with_camera(pose, fallback, centre)
-    return pose
+        depth = camera.fx / per_unit
+    return with_point_at(replace(pose, camera=camera), centre, old.project(at), depth)
 
 
 def camera_from_numbers(fx: float, fy: float, cx: float, cy: float, now: Camera) -> Camera:
@@ -69,14 +55,3 @@ def camera_from_numbers(fx: float, fy: float, cx: float, cy: float, now: Camera)
         )
     camera = camera_from_integer_centres(Perspective(fx, fy, cx, cy, now.width, now.height))
     return replace(now, cx=camera.cx, cy=camera.cy) if parallel else camera
-
-
-def require_field_of_view(degrees: float) -> None:
-    """Raises:
-    SettingsError: no photo has such a field of view.
-    """
-    if not NARROWEST_DEG <= degrees <= WIDEST_DEG:
-        raise SettingsError(
-            f"field of view = {degrees:g}: wanted {NARROWEST_DEG:g} to {WIDEST_DEG:g} degrees; "
-            "nothing was changed"
-        )

@@ -14,18 +14,17 @@ from typing import Any, Literal
 import numpy as np
 
 from poseviewer.app.state.camera_change import (
+    NARROWEST_DEG,
+    WIDEST_DEG,
     camera_from_numbers,
-    require_field_of_view,
     with_camera,
-    with_projection,
 )
 from poseviewer.app.state.document import UNLOCK, Document, History, label_of, stands
 from poseviewer.app.state.dragging import (
-    PIN_REACH,
-    ModelDrag,
-    RectangleDrag,
+    draw_rectangle,
     moved,
     nearest_object,
+    nearest_place,
     pins_in_photo,
     rolled,
     scaled_about,
@@ -36,12 +35,11 @@ from poseviewer.app.state.edits import Px, Zoom, drag_edit, edit
 from poseviewer.app.state.hiding import HIDING, leave_out
 from poseviewer.app.state.marking import (
     MARKING,
+    hold_mark,
     mark_at,
+    remove_mark,
     solved,
     with_mark,
-    without_last,
-    without_mark,
-    without_marks,
 )
 from poseviewer.app.state.session import (
     Preparation,
@@ -56,14 +54,11 @@ from poseviewer.errors import QuickStartError, SettingsError
 from poseviewer.fit.settings import METHODS, FitSettings, Method
 from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres
-from poseviewer.geometry.image import Photo
-from poseviewer.geometry.mesh import Mesh
 from poseviewer.starts.loading import scale_of_sight
 from poseviewer.starts.placing import framed, look_from, surface_point
 from poseviewer.vehicle.chart import VehicleChart
-from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS, Ellipse
 
 Projection = Literal["perspective", "parallel"]
 Tool = Literal["pose", "region", "box", "pairs", "wheels", "brush", "polygon", "scribble", "part"]
@@ -92,22 +87,23 @@ def press(
     if tool == "part":
         return leave_out(x, y)(session)
     if tool in MARKING:
-        drag = mark_at(document, tool, point, zoom)
-        if drag is None:
+        mark = mark_at(document, tool, point, zoom)
+        if mark is None:
             return session.with_document(with_mark(document, tool, point))
+        drag = hold_mark(document, tool, mark, point)
     elif tool in ("region", "box"):
-        drag = RectangleDrag(tool, point)
+        drag = draw_rectangle(tool, point)
     else:
         kind = "roll" if ctrl else "turn" if shift else "move"
         drag = take_hold(document, point, zoom, kind)
         is_placed = document.object.is_placed
-        if is_placed and (drag is None or isinstance(drag, ModelDrag)):
+        if is_placed and (drag is None or drag.model_from is not None):
             session = session.with_active(nearest_object(document, point))
             if session.document is not document:
                 drag = take_hold(session.document, point, zoom, kind)
         if drag is None and not is_placed:
             return _placed(session, point)
-    return session if drag is None else replace(session, drag=drag, before_drag=None)
+    return session if drag is None else replace(session, drag=drag)
 
 
 def _placed(session: Session, point: FloatArray) -> Session:
@@ -132,12 +128,13 @@ def put(document: Document, pose: Pose) -> Document:
 @drag_edit
 def drag_to(session: Session, x: Px, y: Px) -> Session:
     """Bring what is held to the pointer; a search ends. ``release`` checks the pose."""
-    if session.drag is None:
+    held = session.drag
+    if held is None:
         return session
-    document = session.drag.apply(session.document, np.array([x, y]))
-    if session.before_drag is None:
-        anchor, before = session.compared, session.document
-        session = replace(session, search=None, anchor=anchor, before_drag=before)
+    document = held.follow(session.document, np.array([x, y]))
+    if held.before is None:
+        held = replace(held, before=session.document)
+        session = replace(session, search=None, anchor=session.compared, drag=held)
     return replace(session, document=document)
 
 
@@ -146,18 +143,16 @@ def release(session: Session) -> Session:
     """End the drag, which as a whole is one undoable step. A model that is nowhere yet
     goes where it was pressed, and into the box that was drawn at once; starts are looked for there.
     """
-    if session.drag is None:
+    held, document, tool = session.drag, session.document, session.tool
+    if held is None:
         return session
-    before, document = session.before_drag, session.document
-    tool = session.tool if session.tool in MARKING else "pose"
-    drawn = session.tool
-    held = session.drag
-    session = replace(session, drag=None, before_drag=None, tool=tool)
+    session = replace(session, drag=None, tool=tool if tool in MARKING else "pose")
+    before = held.before
     if before is None:
-        if isinstance(held, ModelDrag) and not document.object.is_placed:
-            return _placed(session, held.start)
-        return session
-    if drawn == "box" and document.marks.box is not None:
+        if held.model_from is None or document.object.is_placed:
+            return session
+        return _placed(session, held.model_from)
+    if tool == "box" and document.marks.box is not None:
         pose = framed(document.pose, document.mesh, document.marks.box)
         session = replace(session, document=before).with_document(put(document, pose))
         return propose_starts()(session)
@@ -171,8 +166,9 @@ def release(session: Session) -> Session:
 def cancel_drag(session: Session) -> Session:
     """Forget the drag: the pose goes back to where it was; proposals are no longer looked for."""
     session = stop_proposing()(session)
-    document = session.before_drag or session.document
-    return replace(session, drag=None, before_drag=None, tool="pose", document=document)
+    held = session.drag
+    document = session.document if held is None or held.before is None else held.before
+    return replace(session, drag=None, tool="pose", document=document)
 
 
 @edit
@@ -182,19 +178,15 @@ def double_press(session: Session, x: Px, y: Px, zoom: Zoom = 1.0) -> Session:
     if tool in HIDING:
         return session
     if tool in MARKING:
-        found = mark_at(document, tool, point, zoom)
-        if found is None:
-            return session
-        return session.with_document(without_mark(document, tool, found.mark))
+        mark = mark_at(document, tool, point, zoom)
+        return session if mark is None else remove_mark(mark)(session)
     if isinstance(document.chart, VehicleChart):
         raise QuickStartError("A vehicle has its pins already: wheels and axle.")
     pins = document.state.pins
-    if pins:
-        away = np.linalg.norm(pins_in_photo(document) - point, axis=1) * zoom
-        nearest = int(np.argmin(away))
-        if away[nearest] <= PIN_REACH:
-            kept = (*pins[:nearest], *pins[nearest + 1 :])
-            return session.with_document(document.with_state(pins=kept))
+    pin = nearest_place(pins_in_photo(document), point, zoom)
+    if pin is not None:
+        kept = (*pins[:pin], *pins[pin + 1 :])
+        return session.with_document(document.with_state(pins=kept))
     if len(pins) == MOST_PINS:
         raise QuickStartError("Three pins fix a pose; double-click one to take it away first.")
     place = surface_point(document.mesh, document.pose, point)
@@ -250,11 +242,7 @@ def set_number(session: Session, name: str, value: float) -> Session:
     if float(parameters[index]) == value:
         return session
     parameters[index] = value
-    # One step back leads to before the whole of what was typed, not to its first digit.
-    typed_on = session.typed == (name, session.document) and not session.history.future
-    document = session.document.at_numbers(chart, parameters)
-    changed = session.with_document(document, same_step=typed_on)
-    return replace(changed, typed=(name, document))
+    return session.with_document(session.document.at_numbers(chart, parameters), name)
 
 
 @edit
@@ -339,70 +327,48 @@ def set_method(session: Session, method: Method) -> Session:
 @edit
 def set_projection(session: Session, projection: Projection) -> Session:
     """Set perspective or parallel; the model stays where it is and as large."""
-    own, pose = session.document, session.document.pose
-    start = own.start.camera
-    fallback = start if isinstance(start, Perspective) else own.photo.default_camera()
-    fallback = replace(fallback, cx=pose.camera.cx, cy=pose.camera.cy)
-    seen = with_projection(pose, projection, fallback, own.mesh.centre)
-    return session if seen is pose else _seen_by_another_camera(session, seen)
+    own, camera = session.document, session.document.pose.camera
+    if isinstance(camera, Parallel) is (projection == "parallel"):
+        return session
+    if projection == "parallel":
+        other = Parallel(1.0, camera.cx, camera.cy, camera.width, camera.height)
+    else:
+        start = own.start.camera
+        start = start if isinstance(start, Perspective) else own.photo.default_camera()
+        other = replace(start, cx=camera.cx, cy=camera.cy)
+    return _seen_by(session, other)
 
 
 @edit
 def set_camera(session: Session, fx: float, fy: float, cx: float, cy: float) -> Session:
     """Set intrinsics in px, as OpenCV has them (pixel centres at integers)."""
-    pose, centre = session.document.pose, session.document.mesh.centre
-    camera = camera_from_numbers(fx, fy, cx, cy, pose.camera)
-    return _seen_by_another_camera(session, with_camera(pose, camera, centre))
+    return _seen_by(session, camera_from_numbers(fx, fy, cx, cy, session.document.pose.camera))
 
 
-def _seen_by_another_camera(session: Session, pose: Pose) -> Session:
-    """Session with a pose of another camera."""
+def _seen_by(session: Session, camera: Camera) -> Session:
+    """Session with the active object seen by another camera."""
     if len(session.document.scene.views) > 1:
         raise SettingsError(
             "the cameras of several photos are known: open this photo alone to change its camera"
         )
-    return session.with_pose(pose)
+    own = session.document
+    return session.with_pose(with_camera(own.pose, camera, own.mesh.centre))
 
 
 @edit
 def set_field_of_view(session: Session, degrees: float) -> Session:
     """Set equal focal lengths from the view of the photo's longer side; the centre stays."""
-    require_field_of_view(degrees)
+    if not NARROWEST_DEG <= degrees <= WIDEST_DEG:
+        raise SettingsError(
+            f"field of view = {degrees:g}: wanted {NARROWEST_DEG:g} to {WIDEST_DEG:g} degrees; "
+            "nothing was changed"
+        )
     now = camera_as_integer_centres(session.document.pose.camera)
     camera = Perspective.from_field_of_view(degrees, now.width, now.height)
     return set_camera(camera.fx, camera.fy, now.cx, now.cy)(session)
 
 
-# --- quick starts: marks and proposals ----------------------------------------------------------
-
-
-@edit
-def remove_mark(session: Session) -> Session:
-    """Take the last mark of the tool at hand away: half a point pair, or a point of a rim."""
-    document = without_last(session.document, session.tool)
-    return session if document is session.document else session.with_document(document)
-
-
-@edit
-def clear_marks(session: Session) -> Session:
-    """Take all marks of the tool at hand away."""
-    document = without_marks(session.document, session.tool)
-    return session if document is session.document else session.with_document(document)
-
-
-@edit
-def lay_wheels(
-    session: Session, photo: Photo, mesh: Mesh, rear: Ellipse, front: Ellipse, pose: Pose
-) -> Session:
-    """Mark both rims by ellipses that were found, and take the pose that they give."""
-    document = session.document
-    if document.photo is not photo or document.mesh is not mesh:
-        raise QuickStartError(
-            "The wheels were found in another photo or for another model; look for them again."
-        )
-    rims = (*rear.outline(FEWEST_RIM_POINTS), *front.outline(FEWEST_RIM_POINTS))
-    marked = document.with_marks(rims=rims, note="")
-    return session.with_document(marked.at_pose(pose))
+# --- proposals ----------------------------------------------------------------------------------
 
 
 @edit
@@ -462,15 +428,14 @@ def take_proposal(session: Session) -> Session:
     if asked is None or not asked.poses:
         return session
     document = session.document.at_pose(asked.poses[asked.index]).started
-    same_step = asked.shown is session.document
-    return replace(session.with_document(document, same_step), proposals=None)
+    return replace(session.with_document(document, asked.document), proposals=None)
 
 
 def _with_proposal(session: Session, asked: ProposedStarts, index: int) -> Session:
     document = put(session.document, asked.poses[index])
     # One step back leads to before all proposals.
-    session = session.with_document(document, same_step=asked.shown is session.document)
-    return replace(session, proposals=replace(asked, index=index, shown=document))
+    session = session.with_document(document, asked.document)
+    return replace(session, proposals=replace(asked, index=index))
 
 
 # --- searches and maps --------------------------------------------------------------------------
@@ -527,7 +492,6 @@ def _searching(
         history=session.history.with_step(document),
         anchor=start.scene,
         drag=None,
-        before_drag=None,
     )
 
 

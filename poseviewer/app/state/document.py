@@ -17,7 +17,7 @@ from poseviewer.fit.problem import FitProblem, choose_chart, is_seen, numbers_of
 from poseviewer.fit.progress import FitProgress
 from poseviewer.fit.scene import InView, LoadedModel, Scene, SceneObject, SearchResult
 from poseviewer.fit.settings import FitSettings
-from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.charts import Chart
 from poseviewer.geometry.free_body_chart import FreeBodyChart
@@ -41,25 +41,13 @@ WHEELS = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pair:
-    """A point of the model, and where the photo shows it."""
-
-    point: FloatArray
-    """(3,), in the model's frame."""
-    pixel: FloatArray | None = None
-    """(2,), px; None: still to be clicked."""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "point", frozen_array(self.point, (3,)))
-        if self.pixel is not None:
-            object.__setattr__(self, "pixel", frozen_array(self.pixel, (2,)))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Marks:
-    """Marks on the photo for a quick start; only the last pair may be half done."""
+    """Marks on the photo for a quick start."""
 
-    pairs: tuple[Pair, ...] = ()
+    points: tuple[FloatArray, ...] = ()
+    """Points (3,) of the model, in its frame, of point pairs."""
+    pixels: tuple[FloatArray, ...] = ()
+    """Where (2,), px, the photo shows them; the last one may still have to be clicked."""
     box: Rectangle | None = None
     """Rectangle (left, top, width, height) about the object, px."""
     rims: tuple[FloatArray, ...] = ()
@@ -70,13 +58,12 @@ class Marks:
     @property
     def waits_for_pixel(self) -> bool:
         """Whether a model point was picked whose place in the photo comes next."""
-        return bool(self.pairs) and self.pairs[-1].pixel is None
+        return len(self.points) > len(self.pixels)
 
     @property
     def correspondences(self) -> tuple[FloatArray, FloatArray]:
         """(n, 3) and (n, 2): model points and pixels of the pairs that are done."""
-        done = [pair for pair in self.pairs if pair.pixel is not None]
-        points, pixels = [pair.point for pair in done], [pair.pixel for pair in done]
+        points, pixels = self.points[: len(self.pixels)], self.pixels
         return np.array(points).reshape(-1, 3), np.array(pixels).reshape(-1, 2)
 
     @property

@@ -7,8 +7,8 @@ the photo under every rotation.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,11 +25,11 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.overlay.contour import within
-from poseviewer.starts.placing import surface_point
+from poseviewer.starts.placing import surface_point, with_point_at
 from poseviewer.vehicle.chart import LEAST_AXLE_COMPONENT, VehicleChart
 
-PIN_REACH = 14.0
-"""A pin is taken within this distance (px of the screen)."""
+REACH = 14.0
+"""A pin or a mark is taken within this distance (px of the screen)."""
 MODEL_REACH = 12.0
 """The model is taken also this far (px of the screen) beside its convex outline."""
 LEAST_LEVER = 8.0
@@ -45,93 +45,88 @@ LEAST_SIDE = 2
 # --- what the pointer holds ---------------------------------------------------------------------
 
 
-class Drag(Protocol):
+@dataclass(frozen=True, slots=True, eq=False)
+class Drag:
     """Something that the pointer holds."""
 
-    def apply(self, document: Document, point: FloatArray) -> Document:
-        """The document with the pointer at ``point`` (2,), px of the photo."""
-        ...
+    follow: Callable[[Document, FloatArray], Document]
+    """Makes the document with the pointer at a point (2,), px of the photo."""
+    model_from: FloatArray | None = None
+    """(2,): where the pointer took hold of the model itself."""
+    before: Document | None = None
+    """Document when it was taken; None until the pointer moves."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ModelDrag:
-    """The model itself: ``kind`` is "move", "turn" (shift) or "roll" (and scale; ctrl)."""
+def hold_model(held: Document, start: FloatArray, kind: str) -> Drag:
+    """Take hold of the model itself at a point (2,): ``kind`` is "move", "turn" (shift) or "roll"
+    (and scale; ctrl).
+    """
+    pose, mesh = held.pose, held.mesh
 
-    held: Document
-    start: FloatArray
-    kind: str
-
-    def apply(self, document: Document, point: FloatArray) -> Document:
-        """The pose moved, turned, or rolled and scaled from ``start`` to ``point``."""
-        pose, mesh = self.held.pose, self.held.mesh
-        if self.kind == "turn":
+    def follow(document: Document, point: FloatArray) -> Document:
+        if kind == "turn":
             radius = max(radius_in_photo(pose, mesh), 1.0)
-            pose = trackball(pose, mesh.centre, radius, self.start, point)
-        elif self.kind == "roll":
-            pose = rolled_and_scaled(pose, mesh.centre, self.start, point)
-        else:
-            pose = moved(pose, mesh.centre, point - self.start)
-        return document.at_pose(pose)
+            return document.at_pose(trackball(pose, mesh.centre, radius, start, point))
+        if kind == "roll":
+            return document.at_pose(rolled_and_scaled(pose, mesh.centre, start, point))
+        return document.at_pose(moved(pose, mesh.centre, point - start))
+
+    return Drag(follow, start)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PinDrag:
-    """A pin: one of the vehicle chart's three, or one on the surface; the others hold."""
+def hold_pin(held: Document, pin: int, offset: FloatArray) -> Drag:
+    """Take hold of a pin: one of the vehicle chart's three, or one on the surface; the others hold.
+    ``offset``: (2,), from the pointer to the pin.
+    """
+    pose, pins = held.pose, np.array(held.state.pins)
 
-    held: Document
-    pin: int
-    offset: FloatArray
-    """(2,): from the pointer to the pin, when it was taken."""
-
-    def apply(self, document: Document, point: FloatArray) -> Document:
-        """The pose that shows the pin at the pointer."""
-        pose, pixel = self.held.pose, point + self.offset
-        if not self.held.state.pins and isinstance(chart := self.held.chart, VehicleChart):
-            parameters = with_vehicle_pin(chart, chart.from_pose(pose), self.pin, pixel)
+    def follow(document: Document, point: FloatArray) -> Document:
+        if not len(pins) and isinstance(chart := held.chart, VehicleChart):
+            parameters = with_vehicle_pin(chart, chart.from_pose(pose), pin, point + offset)
             return document.at_pose(chart.to_pose(parameters))
-        points = np.array(self.held.state.pins)
-        pixels = pose.project(points)
-        pixels[self.pin] = pixel
-        return document.at_pose(pinned(self.held.mesh, pose, points, pixels))
+        pixels = pose.project(pins)
+        pixels[pin] = point + offset
+        return document.at_pose(pinned(held.mesh, pose, pins, pixels))
+
+    return Drag(follow)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RectangleDrag:
-    """A rectangle that is being drawn: ``tool`` is "region", or "box" (about the object)."""
+def draw_rectangle(tool: str, start: FloatArray) -> Drag:
+    """Draw the region, or the box about the object, from a corner (2,), cut to the photo."""
 
-    tool: str
-    start: FloatArray
+    def follow(document: Document, point: FloatArray) -> Document:
+        size = [document.photo.width, document.photo.height]
+        low, high = np.sort(np.clip([start, point], 0, size), axis=0)
+        corners = (*map(int, np.floor(low)), *map(int, np.ceil(high)))
+        rectangle = Rectangle.from_corners(*corners)
+        shown = None if min(rectangle.width, rectangle.height) < LEAST_SIDE else rectangle
+        if tool == "region":
+            return document.with_own(region=shown)
+        return document.with_marks(box=shown)
 
-    def apply(self, document: Document, point: FloatArray) -> Document:
-        """The rectangle (left, top, width, height) between two corners, cut to the photo."""
-        photo = document.photo
-        size = [photo.width, photo.height]
-        low, high = np.sort(np.clip([self.start, point], 0, size), axis=0)
-        left, top = (int(v) for v in np.floor(low))
-        right, bottom = (int(v) for v in np.ceil(high))
-        small = min(right - left, bottom - top) < LEAST_SIDE
-        rectangle = None if small else Rectangle.from_corners(left, top, right, bottom)
-        if self.tool == "region":
-            return document.with_own(region=rectangle)
-        return document.with_marks(box=rectangle)
+    return Drag(follow)
+
+
+def nearest_place(places: FloatArray, point: FloatArray, zoom: float) -> int | None:
+    """Index of the nearest of the places (k, 2), px, within reach of a point; None for none.
+    ``zoom``: screen px per photo px.
+    """
+    away = np.nan_to_num(np.linalg.norm(places - point, axis=1) * zoom, nan=np.inf)
+    return int(np.argmin(away)) if len(away) and away.min() <= REACH else None
 
 
 def take_hold(document: Document, point: FloatArray, zoom: float, kind: str) -> Drag | None:
     """Take hold of what of the active object lies under ``point``: a pin, or the model; None for
-    nothing, and where the object is hidden or locked.
-
-    ``zoom``: screen px per photo px; ``kind``: what holding the model does.
+    nothing, and where the object is hidden or locked. ``kind``: what holding the model does.
     """
     if document.object.hidden or document.object.locked:
         return None
     pins = pins_in_photo(document)
-    if len(pins):
-        away = np.nan_to_num(np.linalg.norm(pins - point, axis=1) * zoom, nan=np.inf)
-        pin = int(np.argmin(away))
-        if away[pin] <= PIN_REACH:
-            return PinDrag(document, pin, pins[pin] - point)
+    pin = nearest_place(pins, point, zoom)
+    if pin is not None:
+        return hold_pin(document, pin, pins[pin] - point)
     if within(point, document.pose, document.mesh, MODEL_REACH / zoom):
-        return ModelDrag(document, point, kind)
+        return hold_model(document, point, kind)
     return None
 
 
@@ -231,30 +226,11 @@ def rolled(pose: Pose, centre: ArrayLike, angle: float) -> Pose:
 
 def scaled_about(pose: Pose, centre: ArrayLike, zoom: float) -> Pose:
     """``zoom`` times as large in the photo, about the image of ``centre``: by scale, or depth."""
-    camera = pose.camera
+    camera, pixel = pose.camera, pose.project(centre)
     if isinstance(camera, Parallel):
-        pixel = pose.project(centre)
-        pose = replace(pose, camera=replace(camera, scale=camera.scale * zoom))
-        return with_point_at(pose, centre, pixel)
-    at = pose.camera_from_model.apply(centre)
-    return _shifted(pose, at / zoom - at)
-
-
-def with_point_at(pose: Pose, point: ArrayLike, pixel: ArrayLike) -> Pose:
-    """Moved parallel to the photo until the model's ``point`` is seen at ``pixel``."""
-    camera, at = pose.camera, pose.camera_from_model.apply(point)
-    pixel = np.asarray(pixel, dtype=float)
-    if isinstance(camera, Parallel):
-        place = np.append((pixel - np.array([camera.cx, camera.cy])) / camera.scale, at[2])
-    else:
-        place = camera.rays(pixel) * at[2]
-    return _shifted(pose, place - at)
-
-
-def _shifted(pose: Pose, by: FloatArray) -> Pose:
-    """Moved by (3,) in camera axes."""
-    old = pose.camera_from_model
-    return replace(pose, camera_from_model=RigidTransform(old.rotation, old.translation + by))
+        larger = replace(pose, camera=replace(camera, scale=camera.scale * zoom))
+        return with_point_at(larger, centre, pixel)
+    return with_point_at(pose, centre, pixel, pose.camera_from_model.apply(centre)[2] / zoom)
 
 
 def radius_in_photo(pose: Pose, mesh: Mesh) -> float:

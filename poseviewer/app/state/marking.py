@@ -1,15 +1,18 @@
-"""Quick starts in the app: marks are set, moved and removed, and the pose follows from them."""
+"""Quick starts: marks are set, moved and removed, and the pose follows from them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 
-from poseviewer.app.state.document import UNLOCK, WHEELS, Document, Marks, Pair, label_of
+from poseviewer.app.state.document import UNLOCK, WHEELS, Document, Marks, label_of
+from poseviewer.app.state.dragging import Drag, nearest_place
+from poseviewer.app.state.edits import edit
+from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.image import Photo
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.starts.placing import surface_point
 from poseviewer.starts.point_pairs import (
     FEWEST_FOR_FOCAL,
@@ -19,50 +22,38 @@ from poseviewer.starts.point_pairs import (
     likeliest,
     poses_from_pairs,
 )
-from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS, Wheels, poses_from_wheels
+from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS, Ellipse, Wheels, poses_from_wheels
 
-MARKING = ("pairs", "wheels")
-"""The tools with which a press sets a mark."""
-MARK_REACH = 12.0
-"""A mark is taken within this distance (px of the screen)."""
+MARKING = {"pairs": ("pixels", "points"), "wheels": ("rims",)}
+"""Fields of ``Marks`` by each tool that sets marks, the places on the photo first."""
 MOST_PAIRS = 24
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MarkDrag:
-    """A mark that follows the pointer; of point pairs the pose follows at once."""
-
-    tool: str
-    mark: int
-    offset: FloatArray
-    """(2,): from the pointer to the mark, when it was taken."""
-
-    def apply(self, document: Document, point: FloatArray) -> Document:
-        """The mark at ``point`` (2,), px of the photo."""
-        place, marks = point + self.offset, _marks_of(document, self.tool)
-        new = place if self.tool == "wheels" else replace(marks[self.mark], pixel=place)
-        marks = (*marks[: self.mark], new, *marks[self.mark + 1 :])
-        document = _with_marks(document, self.tool, marks)
-        return document if self.tool == "wheels" else solved(document, self.tool)
 
 
 def marks_in_photo(marks: Marks, tool: str) -> FloatArray:
     """(n, 2): where the marks of a tool are, px."""
-    return np.array(marks.rims).reshape(-1, 2) if tool == "wheels" else marks.correspondences[1]
+    return np.array(getattr(marks, MARKING[tool][0])).reshape(-1, 2)
 
 
-def mark_at(document: Document, tool: str, point: FloatArray, zoom: float) -> MarkDrag | None:
-    """The mark within reach of ``point``; ``zoom``: screen px per photo px. While a pair waits for
-    its place in the photo there is none: marks may lie close together.
+def mark_at(document: Document, tool: str, point: FloatArray, zoom: float) -> int | None:
+    """Index of the mark within reach of ``point``; ``zoom``: screen px per photo px. While a pair
+    waits for its place in the photo there is none: marks may lie close together.
     """
-    places = marks_in_photo(document.marks, tool)
-    if not len(places) or (tool == "pairs" and document.marks.waits_for_pixel):
+    if tool == "pairs" and document.marks.waits_for_pixel:
         return None
-    away = np.linalg.norm(places - point, axis=1) * zoom
-    nearest = int(np.argmin(away))
-    if away[nearest] > MARK_REACH:
-        return None
-    return MarkDrag(tool, nearest, places[nearest] - point)
+    return nearest_place(marks_in_photo(document.marks, tool), point, zoom)
+
+
+def hold_mark(held: Document, tool: str, mark: int, start: FloatArray) -> Drag:
+    """Take hold of a mark at a point (2,); of point pairs the pose follows at once."""
+    places, name = marks_in_photo(held.marks, tool), MARKING[tool][0]
+
+    def follow(document: Document, point: FloatArray) -> Document:
+        moved = np.array(places)
+        moved[mark] += point - start
+        document = document.with_marks(**{name: tuple(moved)})
+        return document if tool == "wheels" else solved(document, tool)
+
+    return Drag(follow)
 
 
 def with_mark(document: Document, tool: str, point: FloatArray) -> Document:
@@ -80,37 +71,56 @@ def with_mark(document: Document, tool: str, point: FloatArray) -> Document:
             )
         if len(marks.rims) == WHEELS * FEWEST_RIM_POINTS:
             raise QuickStartError("Both wheels are outlined; drag their points, or clear them.")
-        return solved(_with_marks(document, tool, (*marks.rims, point)), tool)
-    if marks.waits_for_pixel:
-        pairs = (*marks.pairs[:-1], replace(marks.pairs[-1], pixel=point))
-        return solved(_with_marks(document, tool, pairs), tool)
-    if len(marks.pairs) == MOST_PAIRS:
-        raise QuickStartError(f"{MOST_PAIRS} point pairs are enough; remove one first.")
-    found = surface_point(document.mesh, document.pose, point)
-    if found is None:
-        raise QuickStartError("There is no model there; click a point of the model as it is drawn.")
-    return document.with_marks(pairs=(*marks.pairs, Pair(found)), note="")
+    elif not marks.waits_for_pixel:
+        if len(marks.points) == MOST_PAIRS:
+            raise QuickStartError(f"{MOST_PAIRS} point pairs are enough; remove one first.")
+        place = surface_point(document.mesh, document.pose, point)
+        if place is None:
+            raise QuickStartError("There is no model there; click a point of it as it is drawn.")
+        return document.with_marks(points=(*marks.points, place), note="")
+    places = (*marks_in_photo(marks, tool), point)
+    return solved(document.with_marks(**{MARKING[tool][0]: places}), tool)
 
 
-def without_mark(document: Document, tool: str, index: int) -> Document:
-    """Without a mark of a tool, and the pose that follows from the others, if one does."""
-    marks = _marks_of(document, tool)
-    return solved(_with_marks(document, tool, (*marks[:index], *marks[index + 1 :])), tool)
+@edit
+def remove_mark(session: Session, index: int | None = None) -> Session:
+    """Take a mark of the tool at hand away, by default the last one: half a pair goes alone. The
+    pose follows from the others, if one does.
+    """
+    document, marks, tool = session.document, session.document.marks, session.tool
+    if tool == "pairs" and index is None and marks.waits_for_pixel:
+        return session.with_document(document.with_marks(points=marks.points[:-1]))
+    lists = {name: list(getattr(marks, name)) for name in MARKING.get(tool, ())}
+    if not any(lists.values()):
+        return session
+    for places in lists.values():
+        del places[-1 if index is None else index]
+    left = {name: tuple(places) for name, places in lists.items()}
+    return session.with_document(solved(document.with_marks(**left), tool))
 
 
-def without_last(document: Document, tool: str) -> Document:
-    """Without the last mark of a tool; half a pair goes alone. The same object if there is none."""
-    marks = _marks_of(document, tool)
-    if tool == "pairs" and document.marks.waits_for_pixel:
-        return _with_marks(document, tool, marks[:-1])
-    return without_mark(document, tool, len(marks) - 1) if marks else document
+@edit
+def clear_marks(session: Session) -> Session:
+    """Take all marks of the tool at hand away; the pose stays."""
+    names = MARKING.get(session.tool, ())
+    if not any(getattr(session.document.marks, name) for name in names):
+        return session
+    cleared = session.document.with_marks(**dict.fromkeys(names, ()), note="")
+    return session.with_document(cleared)
 
 
-def without_marks(document: Document, tool: str) -> Document:
-    """Without all marks of a tool; the pose stays. The same object if there are none."""
-    if not _marks_of(document, tool):
-        return document
-    return _with_marks(document, tool, ()).with_marks(note="")
+@edit
+def lay_wheels(
+    session: Session, photo: Photo, mesh: Mesh, rear: Ellipse, front: Ellipse, pose: Pose
+) -> Session:
+    """Mark both rims by ellipses that were found, and take the pose that they give."""
+    document = session.document
+    if document.photo is not photo or document.mesh is not mesh:
+        raise QuickStartError(
+            "The wheels were found in another photo or for another model; look for them again."
+        )
+    rims = (*rear.outline(FEWEST_RIM_POINTS), *front.outline(FEWEST_RIM_POINTS))
+    return session.with_document(document.with_marks(rims=rims, note="").at_pose(pose))
 
 
 def solved(document: Document, tool: str) -> Document:
@@ -125,22 +135,9 @@ def solved(document: Document, tool: str) -> Document:
     return (document if pose is None else document.at_pose(pose)).with_marks(note="")
 
 
-def pairs_done(document: Document) -> int:
-    """Count the finished pairs."""
-    return len(document.marks.correspondences[0])
-
-
 def pair_errors(document: Document) -> FloatArray:
     """(n,): how far, in px, each pair that is done is off at the pose at hand."""
     return fit_of(document.pose, *document.marks.correspondences).errors_px
-
-
-def _marks_of(document: Document, tool: str) -> tuple:
-    return document.marks.rims if tool == "wheels" else document.marks.pairs
-
-
-def _with_marks(document: Document, tool: str, marks: tuple) -> Document:
-    return document.with_marks(**{"rims" if tool == "wheels" else "pairs": marks})
 
 
 def _pose_of_pairs(document: Document) -> Pose | None:

@@ -79,12 +79,8 @@ def alter_object(session: Session, number: int, **changes: Any) -> Session:
         changes["name"] = changes["name"][:LONGEST_NAME]
     if all(getattr(one, key) == value for key, value in changes.items()):
         return session
-    # One step back leads to before the whole of a name, not to its first letter.
-    what = f"name {number}"
-    typed_on = session.typed == (what, session.document) and not session.history.future
-    document = session.document.with_object(index, **changes)
-    altered = session.with_document(document, same_step=typed_on and "name" in changes)
-    return replace(altered, typed=(what, document)) if "name" in changes else altered
+    key = f"name {number}" if "name" in changes else None
+    return session.with_document(session.document.with_object(index, **changes), key)
 
 
 @edit

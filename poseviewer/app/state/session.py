@@ -186,8 +186,6 @@ class ProposedStarts:
     """The likeliest first."""
     index: int = 0
     """The one that is shown."""
-    shown: Document | None = None
-    """The document that showing it led to."""
 
 
 def start_query(document: Document) -> StartQuery:
@@ -219,8 +217,6 @@ class Session:
     history: History = field(default_factory=History)
     drag: Drag | None = None
     """Part of the model or photo that the pointer holds."""
-    before_drag: Document | None = None
-    """The document when it was taken hold of; None until the pointer moves."""
     tool: str = "pose"
     erasing: bool = False
     """Whether strokes of the tools that hide bring back what they cover."""
@@ -258,8 +254,8 @@ class Session:
     """Scene about which pixels are compared (see ``OverlayRequest``); None: the document's."""
     saved: Document | None = None
     """Document that stands in a file."""
-    typed: tuple[str, Document] | None = None
-    """The parameter that was last typed, and the document that it led to."""
+    last_step: tuple[object, Document] | None = None
+    """Key of the last step that had one, and the document that it led to."""
 
     @property
     def compared(self) -> Scene:
@@ -301,7 +297,8 @@ class Session:
     @property
     def moving(self) -> bool:
         """Whether a hand or a search moves the model: the next pose will follow at once."""
-        return self.before_drag is not None or self.searching
+        is_dragged = self.drag is not None and self.drag.before is not None
+        return is_dragged or self.searching
 
     @property
     def shown_box(self) -> Rectangle | None:
@@ -368,12 +365,12 @@ class Session:
         if not is_in_sight(document):
             name = document.view.name
             raise SettingsError(f"{name} does not show the model where it is now")
-        gone = dict.fromkeys(("overlay", "losses", "proposals", "drag", "before_drag"))
+        gone = dict.fromkeys(("overlay", "losses", "proposals", "drag"))
         return replace(self, document=document, anchor=self.compared, landscapes=(), **gone)
 
-    def with_document(self, document: Document, same_step: bool = False) -> Session:
-        """One undoable step to another document; with ``same_step`` undo leads to before the step
-        that came last, too.
+    def with_document(self, document: Document, key: object = None) -> Session:
+        """One undoable step to another document; of steps in a row with one ``key`` (what is
+        typed, letter by letter) undo leads to before the first.
 
         Raises:
             FloatingPointError: the model would be behind the camera, or out of all proportion.
@@ -384,8 +381,11 @@ class Session:
                 "that pose is behind the camera or out of all proportion; nothing was changed"
             )
         _require_unlocked(self.document, document)
-        history = self.history if same_step else self.history.with_step(self.document)
-        return self.at(history, document)
+        is_same = key is not None and self.last_step == (key, self.document)
+        is_same = is_same and not self.history.future
+        history = self.history if is_same else self.history.with_step(self.document)
+        session = self.at(history, document)
+        return session if key is None else replace(session, last_step=(key, document))
 
     def with_pose(self, pose: Pose) -> Session:
         """One undoable step to another pose; raises as ``with_document``."""

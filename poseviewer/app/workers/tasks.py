@@ -10,9 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.app.state.commands import lay_wheels, set_tool
+from poseviewer.app.state.commands import set_tool
 from poseviewer.app.state.edits import Edit, SavePose
 from poseviewer.app.state.hiding import Stroke, paint_found
+from poseviewer.app.state.marking import lay_wheels
 from poseviewer.app.state.objects import add_object
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import Export, export

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from poseviewer.app.state.camera_change import with_camera, with_projection
+from poseviewer.app.state import commands as c
+from poseviewer.app.state.camera_change import with_camera
 from poseviewer.app.state.document import MOST_OPENED, MOST_STEPS, History
 from poseviewer.app.state.dragging import radius_in_photo
 from poseviewer.fit.settings import FitSettings
@@ -18,8 +19,11 @@ from tests.app.state.documents import (
     CAR,
     PARALLEL,
     PERSPECTIVE,
+    after,
+    assert_same_pose,
     make_document,
     make_photo,
+    make_session,
     moved_document,
 )
 from tests.meshes import make_box
@@ -90,14 +94,13 @@ def test_another_camera_keeps_the_centres_pixel_and_size(camera):
 
 
 def test_there_and_back_between_projections_is_the_same_pose():
-    pose = make_document(PERSPECTIVE).pose
-    flat = with_projection(pose, "parallel", PERSPECTIVE, BUMPY.centre)
-    assert isinstance(flat.camera, Parallel)
-    back = with_projection(flat, "perspective", PERSPECTIVE, BUMPY.centre)
-    assert back.camera == PERSPECTIVE
-    assert back.project(BUMPY.vertices) == pytest.approx(pose.project(BUMPY.vertices), abs=1e-9)
-    assert with_projection(pose, "perspective", PERSPECTIVE, BUMPY.centre) is pose
-    assert with_projection(flat, "parallel", PERSPECTIVE, BUMPY.centre) is flat
+    session = make_session(PERSPECTIVE)
+    flat = after(session, c.set_projection("parallel"))
+    assert isinstance(flat.document.pose.camera, Parallel)
+    back = after(flat, c.set_projection("perspective"))
+    assert_same_pose(back.document.pose, session.document.pose)
+    assert after(session, c.set_projection("perspective")) is session
+    assert after(flat, c.set_projection("parallel")) is flat
 
 
 @CAMERAS

@@ -20,11 +20,11 @@ from poseviewer.app.state.dragging import (
     trackball,
     turned,
     vehicle_pins,
-    with_point_at,
     with_vehicle_pin,
 )
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.starts.placing import with_point_at
 from poseviewer.vehicle.chart import VehicleChart
 from tests.geometry.test_charts import make_keypoints, make_vehicle_pose
 from tests.meshes import make_bumpy

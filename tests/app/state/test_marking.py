@@ -9,7 +9,7 @@ import pytest
 
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.marking import pair_errors
+from poseviewer.app.state.marking import clear_marks, lay_wheels, pair_errors, remove_mark
 from poseviewer.app.state.session import Session
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Perspective, Pose
@@ -39,7 +39,7 @@ def with_pair(session: Session, spot: np.ndarray, target: Pose) -> Session:
     radius = 0.8 * np.abs(document.pose.project(document.mesh.vertices) - middle).max()
     picked = after(session, c.press(*(middle + radius * spot), zoom=30.0), c.release())
     assert picked.document.marks.waits_for_pixel
-    pixel = target.project(picked.document.marks.pairs[-1].point)
+    pixel = target.project(picked.document.marks.points[-1])
     return after(picked, c.press(*pixel), c.release())
 
 
@@ -80,7 +80,7 @@ def test_a_dragged_mark_takes_the_pose_along_in_one_step():
     assert after(dragged, c.undo()).document is session.document
     # A mark that is double-clicked goes; three pairs leave the pose as it is.
     removed = after(session, c.double_press(x, y))
-    assert len(removed.document.marks.pairs) == 3
+    assert len(removed.document.marks.pixels) == 3
     assert removed.document.pose is session.document.pose
 
 
@@ -109,10 +109,10 @@ def test_escape_ends_the_mode_and_keeps_the_marks():
     session = with_pair(session, SPOTS[0], Pose(PERSPECTIVE, TARGET))
     ended = after(session, c.cancel_drag())
     assert ended.tool == "pose"
-    assert len(ended.document.marks.pairs) == 1
-    cleared = after(ended, c.set_tool("pairs"), c.clear_marks())
-    assert cleared.document.marks.pairs == ()
-    assert after(cleared, c.remove_mark()).document is cleared.document
+    assert len(ended.document.marks.pixels) == 1
+    cleared = after(ended, c.set_tool("pairs"), clear_marks())
+    assert cleared.document.marks.points == ()
+    assert after(cleared, remove_mark()).document is cleared.document
 
 
 @pytest.mark.parametrize("camera", [PERSPECTIVE, PARALLEL])
@@ -127,7 +127,7 @@ def test_five_points_on_each_rim_place_the_car(camera):
     assert len(session.document.marks.ellipses) == 2
     assert off(session, target) < 0.02
     assert "outlined" in refused(session, c.press(3.0, 3.0, zoom=9.0))
-    left = after(session, c.remove_mark())
+    left = after(session, remove_mark())
     assert len(left.document.marks.rims) == 9
     x, y = session.document.marks.rims[0]
     moved = after(session, c.press(x, y, zoom=9.0), c.drag_to(x + 2.0, y + 1.0), c.release())
@@ -138,7 +138,7 @@ def test_five_points_on_each_rim_place_the_car(camera):
 def lay(session: Session, target: Pose) -> Edit:
     side = visible_side(make_keypoints(), target)
     rear, front = (ellipse_through(rim) for rim in wheel_rims(target, side, 0.35))
-    return c.lay_wheels(session.document.photo, session.document.mesh, rear, front, target)
+    return lay_wheels(session.document.photo, session.document.mesh, rear, front, target)
 
 
 def test_found_wheels_are_marks_that_can_be_dragged_and_undone_in_one_step():

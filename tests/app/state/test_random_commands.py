@@ -15,6 +15,7 @@ import pytest
 
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import hiding as h
+from poseviewer.app.state import marking as m
 from poseviewer.app.state import objects as o
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.update import update
@@ -58,8 +59,8 @@ def make_command(chance: random.Random) -> Edit:
         lambda: c.set_projection(pick(("perspective", "parallel"))),
         lambda: c.set_camera(focal(), focal(), focal(), focal()),
         lambda: c.set_field_of_view(chance.uniform(-5.0, 190.0)),
-        c.remove_mark,
-        c.clear_marks,
+        m.remove_mark,
+        m.clear_marks,
         lambda: o.pick_object(number),
         lambda: o.pick_object(number),
         o.add_object,
