@@ -45,7 +45,7 @@ def make_scene_of(mesh: Mesh, folder: Path) -> Scene:
     # Black ground, as the model is 0 there.
     pixels = lit_models([PlacedModel(mesh, pose)], LIGHT, np.random.default_rng(0), 0.0, 4.0)
     save_image(scene.photo, pixels)
-    save_pose(scene.truth, PoseRecord(pose))
+    save_pose(scene.truth, PoseRecord.of(pose))
     start = FreeBodyChart.near(mesh, pose).to_pose(np.array([0.05, -0.06, 0.04, 0.05, -0.04, 0.05]))
-    save_pose(scene.start, PoseRecord(start))
+    save_pose(scene.start, PoseRecord.of(start))
     return scene

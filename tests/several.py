@@ -110,7 +110,7 @@ def make_three(folder: Path, placed: Sequence[PlacedModel] = STARTS) -> Path:
     for name, one in zip(IDS, placed, strict=True):
         path = folder / f"{name}.ply"
         save_model(path, one.mesh)
-        objects.append(ObjectRecord.of(name, path, PoseRecord(one.pose), view))
+        objects.append(ObjectRecord.of(name, path, PoseRecord.of(one.pose), view))
     scene = SceneRecord(views=(view,), objects=tuple(objects))
     save_scene(folder / "three.scene.json", scene)
     return folder / "three.scene.json"

@@ -38,7 +38,7 @@ def test_the_lines_of_the_readme_find_the_pose_of_the_demo(tmp_path, monkeypatch
     photo = load_photo(case.photo)
     save_image(tmp_path / "photo.jpg", photo.as_rgb8(photo.width // 2, photo.height // 2))
     start = load_pose(case.start, photo.width, photo.height)
-    save_pose(tmp_path / "start.json", PoseRecord(start.pose.scaled(0.5)))
+    save_pose(tmp_path / "start.json", PoseRecord.of(start.pose.scaled(0.5)))
     shutil.copy(case.model, tmp_path / "car.glb")
     shutil.copy(keypoints_path(case.model), keypoints_path(tmp_path / "car.glb"))
     readme = (REPOSITORY / "README.md").read_text(encoding="utf-8")

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 import poseviewer
 from poseviewer.api import load
@@ -163,7 +164,7 @@ def test_a_scene_keeps_what_a_search_found_in_front_of_an_object(tmp_path, monke
 def test_parts_of_a_scene_s_objects_are_left_out_by_the_object_s_id(scene, halves, tmp_path):
     start = load_pose(scene.start, 160, 120)
     view = ViewRecord.of(scene.photo, start.pose.camera)
-    found = replace(start, loss=0.2, verdict=RecordedVerdict("found", 0.99))
+    found = structs.replace(start, loss=0.2, verdict=RecordedVerdict("found", 0.99))
     objects = tuple(ObjectRecord.of(name, halves, found, view) for name in ("a", "a:b"))
     path = tmp_path / "two.scene.json"
     save_scene(path, SceneRecord(views=(view,), objects=objects))

@@ -115,7 +115,7 @@ def write_views(folder: Path) -> tuple[Path, Path, Path]:
     for index, name in enumerate(NAMES):
         save_image(folder / name, make_pixels(index, LIGHTS[index]))
     save_model(folder / "m.ply", MESH)
-    save_pose(folder / "start.json", PoseRecord(START, PhotoReference(NAMES[0], 320, 240)))
+    save_pose(folder / "start.json", PoseRecord.of(START, PhotoReference(NAMES[0], 320, 240)))
     return write_set(folder), folder / "m.ply", folder / "start.json"
 
 

@@ -12,14 +12,14 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-from poseviewer.files.pose import PoseFile
+from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_file import SceneRecord
 from poseviewer.files.structs import PROJECTIONS
 from poseviewer.files.symmetry import SymmetryFile
 
 FOLDER = Path(__file__).parents[2] / "poseviewer" / "files"
 KINDS: dict[str, tuple[Any, int, list[str]]] = {
-    "pose": (Annotated[PoseFile, Meta(extra_json_schema=PROJECTIONS)], 1, []),
+    "pose": (Annotated[PoseRecord, Meta(extra_json_schema=PROJECTIONS)], 1, []),
     "scene": (SceneRecord, 2, ["format", "version"]),
     "symmetry": (SymmetryFile, 1, []),
 }

@@ -66,7 +66,7 @@ def _save_start(out: Path, image: BopImage, found: BopObject, instance: int) -> 
     more = f"-{instance + 1}" if instance else ""
     path = out / STARTS / f"{image.number:06d}-{found.object_id:06d}{more}.json"
     new = out / STARTS / ".new.json"
-    save_pose(new, PoseRecord(Pose(image.camera, found.place)))
+    save_pose(new, PoseRecord.of(Pose(image.camera, found.place)))
     if path.is_file() and path.read_bytes() == new.read_bytes():
         new.unlink()
     else:

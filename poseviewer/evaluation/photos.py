@@ -83,7 +83,7 @@ def make_photos(
         if not truth.exists():
             pose, pixels = _draw(vehicle, kind, size, make_seed(seed, kind, index))
             save_image(photo, pixels)
-            save_pose(truth, PoseRecord(pose))  # last: where it is, the photo is whole
+            save_pose(truth, PoseRecord.of(pose))  # last: where it is, the photo is whole
         pose = load_pose(truth, *size).pose
         cases.append(Case(f"{kind}-{index}", kind, photo, model, pose, is_drawn=True))
     return cases

@@ -4,11 +4,11 @@ mask, which lies beside it.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
+from msgspec import structs
 
 from poseviewer.errors import PhotoFileError
 from poseviewer.files.checks import Reading
@@ -56,7 +56,7 @@ def save_pose_and_mask(path: str | Path, record: PoseRecord, mask: Mask | None) 
     if mask is not None:
         beside = mask_path(path)
         write_whole(beside, mask_as_png(mask), PhotoFileError)
-        record = replace(record, mask=beside.name)
+        record = structs.replace(record, mask=beside.name)
     save_pose(path, record)
 
 

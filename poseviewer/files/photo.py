@@ -245,10 +245,9 @@ def matched(photo: Photo, start: PoseRecord) -> tuple[Photo, PoseRecord, tuple[s
             f"{photo.name}: the start pose is under parallel projection, and the calibration is "
             "of a perspective camera; leave one of the two out."
         )
+    lens = photo.undistortion and Distortion.of(photo.undistortion)
     pose = replace(start.pose, camera=photo.camera)
-    start = replace(
-        start, pose=pose, undistortion=photo.undistortion, chart=None, loss=None, unexplained=None
-    )
+    start = start.with_pose(pose, distortion=lens, chart=None, loss=None, unexplained=None)
     if np.allclose(astuple(now), astuple(photo.camera), rtol=NOTABLE):
         return photo, start, ()
     note = (

@@ -14,7 +14,6 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.cameras import lens_of
 from poseviewer.files.checks import Reading, checked_rotation, is_there, kind_of
 from poseviewer.files.colmap_model import model_file
 from poseviewer.files.formats.bop import (
@@ -31,12 +30,10 @@ from poseviewer.files.photo import load_photo, undistorted
 from poseviewer.files.pose import check_against
 from poseviewer.files.scene_file import INLINE, ViewRecord, load_scene, mask_in
 from poseviewer.files.structs import (
-    MODELS,
     SCENE,
     VIEWS,
     CameraNumbers,
-    LensName,
-    Number,
+    LensNumbers,
     Positive,
     Transform,
     decoded,
@@ -57,13 +54,6 @@ NERF_ENDINGS = ("", ".png", ".jpg", ".jpeg")
 """NeRF's own sets leave them out."""
 
 
-class LensNumbers(Struct, frozen=True):
-    """A lens, its coefficients in OpenCV's order."""
-
-    model: LensName
-    coefficients: tuple[Number, ...]
-
-
 class SetView(Struct, frozen=True):
     """A photo of a set, its camera as taken, and its lens."""
 
@@ -72,6 +62,9 @@ class SetView(Struct, frozen=True):
     camera_from_set: Transform
     distortion: LensNumbers | None = None
     mask: str | None = None
+
+    def __post_init__(self) -> None:
+        self.camera.perspective(1, 1)
 
 
 class SetFile(Struct, frozen=True):
@@ -190,16 +183,14 @@ def _views(reading: Reading, choice: SetChoice) -> tuple[list[View], str | None,
 
 def _of_version_1(reading: Reading, said: SetFile, choice: SetChoice) -> list[View]:
     folder, views = reading.path.parent, []
-    for number, one in enumerate(said.views):
-        own, lens = replace(reading, path=Path(f"{reading.path.name}, views[{number}]")), None
-        if one.distortion is not None:
-            lens = lens_of(own, MODELS[one.distortion.model], list(one.distortion.coefficients))
+    for one in said.views:
         if _is_chosen(one.photo, choice.photos):
-            place = one.camera_from_set.checked(own)
-            camera = one.camera.perspective(own, 0, 0)
+            known, place, camera = one.distortion, one.camera_from_set.rigid, one.camera
+            lens = known.lens if known and any(known.coefficients) else None
             mask = None if one.mask is None else folder / one.mask
             path = folder / one.photo
-            views.append(_view(own, path, load_photo(path), place, camera, lens, mask))
+            pinhole = camera.perspective(0, 0)
+            views.append(_view(reading, path, load_photo(path), place, pinhole, lens, mask))
     return views
 
 

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-import msgspec
-from msgspec import Struct
+from msgspec import Meta, Struct, field, structs
 
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import PoseFileError
-from poseviewer.files.checks import VERSION, Reading
+from poseviewer.files.checks import Reading
 from poseviewer.files.structs import (
     CameraNumbers,
     ChartParameters,
@@ -20,6 +17,7 @@ from poseviewer.files.structs import (
     ModelReference,
     Number,
     PhotoReference,
+    Positive,
     Projection,
     RecordedVerdict,
     Transform,
@@ -27,21 +25,38 @@ from poseviewer.files.structs import (
     decoded,
     projection_of,
 )
-from poseviewer.files.symmetry import SymmetryTurns, symmetry_from
-from poseviewer.files.writing import write_json
+from poseviewer.files.symmetry import SymmetryTurns
+from poseviewer.files.writing import json_bytes, write_whole
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.lens import Undistortion
 from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
 
 FORMAT: Literal["poseviewer-pose"] = "poseviewer-pose"
-AS_IN_FILE = (
-    *("photo", "model", "loss", "unexplained", "settings", "software", "verdict", "mask"),
-    *("without", "seen", "notes", "chart"),
-)
-"""Fields that ``PoseFile`` and ``PoseRecord`` share."""
 
 
-class PoseFile(Struct, frozen=True, kw_only=True):
+class PlaceInSet(Transform, frozen=True):
+    """x_in_set = size * rotation @ x_in_model + translation, in the set's unit."""
+
+    size: Positive
+    size_was_free: bool = False
+
+
+class PoseInSet(Struct, frozen=True):
+    """Written by earlier versions where the pose was found on several photos: where the model is in
+    their frame, and the pose in each photo, as in a pose file.
+    """
+
+    set_from_model: PlaceInSet
+    views: Annotated[tuple[PoseRecord, ...], Meta(min_length=1)]
+    unit: str | None = None
+
+    def __post_init__(self) -> None:
+        photos = [view.photo or PhotoReference() for view in self.views]
+        if not all(photo.file and photo.width and photo.height for photo in photos):
+            raise ValueError(".views has a photo without file, width or height; wanted all three")
+
+
+class PoseRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Pose of a known 3D model in one photo. Camera axes are OpenCV's (x right, y down, z
     forward); pixel centres are at integers; lengths are in the model's unit.
 
@@ -55,8 +70,8 @@ class PoseFile(Struct, frozen=True, kw_only=True):
     format: Literal["poseviewer-pose"] = FORMAT
     version: Literal[1] = 1
     projection: Projection
-    camera: CameraNumbers
-    camera_from_model: Transform
+    numbers: CameraNumbers = field(name="camera")
+    place: Transform = field(name="camera_from_model")
     photo: PhotoReference | None = None
     model: ModelReference | None = None
     loss: Number | None = None
@@ -70,44 +85,59 @@ class PoseFile(Struct, frozen=True, kw_only=True):
     seen: Number | None = None
     notes: tuple[str, ...] = ()
     distortion: Distortion | None = None
-    symmetry: SymmetryTurns | None = None
-    set: dict[str, Any] | None = None
+    turns: SymmetryTurns | None = field(name="symmetry", default=None)
+    in_set: PoseInSet | None = field(name="set", default=None)
     chart: ChartParameters | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class PoseRecord:
-    """Content of a pose file."""
-
-    pose: Pose
-    """Camera (pixel centres at i + 0.5) and ``camera_from_model``, in the model's unit."""
-    photo: PhotoReference | None = None
-    model: ModelReference | None = None
-    chart: ChartParameters | None = None
-    loss: float | None = None
-    settings: Mapping[str, Any] | None = None
-    software: Mapping[str, str] | None = None
-    undistortion: Undistortion | None = None
-    """Lens and cameras of the undistorted photo, which the pose belongs to; None: no lens."""
-    verdict: RecordedVerdict | None = None
-    notes: tuple[str, ...] = ()
-    """Sentences for the user of the pose, such as on a camera that is a guess."""
-    unexplained: float | None = None
-    """The loss on the scale from 0, all explained, to 1, nothing."""
-    mask: str | None = None
-    """Name of the picture beside the pose file whose white pixels count (``files.masks``)."""
-    without: tuple[str, ...] = ()
-    """Names of the model's parts that are left out."""
-    seen: float | None = None
-    """The share of the model's pixels that count: that nothing else hides, as far as is known."""
-    covariance: PoseCovariance | None = None
-    """Covariance of the pose, if it is right; in files under ``uncertainty``."""
-    symmetry: Symmetry = field(default=NO_SYMMETRY, compare=False)
-    """The model's. In files that a scene is saved as, the pose is the canonical of equal ones."""
-    in_set: Mapping[str, Any] | None = None
-    """Pose in the frame of several photos, and in each; written by earlier versions as ``set``."""
-    warnings: tuple[str, ...] = field(default=(), compare=False)
+    warnings: tuple[str, ...] = ()
     """Sentences on how the file was read; not written."""
+
+    def __post_init__(self) -> None:
+        _ = self.pose
+
+    @classmethod
+    def of(cls, pose: Pose, photo: PhotoReference | None = None, **said: Any) -> PoseRecord:
+        """The record of a pose, and what else is ``said``, by the names of the fields."""
+        camera, photo = pose.camera, photo or PhotoReference()
+        photo = structs.replace(photo, width=camera.width or None, height=camera.height or None)
+        return cls(
+            projection=projection_of(camera),
+            numbers=CameraNumbers.of(camera),
+            place=Transform.of(pose.camera_from_model),
+            photo=None if photo == PhotoReference() else photo,
+            **said,
+        )
+
+    def with_pose(self, pose: Pose, **changes: Any) -> PoseRecord:
+        """The record with another pose, and other ``changes``."""
+        made = self.of(pose, self.photo)
+        names = ("projection", "numbers", "place", "photo")
+        return structs.replace(self, **{n: getattr(made, n) for n in names}, **changes)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the photo (px); 1 where nothing says it."""
+        photo = self.photo or PhotoReference()
+        return photo.width or 1, photo.height or 1
+
+    @property
+    def pose(self) -> Pose:
+        """Camera (pixel centres at i + 0.5) and ``camera_from_model``, in the model's unit."""
+        return Pose(self.numbers.camera(self.projection, *self.size), self.place.rigid)
+
+    @property
+    def undistortion(self) -> Undistortion | None:
+        """Lens and cameras of the undistorted photo, which the pose belongs to; None: no lens."""
+        return self.distortion and self.distortion.undistortion(*self.size)
+
+    @property
+    def covariance(self) -> PoseCovariance | None:
+        """Covariance of the pose, if it is right."""
+        return self.uncertainty and self.uncertainty.about(self.pose)
+
+    @property
+    def symmetry(self) -> Symmetry:
+        """Symmetry of the model."""
+        return NO_SYMMETRY if self.turns is None else self.turns.symmetry
 
 
 def load_pose(path: str | Path, width: int | None = None, height: int | None = None) -> PoseRecord:
@@ -130,25 +160,16 @@ def record_from_json(
 ) -> PoseRecord:
     """Read a pose file's JSON, for a photo as ``load_pose`` does."""
     reading.require_format(reading.object(data, "its content"), FORMAT)
-    said = decoded(reading, data, PoseFile, raw=("mask",))
-    made_for = said.photo or PhotoReference()
-    width, height = width or made_for.width or 1, height or made_for.height or 1
-    camera = said.camera.camera(reading, said.projection, width, height)
-    pose = Pose(camera, said.camera_from_model.checked(reading))
-    if (made_for.width or width, made_for.height or height) != (width, height):
+    record = decoded(reading, data, PoseRecord, raw=("mask",))
+    known = record.photo or PhotoReference()
+    made_for = known.width or width, known.height or height
+    photo = structs.replace(known, width=width or known.width, height=height or known.height)
+    if made_for != (photo.width, photo.height):
         reading.warnings.append(
-            f"{reading.path.name}: the pose was made for a photo of "
-            f"{made_for.width}x{made_for.height} px, this one has {width}x{height} px."
+            f"{reading.path.name}: the pose was made for a photo of {made_for[0]}x{made_for[1]} "
+            f"px, this one has {width}x{height} px."
         )
-    return PoseRecord(
-        pose,
-        undistortion=said.distortion and said.distortion.undistortion(reading, width, height),
-        covariance=said.uncertainty and said.uncertainty.about(pose),
-        symmetry=symmetry_from(reading, said.symmetry),
-        in_set=said.set,
-        warnings=tuple(reading.warnings),
-        **{name: getattr(said, name) for name in AS_IN_FILE},
-    )
+    return structs.replace(record, photo=photo, warnings=tuple(reading.warnings))
 
 
 def check_against(known: PhotoReference | ModelReference | None, sha256: str) -> tuple[str, ...]:
@@ -162,24 +183,10 @@ def check_against(known: PhotoReference | ModelReference | None, sha256: str) ->
 
 def save_pose(path: str | Path, record: PoseRecord) -> None:
     """Write a pose file, whole or not at all; every number reads back to the last digit."""
-    write_json(Path(path), record_as_json(record), PoseFileError)
+    write_whole(Path(path), pose_bytes(Path(path), record), PoseFileError)
 
 
-def record_as_json(record: PoseRecord) -> dict[str, Any]:
-    """Return the JSON of a pose file."""
-    lens, sure = record.undistortion, record.covariance
-    data = {
-        "format": FORMAT,
-        "version": VERSION,
-        "projection": projection_of(record.pose.camera),
-        "camera": CameraNumbers.of(record.pose.camera),
-        "camera_from_model": Transform.of(record.pose.camera_from_model),
-        **{name: getattr(record, name) for name in AS_IN_FILE},
-        "uncertainty": sure and Uncertainty.of(sure),
-        "distortion": lens and Distortion.of(lens),
-        "symmetry": SymmetryTurns.of(record.symmetry),
-        "set": record.in_set,
-    }
-    data = {k: value for k, value in data.items() if value or not isinstance(value, tuple | None)}
-    kept = {"settings": dict(data.pop("settings"))} if "settings" in data else {}
-    return msgspec.to_builtins(data, enc_hook=float) | kept  # settings are checked when written
+def pose_bytes(path: Path, record: PoseRecord) -> bytes:
+    """Return the content of a pose file; raises PoseFileError where a number is not finite."""
+    data = structs.replace(record, warnings=())
+    return json_bytes(path, data, PoseFileError, format=FORMAT, version=record.version)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 from base64 import b64decode, b64encode
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,10 +18,10 @@ import numpy as np
 from msgspec import Meta, Struct, structs
 
 from poseviewer.errors import PoseFileError, printable
-from poseviewer.files.checks import Reading, checked_rotation, is_there, kind_of
+from poseviewer.files.checks import Reading, is_there, kind_of
 from poseviewer.files.masks import mask_as_png, mask_from_png
 from poseviewer.files.mesh.named import bare_name
-from poseviewer.files.pose import PoseRecord, record_from_json
+from poseviewer.files.pose import PoseRecord
 from poseviewer.files.structs import (
     PROJECTIONS,
     SCENE,
@@ -42,12 +41,12 @@ from poseviewer.files.structs import (
     decoded,
     projection_of,
 )
-from poseviewer.files.symmetry import SymmetryTurns, symmetry_from
+from poseviewer.files.symmetry import SymmetryTurns
 from poseviewer.files.writing import json_bytes, write_whole
 from poseviewer.geometry.camera import Camera, Pose
 from poseviewer.geometry.lens import Undistortion
 from poseviewer.geometry.mask import Mask
-from poseviewer.geometry.symmetry_group import Symmetry
+from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
 from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.geometry.view import View, pose_in_view, world_from_pose
 
@@ -56,7 +55,7 @@ INLINE = "data:image/png;base64,"
 """Start of a mask that stands in the file itself."""
 OF_VIEW = ("projection", "camera", "distortion", "photo")
 """Fields that version 1 had once for the poses of all objects."""
-AS_IN_POSE = ("loss", "unexplained", "verdict", "chart", "settings", "notes")
+AS_IN_POSE = ("loss", "unexplained", "verdict", "uncertainty", "chart", "settings", "notes")
 """Fields that results share with pose files."""
 SAME = 1e-9
 """Relative: files round cameras in their last digit."""
@@ -112,6 +111,9 @@ class ViewRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
     )
     mask: str | None = None
 
+    def __post_init__(self) -> None:
+        _ = self.camera
+
     @classmethod
     def of(
         cls,
@@ -142,14 +144,13 @@ class ViewRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
     @property
     def camera(self) -> Camera:
         """Camera of the undistorted photo, pixel centres at i + 0.5."""
-        size = self.photo.width, self.photo.height
-        return self.numbers.camera(MADE, self.projection, *size)
+        return self.numbers.camera(self.projection, self.photo.width, self.photo.height)
 
     @property
     def undistortion(self) -> Undistortion | None:
         """Undistortion of the photo as taken; None: there is none."""
         size = self.photo.width, self.photo.height
-        return self.distortion and self.distortion.undistortion(MADE, *size)
+        return self.distortion and self.distortion.undistortion(*size)
 
     @property
     def reference(self) -> PhotoReference:
@@ -226,7 +227,6 @@ class ObjectRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
         known, camera = record.model or ModelReference(), view.camera
         result = Result(
             seen=() if record.seen is None else (record.seen,),
-            uncertainty=record.covariance and Uncertainty.of(record.covariance),
             **{name: getattr(record, name) for name in AS_IN_POSE},
         )
         return cls(
@@ -235,7 +235,7 @@ class ObjectRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
             model=ModelFile(str(model), known.sha256, known.unit),
             place=place_of(world_from_pose(camera, view.place.rigid, record.pose)),
             without=record.without,
-            turns=SymmetryTurns.of(record.symmetry),
+            turns=record.turns,
             result=None if result == Result() else result,
         )
 
@@ -247,29 +247,12 @@ class ObjectRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
     @property
     def symmetry(self) -> Symmetry:
         """Symmetry of the model as it is compared."""
-        return symmetry_from(MADE, self.turns)
+        return NO_SYMMETRY if self.turns is None else self.turns.symmetry
 
     @property
     def label(self) -> str:
         """The object's name, or else its id."""
         return self.name or self.id
-
-
-class PlaceInSet(Transform, frozen=True):
-    """x_in_set = size * rotation @ x_in_model + translation, in the set's unit."""
-
-    size: Positive
-    size_was_free: bool = False
-
-
-class PoseInSet(Struct, frozen=True):
-    """Written by earlier versions where the pose was found on several photos: where the model is in
-    their frame, and the pose in each photo, as in a pose file.
-    """
-
-    set_from_model: PlaceInSet
-    views: Annotated[tuple[dict[str, Any], ...], Meta(min_length=1)]
-    unit: str | None = None
 
 
 class SceneRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -305,22 +288,22 @@ class SceneRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     def pose_record(self, index: int, view: int = 0) -> PoseRecord:
         """All that a pose file says of an object in a view."""
-        one, own, pose = self.objects[index], self.views[view], self.pose(index, view)
+        one, own = self.objects[index], self.views[view]
         result = one.result or Result(settings=one.settings)
-        is_own, sure = result.view == view, result.uncertainty
         said = {name: getattr(result, name) for name in AS_IN_POSE}
+        if result.view != view:
+            said |= {"chart": None, "uncertainty": None}
         model = ModelReference(printable(one.path.name) or None, one.model.sha256, one.model.unit)
-        return PoseRecord(
-            pose,
+        return PoseRecord.of(
+            self.pose(index, view),
             own.reference,
-            None if model == ModelReference() else model,
-            **{**said, "chart": result.chart if is_own else None},
+            model=None if model == ModelReference() else model,
+            **said,
             software=self.software,
-            undistortion=own.undistortion,
+            distortion=own.distortion,
             without=one.without,
             seen=result.seen[view] if view < len(result.seen) else None,
-            covariance=sure.about(pose) if sure and is_own else None,
-            symmetry=one.symmetry,
+            turns=one.turns,
             warnings=self.warnings,
         )
 
@@ -360,36 +343,10 @@ def load_scene(path: str | Path, inside: Path | None = None) -> SceneRecord:
         reading.require_format(data, SCENE, newest=2)
         if data.get("version") != 2:
             data = _upgraded(reading, data, find)
-        found = with_files(scene_from_json(reading, data), find)
-        return structs.replace(found, warnings=tuple(dict.fromkeys(reading.warnings)))
-
-
-def scene_from_json(reading: Reading, data: Any, is_exact: bool = False) -> SceneRecord:
-    """The scene that JSON of version 2 says, the names of its files as they are. ``is_exact``:
-    rotations, too, which are else mended.
-    """
-
-    def mended(key: str, value: Any, _: str) -> Any:
-        if key != "rotation":
-            return value
-        rotation = checked_rotation(reading, np.array(value))
-        return value if is_exact else rotation.tolist()
-
-    scene = decoded(reading, data, SceneRecord, raw=("file", "mask"))
-    for number, one in enumerate(scene.views):
-        own = replace(reading, path=Path(f"{reading.path.name}, views[{number}]"))
-        size = one.photo.width, one.photo.height
-        one.numbers.camera(own, one.projection, *size)
-        if one.distortion is not None:
-            one.distortion.undistortion(own, *size)
-    for number, one in enumerate(scene.objects):
-        own = replace(reading, path=Path(f"{reading.path.name}, objects[{number}]"))
-        symmetry_from(own, one.turns)
-        if len(one.in_views) not in (0, len(scene.views)):
-            wanted = f"wanted one for each of {len(scene.views)} views, or none"
-            raise own.error(f"in_views is a list of {len(one.in_views)}", wanted)
-    _require_whole(reading, scene)
-    return msgspec.convert(_each(scene_as_json(scene), mended), SceneRecord)
+        scene = decoded(reading, data, SceneRecord, raw=("file", "mask"))
+        require_whole(reading, scene)
+        warnings = tuple(dict.fromkeys(reading.warnings))
+        return structs.replace(with_files(scene, find), warnings=warnings)
 
 
 def _upgraded(reading: Reading, data: dict[str, Any], find: Named) -> dict[str, Any]:
@@ -436,17 +393,12 @@ def scene_of_pose(path: Path, record: PoseRecord) -> SceneRecord:
     model, view = record.model or ModelReference(), _view_of_pose(path, record)
     one = ObjectRecord.of("1", _beside(path, model.file), record, view, model.file or "")
     more = {"software": record.software, "warnings": record.warnings}
-    scene = SceneRecord(views=(view,), objects=(one,), **more)
-    if record.in_set is None:
+    scene, said = SceneRecord(views=(view,), objects=(one,), **more), record.in_set
+    if said is None:
         return scene
-    reading, views = Reading(Path("set")), []
-    said = decoded(reading, dict(record.in_set), PoseInSet, raw=("mask",))
-    place, size = said.set_from_model.checked(reading), said.set_from_model.size
-    for number, entry in enumerate(said.views):
-        own = Reading(Path(f"set.views[{number}]"))
-        photo = decoded(own, own.object(entry.get("photo"), "photo"), PhotoFile)
-        seen = record_from_json(own, entry, photo.width, photo.height)
-        moved = seen.pose.camera_from_model
+    place, size, views = said.set_from_model.rigid, said.set_from_model.size, []
+    for seen in said.views:
+        moved = seen.place.rigid
         moved = RigidTransform(moved.rotation, size * moved.translation) @ place.inverse()
         views.append(structs.replace(_view_of_pose(path, seen), place=Transform.of(moved)))
     result = structs.replace(one.result or Result(), seen=())
@@ -459,9 +411,13 @@ def scene_of_pose(path: Path, record: PoseRecord) -> SceneRecord:
 
 def _view_of_pose(path: Path, record: PoseRecord) -> ViewRecord:
     photo = record.photo or PhotoReference()
-    mask = None if record.mask is None else _beside(path, record.mask)
-    more = photo.sha256, record.undistortion, None, mask
-    return ViewRecord.of(_beside(path, photo.file), record.pose.camera, *more)
+    return ViewRecord(
+        photo=PhotoFile(str(_beside(path, photo.file)), *record.size, photo.sha256),
+        projection=record.projection,
+        numbers=record.numbers,
+        distortion=record.distortion,
+        mask=None if record.mask is None else str(_beside(path, record.mask)),
+    )
 
 
 def _beside(path: Path, name: str | None) -> Path:
@@ -501,7 +457,7 @@ def with_files(scene: SceneRecord, name: Named) -> SceneRecord:
         is_file = key == "file" or (key == "mask" and not value.startswith(INLINE))
         return name(value, where) if is_file else value
 
-    return msgspec.convert(_each(scene_as_json(scene), named), SceneRecord)
+    return msgspec.convert(_each(msgspec.to_builtins(scene, enc_hook=float), named), SceneRecord)
 
 
 def save_scene(path: str | Path, scene: SceneRecord) -> None:
@@ -517,7 +473,7 @@ def scene_files(path: Path, scene: SceneRecord) -> dict[Path, bytes]:
         PoseFileError: as of ``load_scene``; a photo or a model is no file; a number is not finite.
     """
     reading, masks = Reading(path, kind=KIND), dict[Path, bytes]()
-    _require_whole(reading, scene)
+    require_whole(reading, scene)
 
     def name(file: str, where: str) -> str:
         if not is_there(Path(file)):
@@ -534,14 +490,8 @@ def scene_files(path: Path, scene: SceneRecord) -> dict[Path, bytes]:
         masks[file] = b64decode(value.removeprefix(INLINE))
         return file.name
 
-    data = _each(scene_as_json(with_files(scene, name)), beside)
-    return {**masks, path: json_bytes(path, data, PoseFileError)}
-
-
-def scene_as_json(scene: SceneRecord) -> dict[str, Any]:
-    """The scene file's JSON."""
-    data = msgspec.to_builtins(structs.replace(scene, warnings=()), enc_hook=float)
-    return {"format": SCENE, "version": scene.version, **data}
+    data = _each(msgspec.to_builtins(with_files(structs.replace(scene, warnings=()), name)), beside)
+    return {**masks, path: json_bytes(path, data, PoseFileError, format=SCENE, version=2)}
 
 
 def mask_text(mask: Mask | Path | None) -> str | None:
@@ -559,11 +509,17 @@ def mask_in(text: str) -> Mask:
         raise MADE.error(f"a mask is no picture ({error})", "wanted a PNG in base64") from None
 
 
-def _require_whole(reading: Reading, scene: SceneRecord) -> None:
+def require_whole(reading: Reading, scene: SceneRecord) -> None:
+    """Raise the reading's error where parts of a scene do not fit together."""
     ids = [one.id for one in scene.objects]
-    for number, one in enumerate(ids):
-        if one in ids[:number]:
-            raise reading.error(f"two objects have the id {one!r}", "give each an id of its own")
+    for number, one in enumerate(scene.objects):
+        if one.id in ids[:number]:
+            raise reading.error(f"two objects have the id {one.id!r}", "give each an id of its own")
+        if len(one.in_views) not in (0, len(scene.views)):
+            raise reading.error(
+                f"objects[{number}].in_views is a list of {len(one.in_views)}",
+                f"wanted one for each of {len(scene.views)} views, or none",
+            )
     if scene.free_scale and len(ids) > 1:
         wanted = "say free_scale: false and the objects' scales, or leave one object alone"
         raise reading.error(f"its scale is not known, and it has {len(ids)} objects", wanted)

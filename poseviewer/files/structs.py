@@ -19,8 +19,8 @@ from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import printable
 from poseviewer.files.checks import (
     LARGEST_NUMBER,
+    LARGEST_PX,
     Reading,
-    checked_camera,
     checked_rotation,
     kind_of,
 )
@@ -33,8 +33,11 @@ from poseviewer.geometry.view_chart import SIZE
 AnyStruct = TypeVar("AnyStruct")
 Number = Annotated[float, Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
 Positive = Annotated[float, Meta(ge=1.0 / LARGEST_NUMBER, le=LARGEST_NUMBER)]
+Focal = Annotated[float, Meta(ge=1.0 / LARGEST_PX, le=LARGEST_PX)]
+PrincipalPoint = Annotated[float, Meta(ge=-LARGEST_PX, le=LARGEST_PX)]
 Pixels = Annotated[int, Meta(ge=1, le=10_000_000)]
 Three = Annotated[tuple[Number, ...], Meta(min_length=3, max_length=3)]
+Rows = Annotated[tuple[Three, ...], Meta(min_length=3, max_length=3)]
 Sha256 = Annotated[str, Meta(extra_json_schema={"pattern": "^[0-9a-fA-F]{64}$"})]
 SCENE, VIEWS = "poseviewer-scene", "poseviewer-views"
 """Names of formats."""
@@ -108,11 +111,11 @@ class CameraNumbers(Struct, frozen=True, omit_defaults=True, kw_only=True):
     the model (of the world in a scene) under parallel projection; and the principal point.
     """
 
-    fx: Positive | None = None
-    fy: Positive | None = None
+    fx: Focal | None = None
+    fy: Focal | None = None
     scale: Positive | None = None
-    cx: Number
-    cy: Number
+    cx: PrincipalPoint
+    cy: PrincipalPoint
 
     @classmethod
     def of(cls, camera: Camera) -> Self:
@@ -121,24 +124,22 @@ class CameraNumbers(Struct, frozen=True, omit_defaults=True, kw_only=True):
         scales = ("scale",) if isinstance(shifted, Parallel) else ("fx", "fy")
         return cls(**{name: float(getattr(shifted, name)) for name in (*scales, "cx", "cy")})
 
-    def camera(self, reading: Reading, projection: Projection, width: int, height: int) -> Camera:
-        """The camera, pixel centres at i + 0.5; raises the reading's error."""
+    def camera(self, projection: Projection, width: int, height: int) -> Camera:
+        """The camera, pixel centres at i + 0.5; raises ValueError where a number is missing."""
         if projection == "perspective":
-            return self.perspective(reading, width, height)
+            return self.perspective(width, height)
         if self.scale is None:
-            raise reading.error("camera.scale is missing", "wanted a number above 0")
+            raise ValueError(".camera.scale is missing; wanted a number above 0")
         camera = Parallel(self.scale, self.cx, self.cy, width, height)
-        return camera_from_integer_centres(checked_camera(reading, camera))
+        return camera_from_integer_centres(camera)
 
-    def perspective(
-        self, reading: Reading, width: int, height: int, what: str = "camera"
-    ) -> Perspective:
-        """The camera under perspective projection; raises the reading's error."""
+    def perspective(self, width: int, height: int, where: str = "camera") -> Perspective:
+        """The camera under perspective projection; raises ValueError where a number is missing."""
         if self.fx is None or self.fy is None:
             name = "fx" if self.fx is None else "fy"
-            raise reading.error(f"{what}.{name} is missing", "wanted a number above 0")
+            raise ValueError(f".{where}.{name} is missing; wanted a number above 0")
         camera = Perspective(self.fx, self.fy, self.cx, self.cy, width, height)
-        return camera_from_integer_centres(checked_camera(reading, camera))
+        return camera_from_integer_centres(camera)
 
 
 class Transform(Struct, frozen=True):
@@ -146,7 +147,7 @@ class Transform(Struct, frozen=True):
     determinant 1.
     """
 
-    rotation: Annotated[tuple[Three, ...], Meta(min_length=3, max_length=3)]
+    rotation: Rows
     translation: Three
 
     @classmethod
@@ -160,22 +161,32 @@ class Transform(Struct, frozen=True):
         """The transform as the program has it."""
         return RigidTransform(np.array(self.rotation), np.array(self.translation))
 
-    def checked(self, reading: Reading) -> RigidTransform:
-        """The transform, its rotation mended; raises the reading's error."""
-        return RigidTransform(
-            checked_rotation(reading, self.rigid.rotation), self.rigid.translation
-        )
+
+class LensNumbers(Struct, frozen=True):
+    """A lens, its coefficients in OpenCV's order."""
+
+    model: LensName
+    coefficients: tuple[Number, ...]
+
+    def __post_init__(self) -> None:
+        known = COEFFICIENTS[MODELS[self.model]]
+        if len(self.coefficients) not in known:
+            found = f".coefficients is a list of {len(self.coefficients)}"
+            raise ValueError(f"{found}; wanted {', '.join(map(str, known))} numbers")
+
+    @property
+    def lens(self) -> Lens:
+        """The lens as the program has it."""
+        return Lens(MODELS[self.model], self.coefficients)
 
 
-class Distortion(Struct, frozen=True):
+class Distortion(LensNumbers, frozen=True):
     """Present where the photo was undistorted: the pose, its camera and its chart belong to the
     undistorted photo, not to the photo as taken. Remapping the photo from camera_as_taken with the
     coefficients (OpenCV's order: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]], or the
     fisheye's k1 k2 k3 k4) to camera_undistorted, in the same size, gives the undistorted photo.
     """
 
-    model: LensName
-    coefficients: tuple[Number, ...]
     camera_as_taken: CameraNumbers
     camera_undistorted: CameraNumbers
     note: str = ""
@@ -190,19 +201,14 @@ class Distortion(Struct, frozen=True):
         return cls(name, coefficients, taken, camera, NOTE)
 
     def __post_init__(self) -> None:
-        known = COEFFICIENTS[MODELS[self.model]]
-        if len(self.coefficients) not in known:
-            found = f".coefficients is a list of {len(self.coefficients)}"
-            raise ValueError(f"{found}; wanted {', '.join(map(str, known))} numbers")
+        super().__post_init__()
+        self.undistortion(1, 1)
 
-    def undistortion(self, reading: Reading, width: int, height: int) -> Undistortion:
-        """The lens of a photo of this size, and both cameras; raises the reading's error."""
-        size, taken, camera = (width, height), self.camera_as_taken, self.camera_undistorted
-        return Undistortion(
-            Lens(MODELS[self.model], self.coefficients),
-            taken.perspective(reading, *size, "distortion.camera_as_taken"),
-            camera.perspective(reading, *size, "distortion.camera_undistorted"),
-        )
+    def undistortion(self, width: int, height: int) -> Undistortion:
+        """The lens of a photo of this size, and both cameras."""
+        taken = self.camera_as_taken.perspective(width, height, "camera_as_taken")
+        camera = self.camera_undistorted.perspective(width, height, "camera_undistorted")
+        return Undistortion(self.lens, taken, camera)
 
 
 class Uncertainty(Struct, frozen=True, kw_only=True):
@@ -253,11 +259,11 @@ def decoded(
     reading: Reading, data: Any, kind: type[AnyStruct], raw: Sequence[str] = ()
 ) -> AnyStruct:
     """Convert JSON data to a struct; texts are made ``printable`` but those of the keys ``raw``,
-    null counts as missing, and 640.0 as a whole number.
+    null counts as missing, 640.0 as a whole number, and a rotation is made exact.
 
     Raises the reading's error, which says the place, what is there, and what was wanted.
     """
-    data = _plain(data, raw)
+    data = _plain(reading, data, raw)
     try:
         return msgspec.convert(data, kind)
     except msgspec.ValidationError as error:
@@ -282,17 +288,31 @@ def _item(value: Any, key: str) -> Any:
     return value.get(key) if isinstance(value, dict) else value[int(key)]
 
 
-def _plain(value: Any, raw: Sequence[str]) -> Any:
+def _plain(reading: Reading, value: Any, raw: Sequence[str]) -> Any:
     if isinstance(value, str):
         return printable(value)
     if isinstance(value, list):
-        return [_plain(item, raw) for item in value]
+        return [_plain(reading, item, raw) for item in value]
     if isinstance(value, dict):
-        kept = ((printable(key), item) for key, item in value.items() if item is not None)
-        return {k: v if k in raw and isinstance(v, str) else _plain(v, raw) for k, v in kept}
+        kept = {printable(key): item for key, item in value.items() if item is not None}
+        if "rotation" in kept:
+            kept["rotation"] = _mended(reading, kept["rotation"])
+        return {
+            key: item if key in raw and isinstance(item, str) else _plain(reading, item, raw)
+            for key, item in kept.items()
+        }
     if isinstance(value, float) and value and value.is_integer():
         return int(value)
     return value
+
+
+def _mended(reading: Reading, rows: Any) -> Any:
+    """Make rows of numbers the nearest rotation; other values stay."""
+    try:
+        matrix = np.array(msgspec.convert(rows, Rows))
+    except msgspec.ValidationError:
+        return rows
+    return checked_rotation(reading, matrix).tolist()
 
 
 def _words(types: re.Match[str]) -> str:

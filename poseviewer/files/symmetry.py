@@ -42,6 +42,19 @@ class SymmetryTurns(Struct, frozen=True):
     centre: Three
     turns: Annotated[tuple[TurnsAbout, ...], Meta(max_length=100)]
 
+    def __post_init__(self) -> None:
+        try:
+            _ = self.symmetry
+        except ValueError as error:
+            raise ValueError(f".turns {error}; mend their axes and folds") from None
+
+    @property
+    def symmetry(self) -> Symmetry:
+        """The symmetry as the program has it."""
+        axes = [np.array(turn.axis) / np.linalg.norm(turn.axis) for turn in self.turns]
+        folds = [0 if turn.fold == ANY else turn.fold for turn in self.turns]
+        return Symmetry.from_turns(self.centre, list(map(Turn, axes, folds)))
+
     @classmethod
     def of(cls, symmetry: Symmetry) -> SymmetryTurns | None:
         """A symmetry as files say it; None where there is none."""
@@ -87,17 +100,5 @@ def read_symmetry(path: Path, mesh: Mesh, model_name: str = "") -> Symmetry:
             data = reading.load_object()
             reading.require_format(data, FORMAT)
             reading.require_unit(data, mesh.unit)
-            symmetry = symmetry_from(reading, decoded(reading, data, SymmetryTurns))
+            symmetry = decoded(reading, data, SymmetryTurns).symmetry
     return symmetry
-
-
-def symmetry_from(reading: Reading, said: SymmetryTurns | None) -> Symmetry:
-    """The symmetry that a file says; raises the reading's error."""
-    if said is None:
-        return NO_SYMMETRY
-    axes = [np.array(turn.axis) / np.linalg.norm(turn.axis) for turn in said.turns]
-    folds = [0 if turn.fold == ANY else turn.fold for turn in said.turns]
-    try:
-        return Symmetry.from_turns(said.centre, list(map(Turn, axes, folds)))
-    except ValueError as error:
-        raise reading.error(f"its turns {error}", "mend their axes and folds") from None

@@ -11,6 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
+import msgspec
+
 from poseviewer.errors import PoseFileError, PoseViewerError
 
 
@@ -42,10 +44,15 @@ def write_json(path: Path, data: Any, error: type[PoseViewerError], *, indent: i
     write_whole(path, json_bytes(path, data, error, indent=indent), error)
 
 
-def json_bytes(path: Path, data: Any, error: type[PoseViewerError], *, indent: int = 2) -> bytes:
-    """The text of a JSON file; raises ``error`` where a number is not finite."""
+def json_bytes(
+    path: Path, data: Any, error: type[PoseViewerError], *, indent: int = 2, **first: Any
+) -> bytes:
+    """Return the text of a JSON file, of the entries ``first`` and those of a dict or a struct;
+    raises ``error`` where a number is not finite.
+    """
     try:
-        text = json.dumps(data, indent=indent, allow_nan=False, ensure_ascii=False)
+        entries = {**first, **msgspec.to_builtins(data, enc_hook=float)}
+        text = json.dumps(entries, indent=indent, allow_nan=False, ensure_ascii=False)
     except (ValueError, TypeError) as problem:
         raise error(
             f"{path.name}: holds what JSON cannot ({problem}); nothing was written."

@@ -242,7 +242,7 @@ def open_views(
     settings = settings or FitSettings()
     loaded = views if isinstance(views, LoadedViews) else load_views(views, choice)
     own = model_without(model, settings.without or ())
-    record = PoseRecord(start) if isinstance(start, Pose) else load_pose(start)
+    record = PoseRecord.of(start) if isinstance(start, Pose) else load_pose(start)
     first, notes, masks, recorded = _view_of(loaded, record, view), (), {}, None
     photo = loaded.views[first].photo
     if not isinstance(start, Pose):

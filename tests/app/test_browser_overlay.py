@@ -27,7 +27,7 @@ def make_dots(folder: Path, camera: Perspective) -> np.ndarray:
     balls = [trimesh.creation.icosphere(4, 0.1).apply_translation(place) for place in places]
     trimesh.util.concatenate(balls).export(str(folder / "dots.ply"))
     pose = Pose(camera, RigidTransform.from_rotation_vector([0.2, -0.1, 0.1], [0.0, 0.0, 8.0]))
-    save_pose(folder / "dots.json", PoseRecord(pose))
+    save_pose(folder / "dots.json", PoseRecord.of(pose))
     seen = pose.project(places)
     v, u = np.mgrid[0 : PHOTO[1], 0 : PHOTO[0]] + 0.5
     fine = np.full((PHOTO[1], PHOTO[0], 3), (70.0, 70.0, 70.0))

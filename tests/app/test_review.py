@@ -199,7 +199,7 @@ def test_an_estimate_that_was_kept_is_said(tmp_path: Path) -> None:
     start = load_pose(scene.start, 160, 120).pose
     turn = RigidTransform.from_rotation_vector([2.0, 1.0, 0.0], [0.0, 0.0, 0.0])
     turned = replace(start, camera_from_model=start.camera_from_model @ turn)
-    save_pose(scene.start, PoseRecord(turned))
+    save_pose(scene.start, PoseRecord.of(turned))
     row = f"{scene.photo},{scene.model},{scene.start}\n"
     (tmp_path / "jobs.csv").write_text("photo,model,start\n" + row)
     batch = open_batch(tmp_path / "jobs.csv", tmp_path / "out", replace(BRIEFLY, keep_start=True))

@@ -91,7 +91,7 @@ def test_accept_mend_and_note_are_kept_and_read_again(out):
     record = load_pose(out / third.result.pose, 160, 120)
     place = record.pose.camera_from_model
     moved = RigidTransform(place.rotation, place.translation + np.array([0.25, 0.0, 0.5]))
-    mended = replace(record, pose=replace(record.pose, camera_from_model=moved), loss=None)
+    mended = record.with_pose(replace(record.pose, camera_from_model=moved), loss=None)
     before = (out / third.result.pose).read_bytes()
     review.save_corrected(queue, third, mended, np.zeros((12, 16, 3), np.uint8))
     review.save_reviewed(review.load_queue(out))
@@ -129,9 +129,7 @@ def test_a_pose_by_another_camera_is_refused_for_a_scene(out):
     assert isinstance(record.pose.camera, Perspective)
     other = replace(record.pose, camera=replace(record.pose.camera, fx=400.0))
     with pytest.raises(PoseViewerError, match="not the BOP scene's"):
-        review.save_corrected(
-            queue, row, replace(record, pose=other), np.zeros((2, 2, 3), np.uint8)
-        )
+        review.save_corrected(queue, row, record.with_pose(other), np.zeros((2, 2, 3), np.uint8))
     assert not any(row.result.review for row in review.load_queue(out).rows)
 
 

@@ -87,7 +87,7 @@ def test_the_calibrated_camera_stands_in_for_the_starts(folder, capsys):
         "flat": Parallel(40.0, 80.0, 60.0, 160, 120),
     }
     for name, camera in cameras.items():
-        save_pose(f"{name}.json", replace(start, pose=replace(start.pose, camera=camera)))
+        save_pose(f"{name}.json", start.with_pose(replace(start.pose, camera=camera)))
     found = load("taken.png", "m.ply", "guess.json", calibration=calibration)
     assert found.views[0].camera == TAKEN
     assert any("fx 300.0" in note and "fx 200.0" in note for note in found.notes)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from msgspec import structs
 
 from poseviewer.errors import PhotoFileError
 from poseviewer.files.masks import (
@@ -25,7 +25,7 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
 
 WIDTH, HEIGHT = 64, 48
-RECORD = PoseRecord(
+RECORD = PoseRecord.of(
     Pose(
         Perspective(100.0, 100.0, 32.0, 24.0, WIDTH, HEIGHT),
         RigidTransform(np.eye(3), np.array([0.0, 0.0, 5.0])),
@@ -94,7 +94,7 @@ def test_a_mask_that_cannot_be_used_is_said(tmp_path: Path, name: str, said: str
     folder.mkdir()
     for path in (folder / "small.png", tmp_path / "secret.png"):
         cv2.imwrite(str(path), np.zeros((8, 8), np.uint8))
-    found = mask_beside(folder / "p.json", replace(RECORD, mask=name), WIDTH, HEIGHT)
+    found = mask_beside(folder / "p.json", structs.replace(RECORD, mask=name), WIDTH, HEIGHT)
     assert found[0] is None
     (note,) = found[1]
     assert re.search(said, note)

@@ -127,7 +127,7 @@ def test_every_photo_has_its_own_lens(folder):
             lambda data: data["views"][2].update(
                 distortion={"model": "opencv", "coefficients": [0.1, 0.2]}
             ),
-            r"views\[2\]: 2 distortion coefficients",
+            r"views\[2\].distortion.coefficients is a list of 2",
         ),
     ],
 )

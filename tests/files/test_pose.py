@@ -10,6 +10,7 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
+from msgspec import structs
 
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import PoseFileError
@@ -22,6 +23,8 @@ from poseviewer.files.pose import (
     load_pose,
     save_pose,
 )
+from poseviewer.files.structs import Uncertainty
+from poseviewer.files.symmetry import SymmetryTurns
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.symmetry_group import Symmetry, Turn
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
@@ -34,8 +37,11 @@ PARALLEL = Parallel(123.45678901234567, 300.1, 200.2, WIDTH, HEIGHT)
 TRANSFORM = RigidTransform.from_rotation_vector([0.3, -1.1, 2.0], [0.1, -2.5, 1.0 / 3.0])
 
 
+HALF_TURN = Symmetry.from_turns([0.0, 0.0, 0.1], [Turn(np.array([0.0, 0.0, 1.0]), 2)])
+
+
 def full_record(camera: Perspective | Parallel = PERSPECTIVE) -> PoseRecord:
-    return PoseRecord(
+    return PoseRecord.of(
         pose=Pose(camera, TRANSFORM),
         photo=PhotoReference("Straße 道.jpg", WIDTH, HEIGHT, SHA),
         model=ModelReference("car.glb", SHA[::-1], "m"),
@@ -44,7 +50,7 @@ def full_record(camera: Perspective | Parallel = PERSPECTIVE) -> PoseRecord:
         settings={"restarts": 8, "clipped": True},
         software={"name": "poseviewer", "version": "0.1.0"},
         notes=("The focal length is assumed.",),
-        symmetry=Symmetry.from_turns([0.0, 0.0, 0.1], [Turn(np.array([0.0, 0.0, 1.0]), 2)]),
+        turns=SymmetryTurns.of(HALF_TURN),
     )
 
 
@@ -75,7 +81,7 @@ def test_what_is_written_is_read_to_the_last_digit(
     assert read.pose.camera == camera
     np.testing.assert_array_equal(read.pose.camera_from_model.rotation, TRANSFORM.rotation)
     np.testing.assert_array_equal(read.pose.camera_from_model.translation, TRANSFORM.translation)
-    assert replace(read, pose=record.pose) == record
+    assert read == record
     assert (read.symmetry.words, read.warnings) == (record.symmetry.words, ())
     save_pose(tmp_path / "again.json", read)
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "pose.json").read_bytes()
@@ -98,7 +104,7 @@ def test_how_sure_it_is_survives_the_file_and_passes_the_schema(
         Pose(camera, TRANSFORM), np.array([0.1, 0.2, 5.3]), factor @ factor.T, 0.7, seventh
     )
     path = tmp_path / "pose.json"
-    save_pose(path, replace(full_record(camera), covariance=sure))
+    save_pose(path, structs.replace(full_record(camera), uncertainty=Uncertainty.of(sure)))
     validator.validate(json.loads(path.read_text()))
     read = load_pose(path, WIDTH, HEIGHT).covariance
     assert read is not None
@@ -191,9 +197,9 @@ def test_saving_replaces_a_file_whole(tmp_path: Path, monkeypatch: pytest.Monkey
 @pytest.mark.parametrize(
     "wrong",
     [
-        replace(full_record(), loss=math.nan),
-        replace(full_record(), settings={"array": np.zeros(3)}),
-        replace(full_record(), pose=Pose(replace(PERSPECTIVE, fx=math.inf), TRANSFORM)),
+        structs.replace(full_record(), loss=math.nan),
+        structs.replace(full_record(), settings={"array": np.zeros(3)}),
+        PoseRecord.of(Pose(replace(PERSPECTIVE, fx=math.inf), TRANSFORM)),
     ],
 )
 def test_what_json_cannot_hold_is_not_written(tmp_path: Path, wrong: PoseRecord) -> None:

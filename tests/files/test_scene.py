@@ -28,6 +28,7 @@ from poseviewer.files.scene_file import (
     save_scene,
 )
 from poseviewer.files.state.uploads import taken_out
+from poseviewer.files.structs import Uncertainty
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
@@ -58,7 +59,7 @@ def told(scene: SceneRecord, folder: Path) -> SceneRecord:
     second = ViewRecord.of(folder / "again.png", CAMERA, "0" * 64, None, turned, mask)
     factor = np.random.default_rng(0).normal(size=(6, 6))
     sure = PoseCovariance(STARTS[0].pose, np.array([0.1, 0.2, 5.3]), factor @ factor.T, 0.7)
-    record = PoseRecord(
+    record = PoseRecord.of(
         STARTS[0].pose,
         chart=ChartParameters("free-body", ("x",), (1.0 / 3.0,)),
         loss=-1.5,
@@ -67,7 +68,7 @@ def told(scene: SceneRecord, folder: Path) -> SceneRecord:
         verdict=RecordedVerdict("found", 0.9, ("It is seen.",), {"a": 0.5}),
         notes=("The focal length is assumed.",),
         settings={"grey": True},
-        covariance=sure,
+        uncertainty=Uncertainty.of(sure),
         without=("mirror",),
     )
     first = ObjectRecord.of("ball", scene.objects[0].path, record, scene.views[0], "the ball")
@@ -121,7 +122,7 @@ def test_a_pose_may_be_a_file_with_its_mask_in_version_1(path, tmp_path):
     white = Mask.of(np.ones((240, 320)))
     camera = json.loads(V1.read_text())["camera"]
     pose = Pose(replace(CAMERA, fx=camera["fx"], fy=camera["fy"]), TRUTH[1].pose.camera_from_model)
-    save_pose_and_mask(tmp_path / "front.json", PoseRecord(pose), white)
+    save_pose_and_mask(tmp_path / "front.json", PoseRecord.of(pose), white)
     changed(version_1(path), lambda data: data["objects"][1].update(pose="front.json"))
     scene = load_scene(path)
     place = scene.pose(1).camera_from_model
@@ -146,13 +147,13 @@ def test_the_same_model_may_be_there_twice(path):
         (lambda d: d["objects"][1].update(id="ball"), "two objects have the id 'ball'"),
         (lambda d: d["objects"][1].pop("world_from_model"), "world_from_model is missing"),
         (lambda d: d["objects"][1].update(in_views=[{"mask": "gone.png"}]), "gone.png, and there"),
-        (lambda d: d["objects"][1].update(in_views=[{}, {}]), r"\[1\]: in_views is a list of 2"),
+        (lambda d: d["objects"][1].update(in_views=[{}, {}]), r"\[1\].in_views is a list of 2"),
         (lambda d: d.update(free_scale=True), "its scale is not known, and it has 3 objects"),
         (lambda d: d.update(format="poseviewer-pose"), "wanted 'poseviewer-scene'"),
         (lambda d: d.update(version=3), "version is 3"),
         (lambda d: d["views"].clear(), "views is a list of 0; wanted a list of"),
         (lambda d: d["views"][0]["photo"].pop("width"), r"views\[0\].photo.width is missing"),
-        (lambda d: d["views"][0]["camera"].update(fx=1e9), r"views\[0\]: fx is 1e\+09 px"),
+        (lambda d: d["views"][0]["camera"].update(fx=1e9), r"views\[0\].camera.fx is 1000000000"),
         (lambda d: d["views"][0].update(projection="x"), r"projection is 'x'; wanted one of"),
     ],
 )
@@ -180,7 +181,7 @@ def test_what_is_wrong_in_version_1_is_said(path, change, words):
 
 def test_a_pose_file_by_another_camera_is_said(path, tmp_path):
     other = Pose(replace(CAMERA, fx=500.0), STARTS[0].pose.camera_from_model)
-    save_pose(tmp_path / "other.json", PoseRecord(other))
+    save_pose(tmp_path / "other.json", PoseRecord.of(other))
     changed(version_1(path), lambda data: data["objects"][0].update(pose="other.json"))
     with pytest.raises(PoseViewerError, match="'ball' is by another camera than the scene's"):
         load_scene(path)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 import cv2
 import numpy as np
+from msgspec import structs
 
 from poseviewer import api
 from poseviewer.app.state.document import Document, stands
@@ -16,7 +16,7 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.errors import SettingsError
 from poseviewer.files.masks import mask_as_png, mask_path
-from poseviewer.files.pose import record_as_json
+from poseviewer.files.pose import pose_bytes
 from poseviewer.fit.scene import Scene, SearchResult
 from poseviewer.fit.settings import settings_as_json
 from poseviewer.render.overlay.looks import SOLID_OPACITY, Picture
@@ -67,10 +67,9 @@ def export(what: Export, session: Session) -> dict[str, bytes]:
         name, scene = f"{stem}.pose.json", saved_scene(session)
         record, mask = pose_record(scene, own.active, view), scene.mask(own.active, view)
         beside = mask_path(name).name
-        record = replace(record, mask=None if mask is None else beside)
-        text = json.dumps(record_as_json(record), indent=2, ensure_ascii=False)
+        record = structs.replace(record, mask=None if mask is None else beside)
         files = {} if mask is None else {beside: mask_as_png(mask)}
-        return {name: (text + "\n").encode(), **files}
+        return {name: pose_bytes(Path(name), record), **files}
     if what == "overlay":
         picture = picture_of(own, session.look, session.opacity)  # of the photo's own size
         data = np.asarray(cv2.imencode(".png", picture[..., ::-1])[1]).tobytes()

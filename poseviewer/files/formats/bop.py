@@ -161,7 +161,7 @@ def read_bop_image(path: Path, request: ConvertOptions) -> SceneRecord:
         if not model.is_file():
             raise PoseFileError(f"{model}: no such model; name the folder of it with --model.")
         reference = ModelReference(model.name, unit=request.unit or UNIT)
-        record = PoseRecord(Pose(camera, one.place), model=reference)
+        record = PoseRecord.of(Pose(camera, one.place), model=reference)
         objects.append(ObjectRecord.of(f"{one.object_id}{again}", model, record, view))
     return SceneRecord(views=(view,), objects=tuple(objects))
 

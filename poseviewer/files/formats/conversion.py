@@ -21,6 +21,7 @@ from poseviewer.files.checks import Reading, checked_camera, checked_rotation, k
 from poseviewer.files.photo import SAME, load_photo, pixels_for, save_image, undistorted
 from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord
 from poseviewer.files.scene_file import SceneRecord, ViewRecord
+from poseviewer.files.structs import Distortion
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
@@ -297,16 +298,16 @@ def make_record(
     lens: Lens | None = None,
 ) -> PoseRecord:
     """A pose from another tool's file; with a ``lens`` its camera is that of the photo as taken."""
-    undistortion = None
+    distortion = None
     pose = replace(pose, camera=checked_camera(reading, pose.camera))
     if lens is not None and isinstance(pose.camera, Perspective):
         undistortion = Undistortion.of(lens, pose.camera)
-        pose = replace(pose, camera=undistortion.camera)
-    return PoseRecord(
+        pose, distortion = replace(pose, camera=undistortion.camera), Distortion.of(undistortion)
+    return PoseRecord.of(
         pose,
-        PhotoReference(photo, pose.camera.width, pose.camera.height),
-        ModelReference(unit=unit) if unit else None,
-        undistortion=undistortion,
+        PhotoReference(photo),
+        model=ModelReference(unit=unit) if unit else None,
+        distortion=distortion,
         warnings=tuple(reading.warnings),
     )
 

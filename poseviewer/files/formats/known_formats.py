@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-
-from msgspec import structs
 
 from poseviewer.files.checks import Reading
 from poseviewer.files.formats.bop import BOP
@@ -21,7 +18,7 @@ from poseviewer.files.formats.meshlab import MESHLAB
 from poseviewer.files.formats.opencv import OPENCV
 from poseviewer.files.formats.reconstructions import COLMAP, NERFSTUDIO
 from poseviewer.files.masks import load_mask, save_pose_and_mask
-from poseviewer.files.pose import PhotoReference, PoseRecord, record_from_json
+from poseviewer.files.pose import PoseRecord, record_from_json
 from poseviewer.files.scene_file import SceneRecord
 
 
@@ -43,9 +40,7 @@ def read_own(path: Path, request: ConvertOptions) -> PoseRecord:
     photo = data.get("photo")
     photo = photo if isinstance(photo, dict) else {}
     width, height = size_of(reading, request, photo.get("width"), photo.get("height"))
-    record = record_from_json(reading, data, width, height)
-    known = record.photo or PhotoReference()
-    return replace(record, photo=structs.replace(known, width=width, height=height))
+    return record_from_json(reading, data, width, height)
 
 
 FORMATS = {

@@ -30,8 +30,7 @@ from poseviewer.files.scene_file import (
     ViewRecord,
     mask_in,
     place_of,
-    scene_as_json,
-    scene_from_json,
+    require_whole,
     view_record,
 )
 from poseviewer.files.structs import CameraNumbers, Number, decoded
@@ -98,8 +97,7 @@ class SessionFile:
                 "the folder is yours to write to."
             ) from error
         data = {"format": FORMAT, "version": VERSION, **msgspec.to_builtins(session)}
-        text = json.dumps(data | {"scene": scene_as_json(session.scene)}, allow_nan=False)
-        write_whole(self.path, text.encode(), AutosaveError)
+        write_whole(self.path, json.dumps(data, allow_nan=False).encode(), AutosaveError)
 
     def close(self) -> None:
         """Leave the session behind, or nothing where none was saved."""
@@ -182,9 +180,8 @@ def _from_json(reading: Reading, data: dict[str, Any]) -> AutosavedSession:
     if said == (FORMAT, 1):
         session = _from_version_1(reading, data)
     elif said == (FORMAT, VERSION):
-        session = decoded(reading, data, AutosavedSession, raw=PATHS)
-        scene = scene_from_json(reading, data["scene"], is_exact=True)
-        session = structs.replace(session, scene=scene)
+        session = decoded(reading, data, AutosavedSession, raw=("file", "mask"))
+        require_whole(reading, session.scene)
     else:
         raise reading.error("it has another format", f"wanted {FORMAT} {VERSION}")
     scene = session.scene
@@ -195,10 +192,6 @@ def _from_json(reading: Reading, data: dict[str, Any]) -> AutosavedSession:
     if not 0 <= session.active_view < len(scene.views):
         raise reading.error(f"active_view is {session.active_view}", "wanted one of the views")
     return session
-
-
-PATHS = ("photo", "model", "path", "folder", "mask", "file")
-"""Keys of paths, which may hold bytes that are no text."""
 
 
 def _from_version_1(reading: Reading, old: dict[str, Any]) -> AutosavedSession:

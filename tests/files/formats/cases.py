@@ -32,7 +32,7 @@ def parallel_record() -> PoseRecord:
 
 def _record(pose: Pose, unit: str | None) -> PoseRecord:
     photo = PhotoReference("000003.png", WIDTH, HEIGHT)
-    return PoseRecord(pose, photo, ModelReference("obj_000005.ply", unit=unit))
+    return PoseRecord.of(pose, photo, model=ModelReference("obj_000005.ply", unit=unit))
 
 
 def write_files(folder: Path) -> tuple[Mesh, ConvertOptions]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.bop import load_bop_images, read_bop, write_bop
@@ -73,7 +74,7 @@ def test_an_image_keeps_its_camera(tmp_path):
     before = (tmp_path / "scene_gt.json").read_bytes()
     camera = record.pose.camera
     assert isinstance(camera, Perspective)
-    other = replace(record, pose=replace(record.pose, camera=replace(camera, fx=999.0)))
+    other = record.with_pose(replace(record.pose, camera=replace(camera, fx=999.0)))
     with pytest.raises(PoseFileError, match="another camera"):
         write_bop(scene_of_pose(tmp_path, other), tmp_path, ConvertOptions())
     assert (tmp_path / "scene_gt.json").read_bytes() == before
@@ -104,10 +105,10 @@ def test_what_is_not_known_is_asked_for(tmp_path):
     record = perspective_record(unit=None)
     with pytest.raises(PoseFileError, match="--unit mm"):
         write_bop(scene_of_pose(tmp_path, record), tmp_path, ConvertOptions())
-    nameless = replace(perspective_record(), photo=None)
+    nameless = structs.replace(perspective_record(), photo=None)
     with pytest.raises(PoseFileError, match="--image NUMBER"):
         write_bop(scene_of_pose(tmp_path, nameless), tmp_path, ConvertOptions())
-    nameless = replace(perspective_record(), model=None)
+    nameless = structs.replace(perspective_record(), model=None)
     with pytest.raises(PoseFileError, match="--object NUMBER"):
         write_bop(scene_of_pose(tmp_path, nameless), tmp_path, ConvertOptions(unit="m"))
     assert list(tmp_path.iterdir()) == []
@@ -118,7 +119,7 @@ def test_one_of_many_poses_is_chosen(tmp_path):
     for image in ("3", "12"):
         for number in (5, 6):
             place = RigidTransform(np.eye(3), np.array([int(image), number, 700.0]))
-            moved = replace(record, pose=replace(record.pose, camera_from_model=place))
+            moved = record.with_pose(replace(record.pose, camera_from_model=place))
             write_bop(
                 scene_of_pose(tmp_path, moved),
                 tmp_path,

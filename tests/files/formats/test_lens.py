@@ -22,6 +22,7 @@ from poseviewer.files.formats.reconstructions import (
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import PoseRecord, save_pose
 from poseviewer.files.scene_file import scene_of_pose
+from poseviewer.files.structs import Distortion
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens, Undistortion, undistort
 from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record, write_files
@@ -47,7 +48,7 @@ def record_through(lens: Lens | None, zoom: float = 0.9) -> PoseRecord:
     zoomed = replace(TAKEN, fx=zoom * TAKEN.fx, fy=zoom * TAKEN.fy)
     undistortion = Undistortion(lens, TAKEN, zoomed)
     pose = replace(record.pose, camera=undistortion.camera)
-    return replace(record, pose=pose, undistortion=undistortion)
+    return record.with_pose(pose, distortion=Distortion.of(undistortion))
 
 
 def seen_as_taken(record: PoseRecord, points: np.ndarray) -> np.ndarray:
@@ -175,7 +176,7 @@ def test_a_focal_length_that_was_found_is_no_lens_of_the_photo_as_taken(tmp_path
     record = record_through(LENSES["five"])
     camera = record.pose.camera
     assert isinstance(camera, Perspective)
-    found = replace(record, pose=replace(record.pose, camera=replace(camera, fx=333.0, fy=299.7)))
+    found = record.with_pose(replace(record.pose, camera=replace(camera, fx=333.0, fy=299.7)))
     assert written("opencv", found, tmp_path) == 0
     assert "000003.undistorted.png" in capsys.readouterr().out
     text = (tmp_path / "out.yml").read_text()

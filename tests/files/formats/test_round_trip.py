@@ -56,7 +56,7 @@ def test_a_pose_reads_back(tmp_path, name, out, turn, unit):
     _, request = write_files(tmp_path)
     record = perspective_record(unit)
     place = RigidTransform.from_rotation_vector(turn, [0.15, -0.1, 6.0])
-    record = replace(record, pose=replace(record.pose, camera_from_model=place))
+    record = record.with_pose(replace(record.pose, camera_from_model=place))
     FORMATS[name].write(scene_of_pose(tmp_path, record), tmp_path / out, request)
     asked = replace(request, photo_size=(WIDTH, HEIGHT), unit=unit)
     assert_same(FORMATS[name].read(tmp_path / out, asked), record)
@@ -83,7 +83,7 @@ def test_nothing_is_overwritten_unasked(tmp_path, name, out):
     _, request = write_files(tmp_path)
     FORMATS[name].write(scene_of_pose(tmp_path, perspective_record()), tmp_path / out, request)
     before = contents(tmp_path)
-    moved = replace(perspective_record(), pose=parallel_record().pose)
+    moved = perspective_record().with_pose(parallel_record().pose)
     moved = moved if name in PARALLEL else with_focal_length(perspective_record(), 400.0)
     with pytest.raises(PoseFileError, match="--overwrite"):
         FORMATS[name].write(scene_of_pose(tmp_path, moved), tmp_path / out, request)
@@ -101,7 +101,7 @@ def contents(folder: Path) -> dict[Path, bytes]:
 def with_focal_length(record: PoseRecord, focal: float) -> PoseRecord:
     camera = record.pose.camera
     assert isinstance(camera, Perspective)
-    return replace(record, pose=replace(record.pose, camera=replace(camera, fx=focal)))
+    return record.with_pose(replace(record.pose, camera=replace(camera, fx=focal)))
 
 
 GARBAGE = [

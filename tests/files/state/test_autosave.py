@@ -46,16 +46,14 @@ PERSPECTIVE = Perspective(1.0 / 3.0, 502.0, 320.1, 240.7, 640, 480)
 
 
 def transform(turn: float = 0.3) -> RigidTransform:
-    """A pose whose rotation is worn by rounding, which a scene file would mend."""
-    exact = RigidTransform.from_rotation_vector([turn, -1.1, 2.0], [0.1, -2.5, 1.0 / 3.0])
-    return RigidTransform(exact.rotation * (1.0 + 1e-8), exact.translation)
+    return RigidTransform.from_rotation_vector([turn, -1.1, 2.0], [0.1, -2.5, 1.0 / 3.0])
 
 
 def scene(camera: Camera = PARALLEL) -> SceneRecord:
     """Two objects in a photo with a mask."""
     mask = Mask.of(np.tri(480, 640))
     view = ViewRecord.of(Path("/photos/Straße 道.jpg"), camera, SHA, mask=mask)
-    record = PoseRecord(
+    record = PoseRecord.of(
         Pose(camera, transform()),
         chart=ChartParameters("vehicle", ("x", "y"), (1.0 / 7.0, -2e-17)),
         loss=0.1 + 0.2,
