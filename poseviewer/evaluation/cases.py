@@ -68,6 +68,9 @@ class Entry(Struct, frozen=True):
     image_diagonal_px: Positive
     visible: float | None = None
 
+    def __post_init__(self) -> None:
+        self.camera.perspective(1, 1)
+
     def accuracy_percent(self, reading: Reading) -> float:
         """Largest error of the truth, by the model's size in the photo."""
         match = _PIXELS.search(self.accuracy)
@@ -99,7 +102,7 @@ def load_cases(folder: Path, pattern: str = "") -> list[Case]:
         if fnmatchcase(entry.id, pattern if set("*?") & set(pattern) else f"*{pattern}*"):
             path = folder / entry.photo
             photo = load_photo(path)
-            camera = entry.camera.perspective(reading, photo.width, photo.height)
+            camera = entry.camera.perspective(photo.width, photo.height)
             truth = Pose(camera, _rigid(entry.camera_from_model))
             accuracy, mesh = entry.accuracy_percent(reading), folder / entry.mesh
             cases.append(Case(entry.id, entry.set, path, mesh, truth, accuracy, entry.visible))
