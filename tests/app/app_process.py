@@ -9,7 +9,6 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
-from types import TracebackType
 
 from tests.ctrl_c import ctrl_c_ends_them
 
@@ -49,19 +48,9 @@ class AppProcess:
     def __enter__(self) -> AppProcess:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self.running:
             self.kill()
-
-    @property
-    def pid(self) -> int:
-        """Its number."""
-        return self._process.pid
 
     @property
     def running(self) -> bool:
@@ -83,7 +72,7 @@ class AppProcess:
     def leaves_nothing(self) -> bool:
         """Whether no process of its group is left."""
         try:
-            os.killpg(self.pid, 0)
+            os.killpg(self._process.pid, 0)
         except ProcessLookupError:
             return True
         return False

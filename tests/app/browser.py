@@ -64,7 +64,7 @@ def open_browser() -> Iterator[Browser]:
 
 
 class AppPage:
-    """One tab; places are px of the photo, pixel centres at i + 0.5."""
+    """One tab, without errors at its end; places are px of the photo, pixel centres at i + 0.5."""
 
     def __init__(
         self, browser: Browser, url: str, size: tuple[int, int] = WINDOW, **options: Any
@@ -78,15 +78,20 @@ class AppPage:
         self.page.add_init_script(f"({NO_NOTICE})()")
         # Where frames take long, as without a GPU, viser draws fewer pixels: not for measuring.
         self.page.goto(f"{url}?fixedDpr=1")
-        self._wait_until_ready()
+        self.page.wait_for_function(READY)
 
     def reload(self) -> None:
         """Load the page anew."""
         self.page.reload()
-        self._wait_until_ready()
-
-    def _wait_until_ready(self) -> None:
         self.page.wait_for_function(READY)
+
+    def __enter__(self) -> AppPage:
+        return self
+
+    def __exit__(self, kind: object, error: object, traceback: object) -> None:
+        if error is None:
+            assert self.errors == []
+        self.page.close()
 
     def view(self) -> dict[str, Any]:
         """Zoom, centre and scale, and the canvas's box above the strip of photos."""
@@ -217,11 +222,3 @@ class AppPage:
         self.page.keyboard.press("s")
         self.until(lambda: path.exists() and path.stat().st_mtime_ns != before)
         return json.loads(path.read_text())
-
-
-def keep_picture(tab: AppPage, name: str) -> None:
-    """Where POSEVIEWER_PICTURES names a folder, the page as it looks, to be looked at."""
-    folder = os.environ.get("POSEVIEWER_PICTURES")
-    if folder:
-        tab.page.wait_for_timeout(1500)
-        tab.page.screenshot(path=str(Path(folder) / f"{name}.png"))

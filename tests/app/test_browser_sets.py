@@ -1,8 +1,7 @@
-"""Files as people have them, dropped on the page in real Chromium: several, a zip, a folder."""
+"""Files as people have them, dropped on the page in real Chromium: several, a folder."""
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from PIL import Image
 from playwright.sync_api import Browser
 
 from tests.app.app_process import AppProcess
-from tests.app.browser import AppPage, keep_picture
+from tests.app.browser import AppPage
 from tests.scene import Scene, make_scene
 from tests.textured import write_gltf, write_obj
 
@@ -27,26 +26,23 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 
 
 @pytest.fixture(scope="module")
-def app(tmp_path_factory: pytest.TempPathFactory, scene: Scene) -> Iterator[AppProcess]:
-    folder = tmp_path_factory.mktemp("app")
-    with AppProcess(folder, scene.photo, scene.model, "--pose", scene.start) as process:
-        yield process
-
-
-@pytest.fixture(scope="module")
-def tab(browser: Browser, app: AppProcess) -> Iterator[AppPage]:
-    opened = AppPage(browser, app.url)
-    yield opened
-    opened.page.close()
+def tab(
+    browser: Browser, tmp_path_factory: pytest.TempPathFactory, scene: Scene
+) -> Iterator[AppPage]:
+    files = scene.photo, scene.model, "--pose", scene.start
+    with (
+        AppProcess(tmp_path_factory.mktemp("app"), *files) as app,
+        AppPage(browser, app.url) as opened,
+    ):
+        yield opened
 
 
 @pytest.fixture
-def page(tab: AppPage) -> Iterator[AppPage]:
+def page(tab: AppPage) -> AppPage:
     """One tab for all tests; each leaves the scene open."""
     tab.open_step(1)
     tab.wait_for_text("m.ply")
-    yield tab
-    assert tab.errors == []
+    return tab
 
 
 def halves(path: Path) -> Path:
@@ -90,11 +86,10 @@ def written(folder: Path, write: Callable[[Path, str], Path]) -> list[Path]:
 def test_a_model_dropped_with_its_files_is_textured(page: AppPage, tmp_path: Path):
     page.drop_files(written(tmp_path / "quad", write_gltf))
     assert_textured(page, "quad.gltf")
-    keep_picture(page, "dropped")
     back_to_the_scene(page)
 
 
-def test_a_folder_and_a_zip_are_their_files(page: AppPage, tmp_path: Path):
+def test_a_folder_is_its_files(page: AppPage, tmp_path: Path):
     folder = tmp_path / "Wooden thing"
     (folder / "source").mkdir(parents=True)
     write_obj(folder / "source", "wood.png")
@@ -105,33 +100,6 @@ def test_a_folder_and_a_zip_are_their_files(page: AppPage, tmp_path: Path):
     page.page.locator("input[type=file][accept=folder]").evaluate("e => (e.webkitdirectory = true)")
     page.page.locator("input[type=file][accept=folder]").set_input_files(folder)
     assert_textured(page, "quad.obj")
-    back_to_the_scene(page)
-    packed = tmp_path / "thing.zip"
-    with zipfile.ZipFile(packed, "w") as archive:
-        for path in sorted(folder.rglob("*.*")):
-            archive.write(path, path.relative_to(tmp_path))
-    page.drop_files([packed])
-    assert_textured(page, "quad.obj")
-    back_to_the_scene(page)
-
-
-def test_what_is_missed_may_be_dropped_later_and_the_pose_stays(page: AppPage, tmp_path: Path):
-    files = written(tmp_path / "quad", write_obj)
-    mtl, obj, wood = files
-    page.drop_files([obj])
-    page.wait_for_text("Material file left out: quad.mtl is not there")
-    page.wait_for_text("2 triangles, 1 part, no colours")
-    page.page.keyboard.press("2")
-    before = page.settled_picture()
-    page.drop_files([wood, mtl])
-    assert_textured(page, "quad.obj")
-    moved = np.any(before != page.settled_picture(), axis=2)
-    page.drop_files([tmp_path / "quad"])  # again, and now as a whole
-    page.page.wait_for_timeout(500)
-    assert_textured(page, "quad.obj")
-    assert moved.any()
-    page.page.keyboard.press("z")
-    page.page.keyboard.press("z")
     back_to_the_scene(page)
 
 

@@ -1,30 +1,18 @@
-"""A set of three photos in real Chromium: looked at, dragged, searched, saved, opened again."""
+"""A set of three photos in real Chromium: looked at, dragged, searched, saved."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 from playwright.sync_api import Browser, Locator
 
 from poseviewer.files.scene_file import load_scene
 from poseviewer.geometry.pose_error import pose_error
 from tests.app.app_process import AppProcess
-from tests.app.browser import AppPage, keep_picture
-from tests.view_sets import (
-    BOX,
-    BOX_SYMMETRY,
-    BOX_TRUTH,
-    CAMERA,
-    MESH,
-    NAMES,
-    START,
-    TRUTH,
-    write_two,
-    write_views,
-)
+from tests.app.browser import AppPage
+from tests.view_sets import CAMERA, MESH, NAMES, START, TRUTH, write_views
 
 pytestmark = pytest.mark.slow
 SIZE = (CAMERA.width, CAMERA.height)
@@ -34,12 +22,12 @@ SAVED = "a.scene.json"
 @pytest.fixture
 def page(browser: Browser, tmp_path: Path) -> Iterator[AppPage]:
     of_set, model, start = write_views(tmp_path)
-    with AppProcess(tmp_path, "--views", of_set, model, "--pose", start) as app:
-        tab = AppPage(browser, app.url)
+    with (
+        AppProcess(tmp_path, "--views", of_set, model, "--pose", start) as app,
+        AppPage(browser, app.url) as tab,
+    ):
         tab.wait_for_text("mean of 3 photos")
         yield tab
-        assert tab.errors == []
-        tab.page.close()
 
 
 def photos(tab: AppPage) -> Locator:
@@ -60,13 +48,10 @@ def large(tab: AppPage) -> str:
     return tab.page.locator(".pv-photo.pv-at b").inner_text()
 
 
-def test_three_photos_are_looked_at_dragged_searched_saved_and_opened_again(
-    page: AppPage, browser: Browser, tmp_path: Path
-):
+def test_three_photos_are_looked_at_dragged_searched_and_saved(page: AppPage, tmp_path: Path):
     assert photos(page).locator("b").all_inner_texts() == list(NAMES)
     page.until(lambda: all(outlines(page)))
     page.until(lambda: all(said(page)))
-    keep_picture(page, "views_start")
     # A drag in the large photo: the others follow while the button is down.
     before = outlines(page)
     x, y = START.project(MESH.centre).tolist()
@@ -95,12 +80,10 @@ def test_three_photos_are_looked_at_dragged_searched_saved_and_opened_again(
     page.page.keyboard.press("Space")
     page.wait_for_text("Verdict: found")
     page.until(lambda: all("found" in text for text in said(page)))
-    keep_picture(page, "views_found")
     photos(page).nth(2).click()
     page.until(lambda: large(page) == "c.png")
     page.open_step(4)
     page.wait_for_text("How sure, if right")
-    keep_picture(page, "views_other")
     page.saved(tmp_path / SAVED)
     scene = load_scene(tmp_path / SAVED)
     for index, truth in enumerate(TRUTH):
@@ -109,68 +92,3 @@ def test_three_photos_are_looked_at_dragged_searched_saved_and_opened_again(
     assert result is not None
     assert result.verdict is not None
     assert [one.word for one in result.verdict.views] == ["found"] * 3
-    # Undo leads back to before the search.
-    page.page.keyboard.press("z")
-    page.until(lambda: not any("found" in text for text in said(page)))
-    again = tmp_path / "again"
-    again.mkdir()
-    with AppProcess(again, tmp_path / SAVED) as app:
-        tab = AppPage(browser, app.url)
-        tab.wait_for_text("mean of 3 photos")
-        tab.until(lambda: len(said(tab)) == 3 and all(said(tab)))
-        losses = np.array([float(text.split()[0]) for text in said(tab)])
-        assert np.all(losses < 0.35)
-        assert tab.errors == []
-        tab.page.close()
-
-
-CELLS = "rows => rows.map(row => [...row.cells].slice(1, 3).map(cell => cell.textContent))"
-
-
-def words(tab: AppPage) -> dict[str, str]:
-    """The verdict of every object in the list, by its name."""
-    return dict(tab.page.locator(".pv-objects tr").evaluate_all(CELLS))
-
-
-def lines_in(tab: AppPage) -> list[int]:
-    """How many outlines each small photo has."""
-    drawn = ".pv-small path:not(.pv-halo):not([d=''])"
-    count = f"cells => cells.map(cell => cell.querySelectorAll(`{drawn}`).length)"
-    return photos(tab).evaluate_all(count)
-
-
-def test_two_things_in_three_photos_are_placed_in_one_fitted_in_all_saved_and_opened_again(
-    browser: Browser, tmp_path: Path
-):
-    cameras, ball, box = write_two(tmp_path)
-    with AppProcess(tmp_path, "--views", cameras, ball) as app:
-        tab = AppPage(browser, app.url)
-        tab.wait_for_text("mean of")
-        tab.fit_to_box(TRUTH[0].project(MESH.vertices), SIZE)
-        tab.add_object(box)
-        tab.until(lambda: words(tab).get("box.ply") == "not placed")
-        tab.fit_to_box(BOX_TRUTH[0].project(BOX.vertices), SIZE)
-        tab.until(lambda: words(tab)["box.ply"] == "not searched")
-        # Placed in one photo, both are drawn in all.
-        tab.until(lambda: lines_in(tab) == [2, 2, 2])
-        tab.open_step(3)
-        tab.page.get_by_role("button", name="Search all", exact=True).click()
-        tab.page.get_by_role("button", name="Keep it").wait_for()
-        assert words(tab) == {"ball.ply": "found", "box.ply": "found"}
-        tab.until(lambda: all("found" in text or "doubtful" in text for text in said(tab)))
-        keep_picture(tab, "two_found")
-        tab.saved(tmp_path / SAVED)
-        assert tab.errors == []
-        tab.page.close()
-    scene = load_scene(tmp_path / SAVED)
-    for view in range(3):
-        assert pose_error(MESH, scene.pose(0, view), TRUTH[view]).percent < 1.0
-        off = pose_error(BOX, scene.pose(1, view), BOX_TRUTH[view], BOX_SYMMETRY)
-        assert off.percent < 1.5
-    (tmp_path / "again").mkdir()
-    with AppProcess(tmp_path / "again", tmp_path / SAVED) as app:
-        tab = AppPage(browser, app.url)
-        tab.until(lambda: words(tab) == {"ball.ply": "found", "box.ply": "found"})
-        tab.until(lambda: lines_in(tab) == [2, 2, 2])
-        assert tab.errors == []
-        tab.page.close()

@@ -13,25 +13,15 @@ import hmac
 import ipaddress
 import secrets
 import socket
-from collections.abc import Sequence
 from dataclasses import dataclass
 from urllib.parse import parse_qs
+
+from websockets.datastructures import Headers
 
 TOKEN_BYTES = 24
 LOOPBACK_NAMES = ("127.0.0.1", "localhost", "[::1]")
 FOREIGN_SOURCES = frozenset(("websocket", "playbackPath"))
 """Parameters by which a link makes viser's page take its messages, scripts too, from elsewhere."""
-
-
-@dataclass(frozen=True, slots=True)
-class PageRequest:
-    """Headers of a request, each as often as it was sent."""
-
-    target: str
-    """Path and query."""
-    hosts: Sequence[str]
-    origins: Sequence[str] = ()
-    cookies: Sequence[str] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,77 +52,60 @@ class AccessPolicy:
         """Browsers share cookies between the ports of a machine; the name keeps them apart."""
         return f"poseviewer_{self.port}"
 
-    def refusal(self, asked: PageRequest) -> str | None:
-        """Say in one sentence why a request is refused; None where it may pass."""
-        return (
-            self._wrong_host(asked)
-            or self._wrong_origin(asked)
-            or self._wrong_token(asked)
-            or self._wrong_query(asked)
-        )
+    def refusal(self, target: str, headers: Headers) -> str | None:
+        """Say in one sentence why a request for a path and query is refused; None where it may
+        pass.
+        """
+        # Without the token: a refusal is read by strangers.
+        instead = f"open {self.url.partition('?')[0]} instead."
+        hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+        if len(hosts) != 1:
+            return f"The request names {len(hosts)} hosts, wanted one; {instead}"
+        host = hosts[0].lower()
+        if self.token is None and host not in self._own_hosts:
+            return (
+                f"The request is for {hosts[0][:80]!r}, but this poseviewer serves this machine "
+                f"alone; {instead}"
+            )
+        if origins and [o.lower() for o in origins] not in (
+            [f"http://{host}"],
+            [f"https://{host}"],
+        ):
+            return (
+                f"The request comes from a page of {origins[0][:80]!r}, and only poseviewer's own "
+                f"page may talk to it; {instead}"
+            )
+        # Read by hand: http.cookies gives up at the odd cookie of another server of this machine.
+        pairs = [c.strip().partition("=") for h in headers.get_all("Cookie") for c in h.split(";")]
+        tokens = [*_tokens(target), *(v for key, _, v in pairs if key == self.cookie_name)]
+        if self.token is not None and not any(map(self._is_token, tokens)):
+            return (
+                f"The token {'is not the right one' if any(tokens) else 'is missing'}; open the "
+                "whole address that poseviewer printed, with its ?token=..., in this browser."
+            )
+        foreign = FOREIGN_SOURCES & _query(target).keys()
+        if foreign:
+            return (
+                f"The address asks for {min(foreign)!r}, which would hand this page to another "
+                f"server; {instead}"
+            )
+        return None
 
-    def cookie_to_set(self, asked: PageRequest) -> str | None:
+    def cookie_to_set(self, target: str) -> str | None:
         """The Set-Cookie header for whoever came with the token in the address."""
-        if self.token is None or not self._is_token(_token_in(asked.target)):
+        if not any(map(self._is_token, _tokens(target))):
             return None
         return f"{self.cookie_name}={self.token}; HttpOnly; SameSite=Strict; Path=/"
 
-    def _wrong_host(self, asked: PageRequest) -> str | None:
-        if len(asked.hosts) != 1:
-            return f"The request names {len(asked.hosts)} hosts, wanted one; open {self._plain_url}"
-        name, port = _name_and_port(asked.hosts[0])
-        if self.token is not None:
-            return None
-        ours = {*LOOPBACK_NAMES, _in_brackets(self.host).lower()}
-        if name in ours and port == self.port:
-            return None
-        return (
-            f"The request is for {asked.hosts[0][:80]!r}, but this poseviewer serves this machine "
-            f"alone; open {self._plain_url}"
-        )
-
-    def _wrong_origin(self, asked: PageRequest) -> str | None:
-        if not asked.origins:
-            return None
-        host = asked.hosts[0].lower()
-        if [o.lower() for o in asked.origins] in ([f"http://{host}"], [f"https://{host}"]):
-            return None
-        return (
-            f"The request comes from a page of {asked.origins[0][:80]!r}, and only poseviewer's "
-            f"own page may talk to it; open {self._plain_url}"
-        )
-
-    def _wrong_token(self, asked: PageRequest) -> str | None:
-        if self.token is None:
-            return None
-        given = [_token_in(asked.target), *_cookies_named(self.cookie_name, asked.cookies)]
-        if any(self._is_token(token) for token in given):
-            return None
-        found = "is not the right one" if any(given) else "is missing"
-        return (
-            f"The token {found}; open the whole address that poseviewer printed, "
-            "with its ?token=..., in this browser."
-        )
-
-    def _wrong_query(self, asked: PageRequest) -> str | None:
-        found = FOREIGN_SOURCES & set(_query(asked.target))
-        if not found:
-            return None
-        return (
-            f"The address asks for {min(found)!r}, which would hand this page to another server; "
-            f"open {self._plain_url}"
-        )
-
-    def _is_token(self, given: str | None) -> bool:
-        if self.token is None or given is None:
-            return False
-        # As bytes: compare_digest takes no text beyond ASCII.
-        return hmac.compare_digest(given.encode(), self.token.encode())
-
     @property
-    def _plain_url(self) -> str:
-        """The address without the token: a refusal is read by strangers."""
-        return f"{self.url.partition('?')[0]} instead."
+    def _own_hosts(self) -> set[str]:
+        """Host headers of the app's own page on this machine."""
+        names = {*LOOPBACK_NAMES, _in_brackets(self.host).lower()}
+        return {f"{name}:{self.port}" for name in names} | (names if self.port == 80 else set())
+
+    def _is_token(self, given: str) -> bool:
+        # As bytes: compare_digest takes no text beyond ASCII.
+        return self.token is not None and hmac.compare_digest(given.encode(), self.token.encode())
 
 
 def is_loopback(host: str) -> bool:
@@ -149,24 +122,10 @@ def _in_brackets(host: str) -> str:
     return f"[{host}]" if ":" in host else host
 
 
-def _name_and_port(host: str) -> tuple[str, int | None]:
-    """A Host header's name in lower case and its port; http's own where it has none."""
-    name, colon, port = host.lower().rpartition(":")
-    if not colon or host.endswith("]"):
-        return host.lower(), 80
-    return name, int(port) if port.isascii() and port.isdigit() and len(port) <= 5 else None
-
-
 def _query(target: str) -> dict[str, list[str]]:
     """The parameters behind the question mark, as the page's own script would read them."""
     return parse_qs(target.partition("?")[2], keep_blank_values=True)
 
 
-def _token_in(target: str) -> str | None:
-    return _query(target).get("token", [None])[0]
-
-
-def _cookies_named(name: str, headers: Sequence[str]) -> list[str]:
-    """Read by hand: http.cookies gives up at the odd cookie of another server of this machine."""
-    pairs = [pair.strip().partition("=") for header in headers for pair in header.split(";")]
-    return [value for key, _, value in pairs if key == name]
+def _tokens(target: str) -> list[str]:
+    return _query(target).get("token", [])[:1]

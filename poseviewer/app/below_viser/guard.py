@@ -27,7 +27,7 @@ from viser import _messages
 from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
-from poseviewer.app.below_viser.access import AccessPolicy, PageRequest
+from poseviewer.app.below_viser.access import AccessPolicy
 from poseviewer.app.below_viser.wake_up import wake_in_the_loop
 from poseviewer.errors import SettingsError, printable
 
@@ -52,14 +52,11 @@ def _in_a_line(record: logging.LogRecord) -> bool:
     message to a line.
     """
     if record.msg == "connection handler failed" and record.exc_info:
-        record.msg = f"a page sent what is no message, and was cut off ({_found(record)})"
+        error = record.exc_info[1]
+        found = printable(f"{type(error).__name__}: {error}", 100)
+        record.msg = f"a page sent what is no message, and was cut off ({found})"
         record.exc_info, record.levelno, record.levelname = None, logging.WARNING, "WARNING"
     return record.getMessage() != "opening handshake failed"
-
-
-def _found(record: logging.LogRecord) -> str:
-    error = record.exc_info[1] if record.exc_info else None
-    return printable(f"{type(error).__name__}: {error}", 100)
 
 
 _log.addFilter(_in_a_line)
@@ -113,7 +110,9 @@ def serve(
             f"viser {viser.__version__} starts its server in another way than 1.1.1, unguarded; "
             "install viser 1.1.1."
         )
-    _forbid_sharing(server)
+    # A page could ask viser to open a public tunnel to this server; no more.
+    for kind in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
+        server._websock_server.unregister_handler(kind)
     return GuardedServer(server, policy)
 
 
@@ -145,9 +144,7 @@ def _checked(policy: AccessPolicy, answer: Answer | None) -> Answer:
     """An answer to requests, HTTP and websocket alike, that asks the policy first."""
 
     def process_request(connection: ServerConnection, request: Request) -> Response | None:
-        sent = (request.headers.get_all(name) for name in ("Host", "Origin", "Cookie"))
-        asked = PageRequest(request.path, *sent)
-        refusal = policy.refusal(asked)
+        refusal = policy.refusal(request.path, request.headers)
         if refusal is not None:
             response = connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal}\n")
         else:
@@ -155,18 +152,12 @@ def _checked(policy: AccessPolicy, answer: Answer | None) -> Answer:
         if response is not None:
             for name, value in SECURITY_HEADERS.items():
                 response.headers[name] = value
-            cookie = None if refusal is not None else policy.cookie_to_set(asked)
+            cookie = None if refusal is not None else policy.cookie_to_set(request.path)
             if cookie is not None:
                 response.headers["Set-Cookie"] = cookie
         return response
 
     return process_request
-
-
-def _forbid_sharing(server: viser.ViserServer) -> None:
-    """A page could ask viser to open a public tunnel to this server; no more."""
-    for kind in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
-        server._websock_server.unregister_handler(kind)
 
 
 def _listen(host: str, port: int | None) -> socket.socket:
