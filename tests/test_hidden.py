@@ -16,9 +16,9 @@ from poseviewer.api import load
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.opening import (
+    open_autosaved,
     open_files,
     open_scene,
-    restore,
 )
 from poseviewer.cli.main import main
 from poseviewer.files.masks import mask_as_png
@@ -121,7 +121,7 @@ def test_the_command_line_leaves_out_hides_and_says_what_there_is(scene, halves,
 
 
 def opened(scene: Scene, model: Path | None = None) -> Session:
-    document = open_files(scene.photo, model or scene.model, scene.start).document
+    document = open_files(scene.photo, model or scene.model, scene.start)
     return Session(document, saved=document)
 
 
@@ -132,8 +132,8 @@ def test_a_crash_loses_nothing_that_is_hidden(scene, halves, tmp_path):
     # An end with unsaved changes leaves what a crash leaves.
     Autosaver(tmp_path / "state").close(replace(session, document=document))
     (path,) = (tmp_path / "state" / "sessions").iterdir()
-    (back,) = restore(load_autosave(path))
-    found = back.document
+    back = open_autosaved(load_autosave(path))
+    found = back
     assert found.mesh.left_out == ("right",)
     assert found.own.mask is not None
     assert np.array_equal(found.own.mask.weights, half_hidden().weights)
@@ -168,6 +168,6 @@ def test_parts_of_a_scene_s_objects_are_left_out_by_the_object_s_id(scene, halve
     objects = tuple(ObjectRecord.of(name, halves, found, view) for name in ("a", "a:b"))
     path = tmp_path / "two.scene.json"
     save_scene(path, SceneRecord(views=(view,), objects=objects))
-    opened = open_scene(path, ("a:b:left",)).document.scene.objects
+    opened = open_scene(path, ("a:b:left",)).scene.objects
     assert [one.model.mesh.left_out for one in opened] == [(), ("left",)]
     assert [one.result is None for one in opened] == [False, True]  # found with all of its parts

@@ -18,24 +18,23 @@ from poseviewer.app.page.page import Page
 from poseviewer.app.page.reports import newest_drags
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state import commands as c
+from poseviewer.app.state.document import Document
 from poseviewer.app.state.edits import Edit, SavePose
 from poseviewer.app.state.session import Preparation, Session
 from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import has_renderer, preparing, proposing, searching
 from poseviewer.app.workers.maps import mapping
-from poseviewer.app.workers.opening import Opened, restore
 from poseviewer.app.workers.outlines import outlining
 from poseviewer.app.workers.overlay import drawing, reading, refining
 from poseviewer.app.workers.tasks import (
-    Exported,
-    Found,
     Request,
     Restore,
     Result,
     ShowHelp,
     Task,
     Tasks,
+    restore,
 )
 from poseviewer.app.workers.worker import Mailbox
 from poseviewer.errors import PoseViewerError, sentence_of
@@ -56,15 +55,13 @@ class App:
     def __init__(
         self,
         server: viser.ViserServer,
-        opened: Opened,
+        document: Document,
         state: Path,
         review: Reviewer | None = None,
     ) -> None:
         sys.setswitchinterval(INTERPRETER_SHARE_S)
         self._mailbox: Mailbox[Request] = Mailbox()
-        document = opened.document
-        saved = None if opened.restored else document
-        self.session = Session(document, anchor=document.scene, saved=saved)
+        self.session = Session(document, anchor=document.scene, saved=document)
         notify = self._mailbox.notify
         self._tasks = Tasks(notify, state)
         self._review = review
@@ -75,7 +72,7 @@ class App:
         own = self._autosaver.job, self._drawer, self._searcher, self._mapper
         self._workers = (*own, *(job(notify) for job in others))
         self._running, self._failed = True, False
-        self._page.tell("Note", *opened.warnings)
+        self._page.tell("Note", *document.scene.notes)
         if self._autosaver.offer is not None:
             self._page.offer(self._autosaver.offer)
         notify()  # the page is shown at once
@@ -143,7 +140,7 @@ class App:
                 kept = self._autosaver.take_offer(wanted)
                 self._page.close_offer()
                 if wanted and kept is not None:
-                    self._tasks.add(Task(lambda *_: restore(kept)))
+                    self._tasks.add(restore(kept))
 
     def _edit(self, edit: Edit) -> None:
         self.session = update(self.session, edit)
@@ -170,7 +167,7 @@ class App:
             self._page.working("")
             self._edit(c.change(strokes=self.session.strokes + 1))  # those in vain are taken, too
             with self._told():
-                self._finish(ended.item)
+                self._finish(ended.item or Result())
                 if ended.error is not None:
                     raise ended.error
         ready = has_renderer(self.session.document.mesh)
@@ -184,21 +181,12 @@ class App:
         for worker in (*self._workers, self._tasks):
             worker.follow(self.session)
 
-    def _finish(self, result: Result | None) -> None:
+    def _finish(self, result: Result) -> None:
         """Take what a task has brought."""
-        match result:
-            case Opened():
-                self._open(result)
-                self._page.tell("Note", *result.warnings)
-            case Found():
-                for edit in result.edits:
-                    with self._told():
-                        self._edit(edit)
-                self._page.tell("Note", *result.warnings)
-            case Exported():
-                self._page.send(result)
-
-    def _open(self, opened: Opened) -> None:
-        self._edit(c.open_document(opened.document, unsaved=opened.restored))
-        if opened.restored:
+        for edit in result.edits:
+            with self._told():
+                self._edit(edit)
+        self._page.tell("Note", *result.notes)
+        self._page.send(result)
+        if result.is_restored and self.session.saved is None:  # unless it was refused
             self._autosaver.adopt()

@@ -14,8 +14,8 @@ from poseviewer.app.state.document import Document
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import picture_of, saved_scene
-from poseviewer.app.workers.opening import Opened, open_files
-from poseviewer.app.workers.tasks import Found, Task
+from poseviewer.app.workers.opening import open_files, with_notes
+from poseviewer.app.workers.tasks import Result, Task
 from poseviewer.app.workers.worker import Worker
 from poseviewer.batch import review as r
 from poseviewer.batch.results import ACCEPTED, JobResult, Row
@@ -48,7 +48,7 @@ class Reviewer:
         at = self.row_at(document)
         return "" if at is None else self.queue.rows[at].result.pose or "a new file in poses/"
 
-    def open_first(self) -> Opened:
+    def open_first(self) -> Document:
         """Open the first row that can be opened; raises as ``_open_from``."""
         return self._open_from(0, 1)
 
@@ -64,7 +64,7 @@ class Reviewer:
     def step(self, by: int) -> Task:
         """Open the next row, or with -1 the one before."""
 
-        def run(now: Session, _: Path) -> Iterator[Found]:
+        def run(now: Session, _: Path) -> Iterator[Result]:
             at = self.row_at(now.document)
             yield self._going(now, by - 1 if at is None else at + by, by)
 
@@ -73,31 +73,31 @@ class Reviewer:
     def annotate(self, index: int, note: str) -> Task:
         """Keep a note on a row."""
 
-        def run(*_: object) -> Iterator[Found]:
+        def run(*_: object) -> Iterator[Result]:
             self._keep(index, r.annotate(self.queue, self.queue.rows[index], note))
-            yield Found(())
+            yield Result()
 
         return Task(run)
 
     def save(self) -> Task:
         """Keep the pose of the row that is open, accepted."""
-        return Task(lambda now, _: iter([Found(self._decided(now, ACCEPTED)[1])]), draws=True)
+        return Task(lambda now, _: iter([Result(self._decided(now, ACCEPTED)[1])]), draws=True)
 
     def decide(self, review: Literal["accepted", "rejected", ""]) -> Task:
         """Keep a person's verdict on the row that is open ("": none); the next row follows."""
 
-        def run(now: Session, _: Path) -> Iterator[Found]:
+        def run(now: Session, _: Path) -> Iterator[Result]:
             at, done = self._decided(now, review)
             rows = list(enumerate(self.queue.rows))[at + 1 :]
             left = [index for index, row in rows if not row.result.review]
             try:
-                yield self._opening(left[0], 1, *done) if review and left else Found(done)
+                yield self._opening(left[0], 1, *done) if review and left else Result(done)
             except PoseViewerError as error:
-                yield Found(done, (str(error),))
+                yield Result(done, (str(error),))
 
         return Task(run, draws=True)
 
-    def _going(self, now: Session, index: int, by: int) -> Found:
+    def _going(self, now: Session, index: int, by: int) -> Result:
         """Leave the row that is open for another one; raises as ``_open_from``."""
         _require_saved(now)
         return self._opening(index, by)
@@ -133,12 +133,12 @@ class Reviewer:
 
         self._reporter.start(report)
 
-    def _opening(self, index: int, by: int, *done: Edit) -> Found:
+    def _opening(self, index: int, by: int, *done: Edit) -> Result:
         """Open a row after what is ``done``; raises as ``_open_from``."""
-        opened = self._open_from(index, by)
-        return Found((*done, open_document(opened.document, is_first=True)), opened.warnings)
+        document = self._open_from(index, by)
+        return Result((*done, open_document(document, is_first=True)), document.scene.notes)
 
-    def _open_from(self, index: int, by: int) -> Opened:
+    def _open_from(self, index: int, by: int) -> Document:
         """Open a row, or, where it cannot be opened, the next one in steps ``by``.
 
         Raises:
@@ -147,36 +147,36 @@ class Reviewer:
         rows, skipped = self.queue.rows, list[str]()
         for row in rows[index : None if by else index + 1 : by or 1] if index >= 0 else ():
             try:
-                opened = self._open(row)
+                document = self._open(row)
             except PoseViewerError as error:
                 skipped.append(f"Row {row.job.row} cannot be opened: {error}")
             else:
-                return replace(opened, warnings=(*skipped[:MOST_SAID], *opened.warnings))
+                return with_notes(document, skipped[:MOST_SAID])
         end = f"This is the {'last' if by > 0 else 'first'} of {len(rows)} rows."
         raise BatchError(" ".join(skipped[:MOST_SAID]) or end)
 
-    def _open(self, row: Row) -> Opened:
+    def _open(self, row: Row) -> Document:
         """Photo, model and pose of a row."""
         job, queue = row.job, self.queue
         photo, model = job.path(job.photo), job.path(job.model)
         pose = queue.batch.folder / row.result.pose if row.result.pose else job.path(job.start)
         try:
-            opened = open_files(photo, model, pose)
+            document = open_files(photo, model, pose)
         except PoseViewerError:
             if row.result.pose:
                 raise
             # It failed for want of a start, maybe: a person can place the model.
-            opened = open_files(photo, model, None)
+            document = open_files(photo, model, None)
         # Whether to keep to a start is here for a person to say.
         settings = replace(queue.batch.settings, keep_start=False)
-        document = opened.document.with_own(region=settings.region)
+        document = document.with_own(region=settings.region)
         changes = {"settings": replace(settings, region=None), "id": str(job.row)}
         document = document.with_object(**changes)
-        draft, notes = queue.batch.folder / r.DRAFTS / f"{job.key}.json", opened.warnings
+        draft = queue.batch.folder / r.DRAFTS / f"{job.key}.json"
         if draft.is_file():
             note = f"{draft} has a correction that was not accepted: drop it on the page to go on."
-            notes = (*notes, note)
-        return replace(opened, document=document, warnings=notes)
+            document = with_notes(document, [note])
+        return document
 
 
 def _require_saved(session: Session) -> None:

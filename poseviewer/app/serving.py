@@ -19,14 +19,14 @@ from poseviewer.files.state.folder import state_folder
 
 if TYPE_CHECKING:  # the server stands before the rest is imported
     from poseviewer.app.reviewing import Reviewer
-    from poseviewer.app.workers.opening import Opened
+    from poseviewer.app.state.document import Document
 
 M_MMAP_THRESHOLD, LARGE_BYTES = -3, 262_144
 """Parameter of ``mallopt(3)``, and its bytes: larger blocks are the system's own."""
 
 
 def serve_app(
-    open_first: Callable[[], tuple[Opened, Reviewer | None]],
+    open_first: Callable[[], tuple[Document, Reviewer | None]],
     *,
     host: str,
     port: int | None,
@@ -71,18 +71,18 @@ def return_freed_memory() -> None:
 
 def _run(
     guarded: GuardedServer,
-    open_first: Callable[[], tuple[Opened, Reviewer | None]],
+    open_first: Callable[[], tuple[Document, Reviewer | None]],
     state: Path,
     signals: list[int],
 ) -> None:
     gui = guarded.server.gui
     gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
     reading = gui.add_markdown("Reading photo and model ...")
-    opened, review = open_first()
+    document, review = open_first()
     from poseviewer.app.app import App
 
     reading.remove()
-    app = App(guarded.server, opened, state, review)
+    app = App(guarded.server, document, state, review)
     for name in (signal.SIGINT, signal.SIGTERM):
         signal.signal(name, lambda *_: app.stop())
     if signals:

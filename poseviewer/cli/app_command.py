@@ -15,7 +15,7 @@ from poseviewer.errors import SettingsError
 from poseviewer.fit.settings import CHOICES
 
 if TYPE_CHECKING:
-    from poseviewer.app.workers.opening import Opened
+    from poseviewer.app.state.document import Document
     from poseviewer.files.file_set import FileSet
 
 OPTIONS = {
@@ -53,7 +53,7 @@ def _files_of(options: Namespace) -> tuple[FileSet, list[Path]]:
     return replace(files, pose=options.pose or files.pose), models
 
 
-def _opening(options: Namespace) -> Callable[[], Opened]:
+def _opening(options: Namespace) -> Callable[[], Document]:
     """Return a function that opens all that is named, or the demo."""
     calibration, (files, models) = calibration_of(options), _files_of(options)
     photo, pose, views, scene = files.photo, files.pose, files.views, files.scene
@@ -78,7 +78,7 @@ def _opening(options: Namespace) -> Callable[[], Opened]:
 
         load_scene(scene)
 
-    def open_first() -> Opened:
+    def open_first() -> Document:
         from poseviewer.app.workers.opening import open_files, open_scene, open_set
         from poseviewer.files.demo import demo_case
 
@@ -98,12 +98,16 @@ def _opening(options: Namespace) -> Callable[[], Opened]:
 
 def run(options: Namespace) -> int:
     """Serve the app until it is interrupted."""
-    open_first = _opening(options)
+    opening = _opening(options)
     from poseviewer.app.serving import serve_app
-    from poseviewer.app.workers.opening import by_method
+
+    def open_first() -> tuple[Document, None]:
+        document = opening()
+        settings = document.settings.of_method(options.method)
+        return document.with_object(settings=settings), None
 
     serve_app(
-        lambda: (by_method(open_first(), options.method), None),
+        open_first,
         host=options.host,
         port=options.port,
         browser=not options.no_browser,

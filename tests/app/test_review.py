@@ -19,8 +19,8 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import prepare
-from poseviewer.app.workers.opening import restore
-from poseviewer.app.workers.tasks import Found, Task
+from poseviewer.app.workers.opening import open_autosaved
+from poseviewer.app.workers.tasks import Task
 from poseviewer.batch.job import run_job
 from poseviewer.batch.results import load_batch
 from poseviewer.batch.run import open_batch, save_summaries
@@ -56,22 +56,21 @@ class Review(Reviewer):
 
     def __init__(self, out: Path) -> None:
         super().__init__(out)
-        document = self.open_first().document
+        document = self.open_first()
         list(prepare(document.mesh))
         self.session = Session(document, saved=document)
 
     def do(self, *asked: Edit | Task) -> tuple[str, ...]:
-        """Do what is asked, one after the other; gives the warnings of the last one."""
-        warnings: tuple[str, ...] = ()
+        """Do what is asked, one after the other; gives the notes of the last one."""
+        notes: tuple[str, ...] = ()
         for request in asked:
             if isinstance(request, Edit):
                 self.session = update(self.session, request)
                 continue
-            for found in request.run(self.session, self.queue.batch.folder):
-                assert isinstance(found, Found)
-                self.do(*found.edits)
-                warnings = found.warnings
-        return warnings
+            for result in request.run(self.session, self.queue.batch.folder):
+                self.do(*result.edits)
+                notes = result.notes
+        return notes
 
     @property
     def at(self) -> int | None:
@@ -94,7 +93,7 @@ def review(out: Path) -> Review:
 
 def test_rows_are_opened_in_order_and_those_that_cannot_be_are_named(out: Path) -> None:
     first = Reviewer(out).open_first()
-    assert "gone.png" in first.warnings[0]
+    assert "gone.png" in first.scene.notes[0]
     review = Review(out)
     assert review.at == 1
     review.do(review.step(1))
@@ -172,15 +171,15 @@ def test_a_session_that_ended_in_a_row_comes_back_to_it(review: Review, tmp_path
     review.do(review.step(1), nudge("move", 9.0))
     Autosaver(tmp_path / "state").close(review.session)
     (path,) = (tmp_path / "state" / "sessions").iterdir()
-    (opened,) = restore(load_autosave(path))
-    assert review.row_at(opened.document) == 2
+    opened = open_autosaved(load_autosave(path))
+    assert review.row_at(opened) == 2
 
 
 def test_a_draft_of_an_earlier_version_is_named(out: Path) -> None:
     (out / "review").mkdir()
     for job in load_batch(out).jobs:
         (out / "review" / f"{job.key}.json").write_text("{}")
-    assert any("drop it" in text for text in Reviewer(out).open_first().warnings)
+    assert any("drop it" in text for text in Reviewer(out).open_first().scene.notes)
 
 
 def test_the_list_says_of_each_row_what_came_of_it(review: Review) -> None:

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poseviewer.app.workers.opening import Opened
+from poseviewer.app.state.document import Document
 from poseviewer.files.pose import load_pose
 from tests.commands import run
 
 
 @pytest.fixture
-def served(folder: Path, monkeypatch: pytest.MonkeyPatch) -> list[Opened]:
-    opened: list[Opened] = []
+def served(folder: Path, monkeypatch: pytest.MonkeyPatch) -> list[Document]:
+    opened: list[Document] = []
     (folder / "one").mkdir()
     for name in ("p.png", "m.ply", "start.json"):
         shutil.copy(name, "one")
@@ -28,10 +28,10 @@ def served(folder: Path, monkeypatch: pytest.MonkeyPatch) -> list[Opened]:
 
 
 @pytest.mark.parametrize("name", ["one", "one.zip"])
-def test_a_folder_or_a_zip_is_opened(served: list[Opened], name: str) -> None:
+def test_a_folder_or_a_zip_is_opened(served: list[Document], name: str) -> None:
     shutil.make_archive("one", "zip", "one")
     assert run("app", name) == 0
-    document = served[0].document
+    document = served[0]
     assert (document.photo.name, document.model.name) == ("p.png", "m.ply")
     start, found = load_pose(Path("start.json")).pose, document.pose
     np.testing.assert_array_equal(
@@ -39,14 +39,14 @@ def test_a_folder_or_a_zip_is_opened(served: list[Opened], name: str) -> None:
     )
 
 
-def test_a_folder_with_a_set_of_photos_is_opened(folder: Path, served: list[Opened]) -> None:
+def test_a_folder_with_a_set_of_photos_is_opened(folder: Path, served: list[Document]) -> None:
     assert run("app", "set", "--method", "paper") == 0
     (folder / "set" / "start.json").rename(folder / "elsewhere.json")
     assert run("app", "set", "--pose", "elsewhere.json") == 0
     for opened in served:
-        assert len(opened.document.scene.views) == 3
-        assert opened.document.object.is_placed
-    assert served[0].document.settings.method == "paper"
+        assert len(opened.scene.views) == 3
+        assert opened.object.is_placed
+    assert served[0].settings.method == "paper"
     (folder / "set" / "m.ply").unlink()
     assert run("app", "set") == 2
 
@@ -56,4 +56,4 @@ def test_a_folder_without_a_model_takes_one_by_name(folder: Path, served, capsys
     assert run("app", "one") == 2
     assert "one: no model was found; name PHOTO and MODEL" in capsys.readouterr().err
     assert run("app", "one", "m.ply") == 0
-    assert served[0].document.model.path == Path("m.ply")
+    assert served[0].model.path == Path("m.ply")

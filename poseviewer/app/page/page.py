@@ -30,7 +30,7 @@ from poseviewer.app.page.texts import hint_of
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.hiding import SHAPES
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.tasks import Exported, Restore
+from poseviewer.app.workers.tasks import Restore, Result
 from poseviewer.files.file_set import MOST_FILES
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.files.state.uploads import LARGEST_UPLOAD
@@ -167,10 +167,10 @@ class Page:
             for tab in (self._tabs() if what else ())
         ]
 
-    def send(self, exported: Exported) -> None:
+    def send(self, result: Result) -> None:
         """Give files to the page that asked for them."""
-        for tab in self._tabs(exported.client):
-            for name, content in exported.files.items():
+        for tab in self._tabs(result.client):
+            for name, content in result.files.items():
                 tab.send_file_download(name, content, save_immediately=True)
 
     def show_help(self, client: int) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from msgspec import structs
@@ -21,9 +21,9 @@ from poseviewer.files.photo_sets import LoadedViews, SetChoice, load_views
 from poseviewer.files.pose import check_against, load_pose
 from poseviewer.files.scene_file import ObjectRecord, ViewRecord, load_scene
 from poseviewer.files.state.autosave import AutosavedSession
-from poseviewer.fit.scene import InView
-from poseviewer.fit.settings import FitSettings, Method
-from poseviewer.geometry.camera import Parallel, Pose
+from poseviewer.fit.scene import InView, LoadedModel
+from poseviewer.fit.settings import FitSettings
+from poseviewer.geometry.camera import Camera, Parallel, Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view import View
 from poseviewer.starts import loading
@@ -37,16 +37,6 @@ from poseviewer.starts.loading import (
 from poseviewer.starts.placing import look_from
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Opened:
-    """A document that is ready."""
-
-    document: Document
-    warnings: tuple[str, ...]
-    restored: bool = False
-    """It is what an earlier session left, unsaved."""
-
-
 def open_files(
     photo: Path,
     model: Path,
@@ -55,7 +45,7 @@ def open_files(
     mask: Path | None = None,
     without: Sequence[str] = (),
     objects: Sequence[Path] = (),
-) -> Opened:
+) -> Document:
     """Photo and model from their files, with a start pose from one, or seen from a corner; the
     photo undistorted, where there is a calibration; ``mask``: what of the photo counts,
     ``without``: parts of the model that are left out; ``objects``: models that the photo shows as
@@ -64,7 +54,7 @@ def open_files(
     settings = FitSettings(without=tuple(without))
     scene = loading.open_photo(photo, model, pose or _seen_from_corner, settings, calibration, mask)
     scene = scene.with_object(0, settings=FitSettings(), is_placed=pose is not None)
-    return with_models(Opened(Document.of(scene), scene.notes), objects)
+    return with_models(Document.of(scene), objects)
 
 
 def open_set(
@@ -75,23 +65,21 @@ def open_set(
     view: str | None = None,
     scale: float | None = None,
     without: Sequence[str] = (),
-) -> Opened:
+) -> Document:
     """Several photos and a model, with a start pose in one of them from a file, else seen from a
     corner in the first; ``view`` and ``scale`` as of ``loading.open_views``.
     """
-    views, loaded = load_views(path, choice), load_model(model)
-    loaded, start = replace(loaded, mesh=loaded.mesh.without(without)), pose
+    views, loaded = load_views(path, choice), loading.model_without(model, without)
+    start = pose
     if start is None:
-        camera, view = views.views[0].camera, views.views[0].name
-        start = look_from("three-quarter", loaded.mesh, loaded.keypoints, camera)
+        view, start = views.views[0].name, _corner_view(loaded, views.views[0].camera)
     scene = loading.open_views(views, loaded, start, view=view, scale=scale)
-    scene = scene.with_object(0, is_placed=pose is not None)
-    return Opened(Document.of(scene), scene.notes)
+    return Document.of(scene.with_object(0, is_placed=pose is not None))
 
 
 def open_file_set(
     now: Document, files: FileSet, models: Sequence[Path], inside: Path | None = None
-) -> Opened:
+) -> Document:
     """Files that came together, on what is at hand; ``models``: where the models lie with all that
     they name. The first becomes the model, the others are further objects. ``inside``: a folder in
     which all files of a scene have to lie.
@@ -107,51 +95,45 @@ def open_file_set(
             raise QuickStartError(
                 f"{files.views.name}: a set of photos without a model; drop both together."
             )
-        opened = open_set(files.views, model, files.pose)
-        opened = replace(opened, warnings=(*opened.warnings, *files.notes))
-        return with_models(opened, models[1:])
-    document, warnings = now, list(files.notes)
+        document = with_notes(open_set(files.views, model, files.pose), files.notes)
+        return with_models(document, models[1:])
+    document = replace(now, scene=replace(now.scene, notes=files.notes))
     photo = now.view.path if files.photo is None and files.camera is not None else files.photo
     if photo is not None:
         calibration = None if files.camera is None else Calibration(files.camera)
-        opened = open_photo(document, photo, calibration)
-        document, warnings = opened.document, [*warnings, *opened.warnings]
+        document = open_photo(document, photo, calibration)
     if models:
         known = files.models[0].path == now.model.path
-        opened = (completed if known else open_model)(document, models[0])
-        document, warnings = opened.document, [*warnings, *opened.warnings]
+        document = (completed if known else open_model)(document, models[0])
     if files.pose is not None:
-        opened = open_pose(document, files.pose)
-        document, warnings = opened.document, [*warnings, *opened.warnings]
-    return with_models(Opened(document, tuple(warnings)), models[1:])
+        document = open_pose(document, files.pose)
+    return with_models(document, models[1:])
 
 
-def with_models(opened: Opened, paths: Sequence[Path]) -> Opened:
+def with_notes(document: Document, notes: Sequence[str]) -> Document:
+    """Add to what is to be said of the files that were opened."""
+    return replace(document, scene=replace(document.scene, notes=(*document.scene.notes, *notes)))
+
+
+def with_models(document: Document, paths: Sequence[Path]) -> Document:
     """Add objects of the models in these files, still without poses, to what was opened."""
     for path in paths:
         model = load_model(path)
-        document, warnings = with_added(opened.document, model), opened.warnings
-        opened = replace(opened, document=document, warnings=(*warnings, *notes_of(model)))
-    return opened
+        document = with_notes(with_added(document, model), notes_of(model))
+    return document
 
 
-def open_scene(path: Path, without: Sequence[str] = (), inside: Path | None = None) -> Opened:
+def open_scene(path: Path, without: Sequence[str] = (), inside: Path | None = None) -> Document:
     """All objects of a scene file, the first one active; ``without`` further parts of them, each
     named as ``ID:PART``.
     """
     settings = FitSettings(without=tuple(without)) if without else None
-    scene = replace(loading.open_scene(load_scene(path, inside), settings), name=path.name)
-    return Opened(Document.of(scene), scene.notes)
+    return Document.of(
+        replace(loading.open_scene(load_scene(path, inside), settings), name=path.name)
+    )
 
 
-def by_method(opened: Opened, method: Method) -> Opened:
-    """Set the method of the search."""
-    document = opened.document
-    settings = document.settings.of_method(method)
-    return replace(opened, document=document.with_object(settings=settings))
-
-
-def open_photo(now: Document, path: Path, calibration: Calibration | None = None) -> Opened:
+def open_photo(now: Document, path: Path, calibration: Calibration | None = None) -> Document:
     """Another photo under the objects at hand, which go where the active one goes, which keeps its
     side; or a calibrated camera for the photo at hand, in which all keep their places.
     """
@@ -159,7 +141,7 @@ def open_photo(now: Document, path: Path, calibration: Calibration | None = None
     camera, is_same = photo.default_camera(), path == before.path
     view, model, old = View(photo.name, photo, camera, path=path), now.model, now.pose
     centre, seen = model.mesh.centre, now.pose.camera_from_model
-    placed = look_from("three-quarter", model.mesh, model.keypoints, camera).camera_from_model
+    placed = _corner_view(model, camera).camera_from_model
     moved = placed.apply(centre) - seen.apply(centre)
     same_pixels = photo.sha256 == before.photo.sha256 and same_undistortion(
         photo.undistortion, before.photo.undistortion
@@ -184,36 +166,35 @@ def open_photo(now: Document, path: Path, calibration: Calibration | None = None
         for state, one in zip(now.states, objects, strict=True)
     )
     scene = replace(now.scene, views=(view,), objects=tuple(objects), free_scale=False)
-    warnings = [f"{photo.name}: {note}" for note in photo.notes]
+    notes = notes_of(photo)
     if before.photo.undistortion is not None and calibration is None:
-        warnings.append(
-            f"{photo.name}: shown as taken, with its distortion; drop it with its file of cameras."
-        )
-    return Opened(Document(scene, states, now.active), tuple(warnings))
+        distorted = "shown as taken, with its distortion; drop it with its file of cameras."
+        notes = (*notes, f"{photo.name}: {distorted}")
+    return with_notes(Document(scene, states, now.active), notes)
 
 
-def completed(now: Document, path: Path) -> Opened:
+def completed(now: Document, path: Path) -> Document:
     """The model at hand with files that it missed; its pose and all marks on it stay."""
     model = load_model(path)
     left_out = [name for name in now.mesh.left_out if name in model.mesh.part_names]
-    model = replace(model, mesh=model.mesh.without(left_out))
-    return Opened(now.with_object(model=model, result=None), notes_of(model))
+    model = loading.model_without(model, left_out)
+    return with_notes(now.with_object(model=model, result=None), notes_of(model))
 
 
-def open_model(now: Document, path: Path) -> Opened:
+def open_model(now: Document, path: Path) -> Document:
     """Another model in place of the active one, seen from a corner."""
     model = load_model(path)
-    pose = look_from("three-quarter", model.mesh, model.keypoints, now.pose.camera)
+    pose = _corner_view(model, now.pose.camera)
     known = known_scale(LoadedViews(now.scene.name, now.scene.views, now.scene.unit), model.mesh)
     scale = 1.0 / known if known else None
     settings = FitSettings(seed=now.settings.seed)
     changes = {"model": model, "settings": settings, "name": "", "hidden": False, "locked": False}
     document = now.with_object(**changes).with_state(pins=(), marks={}).at_pose(pose, scale=scale)
     document = put(document, pose).started.with_object(is_placed=False)
-    return Opened(document, notes_of(model))
+    return with_notes(document, notes_of(model))
 
 
-def open_pose(now: Document, path: Path) -> Opened:
+def open_pose(now: Document, path: Path) -> Document:
     """A pose file for the photos and the active object: the start from now on; what it says is
     hidden, or left out, is.
     """
@@ -236,10 +217,10 @@ def open_pose(now: Document, path: Path) -> Opened:
     known = [name for name in record.without if name in model.mesh.whole.part_names]
     document = document.with_mesh(model.mesh.without(known)) if known else document
     document = document.at_pose(record.pose).started
-    return Opened(document, (*record.warnings, *checks, *notes, *of_mask))
+    return with_notes(document, (*record.warnings, *checks, *notes, *of_mask))
 
 
-def _pose_in_set(now: Document, path: Path) -> Opened:
+def _pose_in_set(now: Document, path: Path) -> Document:
     """A pose file for several photos: of one of them, which becomes the large one."""
     views = LoadedViews(now.scene.name, now.scene.views, now.scene.unit)
     known = None if now.scene.free_scale else 1.0 / now.object.world_from_model.scale
@@ -252,7 +233,7 @@ def _pose_in_set(now: Document, path: Path) -> Opened:
     document = document.with_view(numbers[0]).at_pose(opened.pose(0), scale=scale)
     known_notes = {note for view in views.views for note in notes_of(view.photo)}
     known_notes |= set(notes_of(now.model))
-    return Opened(document.started, tuple(n for n in opened.notes if n not in known_notes))
+    return with_notes(document.started, [n for n in opened.notes if n not in known_notes])
 
 
 def _seen_from_corner(inputs: StartInputs) -> Start:
@@ -260,7 +241,11 @@ def _seen_from_corner(inputs: StartInputs) -> Start:
     return Start(look_from("three-quarter", inputs.mesh, inputs.keypoints, camera), ())
 
 
-def restore(kept: AutosavedSession) -> Iterator[Opened]:
+def _corner_view(model: LoadedModel, camera: Camera) -> Pose:
+    return look_from("three-quarter", model.mesh, model.keypoints, camera)
+
+
+def open_autosaved(kept: AutosavedSession) -> Document:
     """Open the session that an earlier run left behind; objects whose models are gone are named.
 
     Raises:
@@ -287,7 +272,7 @@ def restore(kept: AutosavedSession) -> Iterator[Opened]:
     states = tuple(_state_of(one, record.views, document) for one in objects)
     at = {"active": scene.index(kept.active_object), "at": kept.active_view}
     document = replace(document, states=states, **at)
-    yield Opened(document, (*scene.notes, *notes), restored=True)
+    return with_notes(document, notes)
 
 
 def _state_of(one: ObjectRecord, views: Sequence[ViewRecord], document: Document) -> ObjectState:

@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.app.state.commands import set_tool
+from poseviewer.app.state.commands import open_document, set_tool
 from poseviewer.app.state.edits import Edit, SavePose
 from poseviewer.app.state.hiding import Stroke, paint_found
 from poseviewer.app.state.marking import lay_wheels
 from poseviewer.app.state.objects import add_object
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import Export, export
-from poseviewer.app.workers.opening import Opened, open_file_set
+from poseviewer.app.workers.opening import open_autosaved, open_file_set
 from poseviewer.app.workers.worker import JobUpdate, Worker
 from poseviewer.errors import FileSetError, QuickStartError
 from poseviewer.files.file_set import Kind, files_below, sort_set
-from poseviewer.files.state.autosave import files_of_sessions
+from poseviewer.files.state.autosave import AutosavedSession, files_of_sessions
 from poseviewer.files.state.uploads import LARGEST_UPLOAD, display_name, gathered, keep_set
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.rectangle import Rectangle
@@ -30,23 +30,18 @@ from poseviewer.starts.wheels import likely_wheels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Exported:
-    """Files for a page."""
+class Result:
+    """Result of a task for the main loop."""
 
-    client: int
-    files: Mapping[str, bytes]
-    """Their contents, by their names."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Found:
-    """Edits and warnings for the main loop."""
-
-    edits: tuple[Edit, ...]
-    warnings: tuple[str, ...] = ()
-
-
-Result = Opened | Exported | Found
+    edits: tuple[Edit, ...] = ()
+    notes: tuple[str, ...] = ()
+    """Sentences for all pages."""
+    files: Mapping[str, bytes] = field(default_factory=dict)
+    """Contents by names, for one page."""
+    client: int = -1
+    """That page."""
+    is_restored: bool = False
+    """Whether what an earlier session left is open now."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,7 +130,7 @@ def upload(kind: Kind | None, name: str, data: bytes, adds: bool = False) -> Tas
     as further objects, instead of replacing the active one.
     """
 
-    def run(now: Session, state: Path) -> Iterator[Opened | Found]:
+    def run(now: Session, state: Path) -> Iterator[Result]:
         # Other apps may have the same state folder.
         in_use = now.paths | files_of_sessions(state / "sessions")
         uploads = state / "uploads"
@@ -143,23 +138,35 @@ def upload(kind: Kind | None, name: str, data: bytes, adds: bool = False) -> Tas
         files = sort_set(files_below(root), kind, None if adds else now.document.model.path)
         models = [gathered(uploads, model, in_use=in_use) for model in files.models]
         if not adds:
-            yield open_file_set(now.document, files, models, root)
+            document = open_file_set(now.document, files, models, root)
+            yield Result((open_document(document),), document.scene.notes)
             return
         if not models:
             raise FileSetError(f"{display_name(name)}: holds no model; choose one.")
         loaded = [load_model(model) for model in models]
         notes = (note for model in loaded for note in notes_of(model))
-        yield Found(tuple(map(add_object, loaded)), (*notes, *files.notes))
+        yield Result(tuple(map(add_object, loaded)), (*notes, *files.notes))
 
     return Task(run, f"Reading {name[:60]} ...", size=len(data))
+
+
+def restore(kept: AutosavedSession) -> Task:
+    """Open what an earlier session left."""
+
+    def run(*_: object) -> Iterator[Result]:
+        document = open_autosaved(kept)
+        opened = open_document(document, unsaved=True)
+        yield Result((opened,), document.scene.notes, is_restored=True)
+
+    return Task(run)
 
 
 def download(what: Export, client: int) -> Task:
     """Make files of the session for a page."""
     drawn = "Drawing ..." if what in ("overlay", "sheet") else ""
 
-    def run(now: Session, _: Path) -> Iterator[Exported]:
-        yield Exported(client, export(what, now))
+    def run(now: Session, _: Path) -> Iterator[Result]:
+        yield Result(files=export(what, now), client=client)
 
     return Task(run, drawn, draws=what == "overlay")
 
@@ -169,7 +176,7 @@ def find_wheels() -> Task:
     return Task(find_wheels_in_region, "Looking for wheels ...", draws=True)
 
 
-def find_wheels_in_region(session: Session, _: Path) -> Iterator[Found]:
+def find_wheels_in_region(session: Session, _: Path) -> Iterator[Result]:
     """Look for wheels in the region that is drawn, for the camera at hand.
 
     Raises:
@@ -183,7 +190,7 @@ def find_wheels_in_region(session: Session, _: Path) -> Iterator[Found]:
     is_guess = camera == photo.default_camera() and photo.focal_length_35mm is None
     found = likely_wheels(inputs, region, camera, is_guess)[0]
     laid = lay_wheels(photo, own.mesh, found.wheels.rear, found.wheels.front, found.fit.pose)
-    yield Found((set_tool("wheels"), laid))
+    yield Result((set_tool("wheels"), laid))
 
 
 REACH = 1.0
@@ -199,9 +206,9 @@ ROUNDS = 5
 def grow(stroke: Stroke) -> Task:
     """Hide the thing below a scribble, to its edge, or bring it back."""
 
-    def run(session: Session, _: Path) -> Iterator[Found]:
+    def run(session: Session, _: Path) -> Iterator[Result]:
         photo = session.document.photo
-        yield Found((paint_found(photo, grown(photo, stroke), stroke.erase),))
+        yield Result((paint_found(photo, grown(photo, stroke), stroke.erase),))
 
     return Task(run, "Finding its edge ...")
 

@@ -22,7 +22,7 @@ from poseviewer.starts.loading import load_model
 @pytest.fixture(scope="module")
 def ended(scene) -> list[SearchUpdate]:
     """The last update of a search by each method."""
-    document, limits = open_files(scene.photo, scene.model, scene.start).document, Limits(600)
+    document, limits = open_files(scene.photo, scene.model, scene.start), Limits(600)
     methods: Any = ("paper", "default")
     settings = tuple(FitSettings(method, limits=limits) for method in methods)
     *_, last = run_search(SearchRequest(document, settings, (0,)))

@@ -16,7 +16,7 @@ from poseviewer.app.state.objects import add_object, pick_object
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import run_search
-from poseviewer.app.workers.opening import open_files, open_scene, restore
+from poseviewer.app.workers.opening import open_autosaved, open_files, open_scene
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.state.autosave import load_autosave
 from poseviewer.fit.settings import FitSettings, Limits
@@ -152,7 +152,7 @@ def ended_search(scene, columns: int = WIDTH // 2) -> Session:
     """A session whose search has just ended, and took some columns at the photo's left for
     something in front.
     """
-    opened = open_files(scene.photo, scene.model, scene.start).document
+    opened = open_files(scene.photo, scene.model, scene.start)
     settings = FitSettings(limits=Limits(5))
     session = after(Session(opened.with_object(settings=settings)), c.start_search())
     *_, last = run_search(asked_of(session))
@@ -233,10 +233,10 @@ def test_each_object_keeps_what_is_hidden_of_it(scene, tmp_path):
         autosaver = Autosaver(state)
         autosaver.close(now)
         (path,) = (state / "sessions").iterdir()
-        (opened,) = restore(load_autosave(path))
-        assert opened.document.active == now.document.active
+        opened = open_autosaved(load_autosave(path))
+        assert opened.active == now.document.active
         saved = open_scene(autosaver.save(now))
-        for document in (opened.document, saved.document):
+        for document in (opened, saved):
             assert same(document.scene.mask(0), other)
             assert same(document.scene.mask(1), own)
             kept, result = (one.scene.objects[0].result for one in (document, session.document))

@@ -19,7 +19,7 @@ SETTINGS = FitSettings(grey=True, seed=3, limits=Limits(evaluations=40))
 @pytest.fixture(scope="module")
 def session(scene) -> Session:
     """The small scene, moved a little from its start."""
-    document = open_files(scene.photo, scene.model, scene.start).document
+    document = open_files(scene.photo, scene.model, scene.start)
     opened = Session(document.with_object(settings=SETTINGS))
     return after(opened, c.nudge("move", 2.0))
 

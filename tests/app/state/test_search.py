@@ -34,7 +34,7 @@ SETTINGS = FitSettings(limits=Limits(evaluations=60))
 @pytest.fixture(scope="module")
 def session(scene) -> Session:
     """The small scene at its start."""
-    document = open_files(scene.photo, scene.model, scene.start).document
+    document = open_files(scene.photo, scene.model, scene.start)
     return Session(document.with_object(settings=SETTINGS))
 
 

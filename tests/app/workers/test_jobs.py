@@ -35,7 +35,7 @@ SETTINGS = FitSettings(limits=Limits(evaluations=150))
 
 @pytest.fixture(scope="module")
 def document(scene) -> Document:
-    return compared_by(open_files(scene.photo, scene.model, scene.start).document, SETTINGS)
+    return compared_by(open_files(scene.photo, scene.model, scene.start), SETTINGS)
 
 
 @pytest.fixture(scope="module")

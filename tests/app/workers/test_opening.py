@@ -18,12 +18,12 @@ from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver, kept_of
 from poseviewer.app.workers.exporting import export
 from poseviewer.app.workers.opening import (
+    open_autosaved,
     open_file_set,
     open_files,
     open_photo,
     open_pose,
     open_scene,
-    restore,
 )
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseFileError
@@ -55,11 +55,11 @@ def test_with_a_calibration_the_undistorted_photo_is_open(
 ) -> None:
     wanted = load_calibrated_photo(scene.photo, calibration)
     opened = open_files(scene.photo, scene.model, scene.start if placed else None, calibration)
-    photo = opened.document.photo
+    photo = opened.photo
     assert not np.array_equal(photo.pixels, load_photo(scene.photo).pixels)
     np.testing.assert_array_equal(photo.pixels, wanted.pixels)
-    assert opened.document.pose.camera == wanted.camera
-    session = Session(opened.document)
+    assert opened.pose.camera == wanted.camera
+    session = Session(opened)
     (name,) = export("overlay", session)
     assert name == "p.undistorted.overlay.png"
     (pose,) = export("pose", session).values()
@@ -70,23 +70,23 @@ def test_a_pose_of_an_undistorted_photo_brings_that_photo(
     scene: Scene, calibration: Calibration, tmp_path: Path
 ) -> None:
     first = open_files(scene.photo, scene.model, scene.start, calibration)
-    wanted = first.document
+    wanted = first
     save_pose(tmp_path / "pose.json", pose_record(wanted.scene, 0, 0))
     plain = open_files(scene.photo, scene.model, scene.start)
-    opened = open_pose(plain.document, tmp_path / "pose.json")
-    photo = opened.document.photo
+    opened = open_pose(plain, tmp_path / "pose.json")
+    photo = opened.photo
     np.testing.assert_array_equal(photo.pixels, wanted.photo.pixels)
     # Once more: the photo is that one already.
-    again = open_pose(opened.document, tmp_path / "pose.json")
-    assert again.document.photo is photo
+    again = open_pose(opened, tmp_path / "pose.json")
+    assert again.photo is photo
 
 
 def test_what_an_earlier_session_left_is_undistorted_again(
     scene: Scene, calibration: Calibration
 ) -> None:
     before = open_files(scene.photo, scene.model, scene.start, calibration)
-    (opened,) = restore(kept_of(before.document))
-    now, then = opened.document, before.document
+    opened = open_autosaved(kept_of(before))
+    now, then = opened, before
     np.testing.assert_array_equal(now.photo.pixels, then.photo.pixels)
     assert same_undistortion(now.photo.undistortion, then.photo.undistortion)
     assert_same_pose(now.pose, then.pose, 0.0)
@@ -98,18 +98,18 @@ def test_another_photo_is_shown_as_taken_and_said_so(
     before = open_files(scene.photo, scene.model, scene.start, calibration)
     other = scene.photo.with_name("other.png")
     other.write_bytes(scene.photo.read_bytes())
-    opened = open_photo(before.document, other)
-    photo = opened.document.photo
+    opened = open_photo(before, other)
+    photo = opened.photo
     assert photo.undistortion is None
     np.testing.assert_array_equal(photo.pixels, load_photo(scene.photo).pixels)
-    assert any("as taken" in warning for warning in opened.warnings)
+    assert any("as taken" in warning for warning in opened.scene.notes)
 
 
 def test_all_objects_of_a_session_come_back(scene: Scene, tmp_path: Path) -> None:
     other = write_obj(tmp_path, "wood.png")
     save_image(tmp_path / "wood.png", np.full((4, 4, 3), 90, np.uint8))
     added = add_object(load_model(other))
-    session = Session(open_files(scene.photo, scene.model, scene.start).document)
+    session = Session(open_files(scene.photo, scene.model, scene.start))
     for command in (
         add_object(),
         nudge("move", 9.0),
@@ -124,31 +124,31 @@ def test_all_objects_of_a_session_come_back(scene: Scene, tmp_path: Path) -> Non
     Autosaver(tmp_path / "state").close(session)
     (path,) = (tmp_path / "state" / "sessions").iterdir()
     kept = load_autosave(path)
-    (opened,) = restore(kept)
-    before, after = session.document.scene, opened.document.scene
-    assert opened.document.number == 3
+    opened = open_autosaved(kept)
+    before, after = session.document.scene, opened.scene
+    assert opened.number == 3
     for index, (one, again) in enumerate(zip(before.objects, after.objects, strict=True)):
         for name in ("id", "name", "hidden", "locked"):
             assert getattr(one, name) == getattr(again, name)
         assert one.model.path == again.model.path
         assert_same_pose(before.pose(index), after.pose(index), 0.0)
-    assert verdict_of(opened.document.object) == "found"
+    assert verdict_of(opened.object) == "found"
     assert after.objects[0].mesh is after.objects[1].mesh
     # An object whose model is gone is said, and the others open.
     first, *others = kept.scene.objects
     gone = structs.replace(first, model=structs.replace(first.model, file="gone.ply"))
     record = structs.replace(kept.scene, objects=(gone, *others))
-    (opened,) = restore(structs.replace(kept, scene=record))
-    assert [one.id for one in opened.document.scene.objects] == ["2", "3"]
-    assert any(warning.startswith("gone.ply: is not where") for warning in opened.warnings)
+    opened = open_autosaved(structs.replace(kept, scene=record))
+    assert [one.id for one in opened.scene.objects] == ["2", "3"]
+    assert any(warning.startswith("gone.ply: is not where") for warning in opened.scene.notes)
 
 
 def test_another_photo_is_that_of_all_objects(scene: Scene) -> None:
-    session = Session(open_files(scene.photo, scene.model, scene.start).document)
+    session = Session(open_files(scene.photo, scene.model, scene.start))
     session = update(update(session, add_object()), nudge("move", 9.0))
     other = scene.photo.with_name("other.png")
     other.write_bytes(scene.photo.read_bytes())
-    document = open_photo(session.document, other).document
+    document = open_photo(session.document, other)
     assert [verdict_of(one) for one in document.scene.objects] == ["not placed", "not placed"]
     # As they stood to each other.
     was, now = (
@@ -160,32 +160,32 @@ def test_another_photo_is_that_of_all_objects(scene: Scene) -> None:
 
 
 def test_a_camera_alone_is_for_the_photo_at_hand(scene: Scene, calibration: Calibration) -> None:
-    before = open_files(scene.photo, scene.model, scene.start).document
+    before = open_files(scene.photo, scene.model, scene.start)
     opened = open_file_set(before, FileSet(camera=calibration.path), [])
-    assert opened.document.photo.undistortion is not None
-    assert opened.document.mesh is before.mesh
+    assert opened.photo.undistortion is not None
+    assert opened.mesh is before.mesh
     centre = before.mesh.centre
-    moved = opened.document.pose.project(centre) - before.pose.project(centre)
+    moved = opened.pose.project(centre) - before.pose.project(centre)
     np.testing.assert_allclose(moved, 0.0, atol=1e-6)
 
 
 def test_photo_models_and_start_that_came_together_are_opened(scene: Scene) -> None:
-    before = open_files(scene.photo, scene.model, None).document
+    before = open_files(scene.photo, scene.model, None)
     files = sort_set([scene.photo, scene.model, scene.start, scene.photo.with_name("notes.txt")])
     opened = open_file_set(before, files, [scene.model])
-    assert opened.document.object.is_placed
-    assert opened.warnings[0] == "Not used: notes.txt."
-    assert len(opened.document.scene.objects) == 1
+    assert opened.object.is_placed
+    assert opened.scene.notes[0] == "Not used: notes.txt."
+    assert len(opened.scene.objects) == 1
     models = [scene.model] * 2
     opened = open_file_set(
         before, FileSet(models=tuple(model_files(m, []) for m in models)), models
     )
-    paths = [one.model.path for one in opened.document.scene.objects]
+    paths = [one.model.path for one in opened.scene.objects]
     assert paths == models
 
 
 def test_files_outside_of_a_dropped_folder_are_refused(tmp_path: Path) -> None:
-    before = open_scene(make_three(tmp_path)).document
+    before = open_scene(make_three(tmp_path))
     inner = tmp_path / "dropped"
     inner.mkdir()
     data = json.loads((tmp_path / "three.scene.json").read_text())

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from poseviewer.app.state import commands as c
-from poseviewer.app.workers.tasks import Found, Task, Tasks, upload
+from poseviewer.app.workers.tasks import Result, Task, Tasks, upload
 from poseviewer.errors import FileSetError
 from tests.app.state.documents import make_session
 
@@ -20,10 +20,10 @@ def test_a_task_that_is_dropped_brings_nothing(tmp_path: Path):
     begun, ended, told = threading.Event(), threading.Event(), threading.Event()
     tasks, session = Tasks(told.set, tmp_path), make_session()
 
-    def slow(*_: object) -> Iterator[Found]:
+    def slow(*_: object) -> Iterator[Result]:
         begun.set()
         ended.wait(PATIENCE_S)
-        yield Found((c.undo(),))
+        yield Result((c.undo(),))
 
     assert not tasks.drop()
     tasks.add(Task(slow))
@@ -33,7 +33,7 @@ def test_a_task_that_is_dropped_brings_nothing(tmp_path: Path):
     assert tasks.drop()
     assert not tasks.drop()
     ended.set()
-    tasks.add(Task(lambda *_: iter([Found((c.redo(),))])))
+    tasks.add(Task(lambda *_: iter([Result((c.redo(),))])))
     tasks.follow(session)
     found = None
     while found is None:
@@ -41,7 +41,7 @@ def test_a_task_that_is_dropped_brings_nothing(tmp_path: Path):
         told.clear()
         found = tasks.take()
     assert found.error is None
-    assert isinstance(found.item, Found)
+    assert isinstance(found.item, Result)
     assert found.item.edits == (c.redo(),)
     tasks.close()
 

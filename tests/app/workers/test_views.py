@@ -18,7 +18,7 @@ from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import filed_view, saved_scene
 from poseviewer.app.workers.jobs import run_search
 from poseviewer.app.workers.maps import MapJob, MapMaker
-from poseviewer.app.workers.opening import open_pose, open_scene, open_set, restore
+from poseviewer.app.workers.opening import open_autosaved, open_pose, open_scene, open_set
 from poseviewer.app.workers.overlay import LossReader
 from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.files.pose import PoseRecord
@@ -39,7 +39,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
 
 @pytest.fixture
 def session(files: tuple[Path, Path, Path]) -> Session:
-    document = open_set(*files).document
+    document = open_set(*files)
     return Session(document, anchor=document.scene, saved=document)
 
 
@@ -112,7 +112,7 @@ def test_a_session_on_a_set_is_kept_to_the_last_digit(session: Session, tmp_path
     document = changed.document
     Autosaver(tmp_path).close(changed)
     (path,) = (tmp_path / "sessions").iterdir()
-    again = next(iter(restore(load_autosave(path)))).document
+    again = open_autosaved(load_autosave(path))
     assert again.at == document.at
     before, now = document.object, again.object
     assert before.world_from_model.scale == now.world_from_model.scale
@@ -128,14 +128,14 @@ def test_a_session_on_a_set_is_kept_to_the_last_digit(session: Session, tmp_path
 def test_a_pose_file_opens_in_its_photo_of_the_set(session: Session, files):
     looked = after(session, show_view(2), c.nudge("move", 30.0))
     opened = open_pose(looked.document, files[2])
-    assert opened.document.photo.name == "a.png"
+    assert opened.photo.name == "a.png"
     for index in range(3):
-        own, its = (one.scene.pose(0, index) for one in (opened.document, session.document))
+        own, its = (one.scene.pose(0, index) for one in (opened, session.document))
         assert_same_pose(own, its, 1e-6)
 
 
 def test_a_set_opens_without_a_pose_and_waits_for_a_press(files):
-    document = open_set(files[0], files[1], None).document
+    document = open_set(files[0], files[1], None)
     assert not document.object.is_placed
     placed = after(Session(document), c.press(100.0, 80.0), c.release())
     assert placed.document.object.is_placed
@@ -182,7 +182,7 @@ def test_several_objects_in_several_photos_are_saved_and_opened_again(
     path = saver.save(changed)
     assert path.name == "b.scene.json"
     saver.close(changed)
-    again, scene = open_scene(path).document.scene, changed.document.scene
+    again, scene = open_scene(path).scene, changed.document.scene
     assert [view.name for view in again.views] == list(NAMES)
     for index in range(2):
         for view in range(3):
