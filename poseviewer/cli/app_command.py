@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from poseviewer.cli.case import calibration_of, choice_of, named_files, refuse, refuse_beside
-from poseviewer.cli.options import CAMERA, MASK, MODEL, SERVER, VIEWS, WITHOUT, option
+from poseviewer.cli import options as table
+from poseviewer.cli.case import SAYS, calibration_of, choice_of, named_files
 from poseviewer.cli.terminal import say
 from poseviewer.errors import SettingsError
 from poseviewer.fit.settings import CHOICES
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 
 OPTIONS = {
     "": (
-        option("photo PHOTO|FOLDER|ZIP|SCENE.json", "what is to be opened", nargs="?"),
-        MODEL,
-        option("--pose POSE.json", "the start"),
-        option("--method", "chosen at first", CHOICES["method"], default="default"),
-        MASK,
-        WITHOUT,
-        *SERVER,
+        table.option("photo PHOTO|FOLDER|ZIP|SCENE.json", "what is to be opened", nargs="?"),
+        table.MODEL,
+        table.POSE,
+        table.option("--method", "chosen at first", CHOICES["method"], default="default"),
+        table.MASK,
+        table.WITHOUT,
+        *table.SERVER,
     ),
-    **VIEWS,
-    **CAMERA,
+    **table.VIEWS,
+    **table.CAMERA,
 }
 
 
@@ -55,43 +55,43 @@ def _files_of(options: Namespace) -> tuple[FileSet, list[Path]]:
 
 def _opening(options: Namespace) -> Callable[[], Document]:
     """Return a function that opens all that is named, or the demo."""
+    from poseviewer.files.cameras import Calibration
+
     calibration, (files, models) = calibration_of(options), _files_of(options)
-    photo, pose, views, scene = files.photo, files.pose, files.views, files.scene
     if options.photo is None:
-        which = ("pose", "mask", "without", "calibration")
-        refuse(options, which, "without PHOTO and MODEL; name all three")
-    elif scene is None and not (models and (photo or views)):
-        what = "model" if photo or views else "photo"
+        of_photo = (table.POSE, table.MASK, table.WITHOUT, table.CALIBRATION)
+        table.refuse(options, of_photo, "without PHOTO and MODEL; name all three")
+    elif files.scene is None and not (models and (files.photo or files.views)):
+        what = "model" if files.photo or files.views else "photo"
         raise SettingsError(f"{options.photo}: no {what} was found; name PHOTO and MODEL")
-    if views is not None:
-        refuse_beside(options, "a set of photos", ("mask", "calibration"))
+    if files.views is not None:
+        table.refuse(options, (table.MASK, table.CALIBRATION), SAYS.format("a set of photos"))
     elif calibration is None and files.camera is not None:
-        from poseviewer.files.cameras import Calibration
-
         calibration = Calibration(files.camera)
-    for path in filter(None, (photo, scene, *models, pose, options.mask, views)):
-        if not (path.is_file() or (path == views and path.is_dir())):  # before there is a page
+    named = (files.photo, files.scene, *models, files.pose, options.mask, files.views)
+    for path in filter(None, named):  # before there is a page
+        if not (path.is_file() or (path == files.views and path.is_dir())):
             raise SettingsError(f"{path}: no such file; check the path")
-
-    if scene is not None:  # a damaged file is said before there is a page
+    if files.scene is not None:  # a damaged file is said before there is a page
         from poseviewer.files.scene_file import load_scene
 
-        load_scene(scene)
+        load_scene(files.scene)
 
     def open_first() -> Document:
         from poseviewer.app.workers.opening import open_files, open_scene, open_set
         from poseviewer.files.demo import demo_case
 
-        without = options.without or ()
-        if scene is not None:
-            return open_scene(scene, without)
-        if views is not None:
+        without, pose = options.without or (), files.pose
+        if files.scene is not None:
+            return open_scene(files.scene, without)
+        if files.views is not None:
             chosen = choice_of(options), options.view, options.scale, without
-            return open_set(views, models[0], pose, *chosen)
-        if photo is None:
-            case = demo_case("perspective")
-            return open_files(case.photo, case.model, case.start)
-        return open_files(photo, models[0], pose, calibration, options.mask, without, models[1:])
+            return open_set(files.views, models[0], pose, *chosen)
+        if files.photo is not None:
+            chosen = calibration, options.mask, without, models[1:]
+            return open_files(files.photo, models[0], pose, *chosen)
+        case = demo_case()
+        return open_files(case.photo, case.model, case.start)
 
     return open_first
 

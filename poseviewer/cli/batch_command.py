@@ -8,25 +8,25 @@ from __future__ import annotations
 from argparse import Namespace
 from contextlib import closing
 
+from poseviewer.cli import options as table
 from poseviewer.cli.case import settings_of
-from poseviewer.cli.options import COMPARED, KEEP_START, LIMITS, QUIET, option
 from poseviewer.cli.terminal import progress_bar, say, tell
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE
 
 OPTIONS = {
     "": (
-        option("jobs JOBS.csv|BOP_SCENE"),
-        option("--out FOLDER", required=True),
-        option("--processes N", "(one for each processor)"),
-        option("--scheduler ADDRESS", "of a Dask cluster to run on"),
-        QUIET,
+        table.option("jobs JOBS.csv|BOP_SCENE"),
+        table.option("--out FOLDER", required=True),
+        table.option("--processes N", "(one for each processor)"),
+        table.option("--scheduler ADDRESS", "of a Dask cluster to run on"),
+        table.QUIET,
     ),
     "of a BOP scene": (
-        option("--models FOLDER", "of obj_000001.ply and so on, in mm"),
-        option("--objects N,...", "(all with a pose)"),
+        table.option("--models FOLDER", "of obj_000001.ply and so on, in mm"),
+        table.option("--objects N,...", "(all with a pose)"),
     ),
-    **COMPARED,
-    "search": (*LIMITS, KEEP_START),
+    "what is compared": table.COMPARED,
+    "search": (*table.LIMITS, table.KEEP_START),
 }
 
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from argparse import Namespace
 
-from poseviewer.cli.options import QUIET, option
+from poseviewer.cli import options as table
 from poseviewer.cli.terminal import ignore, require_writable, say, tell, tell_of_compiling
 from poseviewer.errors import SettingsError
 
 OPTIONS = {
     "": (
-        option("--quick", "fewer runs, fits of 3 s at most: under a minute"),
-        option("--json FILE", "write all rows"),
-        QUIET,
+        table.option("--quick", "fewer runs, fits of 3 s at most: under a minute"),
+        table.option("--json FILE", "write all rows"),
+        table.QUIET,
     )
 }
 

@@ -5,14 +5,13 @@ assets/docs/formats.md.
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msgspec import structs
 
-from poseviewer.cli.options import made, option
+from poseviewer.cli import options as table
 from poseviewer.cli.terminal import say
 from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.conversion import METRES, ConvertOptions
@@ -25,26 +24,25 @@ SCENE = "scene"
 """Name of the format of scene files."""
 UPRIGHT = ("poseviewer", "gltf")
 """Formats whose photo is upright whatever its EXIF says."""
-
-
 _NAMES = (*FORMATS, SCENE)
-_FORM: dict[str, Any] = {"choices": _NAMES, "default": "poseviewer"}
 OPTIONS = {
     "": (
-        option("source POSE|SCENE"),
-        option("out OUT"),
-        option("--from FORMAT", dest="source_format", **_FORM),
-        option("--to FORMAT", ", ".join(_NAMES), dest="out_format", **_FORM),
-        option("--photo PHOTO", "(the one beside POSE that it names)"),
-        option(
+        table.option("source POSE|SCENE"),
+        table.option("out OUT"),
+        table.option("--from FORMAT", None, _NAMES, dest="source_format", default=_NAMES[0]),
+        table.option(
+            "--to FORMAT", ", ".join(_NAMES), _NAMES, dest="out_format", default=_NAMES[0]
+        ),
+        table.option("--photo PHOTO", "(the one beside POSE that it names)"),
+        table.option(
             "--model MODEL",
             "(the one beside POSE that it names; from bop to scene: the folder of the models)",
         ),
-        option("--photo-size WIDTHxHEIGHT", "in px, where POSE does not say it"),
-        option("--unit", "of the model, where POSE does not say it", tuple(METRES)),
-        option("--image NAME|NUMBER", "which image of a file with several; BOP: its number"),
-        option("--object ID|NUMBER", "which object of a scene; BOP: its number"),
-        option("--overwrite", "replace OUT if it is there"),
+        table.option("--photo-size WIDTHxHEIGHT", "in px, where POSE does not say it"),
+        table.option("--unit", "of the model, where POSE does not say it", tuple(METRES)),
+        table.option("--image NAME|NUMBER", "which image of a file with several; BOP: its number"),
+        table.option("--object ID|NUMBER", "which object of a scene; BOP: its number"),
+        table.option("--overwrite", "replace OUT if it is there"),
     )
 }
 
@@ -55,65 +53,88 @@ def run(options: Namespace) -> int:
     from poseviewer.files.photo import is_stored_turned
     from poseviewer.files.scene_file import save_scene
 
-    scene, request = _source(options)
+    scene, request = _source(options, _request(options))
+    scene = _with_named(scene, request)
     for warning in scene.warnings:
         say(f"note: {warning}")
     if options.out_format == SCENE:
         refuse_existing(request, options.out)
         save_scene(options.out, scene)
-        return _tell((options.out,), options)
+        say(f"{SCENE}: {options.out}")
+        return 0
     written = FORMATS[options.out_format].convert(scene, options.out, request)
     if options.out_format == "bop" and len(scene.objects) > 1:
         _save_masks(scene, request, options.out)
-    photo = written.photo
+    photo, notes = written.photo, written.notes
     if photo.is_file() and options.out_format not in UPRIGHT and is_stored_turned(photo):
-        say(
-            f"note: {photo.name} is stored turned (EXIF), and the pose is one in the upright "
-            "photo; save it upright for tools that do not turn it."
-        )
-    for note in written.notes:
+        turned = f"{photo.name} is stored turned (EXIF), and the pose is one in the upright photo"
+        notes = (f"{turned}; save it upright for tools that do not turn it.", *notes)
+    for note in notes:
         say(f"note: {note}")
-    return _tell(written.files, options)
+    for path in written.files:
+        say(f"{options.out_format}: {path}")
+    return 0
 
 
-def _source(options: Namespace) -> tuple[SceneRecord, ConvertOptions]:
-    """The scene to be written, of the objects that are asked for, by the files that are named."""
+def _request(options: Namespace) -> ConvertOptions:
+    """Options of the conversion, but for the object; the files that are named are there."""
+    from poseviewer.files.formats.conversion import require_file
+    from poseviewer.files.photo import load_photo
+
+    if options.photo is not None:
+        require_file(options.photo, "photo", "Converted")
+    if options.model is not None and options.out_format != SCENE:  # else it may be a folder
+        require_file(options.model, "model", "Converted")
+    request = table.made(ConvertOptions, options)
+    if options.photo is None or options.photo_size is not None:
+        return request
+    photo = load_photo(options.photo)
+    return replace(request, photo_size=(photo.width, photo.height))
+
+
+def _source(options: Namespace, request: ConvertOptions) -> tuple[SceneRecord, ConvertOptions]:
+    """The scene to be written, of the objects that are asked for."""
     from poseviewer.files.checks import Reading
     from poseviewer.files.formats.bop import read_bop_image
     from poseviewer.files.scene_file import load_scene, scene_of_pose
 
-    if options.source_format == SCENE:
-        scene = load_scene(options.source)
+    scene = load_scene(options.source) if options.source_format == SCENE else None
+    if scene is not None and options.object:
         ids = [one.id for one in scene.objects]
-        is_named = options.object in ids or (options.object and len(ids) > 1)
-        if is_named:
-            scene = structs.replace(scene, objects=(scene.objects[scene.index(options.object)],))
-        request = _request(options, **({"object_id": None} if is_named else {}))
-    else:
-        request = _request(options)
-        if (options.source_format, options.out_format) == ("bop", SCENE):
-            return read_bop_image(options.source, request), request
-        with Reading(options.source, kind=f"{options.source_format} file").naming_errors():
-            record = FORMATS[options.source_format].read(options.source, request)
-        scene = scene_of_pose(options.source, record)
-    return _with_named(scene, request), request
+        if options.object in ids or len(ids) > 1:
+            chosen = scene.objects[scene.index(options.object)]
+            return structs.replace(scene, objects=(chosen,)), request
+    if options.object:
+        if not options.object.isdecimal():
+            raise PoseFileError(f"--object {options.object}: wanted the object's number in BOP.")
+        request = replace(request, object_id=int(options.object))
+    if scene is not None:
+        return scene, request
+    if (options.source_format, options.out_format) == ("bop", SCENE):
+        return read_bop_image(options.source, request), request
+    with Reading(options.source, kind=f"{options.source_format} file").naming_errors():
+        record = FORMATS[options.source_format].read(options.source, request)
+    return scene_of_pose(options.source, record), request
 
 
 def _with_named(scene: SceneRecord, request: ConvertOptions) -> SceneRecord:
     """The scene with the files that the user names in place of those that it was made with."""
     (view, *others), objects = scene.views, scene.objects
-    if request.photo is not None:
-        sha256 = view.photo.sha256 if request.photo.name == view.path.name else None
-        photo = structs.replace(view.photo, file=str(request.photo), sha256=sha256)
-        view = structs.replace(view, photo=photo)
+    photo = _named(view.photo, view.path, request.photo)
     if len(objects) == 1:
-        model = objects[0].model
-        if request.model is not None:
-            sha256 = model.sha256 if request.model.name == objects[0].path.name else None
-            model = structs.replace(model, file=str(request.model), sha256=sha256)
+        model = _named(objects[0].model, objects[0].path, request.model)
         model = structs.replace(model, unit=request.unit or model.unit)
         objects = (structs.replace(objects[0], model=model),)
-    return structs.replace(scene, views=(view, *others), objects=objects)
+    views = (structs.replace(view, photo=photo), *others)
+    return structs.replace(scene, views=views, objects=objects)
+
+
+def _named(reference: Any, path: Path, named: Path | None) -> Any:
+    """The reference to a file that the user names, whose content is known if its name is."""
+    if named is None:
+        return reference
+    sha256 = reference.sha256 if named.name == path.name else None
+    return structs.replace(reference, file=str(named), sha256=sha256)
 
 
 def _save_masks(scene: SceneRecord, request: ConvertOptions, out: Path) -> None:
@@ -127,31 +148,6 @@ def _save_masks(scene: SceneRecord, request: ConvertOptions, out: Path) -> None:
     models = [
         PlacedModel(meshes[one.path], scene.pose(index)) for index, one in enumerate(scene.objects)
     ]
-    seen = visibility(models)
-    visible = [seen.seen(index) for index in range(len(models))]
-    save_masks(out, image_number(scene, request), seen.drawn, visible)
-
-
-def _tell(files: Iterable[Path], options: Namespace) -> int:
-    for path in files:
-        say(f"{options.out_format}: {path}")
-    return 0
-
-
-def _request(options: Namespace, **more: Any) -> ConvertOptions:
-    from poseviewer.files.formats.conversion import require_file
-    from poseviewer.files.photo import load_photo
-
-    of_scene = options.out_format == SCENE  # its --model is a folder
-    for path, what in ((options.photo, "photo"), (options.model, "model")):
-        if path is not None and not (of_scene and what == "model"):
-            require_file(path, what, "Converted")
-    if options.object and "object_id" not in more:
-        if not options.object.isdecimal():
-            raise PoseFileError(f"--object {options.object}: wanted the object's number in BOP.")
-        more["object_id"] = int(options.object)
-    request = made(ConvertOptions, options, **more)
-    if options.photo is None or options.photo_size is not None:
-        return request
-    photo = load_photo(options.photo)
-    return replace(request, photo_size=(photo.width, photo.height))
+    shown = visibility(models)
+    visible = [shown.seen(index) for index in range(len(models))]
+    save_masks(out, image_number(scene, request), shown.drawn, visible)

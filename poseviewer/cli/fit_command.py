@@ -5,18 +5,8 @@ from __future__ import annotations
 from argparse import Namespace
 from typing import TYPE_CHECKING
 
+from poseviewer.cli import options as table
 from poseviewer.cli.case import open_scene
-from poseviewer.cli.options import (
-    FILES,
-    KEEP_START,
-    LIMITS,
-    LOOK,
-    METHOD,
-    RECTANGLE,
-    SCENE,
-    one_of,
-    option,
-)
 from poseviewer.cli.terminal import progress_bar, require_writable, say
 from poseviewer.errors import EXIT_INTERRUPTED, PhotoFileError, PoseFileError
 
@@ -24,35 +14,30 @@ if TYPE_CHECKING:
     from poseviewer.api import Scene
     from poseviewer.fit.progress import FitProgress
 
-_ELLIPSES = "their ellipses, each cx,cy,a,b,angle (half axes in px, degrees)"
-_UNKNOWN = "where no pose file says it"
+_PROJECTIONS = ("perspective", "parallel")
 OPTIONS = {
     "": (
-        *FILES,
-        option("--out POSE.json", "of a scene: SCENE.json", required=True),
-        option("--overlay OVERLAY.png", "draw the pose found"),
-        LOOK,
+        *table.FILES,
+        table.option("--out POSE.json", "of a scene: SCENE.json", required=True),
+        table.option("--overlay OVERLAY.png", "draw the pose found"),
+        table.LOOK,
     ),
     "start, one of": (
-        one_of(
-            option("--pose POSE.json", "a pose file"),
-            option("--pairs FILE", "CSV, rows x,y,z,u,v: model, photo point"),
-            option("--wheels REAR;FRONT", _ELLIPSES),
-            option(f"--find-wheels {RECTANGLE}", "look for both in a rectangle about the car, px"),
-            option("--start", "look for one in the --box, or the --region", ("auto",)),
+        table.STARTS,
+        table.OBJECT,
+        table.BOX,
+        table.option(
+            "--projection", "where no pose file says it", _PROJECTIONS, default=_PROJECTIONS[0]
         ),
-        option("--object ID", "the only one of the scene to search for"),
-        option(f"--box {RECTANGLE}", "about the object, px"),
-        option("--projection", _UNKNOWN, ("perspective", "parallel"), default="perspective"),
-        option("--focal PX", f"{_UNKNOWN} (EXIF's)"),
+        table.FOCAL,
     ),
-    **SCENE,
+    **table.SCENE,
     "search": (
-        *LIMITS,
-        METHOD,
-        option("--lock NAME,...", "parameters of the chart to hold"),
-        option("--seed SEED"),
-        KEEP_START,
+        *table.LIMITS,
+        table.METHOD,
+        table.option("--lock NAME,...", "parameters of the chart to hold"),
+        table.option("--seed SEED"),
+        table.KEEP_START,
     ),
 }
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 from argparse import Namespace
 from typing import TYPE_CHECKING
 
+from poseviewer.cli import options as table
 from poseviewer.cli.case import settings_of
-from poseviewer.cli.options import COMPARED, LIMITS, QUIET, option
 from poseviewer.cli.terminal import progress_bar, say, tell
 
 if TYPE_CHECKING:
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 OPTIONS = {
     "": (
-        option("photo PHOTO"),
-        option("models MODEL", nargs="+"),
-        option("--start POSE.json", required=True),
-        QUIET,
+        table.option("photo PHOTO"),
+        table.option("models MODEL", nargs="+"),
+        table.option("--start POSE.json", required=True),
+        table.QUIET,
     ),
-    **COMPARED,
-    "search": LIMITS,
+    "what is compared": table.COMPARED,
+    "search": table.LIMITS,
 }
 
 

@@ -7,17 +7,20 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import msgspec
+
+from poseviewer.cli import options as table
 from poseviewer.cli.case import calibration_of
-from poseviewer.cli.options import CAMERA, option
 from poseviewer.cli.terminal import say
 from poseviewer.errors import printable
 
 if TYPE_CHECKING:
     from poseviewer.files.cameras import Calibration
+    from poseviewer.geometry.camera import Camera
     from poseviewer.geometry.image import Photo
 
 
-OPTIONS = {"": (option("path PHOTO|MODEL|POSE|SCENE"),), **CAMERA}
+OPTIONS = {"": (table.option("path PHOTO|MODEL|POSE|SCENE"),), **table.CAMERA}
 
 
 def run(options: Namespace) -> int:
@@ -26,12 +29,10 @@ def run(options: Namespace) -> int:
     from poseviewer.files.mesh.load import READERS
 
     path, calibration = options.path, calibration_of(options)
-    if calibration is None and path.suffix.lower() == ".json":
-        if is_scene_file(path):
-            _print_scene(path)
-        else:
-            _print_pose(path)
-    elif calibration is None and path.suffix.lower() in READERS:
+    suffix = path.suffix.lower() if calibration is None else ""
+    if suffix == ".json":
+        (_print_scene if is_scene_file(path) else _print_pose)(path)
+    elif suffix in READERS:
         _print_model(path)
     else:
         _print_photo(path, calibration)
@@ -39,22 +40,15 @@ def run(options: Namespace) -> int:
 
 
 def print_camera(photo: Photo) -> None:
-    """A photo's calibrated camera."""
-    from poseviewer.geometry.frames import camera_as_integer_centres
-
+    """Print a photo's calibrated camera."""
     assert photo.camera is not None  # asked for calibrated photos alone
-    camera, undistortion = camera_as_integer_centres(photo.camera), photo.undistortion
-    whose, lens = "calibrated", "no distortion: the photo stays as taken"
-    if undistortion is not None:
-        whose, found = "of the undistorted photo", undistortion.lens
-        lens = f"{found.model}, {', '.join(f'{value:.6g}' for value in found.coefficients)}"
+    whose, distortion = "calibrated", "no distortion: the photo stays as taken"
+    if photo.undistortion is not None:
+        whose, lens = "of the undistorted photo", photo.undistortion.lens
+        distortion = f"{lens.model}, {', '.join(f'{value:.6g}' for value in lens.coefficients)}"
     if photo.covered is not None:
-        lens += f"; the undistorted photo is black in {1.0 - photo.covered.mean():.1%}"
-    _print(
-        camera=f"fx {camera.fx:.6g}, fy {camera.fy:.6g}, cx {camera.cx:.6g}, cy {camera.cy:.6g} px "
-        f"(pixel centres at integers), {whose}",
-        distortion=lens,
-    )
+        distortion += f"; the undistorted photo is black in {1.0 - photo.covered.mean():.1%}"
+    _print(camera=f"{_camera(photo.camera)}, {whose}", distortion=distortion)
 
 
 def _print_photo(path: Path, calibration: Calibration | None) -> None:
@@ -81,8 +75,7 @@ def _print_model(path: Path) -> None:
     from poseviewer.files.symmetry import load_symmetry
 
     mesh = load_mesh(path)
-    keypoints = load_keypoints(path, mesh)
-    low, high = mesh.bounds
+    keypoints, symmetry = load_keypoints(path, mesh), load_symmetry(path, mesh)
     wheels = "none known: the free-body chart is used"
     if keypoints is not None:
         wheels = f"wheelbase {keypoints.left.wheelbase:.4g}: the vehicle chart is used"
@@ -91,12 +84,11 @@ def _print_model(path: Path) -> None:
     reflectance = "colours of the file" if mesh.has_reflectance else "none: constant"
     if mesh.textures:
         reflectance = f"{len(mesh.textures)} texture(s)"
-    symmetry = load_symmetry(path, mesh)
     _print(
         model=path.name,
         triangles=f"{len(mesh.faces):,} on {len(mesh.vertices):,} vertices",
         parts=f"{len(names)}: {', '.join(names[:8] + more)}",
-        box=f"{_vector(low)} to {_vector(high)}, diagonal {mesh.diameter:.6g}",
+        box=f"{' to '.join(map(_vector, mesh.bounds))}, diagonal {mesh.diameter:.6g}",
         unit=mesh.unit or "not said in the file",
         reflectance=reflectance,
         wheels=wheels,
@@ -128,37 +120,30 @@ def _print_scene(path: Path) -> None:
 def _print_pose(path: Path) -> None:
     from poseviewer.files.pose import load_pose
     from poseviewer.files.scene_file import scene_of_pose
-    from poseviewer.geometry.camera import Perspective
-    from poseviewer.geometry.frames import camera_as_integer_centres
+    from poseviewer.files.structs import projection_of
 
-    record = load_pose(path)
-    camera = camera_as_integer_centres(record.pose.camera)
-    transform = record.pose.camera_from_model
-    kind = "perspective" if isinstance(camera, Perspective) else "parallel"
-    scales = ("fx", "fy") if isinstance(camera, Perspective) else ("scale",)
-    scale = ", ".join(f"{name} {getattr(camera, name):.6g}" for name in scales)
-    photo = (record.photo.file if record.photo else None) or "not said"
+    record, unknown = load_pose(path), "not said"
+    transform, sure = record.pose.camera_from_model, record.covariance
+    photo = (record.photo.file if record.photo else None) or unknown
     if record.photo and record.photo.width and record.photo.height:
         photo += f", {record.photo.width} x {record.photo.height} px"
     distortion = "none: the camera is that of the photo as taken"
     if record.undistortion is not None:
         model = record.undistortion.lens.model
         distortion = f"{model}, undone: the camera is that of the undistorted photo"
-    count, sure = len(scene_of_pose(path, record).views), record.covariance
-    unexplained = "not said"
-    if record.unexplained is not None:
-        unexplained = f"{record.unexplained:.3f} (0: all explained, 1: nothing)"
+    unexplained = f"{record.unexplained or 0.0:.3f} (0: all explained, 1: nothing)"
+    count = len(scene_of_pose(path, record).views)
     _print(
         pose=path.name,
         photo=photo,
-        model=(record.model.file if record.model else None) or "not said",
-        projection=kind,
-        camera=f"{scale}, cx {camera.cx:.6g}, cy {camera.cy:.6g} px (pixel centres at integers)",
+        model=(record.model.file if record.model else None) or unknown,
+        projection=projection_of(record.pose.camera),
+        camera=_camera(record.pose.camera),
         distortion=distortion,
         rotation="; ".join(_vector(row) for row in transform.rotation) + " (camera_from_model)",
         translation=f"{_vector(transform.translation)} (camera_from_model)",
-        unexplained=unexplained,
-        verdict="not said" if record.verdict is None else record.verdict.word,
+        unexplained=unknown if record.unexplained is None else unexplained,
+        verdict=unknown if record.verdict is None else record.verdict.word,
         sure=() if sure is None else sure.words(record.model and record.model.unit),
         mask=record.mask or (),
         without=record.without,
@@ -166,6 +151,14 @@ def _print_pose(path: Path) -> None:
         symmetry=record.symmetry.words or (),
         note=record.warnings,
     )
+
+
+def _camera(camera: Camera) -> str:
+    from poseviewer.files.structs import CameraNumbers
+
+    numbers = msgspec.to_builtins(CameraNumbers.of(camera))
+    shown = ", ".join(f"{name} {value:.6g}" for name, value in numbers.items())
+    return f"{shown} px (pixel centres at integers)"
 
 
 def _vector(values: Iterable[float]) -> str:

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from argparse import Namespace
 
+from poseviewer.cli import options as table
 from poseviewer.cli.case import open_scene
-from poseviewer.cli.options import FILES, SCENE, option
 from poseviewer.cli.terminal import progress_bar, say
 from poseviewer.files.writing import make_folder
 
 OPTIONS = {
     "": (
-        *FILES,
-        option("--pose POSE.json", "the middle of the maps"),
-        option("--object ID", "of the scene: which one"),
-        option("--out FOLDER", required=True),
-        option("--size POINTS", "a side (41)", default=41),
-        option("--range SHARE", "half width (0.2: 20 %%)", default=0.2),
-        option("--lock NAME,...", "parameters to leave out"),
+        *table.FILES,
+        table.POSE,
+        table.OBJECT,
+        table.option("--out FOLDER", required=True),
+        table.option("--size POINTS", "a side (41)", default=41),
+        table.option("--range SHARE", "half width (0.2: 20 %%)", default=0.2),
+        table.option("--lock NAME,...", "parameters to leave out"),
     ),
-    **SCENE,
+    **table.SCENE,
 }
 
 

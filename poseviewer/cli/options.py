@@ -8,11 +8,12 @@ that ``made`` takes its value there.
 from __future__ import annotations
 
 from argparse import ArgumentTypeError, Namespace, _ActionsContainer
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
+from poseviewer.errors import SettingsError
 from poseviewer.fit.settings import CHOICES, Limits
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay import LOOKS
@@ -21,9 +22,9 @@ T = TypeVar("T")
 
 
 def _value(
-    read: Callable[[str], T], wanted: str, allowed: Callable[[T], bool]
+    read: Callable[[str], T], wanted: str, allowed: Callable[[T], bool] = lambda _: True
 ) -> Callable[[str], T]:
-    """A reader of an option's value, which refuses what is not ``wanted`` in a few words."""
+    """Return a reader of a value, which refuses what is not ``wanted`` in a few words."""
 
     def value(text: str) -> T:
         try:
@@ -38,17 +39,17 @@ def _value(
 
 
 def listed(kind: Callable[[str], T]) -> Callable[[str], tuple[T, ...]]:
-    """Several values, with commas between them."""
+    """Return a reader of several values, with commas between them."""
     return lambda text: tuple(kind(part.strip()) for part in text.split(","))
+
+
+def some_of(names: Iterable[str]) -> Callable[[str], tuple[str, ...]]:
+    """Return a reader of several of these names."""
+    return listed(_value(str, f"one of {', '.join(names)}", lambda name: name in names))
 
 
 positive = _value(float, "a number above 0", lambda value: 0.0 < value < float("inf"))
 whole = _value(int, "a whole number above 0", lambda value: value > 0)
-size = _value(
-    lambda text: tuple(int(side) for side in text.lower().split("x")),
-    "a size, such as 1920x1080",
-    lambda sides: len(sides) == 2 and min(sides) > 0,
-)
 RECTANGLE = "LEFT,TOP,WIDTH,HEIGHT"
 READERS: Mapping[str, Callable[[str], Any]] = {
     **dict.fromkeys(("ADDRESS", "HOST", "ID", "ID|NUMBER", "NAME", "NAME|NUMBER", "PART"), str),
@@ -57,56 +58,65 @@ READERS: Mapping[str, Callable[[str], Any]] = {
     "N": whole,
     "N,...": listed(whole),
     "NAME,...": lambda text: tuple(name for part in text.split(",") if (name := part.strip())),
-    "PERCENT,...": listed(positive),
+    "PERCENT,...": listed(_value(float, "a number from 0 to 100", lambda value: 0 < value <= 100)),
     "PORT": _value(int, "a port, from 0 to 65535", lambda value: 0 <= value <= 65535),
     "POINTS": _value(int, "an odd number from 3 to 401", lambda value: value in range(3, 402, 2)),
     "SEED": _value(int, "a whole number of 0 or more", lambda value: value >= 0),
-    "WIDTHxHEIGHT": size,
+    "WIDTHxHEIGHT": _value(
+        lambda text: tuple(int(side) for side in text.lower().split("x")),
+        "a size, such as 1920x1080",
+        lambda sides: len(sides) == 2 and min(sides) > 0,
+    ),
     RECTANGLE: _value(
-        lambda text: Rectangle(*listed(int)(text)),
-        "four whole numbers, left,top,width,height",
-        lambda _: True,
+        lambda text: Rectangle(*listed(int)(text)), "four whole numbers, left,top,width,height"
     ),
 }
 """Readers of values by what a usage calls the value; those of other names are paths."""
 
 
-Option = Callable[[_ActionsContainer], object]
-"""Anything that adds an argument: a parser, or a group of it."""
-Options = Mapping[str, Sequence[Option]]
+class Option(NamedTuple):
+    """An option of a command, or a positional argument."""
+
+    flag: str
+    settings: Mapping[str, Any]
+    """Settings of ``add_argument``."""
+
+    @property
+    def name(self) -> str:
+        """The attribute of the options as parsed."""
+        return self.settings.get("dest") or self.flag.lstrip("-").replace("-", "_")
+
+
+Group = Sequence["Option | Group"]
+"""Options; of those in a group inside a group one alone may be given."""
+Options = Mapping[str, Group]
 
 
 def option(
-    usage: str, text: str | None = None, choices: Sequence[str] | None = None, **more: Any
+    usage: str, text: str | None = None, choices: Iterable[str] | None = None, **more: Any
 ) -> Option:
     """Make ``--name VALUE``, read as ``READERS`` has it, ``--name`` with choices, the flag
     ``--name``, or a positional ``name SHOWN``.
     """
-    name, _, shown = usage.partition(" ")
+    flag, _, shown = usage.partition(" ")
     if choices is not None:
-        more["choices"] = choices
+        more["choices"] = tuple(choices)
     elif shown:
-        more["type"] = READERS.get(shown, Path)
+        more = {"type": READERS.get(shown, Path), **more}
     else:
         more["action"] = "store_true"
     if shown:
         more["metavar"] = shown
-    return lambda group: group.add_argument(name, help=text, **more)
+    return Option(flag, {"help": text, **more})
 
 
-def one_of(*options: Option) -> Option:
-    """Make options of which one alone may be given."""
-
-    def add(group: _ActionsContainer) -> None:
-        add_all(group.add_mutually_exclusive_group(), options)
-
-    return add
-
-
-def add_all(group: _ActionsContainer, options: Sequence[Option]) -> None:
+def add_all(parser: _ActionsContainer, group: Group) -> None:
     """Add options to a parser, or a group of it."""
-    for add in options:
-        add(group)
+    for one in group:
+        if isinstance(one, Option):
+            parser.add_argument(one.flag, **one.settings)
+        else:
+            add_all(parser.add_mutually_exclusive_group(), one)
 
 
 QUIET = option("--quiet", "no progress, no notes")
@@ -122,52 +132,46 @@ PIXELS = option(
     "paper's clipped loss; its default)",
     CHOICES["pixels"],
 )
+REFLECTANCE = option("--colour-reflectance", "RGB reflectance of the model (m = 12)")
 MASK = option("--mask MASK.png", "weights: white counts")
 OUT = "a part to leave out (of a scene: ID:PART); again for more"
 WITHOUT = option("--without PART", OUT, action="append")
-COMPARED: Options = {
-    "what is compared": (
-        option("--chart", None, CHOICES["chart"]),
-        option("--free-focal", "find the focal length as well"),
-        option("--grey", "compare grey, not RGB"),
-        option("--colour-reflectance", "RGB reflectance of the model (m = 12)"),
-        PIXELS,
-        option(f"--region {RECTANGLE}", "in px"),
-        MASK,
-        WITHOUT,
-        option("--renderer", "(software); gpu is experimental", CHOICES["renderer"]),
-    )
-}
+COMPARED = (
+    option("--chart", None, CHOICES["chart"]),
+    option("--free-focal", "find the focal length as well"),
+    option("--grey", "compare grey, not RGB"),
+    REFLECTANCE,
+    PIXELS,
+    option(f"--region {RECTANGLE}", "in px"),
+    MASK,
+    WITHOUT,
+    option("--renderer", "(software); gpu is experimental", CHOICES["renderer"]),
+)
 EVALUATIONS = option("--evaluations N", f"limit ({Limits().evaluations})")
 LIMITS = (EVALUATIONS, option("--seconds SECONDS", f"limit ({Limits().seconds:g})"))
 ESTIMATE = "the start is an estimate: give it back where the end is not sure to be better"
 KEEP_START = option("--keep-start", ESTIMATE)
 SETS = "in place of PHOTO: SET.json, COLMAP's folder, transforms.json, a BOP scene"
-VIEWS: Options = {
-    "several photos, one pose": (
-        option("--views SET", SETS),
-        option("--view NAME", "the photo of --pose (the one that its file names)"),
-        option("--photos NAME,...", "which of the set's photos (all)"),
-        option("--scale LENGTHS", "of the model's unit in one of the set's"),
-        option("--photo-folder FOLDER", "of COLMAP's photos"),
-        option("--rig-object N", "the object of a BOP scene that tells how its camera moved"),
-    )
-}
-OF_VIEWS = ("view", "photos", "scale", "photo_folder", "rig_object")
-"""Options that go with ``--views``."""
+OF_VIEWS = (
+    option("--view NAME", "the photo of --pose (the one that its file names)"),
+    option("--photos NAME,...", "which of the set's photos (all)"),
+    option("--scale LENGTHS", "of the model's unit in one of the set's"),
+    option("--photo-folder FOLDER", "of COLMAP's photos"),
+    option("--rig-object N", "the object of a BOP scene that tells how its camera moved"),
+)
 CAMERAS = (
     "camera and lens, from OpenCV's YAML, XML or JSON, COLMAP's cameras.txt or .bin, BOP's "
     "camera.json or scene_camera.json; the photo is undistorted by it"
 )
+CALIBRATION = option("--calibration FILE", CAMERAS)
 FISHEYE = "the lens is of OpenCV's fisheye model, where the file does not say so"
-CAMERA: Options = {
-    "the photo's camera": (
-        option("--calibration FILE", CAMERAS),
-        option("--calibration-camera NAME", "which of the file's cameras"),
-        option("--calibration-fisheye", FISHEYE),
-    )
-}
-SCENE: Options = {**CAMERA, **VIEWS, **COMPARED}
+OF_CALIBRATION = (
+    option("--calibration-camera NAME", "which of the file's cameras"),
+    option("--calibration-fisheye", FISHEYE),
+)
+CAMERA: Options = {"the photo's camera": (CALIBRATION, *OF_CALIBRATION)}
+VIEWS: Options = {"several photos, one pose": (option("--views SET", SETS), *OF_VIEWS)}
+SCENE: Options = {**CAMERA, **VIEWS, "what is compared": COMPARED}
 """Options that ``case.open_scene`` reads besides ``FILES`` and a pose."""
 OTHERS = "serve others than this machine as well; the address then bears a token"
 SERVER = (
@@ -175,6 +179,29 @@ SERVER = (
     option("--host HOST", OTHERS, default="127.0.0.1"),
     option("--no-browser", "do not open the browser"),
 )
+OBJECT = option("--object ID", "of the scene: which one")
+POSE = option("--pose POSE.json", "a pose file")
+BOX = option(f"--box {RECTANGLE}", "about the object, px")
+FOCAL = option("--focal PX", "where no pose file says it (EXIF's)")
+STARTS = (
+    POSE,
+    option("--pairs FILE", "CSV, rows x,y,z,u,v: model, photo point"),
+    option(
+        "--wheels REAR;FRONT", "their ellipses, each cx,cy,a,b,angle (half axes in px, degrees)"
+    ),
+    option(f"--find-wheels {RECTANGLE}", "look for both in a rectangle about the car, px"),
+    option("--start", "look for one in the --box, or the --region", ("auto",)),
+)
+"""Options that say where the model starts."""
+OF_A_PHOTO = (MASK, CALIBRATION, BOX, FOCAL)
+"""Options that a set of photos, or a scene, says itself."""
+
+
+def refuse(options: Namespace, group: Iterable[Option], why: str) -> None:
+    """Refuse the options of a group, where they are given."""
+    for one in group:
+        if getattr(options, one.name, None) not in (None, False):
+            raise SettingsError(f"{one.flag} {why}")
 
 
 def made(of: Callable[..., T], options: Namespace, /, **more: Any) -> T:

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 from argparse import Namespace
 
+from poseviewer.cli import options as table
 from poseviewer.cli.case import open_scene
-from poseviewer.cli.options import FILES, LOOK, SCENE, option
 from poseviewer.cli.terminal import require_writable, say
 from poseviewer.errors import PhotoFileError
 
 OPTIONS = {
-    "": (
-        *FILES,
-        option("--pose POSE.json", "where to draw it"),
-        option("--out OVERLAY.png", required=True),
-        LOOK,
-    ),
-    **SCENE,
+    "": (*table.FILES, table.POSE, table.option("--out OVERLAY.png", required=True), table.LOOK),
+    **table.SCENE,
 }
 
 

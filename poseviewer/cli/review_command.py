@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from argparse import Namespace
 
-from poseviewer.cli.options import SERVER, option
+from poseviewer.cli import options as table
 from poseviewer.cli.terminal import say
 
-OPTIONS = {"": (option("folder FOLDER"), *SERVER)}
+OPTIONS = {"": (table.option("folder FOLDER"), *table.SERVER)}
 
 
 def run(options: Namespace) -> int:

@@ -5,55 +5,49 @@ study.md. Rows that are there are not run again.
 from __future__ import annotations
 
 from argparse import Namespace
+from pathlib import Path
 
-from poseviewer.cli.case import refuse, refuse_with_paper
-from poseviewer.cli.options import (
-    EVALUATIONS,
-    METHOD,
-    PIXELS,
-    QUIET,
-    made,
-    option,
-)
+from poseviewer.cli import options as table
+from poseviewer.cli.case import refuse_with_paper
 from poseviewer.cli.terminal import ignore, progress_bar, say, tell
 from poseviewer.errors import EXIT_INTERRUPTED, SettingsError
+from poseviewer.evaluation.plan import KINDS, READINGS, Plan
 from poseviewer.fit.settings import Limits
 
-GROUPS = {
-    "": ("starts", "deviations", "readings", "kinds", "photos", "size", "model", "seed"),
-    "real": ("degrees", "cases", "draws", "among_others"),
-    "bop": ("dataset",),
-}
-"""Options of one study alone, by the option that chooses it."""
+PLAN = Plan(out=Path())
+SMALLEST_SIDE_PX = 32
+
 OPTIONS = {
     "": (
-        option("--out DIR", required=True),
-        METHOD,
-        PIXELS,
-        EVALUATIONS,
-        option("--jobs N", "processes (one per processor)"),
-        QUIET,
+        table.option("--out DIR", required=True),
+        table.METHOD,
+        table.PIXELS,
+        table.EVALUATIONS,
+        table.option("--jobs N", "processes (one per processor)"),
+        table.QUIET,
     ),
     "deviations of a vehicle's parameters": (
-        option("--starts N", "for each point (10)"),
-        option("--deviations PERCENT,..."),
-        option("--readings NAME,...", "relative,absolute"),
-        option("--kinds NAME,...", "plain,background,photo-parallel,photo-perspective"),
-        option("--photos N", "synthetic ones of a kind (5)"),
-        option("--size WIDTHxHEIGHT", "of these (640x480)"),
-        option("--model MODEL", "a vehicle, for these (the bundled one)"),
-        option("--seed SEED"),
+        table.option("--starts N", f"for each point ({PLAN.starts})"),
+        table.option("--deviations PERCENT,..."),
+        table.option("--readings NAME,...", ",".join(READINGS), type=table.some_of(READINGS)),
+        table.option("--kinds NAME,...", ",".join(KINDS), type=table.some_of(KINDS)),
+        table.option("--photos N", f"synthetic ones of a kind ({PLAN.photos})"),
+        table.option("--size WIDTHxHEIGHT", "of these ({}x{})".format(*PLAN.size)),
+        table.option("--model MODEL", "a vehicle, for these (the bundled one)"),
+        table.option("--seed SEED"),
     ),
     "real photos with fixed starts": (
-        option("--real FOLDER", "of cases.json and starts.json"),
-        option("--degrees N,...", "(5,15)"),
-        option("--cases PATTERN", "a part of the id, or with * and ?"),
-        option("--draws N", "starts of each case (5)"),
-        option("--among-others", "give the true poses of the other cases, for what they hide"),
+        table.option("--real FOLDER", "of cases.json and starts.json"),
+        table.option("--degrees N,...", f"({','.join(map(str, PLAN.degrees))})"),
+        table.option("--cases PATTERN", "a part of the id, or with * and ?"),
+        table.option("--draws N", f"starts of each case ({PLAN.draws})"),
+        table.option(
+            "--among-others", "give the true poses of the other cases, for what they hide"
+        ),
     ),
     "published estimates of a BOP data set": (
-        option("--bop ESTIMATES", "a table of BOP results; fits start from it"),
-        option("--dataset FOLDER", "of models and test (above the table)"),
+        table.option("--bop ESTIMATES", "a table of BOP results; fits start from it"),
+        table.option("--dataset FOLDER", "of models and test (above the table)"),
     ),
 }
 
@@ -61,10 +55,10 @@ OPTIONS = {
 def run(options: Namespace) -> int:
     """Print the table."""
     _refuse_of_others(options)
-    from poseviewer.evaluation.study import Plan, open_study, write_report
+    from poseviewer.evaluation.study import open_study, write_report
     from poseviewer.render.pool import processors
 
-    plan = made(Plan, options, limits=made(Limits, options))
+    plan = table.made(Plan, options, limits=table.made(Limits, options))
     try:
         run = open_study(plan, ignore if options.quiet else tell)
         with progress_bar(len(run.left), options.quiet) as bar:
@@ -83,8 +77,11 @@ def _refuse_of_others(options: Namespace) -> None:
     refuse_with_paper(options)
     if options.real and options.bop:
         raise SettingsError("--real and --bop are two studies; leave one of them out")
-    chosen = "real" if options.real else "bop" if options.bop else ""
-    for study, own in GROUPS.items():
-        if study != chosen:
-            where = f"--{study}" if study else "synthetic photos"
-            refuse(options, own, f"goes with {where}; leave it out")
+    if options.size and min(options.size) < SMALLEST_SIDE_PX:
+        raise SettingsError(f"--size: each side needs {SMALLEST_SIDE_PX} px at least")
+    _, synthetic, (real, *of_real), (bop, *of_bop) = OPTIONS.values()
+    is_other = bool(options.real or options.bop)
+    table.refuse(options, synthetic if is_other else (), "goes with synthetic photos; leave it out")
+    for chosen, own in ((real, of_real), (bop, of_bop)):
+        if not getattr(options, chosen.name):
+            table.refuse(options, own, f"goes with {chosen.flag}; leave it out")

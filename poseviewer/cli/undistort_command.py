@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from argparse import Namespace
 
+from poseviewer.cli import options as table
 from poseviewer.cli.case import calibration_of
-from poseviewer.cli.options import CAMERA, option
 from poseviewer.cli.terminal import require_writable, say
 from poseviewer.errors import PhotoFileError, SettingsError
 
 OPTIONS = {
     "": (
-        option("photo PHOTO"),
-        option("--out UNDISTORTED.png", required=True),
+        table.option("photo PHOTO"),
+        table.option("--out UNDISTORTED.png", required=True),
     ),
-    **CAMERA,
+    **table.CAMERA,
 }
 
 

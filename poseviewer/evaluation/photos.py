@@ -6,7 +6,6 @@ import math
 import zlib
 from functools import cache
 from pathlib import Path
-from typing import Literal
 
 import cv2
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError, SingularChartError
 from poseviewer.evaluation.cases import Case
+from poseviewer.evaluation.plan import Kind, Reading
 from poseviewer.evaluation.synthetic import photograph, random_lighting
 from poseviewer.evaluation.trials import open_model
 from poseviewer.files.demo import demo_case
@@ -30,21 +30,6 @@ from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 
-Kind = Literal["plain", "background", "photo-parallel", "photo-perspective"]
-KINDS: dict[Kind, str] = {
-    "plain": "synthetic, plain black ground",
-    "background": "synthetic, real background",
-    "photo-parallel": "photo, parallel",
-    "photo-perspective": "photo, perspective, 7 numbers",
-}
-"""Labels in tables. The first two are drawn by OpenGL, the others are the demo's photos.
-
-``plain`` is black, as the paper's unclipped loss has it: there the ground looks like a black part
-of the model."""
-DRAWN = ("plain", "background")
-Reading = Literal["relative", "absolute"]
-"""``relative``: each parameter is off by up to a share of its own value, as in the paper.
-``absolute``: by up to that share of its scale, which is harder for parameters near 0."""
 QUALITY = {"highlights": 0.4, "blur_px": 0.7, "noise": 2.0}
 MARGIN_PX, INPAINT_PX = (81, 141), 5
 """Width and height by which the demo's car and shadow are dilated; radius of the inpainting."""

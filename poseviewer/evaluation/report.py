@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.stats import binomtest
 
-from poseviewer.evaluation.photos import KINDS
+from poseviewer.evaluation.plan import KINDS
 from poseviewer.evaluation.trials import FOUND_PERCENT, Trial
 from poseviewer.figures.text_table import Table
 from poseviewer.fit.progress import Status

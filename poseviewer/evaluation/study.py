@@ -1,26 +1,18 @@
-"""A study: its plan, its folder, trials on all processors (a row each as soon as it is done)."""
+"""A study: its folder, trials on all processors (a row each as soon as it is done)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
 from poseviewer.errors import PoseFileError, SettingsError
 from poseviewer.evaluation.bop_estimates import bop_folder, bop_tasks
 from poseviewer.evaluation.cases import CASES, STARTS, Case, load_cases, load_starts
-from poseviewer.evaluation.photos import (
-    DRAWN,
-    KINDS,
-    Kind,
-    Reading,
-    demo_photo,
-    draw_start,
-    make_photos,
-    make_seed,
-)
+from poseviewer.evaluation.photos import demo_photo, draw_start, make_photos, make_seed
+from poseviewer.evaluation.plan import DRAWN, Kind, Plan
 from poseviewer.evaluation.report import bop_table, study_table
 from poseviewer.evaluation.trials import KEY, Task, Trial, open_model, run_all
 from poseviewer.figures.text_table import Table
@@ -29,115 +21,16 @@ from poseviewer.files.demo import demo_case
 from poseviewer.files.formats.bop_models import MODELS_INFO
 from poseviewer.files.table import RowTable
 from poseviewer.files.writing import make_folder, sha256_of, write_json, write_whole
-from poseviewer.fit.settings import FitSettings, Limits, Method, PixelsName
+from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Pose
 
-ABOUT, TRIALS, SUMMARY, PHOTOS = (
-    *("study.json", "trials.csv", "study.md"),
-    "photos",
-)
-READINGS: tuple[Reading, ...] = get_args(Reading)
-SMALLEST_SIDE_PX, LARGEST_PERCENT = 32, 100.0
+ABOUT, TRIALS, SUMMARY, PHOTOS = "study.json", "trials.csv", "study.md", "photos"
 EXPLAINED = (
     "Found: within 1 px where OpenGL drew the photo, else within the accuracy of the truth + 1 % "
     "of the model's size in the photo, as which errors at start and end (medians) are given. Made "
     "worse: by more than 1 % and that accuracy. Called found: by the verdict; wrongly: what is not "
     "within + 2 %."
 )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
-    """Plan of a study: the paper's deviations of a vehicle's parameters; with ``real`` fixed
-    starts on photos with known poses; with ``bop`` published estimates.
-    """
-
-    out: Path
-    method: Method = "default"
-    pixels: PixelsName | None = None
-    """None: all that the method has for a kind of photo."""
-    limits: Limits = field(default_factory=Limits)
-    starts: int = 10
-    """For each kind of photo, pixels, reading and deviation."""
-    photos: int = 5
-    """Synthetic ones of each kind; starts take turns on them."""
-    deviations: tuple[float, ...] = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
-    """Per cent."""
-    readings: tuple[Reading, ...] = READINGS
-    kinds: tuple[Kind, ...] = tuple(KINDS)
-    size: tuple[int, int] = (640, 480)
-    """Size of synthetic photos, px."""
-    model: Path | None = None
-    """Model of a vehicle for synthetic photos; None: the bundled one."""
-    seed: int = 0
-    real: Path | None = None
-    """Folder of ``cases.json`` and ``starts.json``."""
-    degrees: tuple[int, ...] = (5, 15)
-    cases: str = ""
-    """A pattern of their ids, see ``load_cases``; empty: all."""
-    draws: int = 5
-    among_others: bool = False
-    """Whether the true poses of the other cases of each photo are given."""
-    bop: Path | None = None
-    """A table of BOP results."""
-    dataset: Path | None = None
-    """Folder of ``models`` and ``test``; None: the nearest above the table."""
-
-    def __post_init__(self) -> None:
-        for name, known in (("readings", READINGS), ("kinds", KINDS)):
-            for item in getattr(self, name):
-                if item not in known:
-                    raise SettingsError(f"--{name} {item}: there are {', '.join(known)}")
-        if max(self.deviations) > LARGEST_PERCENT:
-            raise SettingsError(f"--deviations {max(self.deviations):g}: 100 % is the most")
-        if min(self.size) < SMALLEST_SIDE_PX:
-            raise SettingsError(f"--size: each side needs {SMALLEST_SIDE_PX} px at least")
-
-    def settings(self, kind: Kind) -> list[FitSettings]:
-        """Settings of fits of a kind.
-
-        The paper's method takes the whole photo on black ground, as the paper did; both sets of
-        pixels on another background; the clipped one on the demo's photos.
-        """
-        names: tuple[PixelsName, ...]
-        if self.pixels:
-            names = (self.pixels,)
-        elif self.method == "default":
-            names = ("near",)
-        else:
-            names = {"plain": ("whole",), "background": ("whole", "clip")}.get(kind, ("clip",))
-        return [
-            FitSettings(self.method, "vehicle", pixels=name, limits=self.limits) for name in names
-        ]
-
-    @property
-    def free_body_settings(self) -> FitSettings:
-        """Settings of fits of models that may be no vehicles."""
-        pixels = self.pixels or "near"
-        return FitSettings(self.method, "free-body", pixels=pixels, limits=self.limits)
-
-    @property
-    def kind(self) -> Literal["deviations", "real", "bop"]:
-        """Name of the study."""
-        return "bop" if self.bop else "real" if self.real else "deviations"
-
-    def about(self) -> dict[str, Any]:
-        """Describe what all rows of a folder have in common."""
-        files, more = [self.model or demo_case().model], {}
-        if self.bop:
-            files = [self.bop, bop_folder(self.bop, self.dataset) / "models" / MODELS_INFO]
-        elif self.real:
-            files, more = (
-                [self.real / CASES, self.real / STARTS],
-                {"among_others": self.among_others},
-            )
-        else:
-            more = {"size": [*self.size], "photos": self.photos, "seed": self.seed}
-        for path in files:
-            if not path.is_file():
-                raise PoseFileError(f"{path}: there is no such file; name one that is there")
-        hashes = {path.name: sha256_of(path) for path in files}
-        return {"evaluations": self.limits.evaluations, "study": self.kind, **more, "files": hashes}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,9 +56,9 @@ class Run:
 
 def open_study(plan: Plan, tell: Callable[[str], None]) -> Run:
     """Make the photos, or read cases and starts; see which trials are left."""
-    about, targets = plan.about(), 0
+    about, targets = _about(plan), 0
     tasks: Sequence[Task] = ()
-    settings = plan.free_body_settings
+    (settings, *_) = plan.settings()
     if plan.bop:
         folder = bop_folder(plan.bop, plan.dataset)
         tasks, targets = bop_tasks(plan.bop, folder, replace(settings, keep_start=True))
@@ -242,6 +135,25 @@ def real_tasks(
                 off = start.degrees, start.draw
                 tasks.append(Task(case, pose, settings, "", 0.0, *off, others))
     return tasks
+
+
+def _about(plan: Plan) -> dict[str, Any]:
+    """Describe what all rows of a folder have in common."""
+    files, more = [plan.model or demo_case().model], {}
+    if plan.bop:
+        files = [plan.bop, bop_folder(plan.bop, plan.dataset) / "models" / MODELS_INFO]
+    elif plan.real:
+        files, more = (
+            [plan.real / CASES, plan.real / STARTS],
+            {"among_others": plan.among_others},
+        )
+    else:
+        more = {"size": [*plan.size], "photos": plan.photos, "seed": plan.seed}
+    for path in files:
+        if not path.is_file():
+            raise PoseFileError(f"{path}: there is no such file; name one that is there")
+    hashes = {path.name: sha256_of(path) for path in files}
+    return {"evaluations": plan.limits.evaluations, "study": plan.kind, **more, "files": hashes}
 
 
 def _open_folder(out: Path, about: Mapping[str, Any]) -> None:

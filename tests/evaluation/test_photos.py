@@ -7,7 +7,7 @@ import pytest
 
 from poseviewer.errors import SingularChartError
 from poseviewer.evaluation.photos import demo_photo, draw_start, make_seed, random_view
-from poseviewer.evaluation.study import READINGS
+from poseviewer.evaluation.plan import READINGS
 from poseviewer.evaluation.trials import open_model
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.mesh.load import load_mesh

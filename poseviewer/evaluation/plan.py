@@ -1,0 +1,81 @@
+"""Plans of studies: what is fitted, from where, and how often."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, get_args
+
+from poseviewer.fit.settings import ChartName, FitSettings, Limits, Method, PixelsName
+
+Kind = Literal["plain", "background", "photo-parallel", "photo-perspective"]
+KINDS: dict[Kind, str] = {
+    "plain": "synthetic, plain black ground",
+    "background": "synthetic, real background",
+    "photo-parallel": "photo, parallel",
+    "photo-perspective": "photo, perspective, 7 numbers",
+}
+"""Labels in tables. The first two are drawn by OpenGL, the others are the demo's photos.
+
+``plain`` is black, as the paper's unclipped loss has it: there the ground looks like a black part
+of the model."""
+DRAWN = ("plain", "background")
+Reading = Literal["relative", "absolute"]
+"""``relative``: each parameter is off by up to a share of its own value, as in the paper.
+``absolute``: by up to that share of its scale, which is harder for parameters near 0."""
+READINGS: tuple[Reading, ...] = get_args(Reading)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """Plan of a study: the paper's deviations of a vehicle's parameters; with ``real`` fixed
+    starts on photos with known poses; with ``bop`` published estimates.
+    """
+
+    out: Path
+    method: Method = "default"
+    pixels: PixelsName | None = None
+    """None: all that the method has for a kind of photo."""
+    limits: Limits = field(default_factory=Limits)
+    starts: int = 10
+    """For each kind of photo, pixels, reading and deviation."""
+    photos: int = 5
+    """Synthetic ones of each kind; starts take turns on them."""
+    deviations: tuple[float, ...] = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+    """Per cent."""
+    readings: tuple[Reading, ...] = READINGS
+    kinds: tuple[Kind, ...] = tuple(KINDS)
+    size: tuple[int, int] = (640, 480)
+    """Size of synthetic photos, px."""
+    model: Path | None = None
+    """Model of a vehicle for synthetic photos; None: the bundled one."""
+    seed: int = 0
+    real: Path | None = None
+    """Folder of ``cases.json`` and ``starts.json``."""
+    degrees: tuple[int, ...] = (5, 15)
+    cases: str = ""
+    """A pattern of their ids, see ``load_cases``; empty: all."""
+    draws: int = 5
+    among_others: bool = False
+    """Whether the true poses of the other cases of each photo are given."""
+    bop: Path | None = None
+    """A table of BOP results."""
+    dataset: Path | None = None
+    """Folder of ``models`` and ``test``; None: the nearest above the table."""
+
+    @property
+    def kind(self) -> Literal["deviations", "real", "bop"]:
+        """Name of the study."""
+        return "bop" if self.bop else "real" if self.real else "deviations"
+
+    def settings(self, kind: Kind | None = None) -> list[FitSettings]:
+        """Settings of fits on a kind of photo of a vehicle; None: of models that may be none.
+
+        The paper's method takes the whole photo on black ground, as the paper did; both sets of
+        pixels on another background; the clipped one elsewhere.
+        """
+        chart: ChartName = "vehicle" if kind else "free-body"
+        pixels: tuple[PixelsName, ...] = (self.pixels or "near",)
+        if self.method == "paper" and not self.pixels and kind in DRAWN:
+            pixels = ("whole",) if kind == "plain" else ("whole", "clip")
+        return [FitSettings(self.method, chart, pixels=p, limits=self.limits) for p in pixels]
