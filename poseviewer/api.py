@@ -36,12 +36,11 @@ from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_file import save_scene
 from poseviewer.fit.compared import shown_attributes
 from poseviewer.fit.lighting import recover_lighting
-from poseviewer.fit.occlusion import behind
 from poseviewer.fit.problem import FitProblem, make_problem, numbers_of, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.scene import LoadedModel, SceneObject
 from poseviewer.fit.scene import Scene as SceneData
-from poseviewer.fit.search import Placing, Search, SearchProgress, unsearched_result
+from poseviewer.fit.search import Search, SearchProgress, unsearched_result
 from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.slices import Slice, landscape
 from poseviewer.fit.unexplained import LossScale, Unexplained
@@ -215,7 +214,7 @@ class Scene:
     """The view whose chart is used."""
     notes: tuple[str, ...] = ()
     """Notes for the user on how the files were read."""
-    placings: Mapping[int, Placing] = field(default_factory=dict)
+    placings: Mapping[int, FitProgress] = field(default_factory=dict)
     """The end of the last search for each object that was searched for."""
     before: Scene | None = field(default=None, repr=False)
     """The scene that was searched; None: it was not."""
@@ -300,14 +299,13 @@ class Scene:
     @property
     def progress(self) -> FitProgress | None:
         """The end of the search for the object; None for a pose that was not searched for."""
-        placing = self.placings.get(self._at)
-        return None if placing is None else placing.progress
+        return self.placings.get(self._at)
 
     @property
     def _made(self) -> tuple[FitProblem, tuple[str, ...]]:
-        at, placing = self._at, self.placings.get(self._at)
-        if at not in self._problems and placing is not None:
-            self._problems[at] = behind(placing.problem, placing.progress.hidden), ()
+        at = self._at
+        if at not in self._problems and self.progress is not None:
+            self._problems[at] = self.progress.problem, ()
         elif at not in self._problems:
             self._problems[at] = make_problem(self.data, at, self.view)
         return self._problems[at]
@@ -402,7 +400,7 @@ class Scene:
     @property
     def stopped(self) -> bool:
         """Whether it is what an interrupted search had found so far."""
-        return any(one.progress.status is Status.STOPPED for one in self.placings.values())
+        return any(one.status is Status.STOPPED for one in self.placings.values())
 
     @property
     def verdict(self) -> Verdict | None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
+from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.scene import LoadedModel, Scene, scene_at
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Pose
@@ -29,3 +31,8 @@ def scene_of(
 def by(scene: Scene, **settings: Any) -> Scene:
     """The scene whose object is fitted by settings."""
     return scene.with_object(0, settings=FitSettings(**settings))
+
+
+def locked(problem: FitProblem, *names: str) -> FitProblem:
+    """The problem whose search leaves numbers of the chart as they are."""
+    return replace(problem, settings=replace(problem.settings, lock=names))

@@ -77,9 +77,7 @@ def find_hidden(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> Hidde
 
 
 def behind(problem: FitProblem, hidden: Sequence[Hidden]) -> FitProblem:
-    """The problem without the pixels ``hidden`` in each of its views; empty: in none."""
-    if not hidden:
-        return problem
+    """The problem without the pixels ``hidden`` in each of its views."""
     return replace(problem, views=tuple(map(_behind, problem.views, hidden)))
 
 
@@ -94,7 +92,7 @@ def _behind(view: ComparedView, hidden: Hidden) -> ComparedView:
         larger = enlarged(hidden, photo.factor / fine.factor, width, height)
         fine = replace(fine, weights=fine.weights * ~larger)
     photo = structured(left, is_steep=photo.structure.is_steep)
-    return replace(view, photo=photo, fine_photo=fine)
+    return replace(view, photo=photo, fine_photo=fine, hidden=hidden)
 
 
 def enlarged(

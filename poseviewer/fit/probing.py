@@ -135,7 +135,8 @@ class Probe:
 def free_motions(problem: FitProblem, parameters: FloatArray, chart: FreeBodyChart) -> FloatArray:
     """(k, d): orthonormal motions that span what the search was free to change."""
     scales, motions = problem.chart.scales(parameters), []
-    for index in () if all(problem.free) else problem.free_indices:
+    is_all_free = len(problem.free_indices) == len(parameters)
+    for index in () if is_all_free else problem.free_indices:
         for sign in (1.0, -1.0):  # at the border of a chart one of them leads to no pose
             changed = parameters.copy()
             changed[index] += sign * SMALL_STEP * scales[index]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -12,8 +11,8 @@ from numpy.typing import NDArray
 from poseviewer.errors import SettingsError, SingularChartError
 from poseviewer.fit.compared import compared_levels
 from poseviewer.fit.loss import paper_loss, registration_loss, worst_registration_loss
-from poseviewer.fit.scene import PlacedModel, Scene
-from poseviewer.fit.settings import ChartName, FitSettings, Limits, Method
+from poseviewer.fit.scene import Scene
+from poseviewer.fit.settings import ChartName, FitSettings, Method
 from poseviewer.fit.unexplained import LossScale
 from poseviewer.fit.visibility import Hiding, hiding
 from poseviewer.geometry.arrays import FloatArray, frozen_array
@@ -24,18 +23,9 @@ from poseviewer.geometry.mesh import Mesh, hull_in_photo
 from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import ViewChart
-from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.render.types import Moments, PhotoAttributes, Renderer
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
-
-
-class Strategy(enum.Enum):
-    """Which stages a search has."""
-
-    FIRST = "all, from the user's start"
-    COARSE = "the coarsest level alone, from the user's start"
-    CONTINUE = "all but the coarsest level, from near the end of the search before"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,6 +39,9 @@ class ComparedView:
     """Finer pyramid level, without structure, on which a search is refined, if any."""
     index: int = 0
     """Number of the view in the scene."""
+    hidden: NDArray[np.bool_] | None = None
+    """(height, width): pixels of ``photo`` left out as something else is in front of the model
+    there; None: there was nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,28 +52,25 @@ class FitProblem:
     """The loss is their mean; the first view's chart names the parameters."""
     start: FloatArray
     """(d,): the chart's parameters of the start pose."""
-    free: tuple[bool, ...] = ()
-    """(d,): which parameters the search may change; empty: all."""
-    options: RestartOptions = field(default_factory=RestartOptions)
-    limits: Limits = field(default_factory=Limits)
-    seed: int = 0
-    method: Method = "default"
-    """Ours, or the paper's."""
-    strategy: Strategy = Strategy.FIRST
+    settings: FitSettings = field(default_factory=FitSettings)
     symmetry: Symmetry = NO_SYMMETRY
     """The model's: poses that differ by it are one."""
-    keep_start: bool = False
-    """Whether the start is given back where no end is sure to be better."""
     free_indices: NDArray[np.intp] = field(init=False, repr=False)
-    """The indices of the free parameters."""
+    """The indices of the parameters that the search may change."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "start", frozen_array(self.start, (len(self.chart.names),)))
-        if not self.free:
-            object.__setattr__(self, "free", (True,) * len(self.start))
-        if len(self.free) != len(self.start) or not any(self.free):
-            raise ValueError("`free` must name each parameter, and free one at least")
-        object.__setattr__(self, "free_indices", np.flatnonzero(self.free))
+        """Raises ``SettingsError``: the settings lock a parameter that there is not, or all."""
+        names, lock = self.chart.names, self.settings.lock
+        if unknown := sorted(set(lock) - set(names)):
+            raise SettingsError(
+                f"--lock {unknown[0]}: the {self.chart.name} chart has no such number; "
+                f"it has {', '.join(names)}"
+            )
+        free = np.flatnonzero([name not in lock for name in names])
+        if not len(free):
+            raise SettingsError("--lock holds every number of the chart; leave one free at least")
+        object.__setattr__(self, "start", frozen_array(self.start, (len(names),)))
+        object.__setattr__(self, "free_indices", free)
 
     @property
     def photo(self) -> PhotoAttributes:
@@ -135,7 +125,9 @@ def pose_loss(
         except OutsideChartError:
             losses.append(worst_registration_loss(view.photo))
             continue
-        losses.append(loss_of(problem.method, renderer.moments(pose, view.photo), view.photo))
+        losses.append(
+            loss_of(problem.settings.method, renderer.moments(pose, view.photo), view.photo)
+        )
     return _mean(losses)
 
 
@@ -194,7 +186,6 @@ def make_problem(
     else:
         charts = _view_charts(scene, index, order, settings)
         start = np.zeros(len(charts[0].names))
-    free = free_numbers(charts[0], settings)
     levels = _levels(scene, index, hidden, order, settings)
     if len({LossScale.of(photo) for photo, _ in levels}) > 1:  # one is grey: then all are
         levels = _levels(scene, index, hidden, order, replace(settings, grey=True))
@@ -202,18 +193,7 @@ def make_problem(
         ComparedView(photo, chart, fine, number)
         for (photo, fine), chart, number in zip(levels, charts, order, strict=True)
     )
-    problem = FitProblem(
-        views,
-        start,
-        free,
-        settings.options,
-        settings.limits,
-        settings.seed,
-        settings.method,
-        symmetry=model.symmetry,
-        keep_start=settings.keep_start,
-    )
-    return problem, tuple(notes)
+    return FitProblem(views, start, settings, model.symmetry), tuple(notes)
 
 
 def make_photo_attributes(scene: Scene) -> PhotoAttributes:
@@ -238,20 +218,26 @@ def numbers_of(chart: Chart, pose: Pose, scale: float = 1.0) -> FloatArray:
     return chart.from_pose(pose)
 
 
-def hidings(
-    scene: Scene, index: int, view: int = 0, poses: Mapping[int, Pose] | None = None
-) -> dict[int, Hiding | None]:
-    """Pixels that other objects hide of one, in each view that shows it at its place in the scene,
-    or at ``poses`` by the views' numbers; ``view`` comes first, and is there in any case.
+def moved(scene: Scene, index: int, problem: FitProblem, parameters: FloatArray) -> Scene:
+    """The scene with an object at ``parameters`` (d,) of its problem, without a result."""
+    chart = problem.chart
+    scale = 1.0 / chart.scale_at(parameters) if isinstance(chart, ViewChart) else None
+    # The first view comes last, as it has the pose; others may have focal lengths of their own.
+    for view in reversed(problem.views):
+        scene = scene.with_pose(index, view.chart.to_pose(parameters), view.index, scale)
+    return scene
+
+
+def hidings(scene: Scene, index: int, view: int = 0) -> dict[int, Hiding | None]:
+    """Pixels that other objects hide of one, in each view that shows it; ``view`` comes first, and
+    is there in any case.
     """
-    mesh = scene.objects[index].mesh
     hidden: dict[int, Hiding | None] = {}
     for number in (view, *(i for i in range(len(scene.views)) if i != view)):
-        pose = scene.pose(index, number) if poses is None else poses.get(number)
-        is_wanted = pose is not None and scene.in_view(index, number).is_compared
-        if pose is not None and (number == view or (is_wanted and is_seen(mesh, pose))):
+        placed, is_wanted = scene.placed(index, number), scene.in_view(index, number).is_compared
+        if number == view or (is_wanted and is_seen(placed.mesh, placed.pose)):
             occluders = scene.occluders(index, number)
-            hidden[number] = hiding(PlacedModel(mesh, pose), occluders) if occluders else None
+            hidden[number] = hiding(placed, occluders) if occluders else None
     return hidden
 
 
@@ -306,23 +292,6 @@ def _view_charts(
             ViewChart(reference, view.camera, turn, scene.free_scale, scale, focals, focal)
         )
     return charts
-
-
-def free_numbers(chart: Chart, settings: FitSettings) -> tuple[bool, ...]:
-    """Which of the chart's numbers a search may change.
-
-    Raises ``SettingsError``: it has not one that the settings lock, or none is left.
-    """
-    unknown = set(settings.lock) - set(chart.names)
-    if unknown:
-        raise SettingsError(
-            f"--lock {sorted(unknown)[0]}: the {chart.name} chart has no such number; "
-            f"it has {', '.join(chart.names)}"
-        )
-    free = tuple(name not in settings.lock for name in chart.names)
-    if not any(free):
-        raise SettingsError("--lock holds every number of the chart; leave one free at least")
-    return free
 
 
 def choose_chart(

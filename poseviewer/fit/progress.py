@@ -1,14 +1,12 @@
-"""The progress of a search, and of several searches one after another as one."""
+"""The progress of a search."""
 
 from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from poseviewer.confidence.verdict import Verdict
+from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.unexplained import LossScale
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
@@ -43,16 +41,16 @@ class FitProgress:
     """A search after one more evaluation: the best pose so far, and where it is looking.
 
     ``parameters``, ``pose`` and the losses are on the photo itself, the candidates on a pyramid
-    level.
+    level. Evaluations, restarts and seconds are those of all runs since the start.
     """
 
+    problem: FitProblem
+    """The problem, without the pixels that were taken for something in front of the model."""
     parameters: FloatArray
     """(d,): the best pose, in the problem's chart."""
     pose: Pose
     loss: float
     start_loss: float
-    scale: LossScale
-    """Scale of the losses."""
     candidates: FloatArray
     """(n, d): parameters that are compared now, the best first: a simplex, or the best of a
     population or of a model's samples."""
@@ -67,9 +65,18 @@ class FitProgress:
     """Times by which the candidates' photo is smaller."""
     verdict: Verdict | None = None
     """Whether the pose is right; given with the last progress of a ``search``."""
-    hidden: tuple[NDArray[np.bool_] | None, ...] = ()
-    """For each view, the pixels of the compared photo that were taken for something in front of the
-    model, and do not count; empty where there was nothing."""
+
+    @property
+    def scale(self) -> LossScale:
+        """Scale of the losses."""
+        return self.problem.scale
+
+    @property
+    def may_continue(self) -> bool:
+        """Whether the search has converged within its limits."""
+        limits = self.problem.settings.limits
+        is_left = self.evaluations < limits.evaluations and self.seconds < limits.seconds
+        return is_left and self.status is Status.CONVERGED
 
     @property
     def unexplained(self) -> float:
@@ -86,26 +93,9 @@ class FitProgress:
         """Text such as ``unexplained 0.170``; see ``LossScale.text``."""
         return self.scale.text(self.loss)
 
-
-def merge(
-    first: FitProgress | None, second: FitProgress, kept: FitProgress | None = None
-) -> FitProgress:
-    """The progress of two searches, one after the other, on the pixels of the first, with the pose
-    and, at the end, the verdict of the one that is ``kept``, by default the second.
-    """
-    if first is None:
-        return second
-    kept = second if kept is None else kept
-    return replace(
-        second,
-        parameters=kept.parameters,
-        pose=kept.pose,
-        loss=kept.loss,
-        start_loss=first.start_loss,
-        evaluations=first.evaluations + second.evaluations,
-        restart=first.restart + 1 + second.restart,
-        seconds=first.seconds + second.seconds,
-        status=first.status if second.status is Status.NOTHING_SEEN else second.status,
-        verdict=None if second.status is Status.RUNNING else kept.verdict,
-        hidden=first.hidden,
-    )
+    def keeping(self, other: FitProgress) -> FitProgress:
+        """The progress with the pose of another one and, at the end, its verdict."""
+        verdict = None if self.status is Status.RUNNING else other.verdict
+        return replace(
+            self, parameters=other.parameters, pose=other.pose, loss=other.loss, verdict=verdict
+        )

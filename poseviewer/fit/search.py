@@ -15,9 +15,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -34,22 +34,21 @@ from poseviewer.fit.problem import (
     ComparedView,
     FitProblem,
     Hidings,
-    Strategy,
     hidings,
     make_problem,
+    moved,
     numbers_of,
     pose_loss,
 )
-from poseviewer.fit.progress import FitProgress, Status, merge
+from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.scene import Scene, SearchResult
-from poseviewer.fit.settings import Limits, settings_as_json
+from poseviewer.fit.settings import settings_as_json
 from poseviewer.fit.stages import fit_pose
 from poseviewer.fit.visibility import Hiding, visibility
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.render.pyramid.levels import seen_share
 from poseviewer.render.types import Renderer
 
@@ -60,29 +59,20 @@ GAIN_THRESHOLD = 0.1
 OCCLUSION_PASSES, NEW_SHARE = 2, 0.03
 """Number of times that a search looks for what is in front (the second time from a better pose),
 and share of P by which that must differ to search again."""
-FOCAL_THRESHOLD, MOST_SEARCHES = 0.02, 4
-"""Share of the focal length by which a search must move it to be continued, and number of searches
-in all: along the focal length the loss is nearly flat, and they stop early."""
+MOST_RUNS = 4
+"""Runs of the stages before a verdict: those that follow look again at what others hide of the
+object, which settles after two mostly, or move the focal length on."""
+FOCAL_THRESHOLD = 0.02
+"""Share of the focal length by which a run must move it to be continued: along it the loss is
+nearly flat, and runs stop early."""
 CHANGED = 0.05
 """Share of an object's pixels that others must hide or give free for another search: less moves its
 minimum by less than such a search can tell."""
 LEAST_LEFT = 0.5
 """Share of what is seen of an object at its start that must lie beside all others, to be searched
 for first as if they all stood in front: with less there is little to go by."""
-LOOKS = 3
-"""Number of times that a search looks again at what others hide of its object, before its verdict:
-after two most have settled."""
 MOST_ROUNDS = 4
 """Searches of one object at most: two that slide along each other would take turns for ever."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Placing:
-    """The last search for an object."""
-
-    problem: FitProblem
-    """The problem with all pixels, those in front of the object too."""
-    progress: FitProgress
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,33 +81,22 @@ class SearchProgress:
 
     index: int
     """The object that is searched for."""
-    placings: Mapping[int, Placing]
+    placings: Mapping[int, FitProgress]
     """The last search for each object that had its turn."""
 
     @property
     def problem(self) -> FitProblem:
         """The problem of the search under way."""
-        return self.placings[self.index].problem
+        return self.progress.problem
 
     @property
     def progress(self) -> FitProgress:
         """The search under way."""
-        return self.placings[self.index].progress
-
-
-class _Leg(NamedTuple):
-    """One run of the stages."""
-
-    problem: FitProblem
-    before: FitProgress | None = None
-    """The end of what it continues."""
-    keeps_pose: bool = False
-    """Whether the pose of ``before`` is shown until the run has ended."""
+        return self.placings[self.index]
 
 
 Outcome = TypeVar("Outcome")
-Plan = Generator[_Leg | FitProgress, FitProgress, Outcome]
-"""Course of a search: yields legs, whose ends it is sent, and ends with their verdicts."""
+Steps = Generator[SearchProgress, None, Outcome]
 
 
 class Search:
@@ -138,11 +117,10 @@ class Search:
         self._indices, self._view = tuple(indices), view
         self.scene = scene
         """With the poses and results of the searches that are over."""
-        self._placings: dict[int, Placing] = {}
-        self._index = self._indices[0]
-        self._problem: FitProblem
+        self._placings: dict[int, FitProgress] = {}
+        self._index, self._began = self._indices[0], 0.0
 
-    def run(self) -> Iterator[SearchProgress]:
+    def run(self) -> Steps[None]:
         """The search after every evaluation; an object's last progress has a verdict. To stop it,
         stop asking. Nothing is yielded where each object stands wholly behind others.
 
@@ -150,50 +128,6 @@ class Search:
             SettingsError: the settings do not go with a photo, a model or its start.
             SingularChartError: the wanted chart has no parameters at a start.
         """
-        plan, end = self._turns(), None
-        while True:
-            try:
-                leg = next(plan) if end is None else plan.send(end)
-            except StopIteration:
-                return
-            end = None
-            if isinstance(leg, FitProgress):
-                yield self._told(leg)
-                continue
-            for end in fit_pose(leg.problem, self._renderer, self._threads):
-                if end.status is Status.RUNNING:
-                    kept = leg.before if leg.keeps_pose else None
-                    yield self._told(merge(leg.before, end, kept))
-
-    def judged(self, problem: FitProblem, progress: FitProgress) -> FitProgress:
-        """The progress with the verdict on its pose."""
-        verdict = judge_end(progress, problem, self._mesh, self._renderer, self._threads)
-        return replace(progress, verdict=verdict)
-
-    def stopped(self, now: SearchProgress) -> SearchProgress:
-        """The best pose of an interrupted search, with its verdict."""
-        if now.progress.status is not Status.RUNNING:
-            return now
-        self._index, self._problem = now.index, now.problem
-        stopped = replace(now.progress, status=Status.STOPPED)
-        return self._told(self.judged(behind(now.problem, stopped.hidden), stopped))
-
-    @property
-    def _renderer(self) -> Renderer:
-        return self._renderers[self._index]
-
-    @property
-    def _mesh(self) -> Mesh:
-        return self.scene.objects[self._index].mesh
-
-    def _told(self, progress: FitProgress) -> SearchProgress:
-        self._placings = {**self._placings, self._index: Placing(self._problem, progress)}
-        if progress.status is not Status.RUNNING:
-            self.scene = with_end(self.scene, self._index, self._problem, progress, self._renderer)
-        return SearchProgress(self._index, self._placings)
-
-    def _turns(self) -> Plan[None]:
-        """Search for all objects in turn, until none changes what is seen of another."""
         compared: dict[int, Hidings] = {}
         for _ in range(MOST_ROUNDS):
             due, was_searched = set(self._indices), False
@@ -207,11 +141,38 @@ class Search:
                     continue
                 if before is None and len(self._indices) == 1:
                     hidden = {number: _all_in_front(one) for number, one in hidden.items()}
-                self._index = index
+                self._index, self._began = index, time.perf_counter()
                 compared[index] = yield from self._place(hidden)
                 was_searched = True
             if not was_searched:
                 return
+
+    def stopped(self, now: SearchProgress) -> SearchProgress:
+        """The best pose of an interrupted search, with its verdict."""
+        if now.progress.status is not Status.RUNNING:
+            return now
+        self._index = now.index
+        return self._told(self._judged(replace(now.progress, status=Status.STOPPED)))
+
+    @property
+    def _renderer(self) -> Renderer:
+        return self._renderers[self._index]
+
+    @property
+    def _mesh(self) -> Mesh:
+        return self.scene.objects[self._index].mesh
+
+    def _told(self, progress: FitProgress) -> SearchProgress:
+        self._placings = {**self._placings, self._index: progress}
+        if progress.status is not Status.RUNNING:
+            self.scene = with_end(self.scene, self._index, progress, self._renderer)
+        return SearchProgress(self._index, self._placings)
+
+    def _judged(self, progress: FitProgress) -> FitProgress:
+        """The progress with the verdict on its pose."""
+        known = progress.problem, self._mesh, self._renderer, self._threads
+        verdict = judge_end(progress, *known)
+        return replace(progress, verdict=verdict, seconds=time.perf_counter() - self._began)
 
     def _most_seen(self, due: set[int]) -> int:
         """The object of which all others hide least."""
@@ -222,158 +183,127 @@ class Search:
         shares = dict(zip(standing, visibility(placed).shares, strict=True))
         return max(sorted(due), key=lambda index: shares[index])
 
-    def _place(self, hidden: Hidings) -> Plan[Hidings]:
+    def _place(self, hidden: Hidings) -> Steps[Hidings]:
         """Search for an object of which others hide some pixels; returns those at its end.
 
-        They are looked at again where the coarsest level leads, and where the search ends; only
-        then the verdict and restarts follow, as with wrong pixels they would be in vain.
+        They are looked at again where the coarsest level leads, and after each run; only then the
+        verdict and restarts follow, as with wrong pixels they would be in vain.
         """
         problem = self._made(hidden)
         hidden = {view.index: hidden[view.index] for view in problem.views}
         among = any(one is not None for one in hidden.values())
-        is_coarse = among and problem.photo.structure is not None
-        strategy = Strategy.COARSE if is_coarse else Strategy.FIRST
-        start, done = self._start_of(problem), None
-        gain = math.inf  # of the last search, where it continued another on the same pixels
-        for look in range(LOOKS + 1):
-            rest = rest_of(problem.limits, done)
-            if rest is None:
-                break
-            part = replace(problem, strategy=strategy, start=start, limits=rest)
-            now = yield from self._settle(part, done)
-            gain = now.start_loss - now.loss if strategy is Strategy.CONTINUE else gain
-            done = merge(done, now)
-            start, seen = done.parameters, self._seen_at(problem, done.parameters, hidden)
+        is_coarse, gain = among and problem.photo.structure is not None, math.inf
+        if self._index in self._placings:  # it has been searched for: from there
+            scale = self.scene.objects[self._index].world_from_model.scale
+            pose = self.scene.pose(self._index, problem.views[0].index)
+            problem = replace(problem, start=numbers_of(problem.chart, pose, scale))
+        before, best = problem.start, (yield from self._run(problem, is_coarse=is_coarse))
+        for _ in range(1, MOST_RUNS):
+            seen = self._seen_at(best, best.parameters, hidden)
             is_same = not _differ(hidden, seen)
-            if strategy is not Strategy.COARSE and (is_same or look == LOOKS):
+            is_settled = is_same and not is_coarse and not _is_focal_moved(before, best)
+            if is_settled or not best.may_continue:
                 break
             if not is_same:
-                hidden, problem = seen, self._made(seen)
-            strategy = Strategy.CONTINUE
-        assert done is not None
-        end = yield from self._finish(problem, done, among, gain)
-        if is_start_kept(problem, end):
-            hidden = self._seen_at(problem, problem.start, hidden)
+                hidden = seen
+                best = self._on(self._made(seen), best)
+            before, loss, is_coarse = best.parameters, best.loss, False
+            best = yield from self._run(best.problem, best)
+            gain = loss - best.loss if among else math.inf
+        best = yield from self._finish(best, gain, SURE_AMONG_OTHERS if among else SURE_FROM)
+        if is_start_kept(best):
             problem = self._made(hidden)
-            end = self._kept(problem, end)
-        yield end
+            hidden = self._seen_at(best, problem.start, hidden)
+            best = self._kept(self._made(hidden), best)
+        yield self._told(best)
         return hidden
+
+    def _run(
+        self,
+        problem: FitProblem,
+        before: FitProgress | None = None,
+        *,
+        is_shown: bool = True,
+        **how: Any,
+    ) -> Steps[FitProgress]:
+        """Run the stages; ``is_shown``: its poses are, else that of ``before``."""
+        end = before
+        for end in fit_pose(problem, self._renderer, self._threads, before, **how):
+            if end.status is Status.RUNNING:
+                yield self._told(end if is_shown or before is None else end.keeping(before))
+        assert end is not None  # a run yields at least once
+        return end
 
     def _made(self, hidden: Hidings) -> FitProblem:
         """The problem about the start of the object, the others where they are now."""
         own = self._start.objects[self._index]
         scene = self.scene.with_object(self._index, world_from_model=own.world_from_model)
-        self._problem, _ = make_problem(scene, self._index, self._view, hidden)
-        return self._problem
+        return make_problem(scene, self._index, self._view, hidden)[0]
 
-    def _start_of(self, problem: FitProblem) -> FloatArray:
-        """The parameters of the object where it is now."""
-        if self._index not in self._placings:
-            return problem.start
-        pose = self.scene.pose(self._index, problem.views[0].index)
-        scale = self.scene.objects[self._index].world_from_model.scale
-        return numbers_of(problem.chart, pose, scale)
-
-    def _seen_at(self, problem: FitProblem, parameters: FloatArray, before: Hidings) -> Hidings:
+    def _seen_at(self, best: FitProgress, parameters: FloatArray, before: Hidings) -> Hidings:
         """The pixels that others hide at ``parameters``, as ``before`` where they hide all."""
-        poses = {view.index: view.chart.to_pose(parameters) for view in problem.views}
-        now = hidings(self.scene, self._index, problem.views[0].index, poses)
+        if not any(before.values()):
+            return before
+        scene = moved(self.scene, self._index, best.problem, parameters)
+        now = hidings(scene, self._index, best.problem.views[0].index)
         return {
             number: one if (new := now.get(number)) is None or new.is_whole else new
             for number, one in before.items()
         }
 
-    def _settle(self, problem: FitProblem, before: FitProgress | None) -> Plan[FitProgress]:
-        """Run the stages, and again without the coarsest level while the focal length moves far;
-        ``before``: what this continues.
-        """
-        limits, done = problem.limits, (yield _Leg(problem, before))
-        for _ in range(1, MOST_SEARCHES):
-            rest, is_settled = rest_of(limits, done), _focal_moved(problem, done) <= FOCAL_THRESHOLD
-            if done.status is not Status.CONVERGED or rest is None or is_settled:
-                break
-            is_coarse = problem.strategy is Strategy.COARSE
-            strategy = problem.strategy if is_coarse else Strategy.CONTINUE
-            problem = replace(problem, strategy=strategy, start=done.parameters, limits=rest)
-            done = merge(done, (yield _Leg(problem, merge(before, done))))
-        return done
+    def _on(self, problem: FitProblem, best: FitProgress) -> FitProgress:
+        """The best pose so far with its loss, and the start's, on the pixels of a ``problem``."""
+        loss, start_loss = (
+            pose_loss(problem, self._renderer, at) for at in (best.parameters, problem.start)
+        )
+        return replace(best, problem=problem, loss=loss, start_loss=start_loss)
 
-    def _finish(
-        self, problem: FitProblem, end: FitProgress, among: bool, gain: float
-    ) -> Plan[FitProgress]:
+    def _finish(self, best: FitProgress, gain: float, sure_from: float) -> Steps[FitProgress]:
         """Leave out what is in front where a first search has ended, judge, and restart unless the
-        verdict is sure. ``among``: others may hide something of the object. ``gain``: the loss that
-        the first search has gained, if it continued another one of the same problem.
+        verdict is sure. ``gain``: the loss that the last run has gained, if it continued another
+        one of the same problem.
         """
-        began = time.perf_counter() - end.seconds
-        whole = problem
-        problem, best = yield from self._without_hidden(whole, end)
-        if problem is not whole:
-            gain = math.inf
-        best = self.judged(problem, best)
-        sure_from = SURE_AMONG_OTHERS if among else SURE_FROM
-        for is_turned in (*(False,) * MOST_CONTINUED, True):
-            again = restarted(problem, best, is_turned, time.perf_counter() - began, sure_from)
-            if again is None:
+        whole = best.problem
+        for _ in range(OCCLUSION_PASSES):
+            if not best.may_continue or whole.photo.structure is None:
                 break
+            views, hidden = best.problem.views, []
+            for view, old in zip(whole.views, views, strict=True):
+                pose = view.chart.to_pose(best.parameters)
+                new = find_hidden(view.photo, self._renderer, pose)
+                hidden.append(old.hidden if new is None else new)
+            if all(map(_is_same, views, hidden, whole.views)):
+                break
+            before = self._on(behind(whole, hidden), best)
+            best, gain = (yield from self._run(before.problem, before, is_shown=False)), math.inf
+        best = self._judged(best)
+        for is_turned in (*(False,) * MOST_CONTINUED, True):
             if not is_turned and gain < GAIN_THRESHOLD:
                 continue
+            if not is_restarted(best, is_turned, sure_from):
+                break
+            before, seed = best, whole.settings.seed + 2 + best.restart
             if is_turned:
-                turned = better_turn(problem, self._mesh, self._renderer, best.pose, self._threads)
+                known = best.problem, self._mesh, self._renderer, best.pose, self._threads
+                turned = better_turn(*known)
                 if turned is None:
                     break
-                again = replace(again, start=turned)
-            before, after = best, (yield _Leg(again, best, keeps_pose=True))
-            if after.loss < before.loss:
-                after = self.judged(again, after)
-            best = merge(before, after, after if is_taken(after, before, is_turned) else before)
-            gain = before.loss - best.loss
+                before = replace(best, parameters=turned)
+            after = yield from self._run(best.problem, before, is_shown=False, seed=seed)
+            if after.loss < best.loss:
+                after = self._judged(after)
+            loss = best.loss
+            best = after if is_taken(after, best, is_turned) else after.keeping(best)
+            gain = loss - best.loss
         return best
-
-    def _without_hidden(
-        self, whole: FitProblem, best: FitProgress
-    ) -> Plan[tuple[FitProblem, FitProgress]]:
-        """Continue without what is in front of the model where a search ended: the problem and the
-        end of that; the same as given where nothing is.
-        """
-        problem, views = whole, whole.views
-        for _ in range(OCCLUSION_PASSES):
-            rest = rest_of(problem.limits, best)
-            if best.status is not Status.CONVERGED or whole.photo.structure is None or rest is None:
-                break
-            known = best.hidden or (None,) * len(views)
-            poses = [view.chart.to_pose(best.parameters) for view in views]
-            pairs = zip(views, poses, strict=True)
-            masks = [find_hidden(view.photo, self._renderer, pose) for view, pose in pairs]
-            now = tuple(old if new is None else new for old, new in zip(known, masks, strict=True))
-            if all(map(_is_same, known, now, views)):
-                break
-            problem = behind(whole, now)
-            loss, start_loss = (
-                pose_loss(problem, self._renderer, point)
-                for point in (best.parameters, problem.start)
-            )
-            before = replace(best, loss=loss, start_loss=start_loss, hidden=now)
-            again = replace(problem, strategy=Strategy.CONTINUE, start=best.parameters, limits=rest)
-            best = merge(before, (yield _Leg(again, before, keeps_pose=True)))
-        return problem, best
 
     def _kept(self, problem: FitProblem, end: FitProgress) -> FitProgress:
         """The start in place of the ``end`` of a search from it, with its own loss and verdict,
         which says where the search ended.
         """
         start = problem.chart.to_pose(problem.start)
-        loss = pose_loss(problem, self._renderer, problem.start)
-        kept = replace(
-            end,
-            parameters=problem.start,
-            pose=start,
-            loss=loss,
-            start_loss=loss,
-            status=Status.KEPT,
-            hidden=(),
-        )
-        kept = self.judged(problem, kept)
+        kept = replace(end, parameters=problem.start, pose=start, status=Status.KEPT)
+        kept = self._judged(self._on(problem, kept))
         assert end.verdict is not None  # by it the start is kept
         assert kept.verdict is not None
         away = pose_error(self._mesh, end.pose, start, problem.symmetry).percent
@@ -384,32 +314,26 @@ class Search:
         return replace(kept, verdict=replace(kept.verdict, reasons=(said, *kept.verdict.reasons)))
 
 
-def with_end(
-    scene: Scene, index: int, problem: FitProblem, progress: FitProgress, renderer: Renderer
-) -> Scene:
-    """The scene with an object where a search of its ``problem`` has ended, and its result."""
-    chart, scale = problem.chart, None
-    if isinstance(chart, ViewChart):
-        scale = 1.0 / chart.scale_at(progress.parameters)
+def with_end(scene: Scene, index: int, progress: FitProgress, renderer: Renderer) -> Scene:
+    """The scene with an object where a search for it has ended, and its result."""
+    problem, verdict, at = progress.problem, progress.verdict, progress.parameters
+    scene = moved(scene, index, problem, at)
     seen: list[float] = [math.nan] * len(scene.views)
     hidden: list[Hidden] = [None] * len(scene.views)
-    left = behind(problem, progress.hidden)
-    # The first view comes last, as it has the pose; others may have focal lengths of their own.
-    for number, view in reversed([*enumerate(left.views)]):
-        pose = view.chart.to_pose(progress.parameters)
-        scene = scene.with_pose(index, pose if number else progress.pose, view.index, scale)
-        seen[view.index] = seen_share(view.photo, renderer, pose)
-        if progress.hidden and (mask := progress.hidden[number]) is not None:
-            photo = scene.views[view.index].photo
-            hidden[view.index] = enlarged(mask, view.photo.factor, photo.width, photo.height)
+    for view in problem.views:
+        seen[view.index] = seen_share(view.photo, renderer, view.chart.to_pose(at))
+        if view.hidden is not None:
+            photo, factor = scene.views[view.index].photo, view.photo.factor
+            hidden[view.index] = enlarged(view.hidden, factor, photo.width, photo.height)
+    result = unsearched_result(scene, index, problem, at, progress.loss)
     result = replace(
-        unsearched_result(scene, index, problem, progress.parameters, progress.loss),
-        verdict=progress.verdict,
+        result,
+        verdict=verdict,
         seen=tuple(seen),
         hidden=tuple(hidden),
+        notes=(*result.notes, *_least_sure(scene, problem, verdict)),
     )
-    notes = (*result.notes, *_least_sure(scene, problem, progress.verdict))
-    return scene.with_object(index, result=replace(result, notes=notes))
+    return scene.with_object(index, result=result)
 
 
 def unsearched_result(
@@ -468,43 +392,28 @@ def _all_in_front(seen: Hiding | None) -> Hiding | None:
     return replace(seen, hidden=seen.others) if left >= LEAST_LEFT * shown else seen
 
 
-def is_start_kept(problem: FitProblem, end: FitProgress) -> bool:
+def is_start_kept(end: FitProgress) -> bool:
     """Whether a problem's start is to be given back, as the ``end`` of its search is not sure to be
     better; never before there is a verdict.
     """
-    return problem.keep_start and end.verdict is not None and end.verdict.probability < SURE_FROM
+    is_unsure = end.verdict is not None and end.verdict.probability < SURE_FROM
+    return end.problem.settings.keep_start and is_unsure
 
 
-def _is_same(one: Hidden, other: Hidden, view: ComparedView) -> bool:
-    """Whether two masks differ on hardly any of the pixels that count."""
-    if one is None or other is None:
-        return one is other
-    counted = view.photo.weights > 0.0
-    return bool(np.sum((one ^ other) & counted) < NEW_SHARE * np.sum(counted))
+def _is_same(known: ComparedView, hidden: Hidden, whole: ComparedView) -> bool:
+    """Whether hardly any of the pixels that count are hidden otherwise than is known."""
+    if known.hidden is None or hidden is None:
+        return known.hidden is hidden
+    counted = whole.photo.weights > 0.0
+    return bool(np.sum((known.hidden ^ hidden) & counted) < NEW_SHARE * np.sum(counted))
 
 
-def restarted(
-    problem: FitProblem,
-    best: FitProgress,
-    is_turned: bool,
-    seconds: float,
-    sure_from: float = SURE_FROM,
-) -> FitProblem | None:
-    """The problem of a further search within what is left of the limits after ``seconds``, from the
-    end of the search before (``is_turned``: that the caller is to turn); None where there is to be
-    none.
-    """
-    rest = rest_of(problem.limits, best, seconds)
-    has_population = problem.method == "default" and not problem.photo.clipped
-    if best.status is not Status.CONVERGED or not has_population or rest is None:
-        return None
-    if best.verdict is not None:
-        is_found, is_sure = best.verdict.word == "found", best.verdict.probability >= sure_from
-        if is_sure or (is_found and is_turned):
-            return None
-    seed = problem.seed + 2 + best.restart
-    continued = Strategy.CONTINUE
-    return replace(problem, strategy=continued, start=best.parameters, seed=seed, limits=rest)
+def is_restarted(best: FitProgress, is_turned: bool, sure_from: float = SURE_FROM) -> bool:
+    """Whether another run follows, from the end of the search before (``is_turned``: turned)."""
+    if not best.may_continue or best.problem.photo.structure is None or best.verdict is None:
+        return False
+    is_found = best.verdict.word == "found"
+    return best.verdict.probability < sure_from and not (is_found and is_turned)
 
 
 def is_taken(after: FitProgress, before: FitProgress, is_turned: bool) -> bool:
@@ -519,24 +428,11 @@ def is_taken(after: FitProgress, before: FitProgress, is_turned: bool) -> bool:
     return after.verdict.probability >= max(known + PROBABILITY_MARGIN, TURNED_THRESHOLD)
 
 
-def _focal_moved(problem: FitProblem, progress: FitProgress) -> float:
-    """The share of the focal length by which a search has moved it; 0 for the paper's method, which
-    is not continued.
+def _is_focal_moved(before: FloatArray, end: FitProgress) -> bool:
+    """Whether a run from the parameters ``before`` has moved the focal length far; never by the
+    paper's method, which is not continued.
     """
-    cameras = [pose.camera for pose in (problem.chart.to_pose(problem.start), progress.pose)]
+    cameras = [pose.camera for pose in (end.problem.chart.to_pose(before), end.pose)]
     focals = [camera.fx for camera in cameras if isinstance(camera, Perspective)]
-    is_searched = len(focals) == 2 and problem.method != "paper"
-    return abs(focals[1] / focals[0] - 1.0) if is_searched else 0.0
-
-
-def rest_of(
-    limits: Limits, done: FitProgress | None, seconds: float | None = None
-) -> Limits | None:
-    """The rest of the ``limits`` after searches that ended in ``done`` and took ``seconds``, by
-    default their own; None for nothing.
-    """
-    if done is None:
-        return limits
-    seconds = limits.seconds - (done.seconds if seconds is None else seconds)
-    evaluations = limits.evaluations - done.evaluations
-    return Limits(evaluations, seconds) if evaluations > 0 and seconds > 0.0 else None
+    is_searched = len(focals) == 2 and end.problem.settings.method != "paper"
+    return is_searched and abs(focals[1] / focals[0] - 1.0) > FOCAL_THRESHOLD

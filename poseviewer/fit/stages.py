@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from poseviewer.fit.problem import ComparedView, FitProblem, Strategy, pose_loss
+from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import level_pose
@@ -49,8 +49,6 @@ LAST_MODELS = QuadraticOptions(reach=2.0, rise=0.6)
 than 0.02 moves the model by less than a twentieth of a pixel."""
 REFINING_MODELS = QuadraticOptions(reach=1.0, rise=0.3)
 """Reach in that of the models before: the fine photo's minimum is a pixel away at most."""
-WITHOUT_STRUCTURE = 1 / 30
-"""A difference in loss without structure as a share of one with it, where logarithms are summed."""
 COARSE_STARTS, COARSE_STEP, COARSE_TOLERANCE = 1.5, 2.0, 8.0
 """Number of starts, edge of the simplex and tolerances on a coarse level, times the options'."""
 FINE_STEP = 0.3
@@ -84,23 +82,26 @@ class Stage:
     """A scored point is kept if it costs less than this more than the best so far."""
 
 
-def make_stages(problem: FitProblem, renderer: Renderer) -> tuple[Stage, ...]:
-    """The stages of a search from the problem's start.
+def make_stages(
+    problem: FitProblem, renderer: Renderer, start: FloatArray | None = None
+) -> tuple[Stage, ...]:
+    """The stages of a search from parameters ``start`` (d,), by default the problem's.
 
     Clipped to the model, one that covers too few pixels for a coarser level is searched on the
-    photo alone. Searches that continue another one leave out the coarsest level.
+    photo alone.
     """
-    photo, options, views = problem.photo, problem.options, problem.views
+    options, views, is_clipped = problem.settings.options, problem.views, problem.photo.clipped
     full = tuple(Level(1, view.photo, renderer) for view in views)
-    if problem.method == "paper":
-        step = options.step if photo.clipped else PAPER_WHOLE_STEP
+    if problem.settings.method == "paper":
+        step = options.step if is_clipped else PAPER_WHOLE_STEP
         alone = replace(options, multi_starts=0, step=step, patience=PAPER_PATIENCE)
         return (Stage(full, restarts.minimise, alone),)
-    starts = [(view.photo, renderer, view.chart.to_pose(problem.start)) for view in views]
-    fewest = FEWEST_PIXELS if photo.structure is None else FEWEST_OF_STRUCTURE
-    coarse = tuple(coarsest_level(*start, fewest) for start in starts)
+    at = problem.start if start is None else start
+    poses = [(view.photo, renderer, view.chart.to_pose(at)) for view in views]
+    fewest = FEWEST_PIXELS if is_clipped else FEWEST_OF_STRUCTURE
+    coarse = tuple(coarsest_level(*pose, fewest) for pose in poses)
     every = RESCORE_EVERY
-    if photo.clipped:
+    if is_clipped:
         if coarse[0].factor == 1:
             return (Stage(full, restarts.minimise, options),)
         wide = replace(
@@ -117,22 +118,15 @@ def make_stages(problem: FitProblem, renderer: Renderer) -> tuple[Stage, ...]:
             Stage(coarse, restarts.minimise, wide, rescore_every=every),
             Stage(full, restarts.minimise, near),
         )
-    light = tuple(lighter_level(*start) for start in starts)
-    first, second, last = COARSE_POPULATION, FINE_POPULATION, LAST_MODELS
-    if photo.structure is None:
-        share = WITHOUT_STRUCTURE
-        first, second = (replace(c, nearness=share * c.nearness) for c in (first, second))
-        last = replace(last, rise=share * last.rise, least_gain=share * last.least_gain)
-    stages = (Stage(light, cma_es.minimise, second, rescore_every=every),)
+    light = tuple(lighter_level(*pose) for pose in poses)
     least = tuple(c if c.factor > 1 else own for c, own in zip(coarse, light, strict=True))
-    widest = Stage(least, cma_es.minimise, first, rescore_every=every)
-    if problem.strategy is Strategy.COARSE:
-        return (widest,)
-    if problem.strategy is Strategy.FIRST:
-        stages = (widest, *stages)
-    fine = tuple(Level(1, one, renderer) for view in views if (one := view.fine_photo) is not None)
+    stages = (
+        Stage(least, cma_es.minimise, COARSE_POPULATION, rescore_every=every),
+        Stage(light, cma_es.minimise, FINE_POPULATION, rescore_every=every),
+    )
+    fine = tuple(Level(1, view.fine_photo, renderer) for view in views if view.fine_photo)
     if not fine:
-        return *stages, Stage(full, quadratic.minimise, last, along_axes=True)
+        return *stages, Stage(full, quadratic.minimise, LAST_MODELS, along_axes=True)
     return (
         *stages,
         Stage(light, quadratic.minimise, LAST_MODELS, True, every),
@@ -140,72 +134,99 @@ def make_stages(problem: FitProblem, renderer: Renderer) -> tuple[Stage, ...]:
     )
 
 
-def fit_pose(problem: FitProblem, renderer: Renderer, threads: int = 1) -> Iterator[FitProgress]:
+def fit_pose(
+    problem: FitProblem,
+    renderer: Renderer,
+    threads: int = 1,
+    before: FitProgress | None = None,
+    *,
+    seed: int | None = None,
+    is_coarse: bool = False,
+) -> Iterator[FitProgress]:
     """Run the stages from the problem's start; yields after every evaluation, the outcome last.
 
-    To stop it, stop asking. Deterministic but for ``Limits.seconds``, on any number of ``threads``:
-    poses that a minimiser asks for together are evaluated in parallel.
+    From the end of the search ``before``, it goes on without the coarsest level, within the rest of
+    the limits; ``is_coarse``: on the coarsest level alone. To stop it, stop asking. Deterministic
+    but for ``Limits.seconds``, on any number of ``threads``: poses that a minimiser asks for
+    together are evaluated in parallel. ``seed``: by default that of the settings.
     """
-    for progress in _Run(problem, renderer, threads).run():
+    if before is None:
+        start, nothing = problem.start, np.full(1, np.inf)
+        known = problem, start, problem.chart.to_pose(start), np.inf, np.inf, start[None], nothing
+        before = FitProgress(*known, evaluations=0, restart=-1, seconds=0.0, status=Status.RUNNING)
+        parts = slice(0, 1 if is_coarse else None)
+    else:
+        parts = slice(0 if problem.photo.structure is None else 1, None)
+    stages = make_stages(problem, renderer, before.parameters)[parts]
+    seed = problem.settings.seed if seed is None else seed
+    for progress in _Run(problem, renderer, threads, before, seed).run(stages):
         yield progress
         if progress.status is not Status.RUNNING:
             return
 
 
 class _Run:
-    """The evaluations so far, and the best pose on the photo itself."""
+    """The best pose on the photo itself, and the evaluations so far."""
 
-    def __init__(self, problem: FitProblem, renderer: Renderer, threads: int) -> None:
-        self._problem, self._renderer, self._threads = problem, renderer, threads
-        self._scorer = renderer
-        self._began = time.perf_counter()
-        self._evaluations, self._restart = 0, 0
-        self._start_loss, self._loss = np.inf, np.inf
-        self._best = problem.start[problem.free_indices]
-        self._scale = np.diag(problem.chart.scales(problem.start)[problem.free_indices])
+    def __init__(
+        self,
+        problem: FitProblem,
+        renderer: Renderer,
+        threads: int,
+        before: FitProgress,
+        seed: int,
+    ) -> None:
+        self._problem, self._renderer, self._threads, self._seed = problem, renderer, threads, seed
+        self._scorer, self._began = renderer, time.perf_counter() - before.seconds
+        self._best = replace(before, loss=np.inf, status=Status.RUNNING, verdict=None)
+        self._evaluations, self._evaluations_before = 0, before.evaluations
+        self._restart, free = before.restart + 1, problem.free_indices
+        self._scale = np.diag(problem.chart.scales(before.parameters)[free])
         self._axes = self._scale
-        self._parameters, self._pose = problem.start, problem.chart.to_pose(problem.start)
-        self._scored: tuple[FloatArray, Callable[[], float], float] | None = None
+        self._score: Callable[[], None] | None = None
         self._ready: Callable[[], FitProblem] | None = None
 
-    def run(self) -> Iterator[FitProgress]:
+    def run(self, stages: Sequence[Stage]) -> Iterator[FitProgress]:
         """Progress after every evaluation, and once more at the end of every stage."""
-        stages = make_stages(self._problem, self._renderer)
         for stage, following in zip(stages, (*stages[1:], None), strict=True):
             yield from self._run_stage(stage, following)
             self._restart += 1
 
+    @property
+    def _point(self) -> FloatArray:
+        """The free parameters of the best pose."""
+        return self._best.parameters[self._problem.free_indices]
+
     def _run_stage(self, stage: Stage, following: Stage | None) -> Iterator[FitProgress]:
         """Search a stage's level; the photos of the ``following`` one are made meanwhile."""
-        factor, scored, due = stage.levels[0].factor, None, stage.rescore_every
+        scored, due = None, stage.rescore_every
         problem = self._on_level(stage) if self._ready is None else self._ready()
         renderers = tuple(map(partial(self._renderer_of, stage), stage.levels, self._problem.views))
         with RendererPool(renderers, self._threads) as pool:
             if following is not None:
                 self._ready = pool.start(partial(self._on_level, following))
             if 0.0 < due < math.inf:
-                scored = self._best
+                scored = self._point
                 self._begin_score(scored, pool)
                 self._take_score()
-                unknown = State(scored, np.inf, scored[None], np.full(1, np.inf))
-                yield self._progress(unknown, factor)
+                yield self._progress(stage, State(scored, np.inf, scored[None], np.full(1, np.inf)))
             for state in self._states(stage, problem, renderers, pool):
                 if not stage.rescore_every:
                     self._keep(state.best, state.value)
-                    ends = following is None or self._loss >= self._problem.worst_loss
-                    yield self._progress(state, factor, state.converged and ends)
+                    ends = following is None or self._best.loss >= self._problem.worst_loss
+                    yield self._progress(stage, state, state.converged and ends)
                     continue
-                yield self._progress(state, factor)
+                yield self._progress(stage, state)
                 is_due = state.converged or self._evaluations >= due
-                is_new = is_due and (scored is None or not np.array_equal(state.best, scored))
-                if is_new:
+                if is_due and (scored is None or not np.array_equal(state.best, scored)):
                     self._take_score()
                     scored, due = state.best, self._evaluations + stage.rescore_every
                     self._begin_score(scored, pool, stage.tolerance)
+                    if not state.converged:
+                        yield self._progress(stage, state)
                 if state.converged:
                     self._take_score()
-                if is_new:
-                    yield self._progress(state, factor, state.converged and following is None)
+                    yield self._progress(stage, state, following is None)
 
     def _renderer_of(self, stage: Stage, level: Level, view: ComparedView) -> Renderer:
         """The level's renderer; at the end of a search without faces hidden there, where the best
@@ -213,7 +234,7 @@ class _Run:
         """
         if not (stage.along_axes and stage.rescore_every):
             return level.renderer
-        pose = view.chart.to_pose(self._parameters)
+        pose = view.chart.to_pose(self._best.parameters)
         return level.renderer.culled(level_pose(pose, level.photo.factor))
 
     def _on_level(self, stage: Stage) -> FitProblem:
@@ -243,7 +264,7 @@ class _Run:
                 yield value
 
         scale = self._axes if stage.along_axes else self._scale
-        for state in stage.minimise(objective, self._best, scale, stage.options, problem.seed):
+        for state in stage.minimise(objective, self._point, scale, stage.options, self._seed):
             self._restart = before + state.restart
             self._axes = self._axes if state.axes is None else state.axes
             yield state
@@ -255,46 +276,41 @@ class _Run:
             self._scorer = self._renderer.clone() or self._renderer
         parameters = self._problem.complete(point)
         loss = pool.start(partial(pose_loss, self._problem, self._scorer, parameters))
-        self._scored = point, loss, tolerance
+        self._score = lambda: self._keep(point, loss(), tolerance)
 
     def _take_score(self) -> None:
         """Keep the point that was asked for last, if it is good."""
-        if self._scored is not None:
-            (point, loss, tolerance), self._scored = self._scored, None
-            self._keep(point, loss(), tolerance)
+        score, self._score = self._score, None
+        if score is not None:
+            score()
 
     def _keep(self, point: FloatArray, loss: float, tolerance: float = 0.0) -> None:
         """Take the point if there is nothing better; ``loss`` is on the photo."""
-        if self._start_loss == np.inf:
-            self._start_loss = loss
-        if loss < self._loss + tolerance:
-            self._best, self._loss = point, loss
-            self._parameters = self._problem.complete(point)
-            self._pose = self._problem.chart.to_pose(self._parameters)
+        if self._best.start_loss == np.inf:
+            self._best = replace(self._best, start_loss=loss)
+        if loss < self._best.loss + tolerance:
+            parameters = self._problem.complete(point)
+            pose = self._problem.chart.to_pose(parameters)
+            self._best = replace(self._best, parameters=parameters, pose=pose, loss=loss)
 
-    def _progress(self, state: State, factor: int, finished: bool = False) -> FitProgress:
-        problem, seconds = self._problem, time.perf_counter() - self._began
-        limits, status = problem.limits, Status.RUNNING
-        if self._evaluations >= limits.evaluations or seconds >= limits.seconds:
+    def _progress(self, stage: Stage, state: State, is_over: bool = False) -> FitProgress:
+        problem, limits = self._problem, self._problem.settings.limits
+        seconds, status = time.perf_counter() - self._began, Status.RUNNING
+        evaluations = self._evaluations_before + self._evaluations
+        if evaluations >= limits.evaluations or seconds >= limits.seconds:
             self._take_score()  # it ends here
-        if finished:
-            seen = self._loss < problem.worst_loss
-            status = Status.CONVERGED if seen else Status.NOTHING_SEEN
-        elif self._evaluations >= limits.evaluations:
-            status = Status.EVALUATIONS_SPENT
-        elif seconds >= limits.seconds:
-            status = Status.SECONDS_SPENT
-        return FitProgress(
-            parameters=self._parameters,
-            pose=self._pose,
-            loss=self._loss,
-            start_loss=self._start_loss,
-            scale=problem.scale,
+            is_last = evaluations >= limits.evaluations
+            status = Status.EVALUATIONS_SPENT if is_last else Status.SECONDS_SPENT
+        if is_over:
+            is_seen = self._best.loss < problem.worst_loss
+            status = Status.CONVERGED if is_seen else Status.NOTHING_SEEN
+        return replace(
+            self._best,
             candidates=problem.complete(state.candidates),
             candidate_losses=state.candidate_losses,
-            evaluations=self._evaluations,
+            evaluations=evaluations,
             restart=self._restart,
             seconds=seconds,
             status=status,
-            factor=factor,
+            factor=stage.levels[0].factor,
         )

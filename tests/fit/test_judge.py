@@ -21,7 +21,7 @@ from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.starts.loading import open_photo
 from poseviewer.vehicle.chart import LEAST_AXLE_COMPONENT, VehicleChart
 from tests.geometry.test_charts import make_keypoints
-from tests.opened import by
+from tests.opened import by, locked
 
 
 @pytest.fixture(scope="module")
@@ -57,11 +57,11 @@ def test_a_pose_at_the_border_of_its_chart_has_motions(case):
     camera = Parallel(60.0, 100.0, 80.0, 200, 160)
     chart = VehicleChart(make_keypoints(np.random.default_rng(3)).left, camera)
     flattest = np.sqrt(1.0 - LEAST_AXLE_COMPONENT**2) - 1e-9
-    parameters, free = np.array([0.3, 0.6, 0.3, 0.01, 0.0, flattest]), (True,) * 4 + (False, True)
+    parameters = np.array([0.3, 0.6, 0.3, 0.01, 0.0, flattest])
     with pytest.raises(OutsideChartError):
         chart.to_pose(parameters + 1e-4 * np.eye(6)[5])
     views = (replace(problem.views[0], chart=chart),)
-    here = replace(problem, views=views, start=parameters, free=free)
+    here = locked(replace(problem, views=views, start=parameters), "psi_x")
     motions = free_motions(here, parameters, FreeBodyChart.near(mesh, chart.to_pose(parameters)))
     np.testing.assert_allclose(motions @ motions.T, np.eye(5), atol=1e-9)
 
@@ -105,7 +105,7 @@ def test_the_end_of_a_fit_is_sure_and_the_same_on_any_threads(case):
 def test_the_less_is_seen_the_less_sure_it_is_and_what_is_held_is_sure(case, truth):
     problem, mesh, renderer = case
     whole, half = (find_covariance(*case, pose=truth, seen=seen) for seen in (1.0, 0.5))
-    held = replace(problem, free=(True,) * 5 + (False,))
+    held = locked(problem, problem.chart.names[5])
     sure = find_covariance(held, mesh, renderer, truth, 1.0)
     assert whole is not None
     assert half is not None

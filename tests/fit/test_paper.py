@@ -10,6 +10,7 @@ import pytest
 from poseviewer.fit.loss import lighting_loss, paper_loss
 from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
 from poseviewer.fit.progress import Status
+from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.stages import PAPER_PATIENCE, fit_pose
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
@@ -61,7 +62,8 @@ def test_beside_the_model_it_has_no_colour_of_its_own():
 def test_it_finds_a_pose_nearby_and_stops_when_restarts_gain_nothing(clipped):
     chart = FreeBodyChart.near(MESH, POSE)
     start = np.array([0.02, -0.02, 0.02, 0.01, -0.01, 0.02])
-    problem = FitProblem((ComparedView(make_photo(clipped, 0.0), chart),), start, method="paper")
+    views = (ComparedView(make_photo(clipped, 0.0), chart),)
+    problem = FitProblem(views, start, FitSettings("paper"))
     search = list(fit_pose(problem, RENDERER))
     end = search[-1]
     assert end.status is Status.CONVERGED

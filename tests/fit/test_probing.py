@@ -28,7 +28,7 @@ from poseviewer.geometry.symmetry_group import Symmetry, Turn
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.renderers import make_renderer
 from tests.meshes import make_mesh
-from tests.opened import scene_of
+from tests.opened import locked, scene_of
 from tests.renderers import require_opengl
 
 ACROSS, _, AXIS = np.eye(3)
@@ -103,7 +103,7 @@ def test_motions_are_those_that_the_search_was_free_in(lock):
     with probing(problem, mesh, pose) as probe:
         assert len(probe.motions) == len(problem.free_indices) == 7 - len(lock)
         assert probe.motions.shape[1] == 7 - ("width_per_focal" in lock)
-        held = [index for index, is_free in enumerate(problem.free) if not is_free]
+        held = [index for index in range(7) if index not in problem.free_indices]
         for step in 1e-4 * np.eye(len(probe.motions)):
             moved = problem.chart.from_pose(probe.pose(step)) - problem.start
             np.testing.assert_allclose(moved[held], 0.0, atol=1e-6)
@@ -111,7 +111,7 @@ def test_motions_are_those_that_the_search_was_free_in(lock):
 
 @pytest.mark.slow
 def test_what_a_search_may_not_turn_is_not_turned():
-    problem = replace(fitted_from(TRUTH), free=(False, False, False, True, True, True))
+    problem = locked(fitted_from(TRUTH), "rotation_x", "rotation_y", "rotation_z")
     with probing(problem) as probe:
         assert probe.turns().shape == (0, 3)
     assert better_turn(problem, CAN, make_renderer(CAN), turned(TRUTH, 25.0)) is None
@@ -126,7 +126,7 @@ def test_the_right_turn_is_found_and_what_is_held_stays_to_the_last_digit():
     assert pose_error(CAN, problem.chart.to_pose(parameters), TRUTH).rotation_deg < 4.0
     assert better_turn(problem, CAN, renderer, TRUTH) is None
     start = turned(TRUTH, 25.0)
-    problem = replace(fitted_from(start), free=(False,) + (True,) * 5)
+    problem = locked(fitted_from(start), "rotation_x")
     off = problem.start + np.array([0.0, 0.03, -0.03, 0.02, 0.01, 0.02])
     parameters = better_turn(problem, CAN, renderer, problem.chart.to_pose(off))
     assert parameters is not None

@@ -10,7 +10,7 @@ import pytest
 
 from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
-from poseviewer.fit.settings import Limits
+from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.stages import FEWEST_PIXELS, fit_pose, make_stages
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
@@ -44,7 +44,7 @@ def make_problem(width: int, **settings) -> FitProblem:
     weights = np.ones(lit.shape[:2], np.float32)
     photo = PhotoAttributes(channels, weights, clipped=True, colour_reflectance=True)
     chart = FreeBodyChart.near(MESH, FreeBodyChart.near(MESH, pose).to_pose(OFF))
-    return FitProblem((ComparedView(photo, chart),), np.zeros(6), **settings)
+    return FitProblem((ComparedView(photo, chart),), np.zeros(6), FitSettings(**settings))
 
 
 def make_structured(width: int, factor: int, is_refined: bool = False, **settings) -> FitProblem:
@@ -108,7 +108,7 @@ def test_limits_hold_on_every_level(evaluations):
 
 
 def test_locked_numbers_stay_on_every_level():
-    problem = make_problem(320, free=(True, False, True, True, True, False))
+    problem = make_problem(320, lock=("rotation_y", "log_depth"))
     *_, end = fit_pose(problem, RENDERER)
     assert np.array_equal(end.parameters[[1, 5]], [0.0, 0.0])
     assert end.loss < end.start_loss
@@ -153,7 +153,7 @@ def test_small_models_are_searched_on_the_photo_alone():
     assert np.count_nonzero(RENDERER.covers(start)) < 4 * FEWEST_PIXELS
     (stage,) = make_stages(problem, RENDERER)
     assert stage.levels[0].photo is problem.photo
-    assert stage.options is problem.options
+    assert stage.options is problem.settings.options
 
 
 def test_populations_are_judged_on_a_lighter_model_where_no_level_is_coarser():

@@ -14,9 +14,9 @@ from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.scene import Scene
 from poseviewer.fit.search import (
     Search,
+    is_restarted,
     is_start_kept,
     is_taken,
-    restarted,
 )
 from poseviewer.fit.settings import Limits
 from poseviewer.fit.stages import fit_pose, make_stages
@@ -90,32 +90,36 @@ def test_a_pose_that_is_not_is_searched_for_again(small, judge):
 
 def test_a_restart_begins_where_the_search_before_ended_without_the_coarsest_level(small):
     problem, _, renderer, alone = small
+    states = list(fit_pose(problem, renderer, before=alone))
+    assert states[0].loss == alone.loss
+    assert states[0].evaluations == alone.evaluations + 1
+    assert {state.start_loss for state in states} == {alone.start_loss}
+    stages = {state.restart for state in states}
+    assert len(stages) == len(make_stages(problem, renderer)) - 1
+    assert min(stages) == alone.restart + 1
+
+
+def test_a_search_without_classes_and_edges_is_not_restarted(small):
+    problem, _, _, alone = small
     lost = replace(alone, verdict=LOST)
-    near = restarted(problem, lost, False, 0.0)
-    assert near is not None
-    assert np.array_equal(near.start, alone.parameters)
-    assert near.seed != problem.seed
-    assert len(make_stages(near, renderer)) == len(make_stages(problem, renderer)) - 1
-    assert restarted(replace(problem, method="paper"), lost, False, 0.0) is None
+    assert is_restarted(lost, False)
     clipped = problem.on([replace(problem.photo, clipped=True, structure=None)])
-    assert restarted(clipped, lost, False, 0.0) is None
+    assert not is_restarted(replace(lost, problem=clipped), False)
 
 
 @pytest.mark.parametrize(
     ("verdict", "restarts"), [(FOUND, []), (UNSURE, [False]), (LOST, [False, True])]
 )
 def test_a_found_pose_that_is_not_sure_is_only_continued(small, verdict, restarts):
-    problem, _, _, alone = small
-    end = replace(alone, verdict=verdict)
-    given = [is_turned for is_turned in (False, True) if restarted(problem, end, is_turned, 0.0)]
+    end = replace(small[3], verdict=verdict)
+    given = [is_turned for is_turned in (False, True) if is_restarted(end, is_turned)]
     assert given == restarts
 
 
 def test_less_may_be_asked_of_a_pose_that_is_not_restarted(small):
-    problem, _, _, alone = small
-    end = replace(alone, verdict=Verdict("doubtful", SURE_AMONG_OTHERS, (), None))
-    assert restarted(problem, end, True, 0.0) is not None
-    assert restarted(problem, end, True, 0.0, SURE_AMONG_OTHERS) is None
+    end = replace(small[3], verdict=Verdict("doubtful", SURE_AMONG_OTHERS, (), None))
+    assert is_restarted(end, True)
+    assert not is_restarted(end, True, SURE_AMONG_OTHERS)
 
 
 @pytest.mark.parametrize(
@@ -146,11 +150,11 @@ def test_the_limits_are_those_of_all_searches(small, judge):
 
 def test_an_estimate_is_kept_unless_the_end_is_sure(small):
     problem, _, _, alone = small
-    keeping = replace(problem, keep_start=True)
+    keeping = replace(problem, settings=replace(problem.settings, keep_start=True))
     for verdict, kept in ((FOUND, False), (UNSURE, True), (LOST, True), (None, False)):
         end = replace(alone, verdict=verdict)
-        assert is_start_kept(keeping, end) == kept
-        assert not is_start_kept(problem, end)
+        assert is_start_kept(replace(end, problem=keeping)) == kept
+        assert not is_start_kept(end)
 
 
 def test_an_estimate_that_is_kept_says_why(small, judge):

@@ -10,6 +10,7 @@ import pytest
 
 from poseviewer.errors import SettingsError
 from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
+from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.slices import Slice, landscape
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
@@ -54,8 +55,8 @@ class CountingRenderer(Renderer):
 
 def make_problem(*free: int) -> FitProblem:
     photo = PhotoAttributes(np.zeros((6, 8, 1), np.float32), np.ones((6, 8), np.float32))
-    freed = tuple(number in free for number in range(6))
-    return FitProblem((ComparedView(photo, CHART),), np.zeros(6), freed)
+    lock = tuple(name for number, name in enumerate(CHART.names) if number not in free)
+    return FitProblem((ComparedView(photo, CHART),), np.zeros(6), FitSettings(lock=lock))
 
 
 def drawn(*free: int, renderer=None, centre=(), threads=1, **settings) -> list[Slice]:

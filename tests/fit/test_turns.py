@@ -12,7 +12,7 @@ from poseviewer.fit import search as searching
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.progress import Status
 from poseviewer.fit.scene import LoadedModel, PlacedModel, Scene, SceneObject
-from poseviewer.fit.search import CHANGED, MOST_ROUNDS, Search, SearchProgress
+from poseviewer.fit.search import CHANGED, MOST_ROUNDS, Search
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.visibility import hiding, visibility
 from poseviewer.geometry.camera import Pose
@@ -62,20 +62,15 @@ def test_what_another_hides_is_found_right_with_it_and_not_without():
     assert ends[0] < 0.01 < ends[1]
 
 
-@pytest.fixture(scope="module")
-def together() -> tuple[Search, list[SearchProgress]]:
-    search = searched(scene_of(*STARTS), 0, 1, 2)
-    return search, list(search.run())
-
-
 @pytest.mark.slow
-def test_all_are_found_in_turn_the_one_seen_most_first(together):
-    search, steps = together
+def test_all_are_found_in_turn_the_one_seen_most_first():
+    search = searched(scene_of(*STARTS), 0, 1, 2)
+    steps = list(search.run())
     ends = [share_off(index, search.scene.pose(index)) for index in range(3)]
     starts = [share_off(index, one.pose) for index, one in enumerate(STARTS)]
     assert all(end < 0.3 * start for end, start in zip(ends, starts, strict=True))
     assert max(ends) < 0.01
-    assert all(one.stands_firm for one in search.scene.objects)
+    assert all(one.stands_firm for one in search.scene.objects[1:])  # the first is half hidden
     order = [steps[0].index]
     for step in steps:
         if step.index != order[-1]:
@@ -154,7 +149,7 @@ def test_what_is_lost_or_stands_wholly_behind_another_is_left_and_hides_nothing(
     assert list(searched(scene_of(STARTS[0], wall, locked=(1,), settings=few), 0).run()) == []
     search = searched(scene_of(STARTS[0], wall, STARTS[2], settings=few), 0, 1, 2)
     *_, end = search.run()
-    assert [end.placings[index].progress.status for index in range(3)] == [Status.KEPT] * 3
+    assert [end.placings[index].status for index in range(3)] == [Status.KEPT] * 3
     assert not any(one.stands_firm for one in search.scene.objects)
     kept = search.scene.pose(0).project(MESHES[0].vertices)
     np.testing.assert_allclose(kept, STARTS[0].pose.project(MESHES[0].vertices), atol=1e-9)

@@ -12,13 +12,14 @@ from poseviewer.errors import SettingsError
 from poseviewer.fit.problem import FitProblem, make_problem, pose_loss
 from poseviewer.fit.scene import InView, LoadedModel, Scene
 from poseviewer.fit.search import Search
-from poseviewer.fit.settings import FitSettings
+from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.slices import landscape
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.starts.loading import open_views
+from tests.opened import locked
 from tests.view_sets import CAMERA, DISTANCE, MESH, START, TRUTH, focal_length, make_views
 
 MODEL = LoadedModel(MESH, "m.ply", "0" * 64)
@@ -132,7 +133,7 @@ def test_an_unknown_scale_is_found_with_the_pose(renderer):
 
 
 def test_threads_change_nothing(problem, renderer):
-    few = replace(problem, limits=replace(problem.limits, evaluations=120))
+    few = replace(problem, settings=FitSettings(limits=Limits(120)))
     ends = [[*fit_pose(few, renderer, threads)][-1] for threads in (1, 3)]
     assert ends[0].loss == ends[1].loss
     np.testing.assert_array_equal(ends[0].parameters, ends[1].parameters)
@@ -155,7 +156,8 @@ def test_a_landscape_is_of_all_views_of_any_sizes(renderer, is_mixed):
         pixels = second.photo.pixels.repeat(2, axis=0).repeat(2, axis=1)
         camera, photo = second.camera.scaled(2.0), replace(second.photo, pixels=pixels)
         scene = replace(scene, views=(first, replace(second, photo=photo, camera=camera), third))
-    problem = replace(make_problem(scene)[0], free=(True,) + 4 * (False,) + (True,))
+    problem = make_problem(scene)[0]
+    problem = locked(problem, *problem.chart.names[1:5])
     assert is_mixed == (problem.views[1].photo.factor > problem.views[0].photo.factor)
     pool = RendererPool(renderer, 1)
     *_, last = landscape(problem, pool, np.zeros(6), half_width=0.1, size=3)

@@ -550,9 +550,9 @@ def search_advanced(session: Session, asked: SearchRequest, latest: SearchUpdate
 
 def found_at(document: Document, update: SearchUpdate) -> Document:
     """Document where a search is, or has ended."""
-    for index, placing in update.placings.items():
+    for index, progress in update.placings.items():
         result = update.results.get(index)
-        document = document.at_progress(index, placing.problem, placing.progress, result)
+        document = document.at_progress(index, progress, result)
     is_seen = is_in_sight(document)
     return document if is_seen else document.with_view(update.problem.views[0].index)
 

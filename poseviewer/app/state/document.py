@@ -256,10 +256,11 @@ class Document:
         return replace(self, scene=scene)
 
     def at_progress(
-        self, index: int, problem: FitProblem, progress: FitProgress, result: SearchResult | None
+        self, index: int, progress: FitProgress, result: SearchResult | None
     ) -> Document:
         """The document with an object where a search for it is, or has ended in a ``result``."""
-        scale, document = scale_at(problem.chart, progress.parameters), self
+        problem, document = progress.problem, self
+        scale = scale_at(problem.chart, progress.parameters)
         for view in problem.views[1:]:  # of another camera, perhaps
             pose = view.chart.to_pose(progress.parameters)
             document = document.at_pose(pose, index, view.index, scale)

@@ -127,13 +127,12 @@ def found_hidden(session: Session) -> NDArray[np.bool_] | None:
     own, latest = session.document, session.own_search
     if own.object.result is not None:
         return own.object.result.hidden[own.at] if own.object.result.hidden else None
-    if latest is None or session.searching or not latest.progress.hidden:
+    if latest is None or session.searching:
         return None
-    views = zip(latest.problem.views, latest.progress.hidden, strict=True)  # it was stopped
-    view, hidden = next(pair for pair in views if pair[0].index == own.at)
-    if hidden is None:
+    view = next(view for view in latest.problem.views if view.index == own.at)  # it was stopped
+    if view.hidden is None:
         return None
-    return enlarged(hidden, view.photo.factor, own.photo.width, own.photo.height)
+    return enlarged(view.hidden, view.photo.factor, own.photo.width, own.photo.height)
 
 
 def _painted(session: Session, where: NDArray[np.bool_], erase: bool) -> Session:
