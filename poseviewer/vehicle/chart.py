@@ -97,27 +97,39 @@ class VehicleChart(Chart):
         if outside or not all(map(math.isfinite, values)):
             raise OutsideChartError(f"psi {parameters[4:6]} leaves no axle towards the camera")
         axle = (psi_x, psi_y, -math.sqrt(1.0 - in_plane))
-        width, height = self.camera.width, self.camera.height
-        rear = (values[0] * width, values[1] * height)
-        delta = (values[2] * width, values[3] * height)
-        camera = self._camera_at(values)
+        camera, width, height = self._camera_at(values), self.camera.width, self.camera.height
+        u, v = values[0] * width - camera.cx, values[1] * height - camera.cy
+        x, y = values[2] * width, values[3] * height
         if isinstance(camera, Perspective):
-            return self._perspective_pose(camera, rear, delta, axle)
-        return self._parallel_pose(camera, rear, delta, axle)
+            rays = u / camera.fx, v / camera.fy, x / camera.fx, y / camera.fy
+            return Pose(camera, self._transform(*self._seen_along(*rays, axle), axle))
+        along = (x, y, -(psi_x * x + psi_y * y) / axle[2])
+        scale = math.hypot(*along) / self._wheelbase
+        if not scale > 0.0:
+            raise OutsideChartError("both wheels at the same place")
+        rear = u / scale, v / scale, self.depth
+        return Pose(replace(camera, scale=scale), self._transform(along, rear, axle))
 
     def from_pose(self, pose: Pose) -> FloatArray:
         """The numbers of a pose; its camera's focal length counts only where that is free."""
         camera_from_model = pose.camera_from_model
         rear, front = camera_from_model.apply([self.side.rear_wheel, self.side.front_wheel])
         axle = camera_from_model.rotation @ self.side.axle
-        _require_regular(pose.camera, rear, front, axle)
+        if isinstance(pose.camera, Perspective) and min(rear[2], front[2]) <= 0.0:
+            raise SingularChartError("the vehicle's wheels are not both in front of the camera")
+        towards = -max(axle[2], *_along_sight(self.side, pose))
+        if towards < LEAST_AXLE_COMPONENT:
+            raise SingularChartError(
+                f"the vehicle is seen almost head-on or from straight behind (axle component "
+                f"{towards:.3f} along the view, at least {LEAST_AXLE_COMPONENT} wanted), where "
+                f"the vehicle chart is singular"
+            )
         size = np.array([pose.camera.width, pose.camera.height])
         rear_px, front_px = pose.camera.project([rear, front])
         parameters = [*rear_px / size, *(front_px - rear_px) / size, axle[0], axle[1]]
         if self.free_focal:
-            camera = pose.camera
-            perspective = isinstance(camera, Perspective)
-            parameters.append(camera.width / camera.fx if perspective else 0.0)
+            focal = pose.camera.fx if isinstance(pose.camera, Perspective) else math.inf
+            parameters.append(pose.camera.width / focal)
         return np.array(parameters)
 
     def _camera_at(self, values: list[float]) -> Camera:
@@ -131,27 +143,11 @@ class VehicleChart(Chart):
             return replace(camera, fx=fx, fy=fx * camera.fy / camera.fx)
         return Perspective(fx, fx, camera.cx, camera.cy, camera.width, camera.height)
 
-    def _parallel_pose(
-        self, camera: Parallel, rear: tuple[float, float], delta: tuple[float, float], axle: Vector
-    ) -> Pose:
-        (x, y), (psi_x, psi_y, psi_z) = delta, axle
-        along = (x, y, -(psi_x * x + psi_y * y) / psi_z)
-        scale = math.hypot(*along) / self._wheelbase
-        if not scale > 0.0:
-            raise OutsideChartError("both wheels at the same place")
-        place = (rear[0] - camera.cx) / scale, (rear[1] - camera.cy) / scale, self.depth
-        camera = Parallel(scale, camera.cx, camera.cy, camera.width, camera.height)
-        return Pose(camera, self._transform(along, axle, place))
-
-    def _perspective_pose(
-        self,
-        camera: Perspective,
-        rear: tuple[float, float],
-        delta: tuple[float, float],
-        axle: Vector,
-    ) -> Pose:
-        x1, y1 = (rear[0] - camera.cx) / camera.fx, (rear[1] - camera.cy) / camera.fy
-        x2, y2 = x1 + delta[0] / camera.fx, y1 + delta[1] / camera.fy
+    def _seen_along(
+        self, x1: float, y1: float, dx: float, dy: float, axle: Vector
+    ) -> tuple[Vector, Vector]:
+        """Direction of the wheelbase, and rear wheel, from the wheels' rays at z = 1."""
+        x2, y2 = x1 + dx, y1 + dy
         towards = x1 * axle[0] + y1 * axle[1] + axle[2], x2 * axle[0] + y2 * axle[1] + axle[2]
         lengths = math.hypot(x1, y1, 1.0), math.hypot(x2, y2, 1.0)
         if max(towards[0] / lengths[0], towards[1] / lengths[1]) > -LEAST_AXLE_COMPONENT:
@@ -161,9 +157,9 @@ class VehicleChart(Chart):
         depth = self._wheelbase / max(math.hypot(*along), 1e-300)
         if not depth < 1e100:
             raise OutsideChartError("both wheels at the same place")
-        return Pose(camera, self._transform(along, axle, (depth * x1, depth * y1, depth)))
+        return along, (depth * x1, depth * y1, depth)
 
-    def _transform(self, along: Vector, axle: Vector, rear: Vector) -> RigidTransform:
+    def _transform(self, along: Vector, rear: Vector, axle: Vector) -> RigidTransform:
         """Transform of wheelbase and axle to these directions, and of the wheel to ``rear``."""
         length = math.hypot(*along)
         x, y, z = along[0] / length, along[1] / length, along[2] / length
@@ -175,27 +171,14 @@ class VehicleChart(Chart):
 
 def visible_side(keypoints: VehicleKeypoints, pose: Pose) -> SideKeypoints:
     """The side whose outward axle points more towards the camera."""
-
-    def away(side: SideKeypoints) -> float:
-        axle = pose.camera_from_model.rotation @ side.axle
-        if isinstance(pose.camera, Parallel):
-            return float(axle[2])
-        wheels = pose.camera_from_model.apply([side.rear_wheel, side.front_wheel])
-        return float(np.mean(wheels @ axle / np.linalg.norm(wheels, axis=1)))
-
-    return min((keypoints.left, keypoints.right), key=away)
+    sides = keypoints.left, keypoints.right
+    return min(sides, key=lambda side: float(np.mean(_along_sight(side, pose))))
 
 
-def _require_regular(camera: Camera, rear: FloatArray, front: FloatArray, axle: FloatArray) -> None:
-    """The chart's numbers are well defined: the axle leans towards the camera, enough of it."""
-    towards = [-float(axle[2])]
-    if isinstance(camera, Perspective):
-        if min(rear[2], front[2]) <= 0.0:
-            raise SingularChartError("the vehicle's wheels are not both in front of the camera")
-        towards += [-float(point @ axle / np.linalg.norm(point)) for point in (rear, front)]
-    if min(towards) < LEAST_AXLE_COMPONENT:
-        raise SingularChartError(
-            f"the vehicle is seen almost head-on or from straight behind (axle component "
-            f"{min(towards):.3f} along the view, at least {LEAST_AXLE_COMPONENT} wanted), where "
-            f"the vehicle chart is singular"
-        )
+def _along_sight(side: SideKeypoints, pose: Pose) -> FloatArray:
+    """(k,): the axle's component along the sight to each wheel, or along the only direction."""
+    axle = pose.camera_from_model.rotation @ side.axle
+    if isinstance(pose.camera, Parallel):
+        return axle[2:]
+    wheels = pose.camera_from_model.apply([side.rear_wheel, side.front_wheel])
+    return wheels @ axle / np.linalg.norm(wheels, axis=1)

@@ -70,10 +70,17 @@ def find_wheels(mesh: Mesh) -> VehicleKeypoints | None:
     layout = _four_wheels(mesh.vertices[chosen])
     if layout is None:
         return None
-    up = _up_sign(mesh, layout) * layout.axes[2]
-    front = _front_sign(mesh, layout, vertex_part[chosen], up) * layout.axes[0]
+    # Most of a vehicle stands above its wheels' centres.
+    heights, middle = mesh.vertices @ layout.axes[2], layout.centres[:, 2].mean()
+    is_up = heights.max() - middle > middle - heights.min()
+    up = layout.axes[2] if is_up else -layout.axes[2]
+    vote = (
+        _vote_of_body(mesh, layout)
+        or _vote_of_wheel_names(mesh, layout, vertex_part[chosen])
+        or _vote_of_roof(mesh, layout, up)
+    )
     try:
-        return _key_points(layout, front, up)
+        return _key_points(layout, -layout.axes[0] if vote < 0.0 else layout.axes[0], up)
     except ValueError:
         return None
 
@@ -105,14 +112,10 @@ def _four_wheels(points: FloatArray) -> _Layout | None:
     _, label = kmeans2(points, points[seeds], minit="matrix", iter=20)
     if len(np.unique(label)) < 4:
         return None
-    rough = np.stack([_middle(points[label == i]) for i in range(4)])
-    axes = _rectangle_axes(rough)
+    axes = _rectangle_axes(_boxes(points, label)[0])
     if axes is None:
         return None
-    places = points @ axes.T
-    low = np.stack([places[label == i].min(axis=0) for i in range(4)])
-    high = np.stack([places[label == i].max(axis=0) for i in range(4)])
-    centres, size = (low + high) / 2.0, high - low
+    centres, size = _boxes(points @ axes.T, label)
     spacing = np.ptp(centres, axis=0)[:2]
     wheels_alike = np.ptp(size[:, 2]) < 0.3 * size[:, 2].max()
     if np.any(size[:, :2] > 0.6 * spacing) or not wheels_alike:
@@ -120,8 +123,11 @@ def _four_wheels(points: FloatArray) -> _Layout | None:
     return _Layout(axes, centres, size[:, 1] / 2.0, label)
 
 
-def _middle(points: FloatArray) -> FloatArray:
-    return (points.min(axis=0) + points.max(axis=0)) / 2.0
+def _boxes(points: FloatArray, label: NDArray) -> tuple[FloatArray, FloatArray]:
+    """Middles and sizes (4, 3) of the boxes of four clumps of points."""
+    low = np.stack([points[label == i].min(axis=0) for i in range(4)])
+    high = np.stack([points[label == i].max(axis=0) for i in range(4)])
+    return (low + high) / 2.0, high - low
 
 
 def _rectangle_axes(corners: FloatArray) -> FloatArray | None:
@@ -139,24 +145,6 @@ def _rectangle_axes(corners: FloatArray) -> FloatArray | None:
     return np.stack([along, across, np.cross(along, across)])
 
 
-def _up_sign(mesh: Mesh, layout: _Layout) -> float:
-    """Most of a vehicle stands above its wheels' centres."""
-    heights = mesh.vertices @ layout.axes[2]
-    middle = layout.centres[:, 2].mean()
-    return 1.0 if heights.max() - middle > middle - heights.min() else -1.0
-
-
-def _front_sign(mesh: Mesh, layout: _Layout, part_of_point: NDArray, up: FloatArray) -> float:
-    for vote in (
-        _vote_of_body(mesh, layout),
-        _vote_of_wheel_names(mesh, layout, part_of_point),
-        _vote_of_roof(mesh, layout, up),
-    ):
-        if vote:
-            return float(np.sign(vote))
-    return 1.0
-
-
 def _vote_of_body(mesh: Mesh, layout: _Layout) -> float:
     """Parts that belong to one end and lie beyond a quarter of the wheelbase from the middle."""
     middle = layout.centres[:, 0].mean()
@@ -168,16 +156,15 @@ def _vote_of_body(mesh: Mesh, layout: _Layout) -> float:
             continue
         sign = _any(FRONT_BODY_WORDS, words) - _any(REAR_BODY_WORDS, words)
         if sign:
-            place = _middle(mesh.part_vertices(name)) @ layout.axes[0] - middle
+            part = mesh.part_vertices(name)
+            place = (part.min(axis=0) + part.max(axis=0)) / 2.0 @ layout.axes[0] - middle
             vote += sign * np.sign(place) * (abs(place) > reach)
     return vote
 
 
 def _vote_of_wheel_names(mesh: Mesh, layout: _Layout, part_of_point: NDArray) -> float:
     vote = 0.0
-    middle = layout.centres[:, 0].mean()
-    for wheel in range(4):
-        side = np.sign(layout.centres[wheel, 0] - middle)
+    for wheel, side in enumerate(np.sign(layout.centres[:, 0] - layout.centres[:, 0].mean())):
         for part in np.unique(part_of_point[layout.label == wheel]):
             words = _words(mesh.part_names[part])
             vote += side * (int(_any(FRONT_WORDS, words)) - int(_any(REAR_WORDS, words)))

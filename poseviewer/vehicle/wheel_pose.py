@@ -11,7 +11,10 @@ the car is taken to be seen from above its axles, as nearly all photos show it.
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -55,8 +58,8 @@ class Ellipse:
                 "above 0 px."
             )
         if self.b > self.a:
-            longer, shorter, angle = self.b, self.a, self.angle + math.pi / 2.0
-            for name, value in (("a", longer), ("b", shorter), ("angle", angle)):
+            turned = {"a": self.b, "b": self.a, "angle": self.angle + math.pi / 2.0}
+            for name, value in turned.items():
                 object.__setattr__(self, name, value)
         if self.b < LEAST_FLATNESS * self.a:
             raise QuickStartError(
@@ -67,25 +70,19 @@ class Ellipse:
     def outline(self, count: int = 48) -> FloatArray:
         """(count, 2): points on it, all around."""
         t = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
-        return self.from_unit(np.column_stack([np.cos(t), np.sin(t)]))
-
-    def from_unit(self, points: ArrayLike) -> FloatArray:
-        """Points (..., 2) of the unit disk, as the ellipse stretches it over the photo."""
-        return np.asarray(points, dtype=float) @ self._axes().T + [self.cx, self.cy]
-
-    def as_unit(self, points: ArrayLike) -> FloatArray:
-        """Photo points (..., 2) where the ellipse is the unit circle."""
-        away = np.asarray(points, dtype=float) - [self.cx, self.cy]
-        return away @ np.linalg.inv(self._axes()).T
+        return np.column_stack([np.cos(t), np.sin(t)]) @ self._axes().T + [self.cx, self.cy]
 
     def distances(self, points: ArrayLike) -> FloatArray:
         """(n,): Sampson's distance of photo points (n, 2), about px outside (inside: below 0)."""
-        unit = self.as_unit(points)
+        # Where the ellipse is the unit circle.
+        away = np.asarray(points, dtype=float) - [self.cx, self.cy]
+        unit = away @ np.linalg.inv(self._axes()).T
         value = np.sum(unit**2, axis=1) - 1.0
         gradient = 2.0 * np.linalg.norm(unit / [self.a, self.b], axis=1)
         return value / np.maximum(gradient, 1e-9)
 
     def _axes(self) -> FloatArray:
+        """(2, 2): half axes as columns."""
         c, s = math.cos(self.angle), math.sin(self.angle)
         return np.array([[self.a * c, -self.b * s], [self.a * s, self.b * c]])
 
@@ -132,8 +129,7 @@ OUT_OF_REACH_PX = 1e4
 """The error of numbers that are no pose."""
 
 
-@dataclass(frozen=True, slots=True)
-class Wheels:
+class Wheels(NamedTuple):
     """The outlines of a vehicle's visible wheels: of both tyres, or of both rims."""
 
     rear: Ellipse
@@ -162,18 +158,16 @@ def poses_from_wheels(
 
     Raises ``QuickStartError``: no pose shows the wheels as these ellipses.
     """
-    fits = [
-        fit
-        for side in (keypoints.left, keypoints.right)
-        for axle in _axles(wheels, camera)
-        if (fit := _fitted(side, axle, wheels, keypoints, camera)) is not None
-    ]
+    fits, up = [], model_axes(keypoints)[2]
+    for side, axle in product((keypoints.left, keypoints.right), _axles(wheels, camera)):
+        with suppress(OutsideChartError):
+            fits.append(_fitted(side, axle, wheels, up, camera))
     fits.sort(key=lambda fit: fit.error_px)
-    limit = LARGEST_ERROR * min(math.sqrt(w.a * w.b) for w in (wheels.rear, wheels.front))
+    limit = LARGEST_ERROR * min(math.sqrt(wheel.a * wheel.b) for wheel in wheels)
     if not fits or not fits[0].error_px <= limit:
-        found = f"{fits[0].error_px:.0f} px off at best" if fits else "no upright car"
+        best = f"{fits[0].error_px:.0f} px off at best" if fits else "no upright car"
         raise QuickStartError(
-            f"No pose of this model shows its wheels as these two ellipses ({found}); check which "
+            f"No pose of this model shows its wheels as these two ellipses ({best}); check which "
             "is the rear wheel, and that both outline the same part of a wheel."
         )
     worst = max(AS_GOOD * fits[0].error_px, fits[0].error_px + AS_GOOD_PX)
@@ -194,8 +188,8 @@ def _axles(wheels: Wheels, camera: Camera) -> list[FloatArray]:
     The shorter over the longer half axis is the cosine of the tilt, to either side, exactly so in
     parallel projection and about so along a line of sight.
     """
-    found = []
-    for wheel in (wheels.rear, wheels.front):
+    axles = []
+    for wheel in wheels:
         flatness, turn = wheel.b / wheel.a, np.eye(3)
         if isinstance(camera, Perspective):
             sight = camera.rays((wheel.cx, wheel.cy))
@@ -203,70 +197,58 @@ def _axles(wheels: Wheels, camera: Camera) -> list[FloatArray]:
         across = math.sqrt(1.0 - flatness**2) * np.array(
             [-math.sin(wheel.angle), math.cos(wheel.angle), 0.0]
         )
-        found += [turn @ (tilt - [0.0, 0.0, flatness]) for tilt in (across, -across)]
-    return found
+        axles += [turn @ (tilt - [0.0, 0.0, flatness]) for tilt in (across, -across)]
+    return axles
 
 
 def _fitted(
-    side: SideKeypoints,
-    axle: FloatArray,
-    wheels: Wheels,
-    keypoints: VehicleKeypoints,
-    camera: Camera,
-) -> WheelFit | None:
-    """The best pose of one side near an axle; None where there is none, or it is upside down."""
+    side: SideKeypoints, axle: FloatArray, wheels: Wheels, up: FloatArray, camera: Camera
+) -> WheelFit:
+    """The best upright pose of one side near an axle; raises ``OutsideChartError``: none is."""
     chart = VehicleChart(side, camera, depth=4.0 * side.wheelbase)
-    start = _start(chart, axle, wheels)
-    if start is None or not _is_upright(chart.to_pose(start[:6]), keypoints):
-        return None
 
     def residuals(x: FloatArray) -> FloatArray:
         try:
             pose = chart.to_pose(x[:6])
         except OutsideChartError:
             return np.full(2 * RIM_POINTS, OUT_OF_REACH_PX)
-        rims = wheel_rims(pose, side, math.exp(x[6]))
-        pairs = zip((wheels.rear, wheels.front), rims, strict=True)
+        pairs = zip(wheels, wheel_rims(pose, side, math.exp(x[6])), strict=True)
         away = np.concatenate([wheel.distances(rim) for wheel, rim in pairs])
         return np.nan_to_num(away, nan=OUT_OF_REACH_PX)
 
-    scale = [0.01, 0.01, 0.01, 0.01, 0.1, 0.1, 0.1]
+    scale, start = [0.01, 0.01, 0.01, 0.01, 0.1, 0.1, 0.1], _start(chart, axle, wheels, up)
     end = least_squares(residuals, start, method="lm", x_scale=scale, max_nfev=400)
-    try:
-        pose = chart.to_pose(end.x[:6])
-    except OutsideChartError:
-        return None
-    up = pose.camera_from_model.rotation @ model_axes(keypoints)[2]
-    radius = math.exp(end.x[6])
-    is_a_wheel = SMALLEST_RADIUS <= radius / side.wheelbase <= LARGEST_RADIUS
-    if not (is_a_wheel and _is_upright(pose, keypoints)):
-        return None
+    pose, radius = chart.to_pose(end.x[:6]), math.exp(end.x[6])
+    if not SMALLEST_RADIUS <= radius / side.wheelbase <= LARGEST_RADIUS:
+        raise OutsideChartError("not the radius of a wheel")
     towards = -pose.camera_from_model.apply(side.rear_wheel)
     if isinstance(pose.camera, Parallel):
         towards = np.array([0.0, 0.0, -1.0])
     error = math.sqrt(2.0 * end.cost / (2 * RIM_POINTS))
-    return WheelFit(pose, radius, error, bool(up @ towards > 0.0))
+    return WheelFit(pose, radius, error, bool(_upright(pose, up) @ towards > 0.0))
 
 
-def _is_upright(pose: Pose, keypoints: VehicleKeypoints) -> bool:
-    """Whether the vehicle does not stand on its head: the photo's v axis points down."""
-    up = pose.camera_from_model.rotation @ model_axes(keypoints)[2]
-    return bool(up[1] < 0.0)
+def _upright(pose: Pose, up: FloatArray) -> FloatArray:
+    """``up`` (3,) in the camera, whose y axis points down; raises ``OutsideChartError``: so does
+    ``up``.
+    """
+    up = pose.camera_from_model.rotation @ up
+    if not up[1] < 0.0:
+        raise OutsideChartError("the vehicle stands on its head")
+    return up
 
 
-def _start(chart: VehicleChart, axle: FloatArray, wheels: Wheels) -> FloatArray | None:
-    """(7,): the chart's numbers, and the logarithm of the wheels' radius."""
+def _start(chart: VehicleChart, axle: FloatArray, wheels: Wheels, up: FloatArray) -> FloatArray:
+    """(7,): the chart's numbers, and the logarithm of the wheels' radius; raises as ``_fitted``."""
     size = np.array([chart.camera.width, chart.camera.height])
     rear = np.array([wheels.rear.cx, wheels.rear.cy]) / size
     front = np.array([wheels.front.cx, wheels.front.cy]) / size
     parameters = np.array([*rear, *(front - rear), axle[0], axle[1]])
-    try:
-        pose = chart.to_pose(parameters)
-    except OutsideChartError:
-        return None
+    pose = chart.to_pose(parameters)
+    _upright(pose, up)
     px_per_unit = np.linalg.norm(wheel_rims(pose, chart.side, 1.0)[0] - rear * size, axis=1).max()
-    if not 0.0 < px_per_unit < math.inf:  # a wheel that reaches behind the camera
-        return None
+    if not 0.0 < px_per_unit < math.inf:
+        raise OutsideChartError("a wheel reaches behind the camera")
     return np.append(parameters, math.log(wheels.rear.a / px_per_unit))
 
 
