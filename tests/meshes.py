@@ -47,21 +47,16 @@ def make_box(size=(2.0, 1.0, 0.5)) -> Mesh:
 def make_two_boxes() -> Mesh:
     """A box called body, and beside it a smaller one called mirror."""
     body = make_box()
-    count = len(body.vertices)
-    small = 0.2 * body.vertices + np.array([3.0, 0.0, 0.0])
-    both = {
-        name: np.concatenate([getattr(body, name)] * 2)
-        for name in ("normals", "colours", "uvs", "face_texture")
-    }
-    faces = len(body.faces)
-    return replace(
-        body,
-        vertices=np.concatenate([body.vertices, small]),
-        faces=np.concatenate([body.faces, body.faces + count]),
-        face_part=np.repeat([0, 1], faces),
-        part_names=("body", "mirror"),
-        **both,
-    )
+    mirror = replace(body, vertices=0.2 * body.vertices + np.array([3.0, 0.0, 0.0]))
+    parts = np.repeat([0, 1], len(body.faces))
+    return replace(merged(body, mirror), face_part=parts, part_names=("body", "mirror"))
+
+
+def merged(one: Mesh, other: Mesh) -> Mesh:
+    """Both meshes as one."""
+    names = "vertices", "normals", "colours", "uvs", "face_texture", "face_part"
+    both = {name: np.concatenate([getattr(one, name), getattr(other, name)]) for name in names}
+    return replace(one, faces=np.concatenate([one.faces, other.faces + len(one.vertices)]), **both)
 
 
 def make_sphere(subdivisions=4, radius=1.0) -> Mesh:

@@ -12,7 +12,6 @@ import pytest
 from msgspec import structs
 
 import poseviewer
-from poseviewer.api import load
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.opening import (
@@ -28,13 +27,11 @@ from poseviewer.files.pose import (
 )
 from poseviewer.files.scene_file import ObjectRecord, SceneRecord, ViewRecord, save_scene
 from poseviewer.files.state.autosave import load_autosave
-from poseviewer.fit import search as searching
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.mask import Mask
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.starts.loading import load_model
 from tests.scene import Scene
-from tests.several import make_three
 
 QUICK = FitSettings(limits=Limits(60))
 
@@ -137,28 +134,6 @@ def test_a_crash_loses_nothing_that_is_hidden(scene, halves, tmp_path):
     assert found.mesh.left_out == ("right",)
     assert found.own.mask is not None
     assert np.array_equal(found.own.mask.weights, half_hidden().weights)
-
-
-def test_a_scene_keeps_what_a_search_found_in_front_of_an_object(tmp_path, monkeypatch):
-    scene = load(make_three(tmp_path))
-    index, apart = scene.data.index("apart"), scene["apart"]
-    hidden = np.zeros(apart.problem.photo.weights.shape, bool)
-    hidden[:, : hidden[0].size // 5] = True
-    monkeypatch.setattr(searching, "find_hidden", lambda *_: hidden)
-    fitted = apart.fit()
-    mask = fitted.data.mask(index)
-    assert fitted.hidden is not None
-    assert mask is not None
-    covered = fitted.renderer.covers(fitted.pose)
-    assert fitted.record.seen == pytest.approx(np.mean(mask.weights[covered] > 0.0), abs=0.03)
-    assert (fitted.record.seen or 1.0) < 0.9
-    fitted.whole.save(tmp_path / "fitted.json")
-    again = load(tmp_path / "fitted.json").data
-    for number in range(len(again.objects)):
-        kept = again.mask(number)
-        assert (kept is not None) == (number == index)
-        if kept is not None:
-            assert np.array_equal(kept.weights, mask.weights)
 
 
 def test_parts_of_a_scene_s_objects_are_left_out_by_the_object_s_id(scene, halves, tmp_path):

@@ -20,12 +20,6 @@ def test_weights_come_back_to_the_last_bit(binary):
     assert not mask.weights.flags.writeable
 
 
-def test_a_painted_mask_takes_little_room():
-    counts = np.ones((1500, 2000), bool)
-    counts[400:900, 300:1200] = False
-    assert len(Mask.of(counts)._packed) < 20_000
-
-
 @pytest.mark.parametrize("weights", [np.ones((3, 4, 3)), np.full((3, 4), 2.0), [[np.nan, 1.0]]])
 def test_what_is_no_mask_is_refused(weights):
     with pytest.raises(ValueError, match="a mask of shape"):

@@ -40,14 +40,6 @@ def test_any_turned_faces_of_a_closed_surface_are_turned_back_outwards(
     assert np.array_equal(winding_to_flip(shape.vertices, turned(faces, which)), which)
 
 
-def test_winding_of_a_soup_of_triangles_is_repaired_over_equal_places() -> None:
-    sphere = trimesh.creation.icosphere(subdivisions=2)
-    soup = sphere.vertices[sphere.faces].reshape(-1, 3)
-    faces = np.arange(len(soup)).reshape(-1, 3)
-    which = np.arange(len(faces)) % 3 == 0
-    assert np.array_equal(winding_to_flip(soup, turned(faces, which)), which)
-
-
 def test_of_an_open_surface_the_smaller_area_is_turned() -> None:
     vertices, faces = wavy_sheet(12)
     which = np.random.default_rng(0).random(len(faces)) < 0.3

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from poseviewer.fit.loss import registration_loss, worst_registration_loss
+from poseviewer.fit.loss import registration_loss
 from poseviewer.geometry.camera import Parallel, Perspective, Pose, level_pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.moments import moments_of_images
@@ -62,19 +62,6 @@ def test_the_fast_path_gives_the_plain_moments(parallel, factor):
         assert registration_loss(fast) == pytest.approx(registration_loss(plain), rel=1e-5)
 
 
-def test_the_loss_rises_away_from_the_truth():
-    photo, renderer = make_photo(make_pose()), SoftwareRenderer(MESH)
-
-    def loss(turn: float, shift: float) -> float:
-        return registration_loss(renderer.moments(make_pose(turn, shift), photo))
-
-    for way in (1.0, -1.0):
-        turned = [loss(way * t, 0.0) for t in (0.0, 0.03, 0.08, 0.15)]
-        shifted = [loss(0.0, way * s) for s in (0.0, 0.03, 0.1, 0.2)]
-        assert turned == sorted(turned)
-        assert shifted == sorted(shifted)
-
-
 def test_a_photo_in_negative_has_the_same_edges():
     """Strength and sign of an edge say nothing; the tone curve in front of it does a little."""
     channels = make_channels(make_pose())
@@ -128,10 +115,3 @@ def test_a_photo_of_few_colours_has_as_many_classes():
     rare = np.zeros((60, 60, 3), np.float32)  # colours that a few pixels have
     rare[1, 1 : CLASSES - 2, 0] = np.arange(1, CLASSES - 2) / CLASSES
     assert len(make_structure(rare, np.ones((60, 60), np.float32)).shares) == CLASSES - 2
-
-
-def test_a_pose_that_shows_nothing_costs_the_most():
-    photo = make_photo(make_pose())
-    nothing = registration_loss(SoftwareRenderer(MESH).moments(make_pose(shift=30.0), photo))
-    assert nothing == worst_registration_loss(photo)
-    assert nothing > registration_loss(SoftwareRenderer(MESH).moments(make_pose(0.5), photo))

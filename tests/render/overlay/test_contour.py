@@ -13,6 +13,7 @@ from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.overlay.contour import (
     SMALLEST_HOLE,
+    Sketch,
     quick_silhouette,
     silhouette,
     within,
@@ -126,3 +127,16 @@ def test_nothing_is_within_a_model_behind_the_camera():
         RigidTransform(np.eye(3), np.array([0.0, 0.0, -5.0])),
     )
     assert not within(np.array([50.0, 50.0]), behind, make_box(), 10.0)
+    assert not Sketch(make_box()).covers(behind).any()
+
+
+@pytest.mark.parametrize("mesh", [make_box(), BALL])
+@pytest.mark.parametrize("depth", [6.0, 0.1])
+def test_a_sketch_covers_what_the_rasteriser_covers(mesh, depth):
+    turn, place = [0.4, -0.7, 0.2], [0.05 * depth, -0.02 * depth, depth]
+    camera = Perspective(500.0, 500.0, 310.0, 250.0, 640, 480)
+    pose = Pose(camera, RigidTransform.from_rotation_vector(turn, place))
+    sketched, drawn = (make(mesh).covers(pose) for make in (Sketch, SoftwareRenderer))
+    assert sketched.any()
+    if depth > 1.0:  # else the camera is in the model
+        assert np.sum(sketched & drawn) > 0.97 * np.sum(sketched | drawn) > 1000

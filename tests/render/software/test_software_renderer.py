@@ -11,12 +11,19 @@ from hypothesis import strategies as st
 
 from poseviewer.fit.loss import lighting_loss
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
-from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.moments import moments_of_images
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes
-from tests.meshes import make_box, make_bumpy, make_mesh, make_painted, make_soup, make_sphere
+from tests.meshes import (
+    make_box,
+    make_bumpy,
+    make_mesh,
+    make_painted,
+    make_soup,
+    make_sphere,
+    merged,
+)
 
 SEEDS = st.integers(0, 2**32 - 1)
 MESHES = {
@@ -136,20 +143,6 @@ def test_faces_behind_the_camera_are_clipped_not_mirrored():
     assert mask[25 : min(lowest, 48) - 1].all()
 
 
-def test_reflectance_is_perspective_correct():
-    """A receding strip whose colour is its own depth, along the middle row."""
-    strip = np.array([[-1, -0.1, 2], [1, -0.1, 10], [1, 0.1, 10], [-1, 0.1, 2]], float)
-    colours = np.repeat(strip[:, 2:] / 10.0, 3, axis=1)
-    mesh = make_mesh(strip, np.array([[0, 1, 2], [0, 2, 3]]), colours=colours)
-    pose = Pose(Perspective(100.0, 100.0, 64.0, 8.0, 128, 16), RigidTransform.identity())
-    image = SoftwareRenderer(mesh).render(pose)
-    columns = np.flatnonzero(image.mask[8])
-    slope = (columns + 0.5 - 64.0) / 100.0  # x / z, with x = -1 + (z - 2) / 4
-    expected = 1.5 / (0.25 - slope) / 10.0
-    assert len(columns) > 50
-    assert image.reflectance[8, columns, 0] == pytest.approx(expected, abs=1e-5)
-
-
 def test_textures_are_sampled_at_their_texels():
     texture = np.random.default_rng(0).integers(0, 256, (6, 8, 3)).astype(np.uint8)
     vertices = np.array([[0, 0, 0], [8, 0, 0], [8, 6, 0], [0, 6, 0]], float)
@@ -177,20 +170,8 @@ def test_a_model_outside_the_picture_shows_nothing(place):
     assert lighting_loss(renderer.moments(pose, photo)) == 3.0
 
 
-def make_nested() -> Mesh:
-    """A bumpy shape with another one inside."""
-    shape, count = make_bumpy(4), len(make_bumpy(4).vertices)
-    corners = ("normals", "colours", "uvs")
-    faces = ("face_texture", "face_part")
-    return replace(
-        shape,
-        vertices=np.concatenate([shape.vertices, 0.7 * shape.vertices]),
-        faces=np.concatenate([shape.faces, shape.faces + count]),
-        **{name: np.concatenate([getattr(shape, name)] * 2) for name in (*corners, *faces)},
-    )
-
-
-NESTED = SoftwareRenderer(make_nested())
+SHAPE = make_bumpy(4)
+NESTED = SoftwareRenderer(merged(SHAPE, replace(SHAPE, vertices=0.7 * SHAPE.vertices)))
 
 
 @pytest.mark.parametrize("parallel", [False, True])
@@ -224,9 +205,6 @@ def test_pictures_do_not_depend_on_what_was_drawn_before(parallel):
 
 def test_of_two_faces_at_the_same_depth_the_same_one_is_always_seen():
     mesh = make_bumpy(3)
-    twice = make_mesh(
-        mesh.vertices, np.concatenate([mesh.faces, mesh.faces]), mesh.normals, mesh.colours
-    )
-    renderer, random = SoftwareRenderer(twice), np.random.default_rng(1)
+    renderer, random = SoftwareRenderer(merged(mesh, mesh)), np.random.default_rng(1)
     for _ in range(10):
         assert renderer.render(random_pose(random, False)).face_ids.max() < len(mesh.faces)
