@@ -18,7 +18,7 @@ from poseviewer.errors import SettingsError
 from poseviewer.files.checks import Reading
 from poseviewer.files.formats.bop_models import BopModel
 from poseviewer.files.photo import load_photo
-from poseviewer.files.structs import CameraNumbers, Positive, Transform, decoded
+from poseviewer.files.structs import CameraNumbers, Positive, Transform
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform, nearest_rotation
 
@@ -98,7 +98,7 @@ def load_cases(folder: Path, pattern: str = "") -> list[Case]:
     """Load the cases whose id contains the pattern, or with ``*`` or ``?`` in it matches whole."""
     reading, cases = Reading(folder / CASES, kind="list of cases"), []
     listed = reading.load_object().get("cases")
-    for entry in decoded(reading, listed, list[Entry], ("photo", "mesh")):
+    for entry in reading.decoded(listed, list[Entry], raw=("photo", "mesh")):
         if fnmatchcase(entry.id, pattern if set("*?") & set(pattern) else f"*{pattern}*"):
             path = folder / entry.photo
             photo = load_photo(path)
@@ -114,7 +114,7 @@ def load_cases(folder: Path, pattern: str = "") -> list[Case]:
 def load_starts(folder: Path, degrees: Sequence[int], draws: int) -> list[Start]:
     """Load the first ``draws`` starts of every case at each of the deviations."""
     reading = Reading(folder / STARTS, kind="list of starts")
-    starts = decoded(reading, reading.load_json(), list[Start])
+    starts = reading.decoded(reading.load_json(), list[Start])
     known = sorted({start.degrees for start in starts})
     for wanted in degrees:
         if wanted not in known:

@@ -16,7 +16,7 @@ from poseviewer.evaluation.plan import DRAWN, Kind, Plan
 from poseviewer.evaluation.report import bop_table, study_table
 from poseviewer.evaluation.trials import KEY, Task, Trial, open_model, run_all
 from poseviewer.figures.text_table import Table
-from poseviewer.files.checks import read_json
+from poseviewer.files import checks
 from poseviewer.files.demo import demo_case
 from poseviewer.files.formats.bop_models import MODELS_INFO
 from poseviewer.files.table import RowTable
@@ -163,7 +163,7 @@ def _open_folder(out: Path, about: Mapping[str, Any]) -> None:
     if not path.exists():
         write_json(path, about, SettingsError)
         return
-    before = read_json(path)
+    before = checks.Reading(path).load_json()
     for key, value in about.items():
         if not isinstance(before, dict) or before.get(key) != value:
             was = before.get(key) if isinstance(before, dict) else before

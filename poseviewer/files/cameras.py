@@ -17,8 +17,9 @@ import numpy as np
 import yaml
 
 from poseviewer.errors import CalibrationFileError
-from poseviewer.files.checks import Reading, checked_camera
+from poseviewer.files.checks import Reading
 from poseviewer.files.colmap_model import MODELS, camera_rows, image_rows
+from poseviewer.files.structs import CameraNumbers, checked_camera
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
@@ -91,12 +92,8 @@ def bop_cameras(reading: Reading, data: dict[str, Any]) -> list[FileCamera]:
         ]
     if not {"fx", "fy", "cx", "cy"} <= set(data):
         return []
-    fx, fy, cx, cy, width, height = reading.fields(
-        data, "", fx=Reading.positive, fy=Reading.positive, cx=Reading.number, cy=Reading.number,
-        width=Reading.size, height=Reading.size,
-    )  # fmt: skip
-    camera = camera_from_integer_centres(Perspective(fx, fy, cx, cy, width or 0, height or 0))
-    return [FileCamera("", camera)]
+    width, height = (reading.size(data.get(key), key) or 0 for key in ("width", "height"))
+    return [FileCamera("", reading.decoded(data, CameraNumbers).perspective(width, height))]
 
 
 def opencv_storage(reading: Reading) -> dict[str, Any]:
@@ -179,7 +176,7 @@ def camera_of_matrix(
     if len(values) != 9:
         raise reading.error(f"{what} has {len(values)} numbers", "wanted a 3x3 camera matrix")
     matrix = np.array(values).reshape(3, 3)
-    fx, fy = (reading.positive(matrix[i, i], f"{what}: f{'xy'[i]}") for i in range(2))
+    fx, fy = (reading.positive(values[4 * i], f"{what}: f{'xy'[i]}") for i in range(2))
     if not np.allclose(matrix[2], [0.0, 0.0, 1.0]) or abs(matrix[1, 0]) > LARGEST_SKEW * fx:
         raise reading.error(f"{what} is {values}", "wanted rows fx 0 cx, 0 fy cy, 0 0 1")
     if abs(matrix[0, 1]) > LARGEST_SKEW * fx:

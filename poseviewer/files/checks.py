@@ -7,20 +7,23 @@ from __future__ import annotations
 import json
 import logging
 import math
+import re
 import stat
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from pathlib import Path
-from typing import IO, Any, TypeVar
+from typing import IO, Annotated, Any, TypeVar
 
+import msgspec
 import numpy as np
 from cv2.utils import logging as cv2_logging
+from msgspec import Meta
 
 from poseviewer.errors import PoseFileError, PoseViewerError, printable
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Camera
 from poseviewer.geometry.transform import nearest_rotation
 
 SILENT = logging.CRITICAL + 1
@@ -44,8 +47,6 @@ def quiet_libraries() -> Iterator[None]:
             logger.setLevel(level)
 
 
-VERSION = 1
-"""Version of all our JSON formats."""
 ROUNDING = 1e-6
 """A rotation this near to orthonormal is taken as rounded, and made exact without a warning."""
 LARGEST_REPAIR_DEG = 1.0
@@ -60,8 +61,26 @@ LONGEST_NAME = 200
 """Characters of a file's name in a message."""
 LONGEST_QUOTE = 60
 """Characters of a value in a message."""
+Number = Annotated[float, Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
+Positive = Annotated[float, Meta(ge=1.0 / LARGEST_NUMBER, le=LARGEST_NUMBER)]
+Pixels = Annotated[int, Meta(ge=1, le=10_000_000)]
+Three = Annotated[tuple[Number, ...], Meta(min_length=3, max_length=3)]
+Rows = Annotated[tuple[Three, ...], Meta(min_length=3, max_length=3)]
+KEY = re.compile(r"[^.\[\]]+|\.\.\.")
+TYPE = re.compile(r"`(.*?)`")
+NAMES = {
+    "float": "a number", "int": "a whole number", "str": "a text", "bool": "true or false",
+    "array": "a list", "object": "an object {...}",
+}  # fmt: skip
+"""Names of msgspec's types for people."""
+LIMITS = {
+    f" >= {1.0 / LARGEST_NUMBER}": " above 0",
+    f" >= {-LARGEST_NUMBER}": f" of at most {LARGEST_NUMBER:g}",
+    f" <= {LARGEST_NUMBER}": f" of at most {LARGEST_NUMBER:g}",
+}
+"""Limits in msgspec's messages, in words."""
 
-AnyCamera = TypeVar("AnyCamera", bound=Camera)
+Value = TypeVar("Value")
 
 _log = logging.getLogger(__name__)
 
@@ -161,12 +180,12 @@ class Reading:
             raise self.error(f"{what} is {kind_of(value)}", "wanted an object {...}")
         return value
 
-    def require_format(self, data: dict[str, Any], name: str, newest: int = VERSION) -> None:
+    def require_format(self, data: dict[str, Any], name: str, newest: int = 1) -> None:
         """Raise unless ``format`` is absent or equals ``name``, in a version up to the newest."""
         if data.get("format", name) != name:
             raise self.error(f"format is {kind_of(data['format'])}", f"wanted {name!r}")
-        version = data.get("version", VERSION)
-        if version is True or version not in range(VERSION, newest + 1):
+        version = data.get("version", 1)
+        if version is True or version not in range(1, newest + 1):
             wanted = f"this poseviewer reads versions up to {newest}, try a newer one"
             raise self.error(f"version is {kind_of(version)}", wanted)
 
@@ -177,66 +196,109 @@ class Reading:
             found = f"lengths in {kind_of(own)}, the model's are in {unit!r}"
             raise self.error(found, "give them in the model's unit")
 
-    def fields(
-        self, value: Any, what: str, **checks: Callable[[Reading, Any, str], Any]
-    ) -> list[Any]:
-        """The fields of a JSON object that ``checks`` names, each checked by its function."""
-        value, where = self.object(value, what or "its content"), f"{what}." if what else ""
-        return [check(self, value.get(key), where + key) for key, check in checks.items()]
+    def decoded(
+        self, data: Any, kind: type[Value], what: str = "", raw: Sequence[str] = ()
+    ) -> Value:
+        """Convert JSON data, called ``what``, to a type that msgspec knows; texts are made
+        ``printable`` but those of the keys ``raw``, null counts as missing, 640.0 as a whole
+        number, and a rotation is made exact.
 
-    def number(self, value: Any, what: str, most: float = LARGEST_NUMBER) -> float:
-        """A number from -``most`` to ``most``; not a bool, which is an int in Python."""
+        Raises the reading's error, which says the place, what is there, and what was wanted.
+        """
+        data = _plain(self, data, raw)
         try:
-            if isinstance(value, bool) or (isinstance(value, str) and not self.numbers_as_text):
-                raise TypeError
-            found = float(value)
-        except (TypeError, ValueError, OverflowError):
-            raise self.error(f"{what} is {kind_of(value)}", "wanted a number") from None
-        if not abs(found) <= most:  # nor nan
-            wanted = f"wanted a finite number, of at most {most:g}"
-            raise self.error(f"{what} is {kind_of(value)}", wanted)
-        return found
+            return msgspec.convert(data, kind)
+        except msgspec.ValidationError as error:
+            said, _, place = str(error).removesuffix("`").partition(" - at `$")
+            where = (what + place).lstrip(".")
+            if said.startswith("Object missing"):
+                name = f"{where}.{said.split('`')[1]}".lstrip(".")
+                raise self.error(f"{name} is missing", "wanted it") from None
+            if not said.startswith(("Expected", "Invalid", "Number")):  # a struct's own check
+                found, _, wanted = said.partition("; ")
+                raise self.error(f"{where}{found}".lstrip("."), wanted) from None
+            value = reduce(_item, KEY.findall(place), data)
+            wanted = "one of those in the file's schema"
+            if said.startswith("Expected"):
+                wanted = TYPE.sub(_words, said.removeprefix("Expected ").partition(", got")[0])
+                for limit, words in LIMITS.items():
+                    wanted = wanted.replace(limit, words)
+            found = f"{where or 'its content'} is {kind_of(value)}"
+            raise self.error(found, f"wanted {wanted}") from None
+
+    def number(
+        self, value: Any, what: str, most: float = LARGEST_NUMBER, least: float | None = None
+    ) -> float:
+        """A number from ``least``, or -``most``, to ``most``; no truth value."""
+        kind: Any = Annotated[float, Meta(ge=-most if least is None else least, le=most)]
+        return self.decoded(value, kind, what)
 
     def positive(self, value: Any, what: str, most: float = LARGEST_NUMBER) -> float:
         """A number above 0 and up to ``most``."""
-        found = self.number(value, what, most)
-        if not found >= 1.0 / LARGEST_NUMBER:
-            raise self.error(f"{what} is {kind_of(value)}", "wanted a number above 0")
-        return found
+        return self.number(value, what, most, 1.0 / LARGEST_NUMBER)
 
     def numbers(self, value: Any, what: str, length: int = 3) -> list[float]:
         """The value, a list of ``length`` finite numbers."""
-        if not isinstance(value, list) or len(value) != length:
-            raise self.error(f"{what} is {kind_of(value)}", f"wanted a list of {length} numbers")
-        return [self.number(item, f"{what}[{i}]") for i, item in enumerate(value)]
+        kind: Any = Annotated[list[Number], Meta(min_length=length, max_length=length)]
+        return self.decoded(value, kind, what)
 
     def flat_numbers(self, value: Any, what: str, length: int | None = None) -> list[float]:
         """Numbers of a text, of (lists in) a list, or of OpenCV's ``{rows, cols, data}``."""
         value = value.get("data") if isinstance(value, dict) else value
         reading = replace(self, numbers_as_text=True) if isinstance(value, str) else self
         value = value.split() if isinstance(value, str) else value
-        if not isinstance(value, list):
-            raise self.error(f"{what} is {kind_of(value)}", "wanted a list of numbers")
-        rows = [item if isinstance(item, list) else [item] for item in value]
-        numbers = [reading.number(item, what) for row in rows for item in row]
+        rows = reading.decoded(value, list[Number | list[Number]], what)
+        numbers = [item for row in rows for item in (row if isinstance(row, list) else [row])]
         if length not in (None, len(numbers)):
             raise self.error(f"{what} has {len(numbers)} numbers", f"wanted {length} numbers")
         return numbers
 
     def text(self, value: Any, what: str) -> str | None:
         """The value, a text or None; made ``printable``."""
-        if value is not None and not isinstance(value, str):
-            raise self.error(f"{what} is {kind_of(value)}", "wanted a text")
-        return None if value is None else printable(value)
+        return None if value is None else self.decoded(value, str, what)
 
     def size(self, value: Any, what: str) -> int | None:
         """The value, a whole number above 0 or None."""
-        if value is None:
-            return None
-        found = self.positive(value, what, LARGEST_PX)
-        if found != int(found):
-            raise self.error(f"{what} is {kind_of(value)}", "wanted a whole number above 0")
-        return int(found)
+        kind: Any = Pixels
+        return None if value is None else self.decoded(value, kind, what)
+
+
+def _item(value: Any, key: str) -> Any:
+    return value.get(key) if isinstance(value, dict) else value[int(key)]
+
+
+def _plain(reading: Reading, value: Any, raw: Sequence[str]) -> Any:
+    if isinstance(value, str):
+        value = printable(value)
+        with suppress(ValueError):
+            value = float(value) if reading.numbers_as_text else value
+    if isinstance(value, list):
+        return [_plain(reading, item, raw) for item in value]
+    if isinstance(value, dict):
+        kept = {printable(key): item for key, item in value.items() if item is not None}
+        if "rotation" in kept:
+            kept["rotation"] = _mended(reading, kept["rotation"])
+        return {
+            key: item if key in raw and isinstance(item, str) else _plain(reading, item, raw)
+            for key, item in kept.items()
+        }
+    if isinstance(value, float) and 0.0 < abs(value) < 1e15 and value.is_integer():
+        return int(value)
+    return value
+
+
+def _mended(reading: Reading, rows: Any) -> Any:
+    """Make rows of numbers the nearest rotation; other values stay."""
+    try:
+        matrix = np.array(msgspec.convert(rows, Rows))
+    except msgspec.ValidationError:
+        return rows
+    return checked_rotation(reading, matrix).tolist()
+
+
+def _words(types: re.Match[str]) -> str:
+    """Name types of msgspec's messages for people."""
+    return " or ".join(NAMES.get(name, name) for name in types[1].split(" | ") if name != "null")
 
 
 def kind_of(value: Any) -> str:
@@ -261,49 +323,23 @@ def is_there(path: Path) -> bool:
         return False
 
 
-def read_json(path: Path) -> Any:
-    """Value of a JSON file; raises PoseFileError where it cannot be read, or is none."""
-    return Reading(path).load_json()
-
-
-def checked_camera(reading: Reading, camera: AnyCamera) -> AnyCamera:
-    """The camera, whose numbers a picture can hold; raises the reading's error where it cannot."""
-    below, above = 1.0 / LARGEST_PX, LARGEST_PX
-    for name in ("fx", "fy", "cx", "cy"):
-        found = getattr(camera, name, 1.0)  # a parallel camera has a scale instead of fx and fy
-        least = below if name.startswith("f") else -above
-        if not least <= found <= above:
-            raise reading.error(f"{name} is {found:.6g} px", f"wanted {least:g} to {above:g}")
-    return camera
-
-
 def checked_rotation(reading: Reading, matrix: FloatArray) -> FloatArray:
     """The nearest rotation; the matrix itself where it is one to the last digits."""
-    if np.abs(matrix).max() > 2.0:
-        raise reading.error("the rotation has entries beyond 1", "wanted an orthonormal matrix")
-    mirrored = np.linalg.det(matrix) < 0.0
-    if mirrored and _angle_off_deg(-matrix) < LARGEST_REPAIR_DEG:
+    nearest = nearest_rotation(matrix)
+    # A small angle moves the matrix by sqrt(2) of it, in the Frobenius norm.
+    off_deg = math.degrees(float(np.linalg.norm(matrix - nearest)) / math.sqrt(2.0))
+    if off_deg >= LARGEST_REPAIR_DEG:
         raise reading.error(
-            "the rotation is a reflection (determinant -1)",
-            "wanted a rotation, change the sign of one axis and of the model or camera",
+            f"the rotation is not a rotation matrix (determinant {np.linalg.det(matrix):.3g})",
+            "wanted an orthonormal one of determinant 1; where it is -1, change the sign of one "
+            "axis and of the model or camera",
         )
     error = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
-    if mirrored or _angle_off_deg(matrix) >= LARGEST_REPAIR_DEG:
-        raise reading.error(
-            f"the rotation is not a rotation matrix (R R^T differs from 1 by {error:.3g})",
-            "wanted an orthonormal matrix with determinant 1",
-        )
     if error < 1e-14:
         return matrix
     if error > ROUNDING:
         reading.warnings.append(
             f"{reading.path.name}: the rotation was not quite orthonormal "
-            f"(by {_angle_off_deg(matrix):.2g} degrees); the nearest rotation is used."
+            f"(by {off_deg:.2g} degrees); the nearest rotation is used."
         )
-    return nearest_rotation(matrix)
-
-
-def _angle_off_deg(matrix: FloatArray) -> float:
-    """The Frobenius distance to a rotation, as an angle: a small one moves it by sqrt(2) of it."""
-    distance = float(np.linalg.norm(matrix - nearest_rotation(matrix)))
-    return math.degrees(distance / math.sqrt(2.0))
+    return nearest

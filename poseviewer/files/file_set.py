@@ -17,7 +17,7 @@ from typing import Literal
 
 from poseviewer.errors import FileSetError, PoseViewerError
 from poseviewer.files.cameras import load_cameras
-from poseviewer.files.checks import read_json
+from poseviewer.files.checks import Reading
 from poseviewer.files.colmap_model import model_file
 from poseviewer.files.formats.bop import CAMERAS
 from poseviewer.files.keypoints import keypoints_path
@@ -237,7 +237,7 @@ def is_scene_file(path: Path) -> bool:
 
 def _json_of(path: Path) -> dict[str, object]:
     with suppress(PoseViewerError):
-        data = read_json(path)
+        data = Reading(path).load_json()
         if isinstance(data, dict):
             return data
     return {}

@@ -36,8 +36,8 @@ def load_keypoints(mesh_path: str | Path, mesh: Mesh) -> VehicleKeypoints | None
 
 
 def _side(reading: Reading, data: dict[str, Any], key: str) -> SideKeypoints:
-    names = ("rear_wheel", "front_wheel", "axle")
-    points = reading.fields(data.get(key), key, **dict.fromkeys(names, Reading.numbers))
+    names, side = ("rear_wheel", "front_wheel", "axle"), reading.object(data.get(key), key)
+    points = [reading.numbers(side.get(name), f"{key}.{name}") for name in names]
     try:
         return SideKeypoints(*map(np.array, points))
     except ValueError as error:

@@ -36,7 +36,6 @@ from poseviewer.files.structs import (
     LensNumbers,
     Positive,
     Transform,
-    decoded,
 )
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.image import Photo
@@ -175,7 +174,7 @@ def _views(reading: Reading, choice: SetChoice) -> tuple[list[View], str | None,
         found = f"format is {kind_of(data.get('format'))}"
         raise reading.error(found, f"wanted {SCENE!r} or {VIEWS!r}, or nerfstudio's frames")
     reading.require_format(data, VIEWS)
-    said = decoded(reading, data, SetFile, raw=("photo", "mask"))
+    said = reading.decoded(data, SetFile, raw=("photo", "mask"))
     # The units tell the scale where it is left out; null says that it is not known.
     scale = said.scale if "scale" in data or said.unit is not None else 1.0
     return _of_version_1(reading, said, choice), said.unit, scale

@@ -22,7 +22,6 @@ from poseviewer.files.structs import (
     RecordedVerdict,
     Transform,
     Uncertainty,
-    decoded,
     projection_of,
 )
 from poseviewer.files.symmetry import SymmetryTurns
@@ -160,7 +159,7 @@ def record_from_json(
 ) -> PoseRecord:
     """Read a pose file's JSON, for a photo as ``load_pose`` does."""
     reading.require_format(reading.object(data, "its content"), FORMAT)
-    record = decoded(reading, data, PoseRecord, raw=("mask",))
+    record = reading.decoded(data, PoseRecord, raw=("mask",))
     known = record.photo or PhotoReference()
     made_for = known.width or width, known.height or height
     photo = structs.replace(known, width=width or known.width, height=height or known.height)

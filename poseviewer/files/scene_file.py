@@ -38,7 +38,6 @@ from poseviewer.files.structs import (
     Sha256,
     Transform,
     Uncertainty,
-    decoded,
     projection_of,
 )
 from poseviewer.files.symmetry import SymmetryTurns
@@ -343,7 +342,7 @@ def load_scene(path: str | Path, inside: Path | None = None) -> SceneRecord:
         reading.require_format(data, SCENE, newest=2)
         if data.get("version") != 2:
             data = _upgraded(reading, data, find)
-        scene = decoded(reading, data, SceneRecord, raw=("file", "mask"))
+        scene = reading.decoded(data, SceneRecord, raw=("file", "mask"))
         require_whole(reading, scene)
         warnings = tuple(dict.fromkeys(reading.warnings))
         return structs.replace(with_files(scene, find), warnings=warnings)

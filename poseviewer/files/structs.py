@@ -6,9 +6,7 @@ In files, pixel centres are at integers, as in OpenCV; inside at i + 0.5 (``geom
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
-from functools import reduce
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 import msgspec
@@ -16,13 +14,14 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from poseviewer.confidence.pose_covariance import PoseCovariance
-from poseviewer.errors import printable
 from poseviewer.files.checks import (
-    LARGEST_NUMBER,
     LARGEST_PX,
+    Number,
+    Pixels,
+    Positive,
     Reading,
-    checked_rotation,
-    kind_of,
+    Rows,
+    Three,
 )
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
@@ -30,14 +29,9 @@ from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel, Undistortion
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import SIZE
 
-AnyStruct = TypeVar("AnyStruct")
-Number = Annotated[float, Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
-Positive = Annotated[float, Meta(ge=1.0 / LARGEST_NUMBER, le=LARGEST_NUMBER)]
+AnyCamera = TypeVar("AnyCamera", bound=Camera)
 Focal = Annotated[float, Meta(ge=1.0 / LARGEST_PX, le=LARGEST_PX)]
 PrincipalPoint = Annotated[float, Meta(ge=-LARGEST_PX, le=LARGEST_PX)]
-Pixels = Annotated[int, Meta(ge=1, le=10_000_000)]
-Three = Annotated[tuple[Number, ...], Meta(min_length=3, max_length=3)]
-Rows = Annotated[tuple[Three, ...], Meta(min_length=3, max_length=3)]
 Sha256 = Annotated[str, Meta(extra_json_schema={"pattern": "^[0-9a-fA-F]{64}$"})]
 SCENE, VIEWS = "poseviewer-scene", "poseviewer-views"
 """Names of formats."""
@@ -55,12 +49,6 @@ MODELS: dict[LensName, LensModel] = {"opencv": "opencv", "opencv-fisheye": "fish
 NOTE = (
     "The pose, its camera and its chart belong to the undistorted photo, not to the photo as taken."
 )
-KEY = re.compile(r"[^.\[\]]+|\.\.\.")
-TYPE = re.compile(r"`(.*?)`")
-NAMES = {
-    "float": "a number", "int": "a whole number", "str": "a text", "bool": "true or false",
-    "array": "a list", "object": "an object {...}",
-}  # fmt: skip
 
 
 class PhotoReference(Struct, frozen=True, omit_defaults=True):
@@ -255,69 +243,10 @@ class Uncertainty(Struct, frozen=True, kw_only=True):
         return PoseCovariance(pose, centre, matrix, self.deviations.get("px", 0.0), seventh)
 
 
-def decoded(
-    reading: Reading, data: Any, kind: type[AnyStruct], raw: Sequence[str] = ()
-) -> AnyStruct:
-    """Convert JSON data to a struct; texts are made ``printable`` but those of the keys ``raw``,
-    null counts as missing, 640.0 as a whole number, and a rotation is made exact.
-
-    Raises the reading's error, which says the place, what is there, and what was wanted.
-    """
-    data = _plain(reading, data, raw)
-    try:
-        return msgspec.convert(data, kind)
-    except msgspec.ValidationError as error:
-        said, _, place = str(error).removesuffix("`").partition(" - at `$")
-        where = place.lstrip(".")
-        if said.startswith("Object missing"):
-            name = f"{where}.{said.split('`')[1]}".lstrip(".")
-            raise reading.error(f"{name} is missing", "wanted it") from None
-        if not said.startswith(("Expected", "Invalid", "Number")):  # a struct's own check
-            found, _, wanted = said.partition("; ")
-            raise reading.error(f"{where}{found}".lstrip("."), wanted) from None
-        value = reduce(_item, KEY.findall(place), data)
-        wanted = "one of those in the file's schema"
-        if said.startswith("Expected"):
-            wanted = TYPE.sub(_words, said.removeprefix("Expected ").partition(", got")[0])
-        raise reading.error(
-            f"{where or 'its content'} is {kind_of(value)}", f"wanted {wanted}"
-        ) from None
-
-
-def _item(value: Any, key: str) -> Any:
-    return value.get(key) if isinstance(value, dict) else value[int(key)]
-
-
-def _plain(reading: Reading, value: Any, raw: Sequence[str]) -> Any:
-    if isinstance(value, str):
-        return printable(value)
-    if isinstance(value, list):
-        return [_plain(reading, item, raw) for item in value]
-    if isinstance(value, dict):
-        kept = {printable(key): item for key, item in value.items() if item is not None}
-        if "rotation" in kept:
-            kept["rotation"] = _mended(reading, kept["rotation"])
-        return {
-            key: item if key in raw and isinstance(item, str) else _plain(reading, item, raw)
-            for key, item in kept.items()
-        }
-    if isinstance(value, float) and value and value.is_integer():
-        return int(value)
-    return value
-
-
-def _mended(reading: Reading, rows: Any) -> Any:
-    """Make rows of numbers the nearest rotation; other values stay."""
-    try:
-        matrix = np.array(msgspec.convert(rows, Rows))
-    except msgspec.ValidationError:
-        return rows
-    return checked_rotation(reading, matrix).tolist()
-
-
-def _words(types: re.Match[str]) -> str:
-    """Name types of msgspec's messages for people."""
-    return " or ".join(NAMES.get(name, name) for name in types[1].split(" | ") if name != "null")
+def checked_camera(reading: Reading, camera: AnyCamera) -> AnyCamera:
+    """The camera, whose numbers a picture can hold; raises the reading's error where it cannot."""
+    reading.decoded(msgspec.to_builtins(CameraNumbers.of(camera)), CameraNumbers, "camera")
+    return camera
 
 
 def projection_of(camera: Camera) -> Projection:

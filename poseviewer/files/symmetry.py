@@ -12,7 +12,7 @@ from msgspec import Meta, Struct
 from poseviewer.errors import MeshFileError
 from poseviewer.files.checks import Reading
 from poseviewer.files.formats.bop_models import MODELS_INFO, load_bop_models
-from poseviewer.files.structs import Three, decoded
+from poseviewer.files.structs import Three
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.symmetry_group import MOST_FOLD, NO_SYMMETRY, Symmetry, Turn
 
@@ -100,5 +100,5 @@ def read_symmetry(path: Path, mesh: Mesh, model_name: str = "") -> Symmetry:
             data = reading.load_object()
             reading.require_format(data, FORMAT)
             reading.require_unit(data, mesh.unit)
-            symmetry = decoded(reading, data, SymmetryTurns).symmetry
+            symmetry = reading.decoded(data, SymmetryTurns).symmetry
     return symmetry

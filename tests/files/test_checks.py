@@ -15,7 +15,8 @@ from poseviewer.errors import (
     printable,
     sentence_of,
 )
-from poseviewer.files.checks import LARGEST_PX, Reading, checked_camera, kind_of
+from poseviewer.files.checks import LARGEST_PX, Reading, kind_of
+from poseviewer.files.structs import checked_camera
 from poseviewer.geometry.camera import Parallel, Perspective
 
 NASTY = "a\x1b[2Jb\x07\u202ec\udce4\n d\x9b31m"
@@ -94,5 +95,5 @@ def test_values_are_quoted_in_short() -> None:
     ],
 )
 def test_cameras_of_no_picture_are_refused(camera: Perspective | Parallel) -> None:
-    with pytest.raises(PoseFileError, match=r"^p: (fx|fy|cx|cy) is .* px; wanted "):
+    with pytest.raises(PoseFileError, match=r"^p: camera\.(fx|fy|cx|cy) is .*; wanted a number"):
         checked_camera(Reading(Path("p")), camera)

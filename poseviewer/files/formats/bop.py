@@ -11,7 +11,6 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -307,12 +306,13 @@ def _objects(reading: Reading, entries: Any, image: str) -> tuple[BopObject, ...
         raise reading.error(f"image {image} is not a list", "wanted a list of poses")
     found = []
     for number, entry in enumerate(entries):
-        rotation, translation, object_id = reading.fields(
-            entry, f"pose {number} of image {image}", cam_R_m2c=partial(Reading.numbers, length=9),
-            cam_t_m2c=Reading.numbers, obj_id=Reading.positive,
-        )  # fmt: skip
+        what = f"pose {number} of image {image}"
+        said = reading.object(entry, what)
+        rotation = reading.numbers(said.get("cam_R_m2c"), f"{what}.cam_R_m2c", 9)
         rotation = checked_rotation(reading, np.reshape(rotation, (3, 3)))
-        found.append(BopObject(int(object_id), RigidTransform(rotation, np.array(translation))))
+        translation = np.array(reading.numbers(said.get("cam_t_m2c"), f"{what}.cam_t_m2c"))
+        object_id = reading.positive(said.get("obj_id"), f"{what}.obj_id")
+        found.append(BopObject(int(object_id), RigidTransform(rotation, translation)))
     return tuple(found)
 
 

@@ -89,7 +89,10 @@ def _symmetry(reading: Reading, info: dict[str, Any], name: str, diameter: float
         discrete.append(RigidTransform(_rotation(reading, matrix[:3, :3], what), matrix[:3, 3]))
     for i, entry in enumerate(_listed(reading, info, "symmetries_continuous", name)):
         what = f"{name}.symmetries_continuous[{i}]"
-        axis, offset = reading.fields(entry, what, axis=Reading.numbers, offset=Reading.numbers)
+        said = reading.object(entry, what)
+        axis, offset = (
+            reading.numbers(said.get(key), f"{what}.{key}") for key in ("axis", "offset")
+        )
         length = float(np.linalg.norm(axis))
         if not length > 0.0:
             raise reading.error(f"{what}.axis has no length", "wanted a direction")

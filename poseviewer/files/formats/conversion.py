@@ -17,11 +17,11 @@ import numpy as np
 from msgspec import structs
 
 from poseviewer.errors import PhotoFileError, PoseFileError
-from poseviewer.files.checks import Reading, checked_camera, checked_rotation, kind_of
+from poseviewer.files.checks import Reading, checked_rotation, kind_of
 from poseviewer.files.photo import SAME, load_photo, pixels_for, save_image, undistorted
 from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord
 from poseviewer.files.scene_file import SceneRecord, ViewRecord
-from poseviewer.files.structs import Distortion
+from poseviewer.files.structs import Distortion, checked_camera
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose

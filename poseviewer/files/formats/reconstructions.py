@@ -177,7 +177,7 @@ def frame_taken(reading: Reading, own: dict[str, Any], width: int, height: int) 
         own = {"fl_x": focal, "cx": 0.5 * width, "cy": 0.5 * height, **own}
     fx = reading.positive(own.get("fl_x"), "fl_x")
     fy = reading.positive(own.get("fl_y", fx), "fl_y")
-    cx, cy = reading.fields(own, "", cx=Reading.number, cy=Reading.number)
+    cx, cy = (reading.number(own.get(key), key) for key in ("cx", "cy"))
     camera, lens = Perspective(fx, fy, cx, cy, width, height), _lens(reading, own)
     world_from_camera = from_4x4(reading, own.get("transform_matrix"), "transform_matrix")
     place = OPENGL_FROM_OPENCV @ world_from_camera.inverse()

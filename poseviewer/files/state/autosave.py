@@ -33,7 +33,7 @@ from poseviewer.files.scene_file import (
     require_whole,
     view_record,
 )
-from poseviewer.files.structs import CameraNumbers, Number, decoded
+from poseviewer.files.structs import CameraNumbers, Number
 from poseviewer.files.writing import lock_file, write_whole
 from poseviewer.geometry.camera import Parallel
 from poseviewer.geometry.view import world_from_pose
@@ -180,7 +180,7 @@ def _from_json(reading: Reading, data: dict[str, Any]) -> AutosavedSession:
     if said == (FORMAT, 1):
         session = _from_version_1(reading, data)
     elif said == (FORMAT, VERSION):
-        session = decoded(reading, data, AutosavedSession, raw=("file", "mask"))
+        session = reading.decoded(data, AutosavedSession, raw=("file", "mask"))
         require_whole(reading, session.scene)
     else:
         raise reading.error("it has another format", f"wanted {FORMAT} {VERSION}")

@@ -18,7 +18,7 @@ HALF_TURN = [-1, 0, 0, 2, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
     ("more", "said"),
     [
         ({"symmetries_discrete": [[*HALF_TURN[:-8], 2, *HALF_TURN[-7:]]]}, "no rotation and shift"),
-        ({"symmetries_discrete": [HALF_TURN[:9]]}, "wanted a list of 16"),
+        ({"symmetries_discrete": [HALF_TURN[:9]]}, "wanted a list of length >= 16"),
         ({"symmetries_continuous": [{"axis": [0, 0, 0], "offset": [0, 0, 0]}]}, "has no length"),
         ({"diameter": -1}, "1.diameter is -1"),
         ({"symmetries_discrete": 3}, "is not a list"),
