@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,12 +17,13 @@ from poseviewer.app.state.session import LandscapeUpdate, SearchUpdate, Session
 from poseviewer.app.workers.jobs import case_of, for_one_thread
 from poseviewer.app.workers.worker import Job, lower_priority
 from poseviewer.errors import PoseViewerError
+from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.scene import Scene
 from poseviewer.fit.settings import FitSettings, Method
 from poseviewer.fit.slices import QUICK_SIZES, Slice, landscape, quick_level, strides
 from poseviewer.fit.stages import make_stages
-from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.pool import RendererPool, processors
+from poseviewer.render.types import Renderer
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -91,103 +92,98 @@ def mapping() -> Job[MapJob]:
     )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Case:
+    """An object as its loss is mapped: on its photos, and on coarser ones for quick maps."""
+
+    job: MapJob
+    """Job that it was made for."""
+    scene: api.Scene
+    quick: FitProblem
+    pool: RendererPool
+    """Draws for ``quick``."""
+
+
 class MapMaker:
-    """Makes maps, one job after another, for one thread; others of low priority help it."""
+    """Makes maps of a model, one job after another, for one thread; others of low priority help."""
 
     def __init__(self, renderer: SoftwareRenderer) -> None:
         self._renderer = renderer
-        self._fine = RendererPool(renderer, threads=_spare(), begin=lower_priority)
-        self._quick: dict[Method, tuple[api.Scene, api.Scene, RendererPool]] = {}
-        self._cases: dict[Method, tuple[MapJob, api.Scene]] = {}
-        self._prepared: Mesh | None = None
+        self._fine = _pool(renderer)
+        self._cases: dict[Method, _Case] = {}
+        self._is_prepared = False
 
     def run(self, job: MapJob) -> Iterator[tuple[LandscapeUpdate, ...]]:
         """The maps by each loss, coarse to fine, as soon as there is a first grid of each map: what
         was shown before is to stay until then.
         """
-        document, mesh = job.document, job.document.mesh
         cases = [self._case(job, settings) for settings in job.losses]
         known: dict[Method, LandscapeUpdate] = {}
 
-        def made(case: api.Scene, size: int | None) -> Iterator[LandscapeUpdate]:
-            """The maps by one loss; with a ``size``, coarse ones."""
-            method = case.settings.method
+        def made(case: _Case, size: int) -> Iterator[tuple[LandscapeUpdate, ...]]:
+            """The maps by one loss, beside those by the others."""
+            method = case.scene.settings.method
             shown = known[method].slices if method in known else ()
-            quick, level = (case, self._fine) if size is None else self._quick_case(case, document)
-            for latest in maps(quick, document, level, job.half_width, size or SIZE, shown):
-                known[method] = replace(latest, case=case)
-                yield known[method]
+            levels = (case.quick, case.pool) if size < SIZE else (case.scene.problem, self._fine)
+            for latest in maps(case.scene, job, *levels, size, shown):
+                known[method] = latest
+                yield tuple(known.values())
 
         first, *more = QUICK_SIZES
         for case in cases:
             deque(made(case, first), maxlen=0)
         yield tuple(known.values())
-        for size in (*more, None):
-            if size is None and job.moving:
-                return
-            if size is None and self._prepared is not mesh:  # now, and not when it is waited for
-                self._prepared = mesh
-                make_stages(cases[0].problem, self._renderer)
+        for size in more if job.moving else (*more, SIZE):
+            if size == SIZE and not self._is_prepared:  # now, and not when it is waited for
+                self._is_prepared = True
+                make_stages(cases[0].scene.problem, self._renderer)
             for case in cases:
-                for _ in made(case, size):
-                    yield tuple(known.values())
+                yield from made(case, size)
 
-    def _quick_case(self, case: api.Scene, document: Document) -> tuple[api.Scene, RendererPool]:
-        """The case on a coarser level of each photo, and what draws it; made once."""
-        method = case.settings.method
-        if method not in self._quick or self._quick[method][0] is not case:
-            numbers = document.numbers_in(case.problem)
-            level, *more = (
-                quick_level(view, view.chart.to_pose(numbers), self._renderer)
-                for view in case.problem.alone
-            )
-            pool = RendererPool(level.renderer, threads=_spare(), begin=lower_priority)
-            if method in self._quick:
-                self._quick[method][2].close()
-            problem = case.problem.on([its.photo for its in (level, *more)])
-            quick = case.comparing(problem, level.renderer)
-            self._quick[method] = case, quick, pool
-        return self._quick[method][1:]
-
-    def _case(self, job: MapJob, settings: FitSettings) -> api.Scene:
+    def _case(self, job: MapJob, settings: FitSettings) -> _Case:
         """About the job's anchor; as a search compares it, where that is by these settings."""
-        before, kept = self._cases.get(settings.method, (None, None))
-        is_kept = before is not None and before.has_same_losses(job)
-        if kept is None or not is_kept:
-            own = job.document
-            view = reference_view(job.anchor, own.active, own.at)
-            kept = case_of(job.anchor, own.active, view, settings, self._renderer)
-            if job.search is not None and job.search.settings == settings:
-                kept = kept.comparing(job.search.problem, self._renderer)
-            self._cases[settings.method] = job, kept
-        return kept
+        before = self._cases.get(settings.method)
+        if before is not None and before.job.has_same_losses(job):
+            return before
+        own = job.document
+        view = reference_view(job.anchor, own.active, own.at)
+        scene = case_of(job.anchor, own.active, view, settings, self._renderer)
+        if job.search is not None and job.search.settings == settings:
+            scene = scene.comparing(job.search.problem, self._renderer)
+        numbers = own.numbers_in(scene.problem)
+        levels = [
+            quick_level(view, view.chart.to_pose(numbers), self._renderer)
+            for view in scene.problem.alone
+        ]
+        quick = scene.problem.on([level.photo for level in levels])
+        if before is not None:
+            before.pool.close()
+        case = _Case(job, scene, quick, _pool(levels[0].renderer))
+        self._cases[settings.method] = case
+        return case
 
 
-def _spare() -> int:
+def _pool(renderer: Renderer) -> RendererPool:
     """Threads for the maps: one processor is left to drawing and to the page."""
-    return max(processors() - 1, 1)
+    return RendererPool(renderer, threads=max(processors() - 1, 1), begin=lower_priority)
 
 
 def maps(
     case: api.Scene,
-    document: Document,
+    job: MapJob,
+    problem: FitProblem,
     pool: RendererPool,
-    half_width: float,
     size: int,
     shown: tuple[Slice, ...] = (),
 ) -> Iterator[LandscapeUpdate]:
-    """The maps about the pose at hand, coarse to fine, whenever a row of one is known.
-
-    Maps that are ``shown`` already, from a coarser picture, stay until the first grid of the new
-    one is known.
+    """The maps of a case by a problem, which is its own or on coarser photos, whenever a row of one
+    is known. Maps that are ``shown`` already stay until the first grid of the new one is known.
     """
-    problem = case.problem
-    parameters = document.numbers_in(problem)
+    centre, width = job.document.numbers_in(problem), job.half_width
     seen = {(piece.first, piece.second): piece for piece in shown}
     first = strides(size)[0]
-    slices = landscape(problem, pool, parameters, half_width=half_width, size=size, smooth=True)
-    for piece in slices:
+    for piece in landscape(problem, pool, centre, half_width=width, size=size, smooth=True):
         pair = piece.first, piece.second
         if pair not in seen or bool(np.isfinite(piece.losses[::first, ::first]).all()):
             seen[pair] = piece
-        yield LandscapeUpdate(document, case, parameters, half_width, tuple(seen.values()))
+        yield LandscapeUpdate(job.document, case, centre, width, tuple(seen.values()))

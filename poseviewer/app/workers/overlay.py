@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseviewer.app.state.commands import show
 from poseviewer.app.state.document import Document, reference_view
@@ -25,6 +26,7 @@ from poseviewer.fit.unexplained import LossScale, Unexplained, mean_over
 from poseviewer.fit.visibility import DepthImage, depth_image
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.moments import model_attributes
 from poseviewer.render.overlay.contour import Sketch, quick_silhouette, silhouette
@@ -56,14 +58,14 @@ class LossReader:
         self._anchored: OverlayRequest | None = None
         self._views: tuple[ComparedView, ...] = ()
         self._note = ""
-        self._start: float | None = None
+        self._start = 0.0
 
     def views(self, request: OverlayRequest) -> tuple[ComparedView, ...]:
-        """The views as they are compared about the request's anchor; kept until another is asked
-        for. None where they cannot be compared.
+        """The views as they are compared about the request's anchor, kept until another is asked
+        for; none where they cannot be compared.
         """
         if self._anchored is None or not request.compares_same(self._anchored):
-            self._anchored, self._views, self._note, self._start = request, (), "", None
+            self._anchored, self._views, self._note = request, (), ""
             own = request.document
             # Which numbers are searched for is another matter.
             plain = replace(own.settings, lock=(), free_focal=False, chart="auto")
@@ -71,6 +73,7 @@ class LossReader:
             view = reference_view(anchor, own.active, own.at)
             try:
                 self._views = make_problem(anchor, own.active, view)[0].views
+                self._start = self._read_all(own, request.anchor)[0].loss
             except PoseViewerError as error:
                 self._note = str(error)
         return self._views
@@ -80,17 +83,16 @@ class LossReader:
         own, views = request.document, self.views(request)
         if not views:
             return Losses(request, note=self._note)
-        if self._start is None:
-            self._start = mean_over(tuple(self._read_all(own, request.anchor).values())).loss
-        of_views = self._read_all(own, own.scene)
-        return Losses(request, mean_over(tuple(of_views.values())), "", self._start, of_views)
+        mean, of_views = self._read_all(own, own.scene)
+        return Losses(request, mean, "", self._start, of_views)
 
-    def _read_all(self, own: Document, scene: Scene) -> dict[int, Unexplained]:
-        """The unexplained share of each view where the active object is in a scene."""
-        return {
+    def _read_all(self, own: Document, scene: Scene) -> tuple[Unexplained, dict[int, Unexplained]]:
+        """Unexplained shares where the active object is in a scene: mean, and of each view."""
+        of_views = {
             view.index: self._read(view.photo, own, scene.pose(own.active, view.index))
             for view in self._views
         }
+        return mean_over(tuple(of_views.values())), of_views
 
     def _read(self, photo: PhotoAttributes, own: Document, pose: Pose) -> Unexplained:
         if not pose.camera_from_model.apply(own.mesh.centre)[2] > 0.0:
@@ -106,10 +108,6 @@ class OverlayDrawer:
         # A renderer keeps what helps with the next picture of the same size: one for each size.
         self._quick, self._fine = renderer, renderer.clone()
         self._reader = LossReader(renderer.clone())
-        self._shown_photo: object = None
-        self._photo = np.zeros((0, 0, 3), np.uint8)
-        self._others: tuple[tuple[tuple[Mesh, Pose], ...], float] = ((), 1.0)
-        self._nearest = np.zeros((0, 0), np.float32)
 
     def draw(self, request: OverlayRequest) -> Overlay:
         """Draw lines quickly, or a picture."""
@@ -122,9 +120,7 @@ class OverlayDrawer:
         own, photo = request.document, request.document.photo
         factor = min(1.0, (LARGEST_PICTURE / (photo.width * photo.height)) ** 0.5)
         pose = own.pose.scaled(factor)
-        size = (pose.camera.height, pose.camera.width)
-        if self._shown_photo is not photo or self._photo.shape[:2] != size:
-            self._shown_photo, self._photo = photo, photo.as_rgb8(size[1], size[0])
+        pixels = _shown_pixels(photo, pose.camera.width, pose.camera.height)
         relight: Relight | None = None
         if request.look in ("relit", "residual"):
             views = self._reader.views(request)
@@ -138,24 +134,26 @@ class OverlayDrawer:
                 return lighting.apply(model_attributes(image, attributes))
 
             relight = relit
-        view = ModelInPhoto(self._photo, own.mesh, self._fine, pose, relight, request.opacity)
-        place = (0.0, 0.0, float(photo.width), float(photo.height))
+        view = ModelInPhoto(pixels, own.mesh, self._fine, pose, relight, request.opacity)
         picture = draw_look(request.look, view)
         others = tuple((own.scene.objects[i].mesh, own.scene.pose(i, own.at)) for i in own.others)
         if others:
-            behind = self._depth_of(others, factor) < depth_image(PlacedModel(own.mesh, pose))
-            picture = np.where(behind[..., None], self._photo, picture)
+            behind = _depth_of(others, factor) < depth_image(PlacedModel(own.mesh, pose))
+            picture = np.where(behind[..., None], pixels, picture)
+        place = (0.0, 0.0, float(photo.width), float(photo.height))
         return Overlay(request, NO_LINES, picture, place)
 
-    def _depth_of(self, others: tuple[tuple[Mesh, Pose], ...], factor: float) -> DepthImage:
-        """Depth of the nearest object in a photo drawn ``factor`` as large; kept while the others
-        stay.
-        """
-        if self._others != (others, factor):
-            placed = [PlacedModel(mesh, pose.scaled(factor)) for mesh, pose in others]
-            self._others = others, factor
-            self._nearest = np.minimum.reduce([depth_image(one) for one in placed])
-        return self._nearest
+
+@lru_cache(maxsize=1)
+def _shown_pixels(photo: Photo, width: int, height: int) -> NDArray[np.uint8]:
+    return photo.as_rgb8(width, height)
+
+
+@lru_cache(maxsize=1)
+def _depth_of(others: tuple[tuple[Mesh, Pose], ...], factor: float) -> DepthImage:
+    """Depth of the nearest object in a photo drawn ``factor`` as large."""
+    placed = [PlacedModel(mesh, pose.scaled(factor)) for mesh, pose in others]
+    return np.minimum.reduce([depth_image(one) for one in placed])
 
 
 def draw_fine_lines(request: OverlayRequest, renderer: SoftwareRenderer) -> Overlay:

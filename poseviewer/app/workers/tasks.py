@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -23,8 +23,8 @@ from poseviewer.errors import FileSetError, QuickStartError
 from poseviewer.files.file_set import Kind, files_below, sort_set
 from poseviewer.files.state.autosave import AutosavedSession, files_of_sessions
 from poseviewer.files.state.uploads import LARGEST_UPLOAD, display_name, gathered, keep_set
+from poseviewer.geometry.camera import scaled_size
 from poseviewer.geometry.image import Photo
-from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.starts.loading import StartInputs, load_model, notes_of
 from poseviewer.starts.wheels import likely_wheels
 
@@ -223,43 +223,28 @@ def grown(photo: Photo, stroke: Stroke) -> NDArray[np.bool_]:
     drawn = stroke.covers(photo.width, photo.height)
     if not drawn.any():
         raise QuickStartError("That scribble is beside the photo; draw it on the thing in front.")
-    (left, top), (right, bottom) = stroke.points.min(axis=0), stroke.points.max(axis=0)
-    longer = max(right - left, bottom - top)
-    reach = max(REACH * longer, LEAST_REACH * max(photo.width, photo.height))
-    box = Rectangle.from_corners(left - reach, top - reach, right + reach, bottom + reach)
-    rows = slice(max(int(box.top), 0), min(int(box.bottom) + 1, photo.height))
-    columns = slice(max(int(box.left), 0), min(int(box.right) + 1, photo.width))
-    found = np.zeros_like(drawn)
-    found[rows, columns] = _cut(photo, drawn, rows, columns)
-    return found | drawn
-
-
-def _cut(photo: Photo, drawn: NDArray[np.bool_], rows: slice, columns: slice) -> NDArray[np.bool_]:
-    """The thing within these rows and columns."""
-    pixels = photo.pixels[rows, columns]
-    pixels = pixels if pixels.dtype == np.uint8 else (pixels >> 8).astype(np.uint8)
-    pixels = np.repeat(pixels, 3, axis=2) if pixels.shape[2] == 1 else pixels
-    height, width = pixels.shape[:2]
-    share = min(1.0, SIDE_PX / max(height, width))
-    size = max(1, round(share * width)), max(1, round(share * height))
-    small = np.ascontiguousarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA))
-    seeds = cv2.resize(drawn[rows, columns].astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    labels = np.full(small.shape[:2], cv2.GC_PR_BGD, np.uint8)
-    # What lies at the neighbourhood's border is not of the thing; the photo's own may cut it off.
-    inside = rows.start > 0, rows.stop < photo.height, columns.start > 0, columns.stop < photo.width
-    borders = (0, slice(None)), (-1, slice(None)), (slice(None), 0), (slice(None), -1)
-    for border, is_inside in zip(borders, inside, strict=True):
-        if is_inside:
-            labels[border] = cv2.GC_BGD
+    low, high = stroke.points.min(axis=0), stroke.points.max(axis=0)
+    reach = max(REACH * max(high - low), LEAST_REACH * max(photo.width, photo.height))
+    (left, top), (right, bottom) = (low - reach).astype(int), (high + reach).astype(int) + 1
+    part = slice(max(top, 0), bottom), slice(max(left, 0), right)
+    height, width = drawn[part].shape
+    size = scaled_size(width, height, min(1.0, SIDE_PX / max(height, width)))
+    small = np.ascontiguousarray(replace(photo, pixels=photo.pixels[part]).as_rgb8(*size))
+    seeds = cv2.resize(drawn[part].astype(np.float32), size, interpolation=cv2.INTER_AREA)
     seeded = seeds >= min(0.5, float(seeds.max()))
+    # What lies at the neighbourhood's border is not of the thing; the photo's own may cut it off.
+    labels = np.full(seeds.shape, cv2.GC_BGD, np.uint8)
+    rows = slice(int(top > 0), size[1] - int(bottom < photo.height))
+    labels[rows, int(left > 0) : size[0] - int(right < photo.width)] = cv2.GC_PR_BGD
     labels[seeded] = cv2.GC_FGD
-    if np.all(seeded):
-        return np.ones((height, width), bool)
-    models = np.zeros((1, 65)), np.zeros((1, 65))
-    cv2.setRNGSeed(0)
-    cv2.grabCut(small, labels, (0, 0, 1, 1), *models, ROUNDS, cv2.GC_INIT_WITH_MASK)
-    thing = ((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)).astype(np.uint8)
+    if not np.all(seeded):
+        cv2.setRNGSeed(0)
+        models = np.zeros((1, 65)), np.zeros((1, 65))
+        cv2.grabCut(small, labels, (0, 0, 1, 1), *models, ROUNDS, cv2.GC_INIT_WITH_MASK)
+    thing = np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.uint8)
     _, pieces = cv2.connectedComponents(thing, connectivity=4)
-    thing = (np.isin(pieces, np.unique(pieces[seeded])) & (thing > 0)).astype(np.float32)
-    thing = cv2.dilate(thing, np.ones((3, 3), np.uint8))  # the edge is blurred
-    return cv2.resize(thing, (width, height), interpolation=cv2.INTER_LINEAR) >= 0.5
+    thing *= np.isin(pieces, np.unique(pieces[seeded]))
+    thing = cv2.dilate(thing, np.ones((3, 3), np.uint8)).astype(np.float32)  # the edge is blurred
+    found = cv2.resize(thing, (width, height), interpolation=cv2.INTER_LINEAR) >= 0.5
+    drawn[part] |= found
+    return drawn

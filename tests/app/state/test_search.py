@@ -15,7 +15,7 @@ from poseviewer.app.state.session import (
     Session,
 )
 from poseviewer.app.workers.jobs import case_of, run_search
-from poseviewer.app.workers.maps import maps
+from poseviewer.app.workers.maps import MapJob, maps
 from poseviewer.app.workers.opening import open_files
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.render.pool import RendererPool
@@ -51,7 +51,7 @@ def landscape(session) -> tuple[LandscapeUpdate, ...]:
     renderer = SoftwareRenderer(document.mesh)
     case = case_of(document.scene, 0, 0, SETTINGS, renderer)
     with RendererPool(renderer) as pool:
-        *_, last = maps(case, document, pool, 0.2, 5)
+        *_, last = maps(case, MapJob.wanted(session), case.problem, pool, 5)
     return (last,)
 
 

@@ -158,7 +158,7 @@ def test_maps_become_known_until_they_are_complete(document, renderer, lock):
     case = case_of(document.scene, 0, 0, settings, renderer)
     problem = case.problem
     with RendererPool(renderer) as pool:
-        updates = list(maps(case, document, pool, 0.2, 5))
+        updates = list(maps(case, MapJob.wanted(Session(document)), problem, pool, 5))
     known = [sum(int(np.isfinite(s.losses).sum()) for s in item.slices) for item in updates]
     assert known == sorted(known)
     assert 0 < known[0] < known[-1]
