@@ -66,7 +66,7 @@ class App:
         self._tasks = Tasks(notify, state)
         self._review = review
         self._autosaver = Autosaver(state)
-        self._page = Page(server, self._mailbox.post, review)
+        self._page = Page(server, self._mailbox.post, self.session, review)
         self._drawer, self._searcher, self._mapper = drawing(notify), searching(), mapping()
         others = refining, reading, outlining, preparing, proposing
         own = self._autosaver.job, self._drawer, self._searcher, self._mapper

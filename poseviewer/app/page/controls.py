@@ -44,31 +44,24 @@ class Controls:
     called; all others stay as they are.
     """
 
-    def __init__(self, gui: viser.GuiApi, post: Post) -> None:
+    def __init__(self, gui: viser.GuiApi, post: Post, session: Session) -> None:
         self.gui = gui
         self._post = post
+        self.session = session
+        """The session that was shown last."""
         self.where = ""
         """Path at which the pose was or will be saved."""
-        self._shown: Session | None = None
         self._reads: list[tuple[Any, str, Read]] = []
-
-    @property
-    def session(self) -> Session:
-        """The session that was shown last."""
-        assert self._shown is not None
-        return self._shown
 
     def show(self, session: Session) -> None:
         """Bring all controls to the session."""
-        self._shown = session
+        self.session = session
         for handle, name, read in self._reads:
             set_properties(handle, **{name: read(session)})
 
     def add(self, handle: Any, **options: Any) -> Any:
         """Bring properties of a handle to the session, in their order."""
-        for name, value in options.items():
-            if callable(value):
-                self._reads.append((handle, name, value))
+        self._reads += [(handle, name, read) for name, read in options.items() if callable(read)]
         return handle
 
     def text(self, read: Read, add: Callable[..., Any] | None = None) -> None:
@@ -82,16 +75,23 @@ class Controls:
 
     def field(self, handle: Any, asked: Callable[[Any], Request | None], **options: Any) -> Any:
         """An input; ``asked`` makes what a new value asks for (None: nothing)."""
-
-        @handle.on_update
-        async def _(event: viser.GuiEvent) -> None:
-            if event.client is None or self._shown is None:  # our own writing
-                return
-            request = asked(handle.value)
-            if request is not None:
-                self._post(request)
-
+        self._on(handle.on_update, lambda _: asked(handle.value))
         return self.add(handle, **options)
+
+    def dropdown(
+        self,
+        label: str,
+        texts: Mapping[Any, str],
+        asked: Callable[[Any], Request],
+        read: Read,
+        hint: str | None = None,
+        **options: Any,
+    ) -> None:
+        """A choice between values by their ``texts``; ``read`` gives the session's own one."""
+        values = {text: value for value, text in texts.items()}
+        handle = self.gui.add_dropdown(label, tuple(values), hint=hint)
+        own = {"value": lambda session: texts[read(session)]}
+        self.field(handle, lambda text: asked(values[text]), **options, **own)
 
     def button(
         self, label: str | Read, asked: Request | Callable[[Session, int], Request], **options: Any
@@ -99,36 +99,26 @@ class Controls:
         """A button that asks for a request, or for what the session and the client's id lead to;
         ``color`` None: the page's own.
         """
+
+        def request(client: int) -> Request:
+            return asked if isinstance(asked, Request) else asked(self.session, client)
+
         options = {"label": label, "color": "gray", **options}
         handle = self.gui.add_button(**{"label": "", **_fixed(options)})
-
-        @handle.on_click
-        async def _(event: viser.GuiEvent) -> None:
-            if event.client is None:
-                return
-            request = asked
-            if not isinstance(request, Request):  # of a page that shows a session
-                request = request(self.session, event.client.client_id)
-            self._post(request)
-
+        self._on(handle.on_click, request)
         return self.add(handle, **options)
 
     def choices(
         self, label: str, asked: Mapping[str, Request], selected: Read | None = None, **options: Any
-    ) -> Any:
+    ) -> None:
         """Buttons in one line, each with what it asks for; ``selected`` reads the marked label."""
         handle = self.gui.add_button_group(label, tuple(asked), **_fixed(options))
-
-        @handle.on_click
-        async def _(event: viser.GuiEvent) -> None:
-            if event.client is not None:
-                self._post(asked[handle.value.removeprefix(SELECTED)])
-
+        self._on(handle.on_click, lambda _: asked[handle.value.removeprefix(SELECTED)])
         if selected is not None:
             options["options"] = lambda session: tuple(
                 SELECTED * (option == selected(session)) + option for option in asked
             )
-        return self.add(handle, **options)
+        self.add(handle, **options)
 
     def download(self, label: str, what: Export, icon: Any = "download") -> None:
         """A button that sends ``what`` to the page on which it is pressed."""
@@ -139,11 +129,20 @@ class Controls:
         accepted = "folder" if kind is None else ",".join(ACCEPTED[kind])
         handle = self.gui.add_upload_button(label, mime_type=accepted, icon=icon, color="gray")
 
-        @handle.on_upload
+        def asked(_: int) -> Request:
+            file = take_upload(handle)
+            return upload(kind, file.name, file.content, adds)
+
+        self._on(handle.on_upload, asked)
+
+    def _on(self, subscribe: Callable[..., Any], asked: Callable[[int], Request | None]) -> None:
+        """Post what a page asks for, by its client's id; what we write ourselves asks nothing."""
+
+        @subscribe
         async def _(event: viser.GuiEvent) -> None:
-            if event.client is not None:
-                file = take_upload(handle)
-                self._post(upload(kind, file.name, file.content, adds))
+            request = None if event.client is None else asked(event.client.client_id)
+            if request is not None:
+                self._post(request)
 
 
 def _fixed(options: Mapping[str, Any]) -> dict[str, Any]:

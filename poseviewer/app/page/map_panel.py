@@ -273,12 +273,8 @@ def _key(markers: Markers, options: GridOptions) -> str:
 
 PERIOD_S = 0.2
 """The maps are sent no oftener."""
-WHOSE: dict[str, Whose] = {
-    "selected method": "chosen",
-    METHODS["default"]: "default",
-    METHODS["paper"]: "paper",
-    "both": "both",
-}
+WHOSE: dict[Whose, str] = {"chosen": "selected method", **METHODS, "both": "both"}
+"""Text of each choice of whose loss the maps show."""
 
 
 class LandscapePanel:
@@ -290,11 +286,7 @@ class LandscapePanel:
         self._next = 0.0
         self._maps = gui.add_html("")
         self._note = gui.add_markdown("Drawing the maps ...")
-        controls.field(
-            gui.add_dropdown("Loss of", tuple(WHOSE)),
-            lambda text: c.change(whose=WHOSE[text]),
-            value=lambda s: next(text for text, whose in WHOSE.items() if whose == s.whose),
-        )
+        controls.dropdown("Loss of", WHOSE, lambda whose: c.change(whose=whose), lambda s: s.whose)
         controls.field(
             gui.add_slider("Range ± %", 1.0, 50.0, 1.0, 20.0),
             lambda value: c.change(half_width=float(value) / 100.0),

@@ -66,7 +66,11 @@ class Page:
     """All that pages show; what is shown is shared by all of them."""
 
     def __init__(
-        self, server: viser.ViserServer, post: Post, review: Reviewer | None = None
+        self,
+        server: viser.ViserServer,
+        post: Post,
+        session: Session,
+        review: Reviewer | None = None,
     ) -> None:
         self._server = server
         self._post, self._review = post, review
@@ -77,7 +81,7 @@ class Page:
         gui.main_panel.set_width(PANEL_PX)
         self.scene = PhotoScene(server)
         self._script = ClientScript(server, PAGE_CONFIG, self._reported)
-        self._controls = controls = Controls(gui, post)
+        self._controls = controls = Controls(gui, post, session)
         add_preparing(controls)
         self._rows = None if review is None else RowsPanel(controls, review)
         add_status(controls)

@@ -46,8 +46,7 @@ SHOWN_DIGITS = 5
 """Decimals of a parameter's field."""
 CURVE_POINTS = 300
 """Newest improvements in the plot of the search."""
-PIXELS = {"near the model": "near", "whole photo": "whole", "inside the model": "clip"}
-PAPER_PIXELS = tuple(text for text, pixels in PIXELS.items() if pixels != "near")
+PIXELS = {"near": "near the model", "whole": "whole photo", "clip": "inside the model"}
 BESIDE_RESTART = 1e-3
 """Evaluations between a restart's line on the curve and what is not one."""
 AS_IT_IS = "as it is"
@@ -61,11 +60,32 @@ WAITING = '<div class="pv-wait"></div>'
 DRAWING, STOP_PROPOSING = "Drag on the photo ...", "Stop looking"
 
 
+def _is_proposing(session: Session) -> bool:
+    return session.proposals is not None and session.proposals.running
+
+
+def _has_region(session: Session) -> bool:
+    return session.document.own.region is not None
+
+
+def _is_by_paper(session: Session) -> bool:
+    return session.document.settings.method == "paper"
+
+
+def _is_parallel(session: Session) -> bool:
+    return isinstance(session.document.pose.camera, Parallel)
+
+
+def _has_ended(session: Session) -> bool:
+    """Whether a search awaits a word."""
+    return bool(session.search and session.search.latest) and not session.searching
+
+
 def add_status(controls: Controls) -> None:
     """Text above the steps: the loss at the pose, or how the search stands."""
     controls.text(lambda s: "  \n".join(filter(None, (search_text(s), focal_note(s)))))
     # A search is silent while its verdict is gathered.
-    controls.add(controls.gui.add_html(WAITING), visible=lambda s: s.searching)
+    controls.html(lambda s: WAITING if s.searching else "")
     controls.html(loss_bar)
 
 
@@ -105,126 +125,100 @@ def add_placing(controls: Controls) -> None:
         for index in range(MOST_PARAMETERS):
             _add_parameter(controls, index)
     with gui.add_folder("Camera", expand_by_default=False):
-        controls.field(
-            gui.add_dropdown("Projection", ("perspective", "parallel")),
-            c.set_projection,
-            value=lambda s: "parallel" if _is_parallel(s) else "perspective",
-        )
-        controls.field(
-            gui.add_number("Field of view °", 50.0, min=NARROWEST_DEG, max=WIDEST_DEG, step=0.1),
-            c.set_field_of_view,
-            value=_field_of_view,
-            visible=lambda s: not _is_parallel(s),
-        )
-        names = ("fx  (px)", "fy  (px)", "cx  (px)", "cy  (px)")
-        fields = [gui.add_number(name, 1.0, step=0.01) for name in names]
-        for index, field in enumerate(fields):
-            controls.field(
-                field,
-                lambda _: c.set_camera(*(float(one.value) for one in fields)),
-                value=lambda s, i=index: round(_intrinsics(s)[i], 4),
-                visible=lambda s, i=index: i > 1 or not _is_parallel(s),
-            )
+        _add_camera(controls)
 
 
 def _add_quick_start(controls: Controls) -> None:
     """A pose from marks on the photo, or proposed ones."""
-    gui = controls.gui
-
-    def is_proposing(session: Session) -> bool:
-        return session.proposals is not None and session.proposals.running
-
-    def has_region(session: Session) -> bool:
-        return session.document.own.region is not None
 
     def label(session: Session) -> str:
         drawing = DRAWING if session.tool == "box" else "Fit to box"
-        return STOP_PROPOSING if is_proposing(session) else drawing
+        return STOP_PROPOSING if _is_proposing(session) else drawing
 
     controls.button(label, c.toggle_box(), color=None, icon="frame")
-    controls.add(gui.add_html(WAITING), visible=is_proposing)
+    controls.html(lambda s: WAITING if _is_proposing(s) else "")
     controls.text(proposals_text)
     controls.button("Next proposal", c.step_proposals(1), visible=lambda s: proposals_of(s) > 1)
-    controls.button(
-        "Start from it",
-        c.take_proposal(),
-        color=None,
-        icon="check",
-        visible=lambda s: proposals_of(s) > 0,
-    )
-    with gui.add_folder("Quick start", expand_by_default=False):
+    take = {"color": None, "icon": "check", "visible": lambda s: proposals_of(s) > 0}
+    controls.button("Start from it", c.take_proposal(), **take)
+    with controls.gui.add_folder("Quick start", expand_by_default=False):
         tools = {"Point pairs": c.set_tool("pairs"), "Wheels": c.set_tool("wheels")}
         controls.choices("Mark", tools)
         # Wheels are looked for in the region; where there is none yet, it is drawn first.
         controls.button(
-            lambda s: f"Find wheels{' in the' if has_region(s) else ': draw a'} region",
-            lambda s, _: find_wheels() if has_region(s) else c.set_tool("region"),
+            lambda s: f"Find wheels{' in the' if _has_region(s) else ': draw a'} region",
+            lambda s, _: find_wheels() if _has_region(s) else c.set_tool("region"),
         )
-        controls.button("Draw another region", c.set_tool("region"), visible=has_region)
+        controls.button("Draw another region", c.set_tool("region"), visible=_has_region)
+        propose = "Propose starts"
         controls.button(
-            lambda s: STOP_PROPOSING if is_proposing(s) else "Propose starts",
-            c.toggle_proposing(),
+            lambda s: STOP_PROPOSING if _is_proposing(s) else propose, c.toggle_proposing()
         )
         controls.text(marks_text)
-        marking: dict[str, Request] = {
-            "Remove last mark": remove_mark(),
-            "Clear marks": clear_marks(),
-            "Done (Esc)": c.set_tool("pose"),
-        }
-        for name, asked in marking.items():
-            controls.button(name, asked, visible=lambda s: s.tool in MARKING)
+        marking = {"visible": lambda s: s.tool in MARKING}
+        controls.button("Remove last mark", remove_mark(), **marking)
+        controls.button("Clear marks", clear_marks(), **marking)
+        controls.button("Done (Esc)", c.set_tool("pose"), **marking)
 
 
-def _parameter_name(session: Session, index: int) -> str:
-    names = session.document.chart.names
-    return names[index] if index < len(names) else ""
+def _add_parameter(controls: Controls, index: int, is_lock: bool = False) -> None:
+    """Field of a parameter of the chart, or the checkbox that locks it in a search."""
 
+    def name(session: Session) -> str:
+        names = session.document.chart.names
+        return names[index] if index < len(names) else ""
 
-def _parameter_options(index: int) -> dict[str, Read]:
-    return {
-        "visible": lambda s: bool(_parameter_name(s, index)),
-        "label": lambda s: short_name(_parameter_name(s, index)),
-        "hint": lambda s: tooltip(_parameter_name(s, index)),
-    }
-
-
-def _add_parameter(controls: Controls, index: int) -> None:
-    """Field of a parameter of the chart."""
-
-    def asked(value: float) -> Request | None:
-        name = _parameter_name(controls.session, index)
-        return c.set_number(name, float(value)) if name else None
-
-    def read(session: Session) -> float:
+    def value(session: Session) -> float:
         parameters = session.document.parameters
         return round(float(parameters[index]), SHOWN_DIGITS) if index < len(parameters) else 0.0
 
-    number = controls.gui.add_number("", 0.0, step=10.0**-SHOWN_DIGITS * 50)
-    controls.field(number, asked, value=read, **_parameter_options(index))
+    def lock(on: bool) -> Request:
+        one = {name(controls.session)}
+
+        def locked(settings: FitSettings) -> FitSettings:
+            names = {*settings.lock} | one if on else {*settings.lock} - one
+            return replace(settings, lock=tuple(sorted(names)))
+
+        return c.alter_settings(locked)
+
+    options: dict[str, Read] = {
+        "visible": lambda s: bool(name(s)),
+        "label": lambda s: short_name(name(s)),
+        "hint": lambda s: tooltip(name(s)),
+    }
+    if is_lock:
+        is_locked = lambda s: name(s) in s.document.settings.lock  # noqa: E731
+        controls.field(controls.gui.add_checkbox("", False), lock, value=is_locked, **options)
+    else:
+        number = controls.gui.add_number("", 0.0, step=10.0**-SHOWN_DIGITS * 50)
+        change = lambda value: c.set_number(name(controls.session), float(value))  # noqa: E731
+        controls.field(number, change, value=value, **options)
 
 
-def _add_lock(controls: Controls, index: int) -> None:
-    """Checkbox that locks a parameter of the chart in a search."""
-
-    def asked(on: bool) -> Request | None:
-        name = _parameter_name(controls.session, index)
-
-        def lock(settings: FitSettings) -> FitSettings:
-            locked = {*settings.lock, name} if on else set(settings.lock) - {name}
-            return replace(settings, lock=tuple(sorted(locked)))
-
-        return c.alter_settings(lock) if name else None
-
-    controls.field(
-        controls.gui.add_checkbox("", False),
-        asked,
-        value=lambda s: _parameter_name(s, index) in s.document.settings.lock,
-        **_parameter_options(index),
+def _add_camera(controls: Controls) -> None:
+    """Projection, field of view, and intrinsics in px as OpenCV has them."""
+    gui = controls.gui
+    controls.dropdown(
+        "Projection",
+        {"perspective": "perspective", "parallel": "parallel"},
+        c.set_projection,
+        lambda s: "parallel" if _is_parallel(s) else "perspective",
     )
-
-
-def _is_parallel(session: Session) -> bool:
-    return isinstance(session.document.pose.camera, Parallel)
+    controls.field(
+        gui.add_number("Field of view °", 50.0, min=NARROWEST_DEG, max=WIDEST_DEG, step=0.1),
+        c.set_field_of_view,
+        value=_field_of_view,
+        visible=lambda s: not _is_parallel(s),
+    )
+    names = ("fx  (px)", "fy  (px)", "cx  (px)", "cy  (px)")
+    fields = [gui.add_number(name, 1.0, step=0.01) for name in names]
+    for index, field in enumerate(fields):
+        controls.field(
+            field,
+            lambda _: c.set_camera(*(float(one.value) for one in fields)),
+            value=lambda s, i=index: round(_intrinsics(s)[i], 4),
+            visible=lambda s, i=index: i > 1 or not _is_parallel(s),
+        )
 
 
 def _intrinsics(session: Session) -> tuple[float, float, float, float]:
@@ -246,17 +240,19 @@ def _field_of_view(session: Session) -> float:
 
 def add_fitting(controls: Controls) -> None:
     """Step "Fit": start and stop, how the search goes, what it may change."""
-    gui = controls.gui
-    controls.field(
-        gui.add_dropdown("Method", tuple(METHODS.values()), hint=METHODS_HINT),
-        lambda name: c.set_method(next(m for m, n in METHODS.items() if n == name)),
-        value=lambda s: METHODS[s.document.settings.method],
-    )
-    controls.field(
-        gui.add_dropdown("Pixels", tuple(PIXELS)),
-        lambda text: c.alter_settings(lambda settings: replace(settings, pixels=PIXELS[text])),
-        options=lambda s: PAPER_PIXELS if _is_by_paper(s) else tuple(PIXELS),
-        value=lambda s: next(t for t, p in PIXELS.items() if p == s.document.settings.pixels),
+
+    def settings(session: Session) -> FitSettings:
+        return session.document.settings
+
+    def with_pixels(pixels: Any) -> Request:
+        return c.alter_settings(lambda before: replace(before, pixels=pixels))
+
+    def pixels_of(session: Session) -> tuple[str, ...]:
+        return tuple(PIXELS.values())[1 if _is_by_paper(session) else 0 :]
+
+    controls.dropdown("Method", METHODS, c.set_method, lambda s: settings(s).method, METHODS_HINT)
+    controls.dropdown(
+        "Pixels", PIXELS, with_pixels, lambda s: settings(s).pixels, options=pixels_of
     )
     controls.button(
         lambda s: "Stop (space)" if s.searching else "Search (space)",
@@ -269,22 +265,14 @@ def add_fitting(controls: Controls) -> None:
         c.search_all(),
         visible=lambda s: len(s.document.scene.objects) > 1 and not s.searching,
     )
-
-    def has_ended(session: Session) -> bool:
-        return bool(session.search and session.search.latest) and not session.searching
-
     keep = {"color": None, "icon": "check", "hint": KEEP_HINT}
-    controls.button("Keep it", c.accept_search(), visible=has_ended, **keep)
-    controls.button("Go back", c.revert_search(), visible=has_ended, icon="x", hint=BACK_HINT)
+    controls.button("Keep it", c.accept_search(), visible=_has_ended, **keep)
+    controls.button("Go back", c.revert_search(), visible=_has_ended, icon="x", hint=BACK_HINT)
     _add_curve(controls)
     add_hiding(controls)
     add_comparison(controls)
-    with gui.add_folder("Settings", expand_by_default=False):
+    with controls.gui.add_folder("Settings", expand_by_default=False):
         _add_settings(controls)
-
-
-def _is_by_paper(session: Session) -> bool:
-    return session.document.settings.method == "paper"
 
 
 def _add_curve(controls: Controls) -> None:
@@ -344,14 +332,9 @@ def _add_settings(controls: Controls) -> None:
         controls.field(handle, asked, value=read, **options)
 
     setting(gui.add_dropdown("Parameters", ("auto", "vehicle", "free-body")), "chart", str)
-    controls.button(
-        lambda s: DRAWING if s.tool == "region" else "Draw a region", c.set_tool("region")
-    )
-    controls.button(
-        "Clear the region",
-        c.clear_region(),
-        visible=lambda s: s.document.own.region is not None,
-    )
+    region = c.set_tool("region")
+    controls.button(lambda s: DRAWING if s.tool == "region" else "Draw a region", region)
+    controls.button("Clear the region", c.clear_region(), visible=_has_region)
     setting(gui.add_checkbox("Use greyscale", False), "grey", disabled=_is_by_paper)
     setting(gui.add_checkbox("Find the focal length", False), "free_focal")
     evaluations = gui.add_number("Max evaluations", 20_000, min=10, max=1_000_000, step=10)
@@ -361,28 +344,29 @@ def _add_settings(controls: Controls) -> None:
     setting(gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1), "seed", int)
     with gui.add_folder("Lock", expand_by_default=False):
         for index in range(MOST_PARAMETERS):
-            _add_lock(controls, index)
+            _add_parameter(controls, index, is_lock=True)
 
 
 def add_judging(controls: Controls) -> None:
     """Step "Judge": the verdict with its reasons, and how the model is shown."""
-    gui, field = controls.gui, controls.field
+    gui, looks = controls.gui, {look: look for look in LOOKS.values()}
     controls.text(verdict_text)
-    field(
-        gui.add_dropdown("Model (1-5, 0)", tuple(LOOKS.values())),
-        lambda name: c.change(look=name, photo_alone=False),
-        value=lambda s: s.look,
+    controls.dropdown(
+        "Model (1-5, 0)",
+        looks,
+        lambda look: c.change(look=look, photo_alone=False),
+        attrgetter("look"),
     )
-    field(
+    controls.field(
         gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8),
         lambda share: c.change(opacity=float(share)),
-        value=lambda s: s.opacity,
+        value=attrgetter("opacity"),
         visible=lambda s: s.look == "solid",
     )
-    field(
+    controls.field(
         gui.add_checkbox("Photo alone (B)", False),
         lambda on: c.change(photo_alone=on),
-        value=lambda s: s.photo_alone,
+        value=attrgetter("photo_alone"),
     )
 
 
