@@ -24,8 +24,9 @@ def add_comparison(controls: Controls) -> None:
         icon="arrows-diff",
         disabled=lambda s: s.searching,
     )
-    table = kept(lambda s: s.ends, lambda s: s.ends and ends_table(s.ends, s.document.mesh))
-    controls.html(lambda s: table(s) or "")
+    controls.html(
+        kept(lambda s: (s.ends,), lambda s: ends_table(s.ends, s.document.mesh) if s.ends else "")
+    )
     takes = {name.capitalize(): c.take_end(index) for index, name in enumerate(METHODS)}
     controls.choices("Take", takes, visible=lambda s: bool(s.ends))
 

@@ -5,7 +5,9 @@ written back only where it differs.
 from __future__ import annotations
 
 import json
+import operator
 import re
+import time
 from collections.abc import Callable, Mapping
 from html import escape
 from typing import Any
@@ -44,18 +46,29 @@ class Controls:
     called; all others stay as they are.
     """
 
-    def __init__(self, gui: viser.GuiApi, post: Post, session: Session) -> None:
+    def __init__(
+        self, gui: viser.GuiApi, post: Post, session: Session, period: float = 0.0
+    ) -> None:
+        """``period``: seconds between two times that they are brought to the session."""
         self.gui = gui
         self._post = post
         self.session = session
-        """The session that was shown last."""
+        """The newest session."""
         self.where = ""
         """Path at which the pose was or will be saved."""
         self._reads: list[tuple[Any, str, Read]] = []
+        self._shown: Session | None = None
+        self._period, self._next = period, 0.0
 
     def show(self, session: Session) -> None:
-        """Bring all controls to the session."""
+        """Bring all controls to the session, or leave that to a later call; the start and the end
+        of a search are seen at once.
+        """
+        now, is_urgent = time.monotonic(), session.searching is not self.session.searching
         self.session = session
+        if session is self._shown or (now < self._next and not is_urgent):
+            return
+        self._shown, self._next = session, now + self._period
         for handle, name, read in self._reads:
             set_properties(handle, **{name: read(session)})
 
@@ -150,13 +163,13 @@ def _fixed(options: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in options.items() if not callable(value)}
 
 
-def kept(key: Read, read: Read) -> Read:
-    """Read anew only where ``key(session)`` is another one."""
-    known: list[Any] = [object(), None]
+def kept(key: Callable[[Session], tuple[object, ...]], read: Read) -> Read:
+    """Read anew only where ``key(session)`` has other objects."""
+    known: list[Any] = [None, None]
 
     def look(session: Session) -> Any:
         now = key(session)
-        if known[0] != now:
+        if known[0] is None or not all(map(operator.is_, known[0], now)):
             known[:] = now, read(session)
         return known[1]
 

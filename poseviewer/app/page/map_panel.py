@@ -1,4 +1,4 @@
-"""The loss landscape at the right: the panel with all maps, and one of them large.
+"""The loss landscape at the right: all maps, and one of them large.
 
 All maps are one piece of HTML, in a triangle as a corner plot. The looks of its classes ``pv-...``
 stand in ``page.css``.
@@ -7,22 +7,20 @@ stand in ``page.css``.
 from __future__ import annotations
 
 import base64
-import operator
-import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from html import escape
 from io import BytesIO
 from itertools import combinations
-from typing import Any
+from operator import attrgetter
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from poseviewer.app.page.controls import Controls, on_press, plain, set_properties
+from poseviewer.app.page.controls import Controls, kept, on_press, plain
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.session import LandscapeUpdate, Session, Whose
 from poseviewer.confidence.pose_covariance import ellipse
@@ -49,24 +47,23 @@ _CROSS = '<path class="pv-halo" d="M-5-5L5 5M-5 5L5-5"/><path d="M-5-5L5 5M-5 5L
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Markers:
-    """Marks on the maps, in the space of the chart's d parameters."""
+class LossGrid:
+    """Maps of a loss, and marks on them, in the space of the chart's d parameters."""
 
+    slices: Sequence[Slice]
+    """At most one for each pair, in any order; unfinished ones are drawn as far as known, those of
+    parameters without a place are left out, and missing ones leave an empty place."""
+    names: Sequence[str]
+    """(d,) of the chart's parameters."""
     pose: FloatArray
-    """(d,): the current pose."""
+    """(d,): the current pose; beside a map it is held at the border."""
     candidates: FloatArray | None = None
     """(n, d): the points that the search compares now."""
     trail: FloatArray | None = None
     """(t, d): the poses that the search came through, the oldest first."""
     covariance: FloatArray | None = None
     """(d, d): how sure the current pose is; nan where nothing is said of a number."""
-
-
-@dataclass(frozen=True, slots=True)
-class GridOptions:
-    """Options of the grid of maps."""
-
-    parameters: tuple[int, ...] | None = None
+    free: tuple[int, ...] | None = None
     """Indices of the parameters whose pairs have a place, ascending; None for all."""
     centre: tuple[float, ...] = ()
     """The parameters that the maps are about: the page has them as ``data-centre``."""
@@ -78,42 +75,135 @@ class GridOptions:
     """Name of the values."""
     whose: str = ""
     """Whose loss it is; "" says nothing."""
-    error: float | None = None
-    """Error of the values, as ``Slice.error``; None says nothing."""
     large: Pair | None = None
     """The pair whose map is shown large as well."""
 
+    def html(self) -> str:
+        """The maps, their names, the colours' meaning: 15 maps for six parameters."""
+        free = tuple(range(len(self.names))) if self.free is None else self.free
+        pieces = {(s.first, s.second): s for s in self.slices if not np.isnan(s.losses).all()}
+        cells = "".join(
+            self._cell(pieces.get(pair), f"{free.index(pair[1])}/{free.index(pair[0]) + 2}")
+            for pair in combinations(free, 2)
+        )
+        columns = max(len(free) - 1, FEWEST_COLUMNS)
+        large = pieces.get(self.large) if self.large is not None else None
+        return (
+            f'<div class="pv-with">{"" if large is None else self._large(large)}'
+            f'<div class="pv-land{" pv-dim" if self.dimmed else ""}" '
+            f'data-centre="{" ".join(map(repr, self.centre))}" '
+            f'style="grid-template-columns:26px repeat({columns},minmax(0,1fr))">'
+            f"{self._labels(free)}{cells}{self._key()}</div></div>"
+        )
 
-def landscape_grid(
-    slices: Sequence[Slice], names: Sequence[str], markers: Markers, options: GridOptions
-) -> str:
-    """The maps, their names, the colours' meaning: 15 maps for six parameters, 21 for seven.
+    def _labels(self, free: Sequence[int]) -> str:
+        """The second parameters left of their rows, the first ones below their columns."""
+        last, labels = len(free), []
+        for i, parameter in enumerate(free):
+            name, hint = (escape(say(self.names[parameter])) for say in (short_name, tooltip))
+            if i > 0:
+                row = f'class="pv-row" style="grid-area:{i}/1"'
+                labels.append(f'<span {row} title="{hint}">{name}</span>')
+            if i < last - 1:
+                column = f'class="pv-col" style="grid-area:{last}/{i + 2}"'
+                labels.append(f'<span {column} title="{hint}">{name}</span>')
+        return "".join(labels)
 
-    Args:
-        slices: at most one for each pair, in any order; unfinished ones are drawn as far as known,
-            those of parameters without a place are left out, and missing ones leave an empty place.
-        names: (d,) of the chart's parameters.
-        markers: a pose beside a map is held at its border.
-        options: see there.
-    """
-    parameters = options.parameters if options.parameters is not None else tuple(range(len(names)))
-    pieces = {(s.first, s.second): s for s in slices if not np.isnan(s.losses).all()}
-    pairs = list(combinations(parameters, 2))
-    cells = []
-    for pair in pairs:
-        place = f"grid-area:{parameters.index(pair[1])}/{parameters.index(pair[0]) + 2}"
-        cells.append(_cell(pieces.get(pair), pair, names, markers, place))
-    columns = max(len(parameters) - 1, FEWEST_COLUMNS)
-    large = pieces.get(options.large) if options.large is not None else None
-    shown_large = "" if large is None else _large(large, names, markers, options.what)
-    dim = " pv-dim" if options.dimmed else ""
-    return (
-        f'<div class="pv-with">{shown_large}<div class="pv-land{dim}" '
-        f'data-centre="{" ".join(map(repr, options.centre))}" '
-        f'style="grid-template-columns:26px repeat({columns},minmax(0,1fr))">'
-        f"{_labels(parameters, names)}{''.join(cells)}{_key(markers, options)}</div>"
-        "</div>"
-    )
+    def _large(self, piece: Slice) -> str:
+        """A map with its two ranges and its least value."""
+        axes = ((piece.first, piece.first_values), (piece.second, piece.second_values))
+        x, y = (
+            f"{escape(short_name(self.names[i]))} {values[0]:.4g} ... {values[-1]:.4g}"
+            for i, values in axes
+        )
+        least = piece.minimum
+        said = "" if least is None else f", lowest {escape(self.what)} {least.loss:.3f}"
+        return (
+            f'<div class="pv-large">{self._cell(piece)}'
+            f"<div>to the right {x}, upwards {y}{said}</div></div>"
+        )
+
+    def _cell(self, piece: Slice | None, area: str = "") -> str:
+        style = f'style="grid-area:{area}"' if area else ""
+        if piece is None:
+            return f'<div class="pv-cell pv-none" {style}></div>'
+        first, second = piece.first, piece.second
+        pick, enlarge = (on_press(k, first=first, second=second) for k in ("pick", "enlarge"))
+        what = escape(f"{short_name(self.names[first])}, {short_name(self.names[second])}")
+        least = piece.minimum
+        # The map from its first to its last grid point: half of each border pixel is cut off.
+        data = base64.b64encode(_png(piece)).decode()
+        step = 100.0 / (len(piece.first_values) - 1)
+        side, start = f"{100.0 + step:.6g}", f"{-step / 2.0:.6g}"
+        return (
+            f'<div class="pv-cell" {style}><svg viewBox="0 0 100 100" {pick}>'
+            f"<title>{what}{f': lowest {least.loss:.3f}' if least else ''}</title>"
+            f'<image href="data:image/png;base64,{data}" x="{start}" y="{start}" width="{side}" '
+            f'height="{side}" preserveAspectRatio="none"/>{self._markers(piece)}</svg>'
+            f'<button type="button" title="{what}: large, and back" {enlarge}>⤢</button></div>'
+        )
+
+    def _markers(self, piece: Slice) -> str:
+        """Trail, candidates, the map's own minimum and the pose, the last on top of the others."""
+        drawn = []
+        if self.trail is not None and len(self.trail) > 1:
+            count = len(self.trail)
+            kept = np.linspace(0, count - 1, min(count, LONGEST_TRAIL)).round().astype(int)
+            points = _points(on_map(piece, self.trail[kept]))
+            drawn += (f'<polyline {c}points="{points}"/>' for c in ("", 'class="pv-trail" '))
+        if self.candidates is not None and len(self.candidates):
+            places = on_map(piece, self.candidates)
+            within = places[np.all(np.abs(places - 0.5) <= 0.55, axis=1)]
+            dots = "".join(f"M{x:.4g} {y:.4g}h0" for x, y in _on_picture(within))
+            drawn.append(_DOTS.format(dots))
+        least, pair = piece.minimum, [piece.first, piece.second]
+        if least is not None:
+            parameters = np.array(self.pose)
+            parameters[pair] = least.first_value, least.second_value
+            x, y = _on_picture(on_map(piece, parameters))
+            drawn.append(f'<circle class="pv-least" cx="{x:.4g}" cy="{y:.4g}" r="4"/>')
+        covariance = None if self.covariance is None else self.covariance[np.ix_(pair, pair)]
+        if covariance is not None and not np.isnan(covariance[0, 1]):
+            region = ellipse(covariance)
+            border = np.tile(self.pose, (len(region), 1))
+            border[:, pair] += region
+            points = _points(on_map(piece, border))
+            drawn.append(f'<polygon class="pv-region" points="{points}"/>')
+        u, v = on_map(piece, self.pose)
+        beside = "" if 0.0 <= u <= 1.0 and 0.0 <= v <= 1.0 else " pv-beside"
+        x, y = _on_picture(np.clip([u, v], 0.0, 1.0))
+        at = f'transform="translate({x:.4g} {y:.4g})"'
+        return "".join((*drawn, f'<g class="pv-pose{beside}" {at}>{_CROSS}</g>'))
+
+    def _key(self) -> str:
+        """The colours' and the markers' meaning, in the corner that the triangle leaves free."""
+        what = f"{escape(self.what)}, each map by itself, ±{100.0 * self.half_width:.3g}&nbsp;%"
+        error = max((piece.error or 0.0 for piece in self.slices), default=0.0)
+        if error:
+            what += f"<br>good to {100.0 * error:.1g}&nbsp;% of its range"
+        whose = f"<b>{escape(self.whose)}</b><br>" if self.whose else ""
+        stops = PALETTE[np.linspace(0, LEVELS - 1, GRADIENT_STOPS).round().astype(int)]
+        gradient = ",".join("#" + bytes(colour).hex() for colour in stops)
+        entries = {
+            "pose": f'<g class="pv-pose" transform="translate(50 50)">{_CROSS}</g>',
+            "lowest": '<circle class="pv-least" cx="50" cy="50" r="4"/>',
+        }
+        if self.candidates is not None:
+            entries["candidates"] = _DOTS.format("M43 55h0M57 55h0M52 44h0")
+        if self.covariance is not None:
+            entries["90 % region"] = '<ellipse class="pv-region" cx="50" cy="50" rx="8" ry="4"/>'
+        if self.trail is not None:
+            entries["search path"] = '<path class="pv-trail" d="M42 54L48 48L52 52L58 45"/>'
+        key = "".join(
+            f'<span><svg viewBox="40 40 20 20">{drawing}</svg>{text}</span>'
+            for text, drawing in entries.items()
+        )
+        return (
+            f'<div class="pv-key"><div>{whose}{what}</div>'
+            f'<div class="pv-bar" style="background:linear-gradient(90deg,{gradient})"></div>'
+            f'<div class="pv-ends"><span>lowest</span><span>highest</span></div>'
+            f'<div class="pv-marks">{key}</div></div>'
+        )
 
 
 def on_map(piece: Slice, parameters: FloatArray) -> FloatArray:
@@ -125,61 +215,6 @@ def on_map(piece: Slice, parameters: FloatArray) -> FloatArray:
     u = (parameters[..., piece.first] - x[0]) / (x[-1] - x[0])
     v = (parameters[..., piece.second] - y[0]) / (y[-1] - y[0])
     return np.stack([u, v], axis=-1)
-
-
-def _labels(parameters: Sequence[int], names: Sequence[str]) -> str:
-    """The second parameters left of their rows, the first ones below their columns."""
-    last = len(parameters)
-    labels = []
-    for i, parameter in enumerate(parameters):
-        name, hint = (escape(say(names[parameter])) for say in (short_name, tooltip))
-        if i > 0:
-            row = f'class="pv-row" style="grid-area:{i}/1"'
-            labels.append(f'<span {row} title="{hint}">{name}</span>')
-        if i < last - 1:
-            column = f'class="pv-col" style="grid-area:{last}/{i + 2}"'
-            labels.append(f'<span {column} title="{hint}">{name}</span>')
-    return "".join(labels)
-
-
-def _large(piece: Slice, names: Sequence[str], markers: Markers, what: str) -> str:
-    """A map with its two ranges and its least value."""
-    pair, least = (piece.first, piece.second), piece.minimum
-    x, y = (
-        f"{escape(short_name(names[i]))} {values[0]:.4g} ... {values[-1]:.4g}"
-        for i, values in zip(pair, (piece.first_values, piece.second_values), strict=True)
-    )
-    said = "" if least is None else f", lowest {escape(what)} {least.loss:.3f}"
-    return (
-        f'<div class="pv-large">{_cell(piece, pair, names, markers, "")}'
-        f"<div>to the right {x}, upwards {y}{said}</div></div>"
-    )
-
-
-def _cell(
-    piece: Slice | None,
-    pair: Pair,
-    names: Sequence[str],
-    markers: Markers,
-    place: str,
-) -> str:
-    if piece is None:
-        return f'<div class="pv-cell pv-none" style="{place}"></div>'
-    first, second = pair
-    pick, enlarge = (on_press(k, first=first, second=second) for k in ("pick", "enlarge"))
-    what = escape(f"{short_name(names[first])}, {short_name(names[second])}")
-    least = piece.minimum
-    # The map from its first to its last grid point: half of each border pixel is cut off.
-    data = base64.b64encode(_png(piece)).decode()
-    step = 100.0 / (len(piece.first_values) - 1)
-    side, start = f"{100.0 + step:.6g}", f"{-step / 2.0:.6g}"
-    return (
-        f'<div class="pv-cell" style="{place}"><svg viewBox="0 0 100 100" {pick}>'
-        f"<title>{what}{f': lowest {least.loss:.3f}' if least else ''}</title>"
-        f'<image href="data:image/png;base64,{data}" x="{start}" y="{start}" width="{side}" '
-        f'height="{side}" preserveAspectRatio="none"/>{_markers(piece, markers)}</svg>'
-        f'<button type="button" title="{what}: large, and back" {enlarge}>⤢</button></div>'
-    )
 
 
 def _png(piece: Slice) -> bytes:
@@ -196,40 +231,6 @@ def _png(piece: Slice) -> bytes:
     return memory.getvalue()
 
 
-def _markers(piece: Slice, markers: Markers) -> str:
-    """Trail, candidates, the map's own minimum and the pose, the last on top of the others."""
-    drawn = []
-    if markers.trail is not None and len(markers.trail) > 1:
-        count = len(markers.trail)
-        kept = np.linspace(0, count - 1, min(count, LONGEST_TRAIL)).round().astype(int)
-        points = _points(on_map(piece, markers.trail[kept]))
-        drawn.append(f'<polyline points="{points}"/><polyline class="pv-trail" points="{points}"/>')
-    if markers.candidates is not None and len(markers.candidates):
-        places = on_map(piece, markers.candidates)
-        within = places[np.all(np.abs(places - 0.5) <= 0.55, axis=1)]
-        dots = "".join(f"M{x:.4g} {y:.4g}h0" for x, y in _on_picture(within))
-        drawn.append(_DOTS.format(dots))
-    least = piece.minimum
-    if least is not None:
-        parameters = np.array(markers.pose)
-        parameters[[piece.first, piece.second]] = least[:2]
-        x, y = _on_picture(on_map(piece, parameters))
-        drawn.append(f'<circle class="pv-least" cx="{x:.4g}" cy="{y:.4g}" r="4"/>')
-    pair = [piece.first, piece.second]
-    covariance = None if markers.covariance is None else markers.covariance[np.ix_(pair, pair)]
-    if covariance is not None and not np.isnan(covariance[0, 1]):
-        region = ellipse(covariance)
-        border = np.tile(markers.pose, (len(region), 1))
-        border[:, pair] += region
-        points = _points(on_map(piece, border))
-        drawn.append(f'<polygon class="pv-region" points="{points}"/>')
-    u, v = on_map(piece, markers.pose)
-    beside = "" if 0.0 <= u <= 1.0 and 0.0 <= v <= 1.0 else " pv-beside"
-    x, y = _on_picture(np.clip([u, v], 0.0, 1.0))
-    drawn.append(f'<g class="pv-pose{beside}" transform="translate({x:.4g} {y:.4g})">{_CROSS}</g>')
-    return "".join(drawn)
-
-
 def _on_picture(shares: FloatArray) -> FloatArray:
     """(..., 2): places from left and below as shares (..., 2), from left and above in percent."""
     shares = np.clip(shares, -10.0, 11.0)
@@ -240,116 +241,71 @@ def _points(shares: FloatArray) -> str:
     return " ".join(f"{x:.4g},{y:.4g}" for x, y in _on_picture(shares))
 
 
-def _key(markers: Markers, options: GridOptions) -> str:
-    """The colours' and the markers' meaning, in the corner that the triangle leaves free."""
-    what = escape(options.what)
-    what += f", each map by itself, ±{100.0 * options.half_width:.3g}&nbsp;%"
-    if options.error:
-        what += f"<br>good to {100.0 * options.error:.1g}&nbsp;% of its range"
-    whose = f"<b>{escape(options.whose)}</b><br>" if options.whose else ""
-    stops = PALETTE[np.linspace(0, LEVELS - 1, GRADIENT_STOPS).round().astype(int)]
-    gradient = ",".join("#" + bytes(colour).hex() for colour in stops)
-    entries = {
-        "pose": f'<g class="pv-pose" transform="translate(50 50)">{_CROSS}</g>',
-        "lowest": '<circle class="pv-least" cx="50" cy="50" r="4"/>',
-    }
-    if markers.candidates is not None:
-        entries["candidates"] = _DOTS.format("M43 55h0M57 55h0M52 44h0")
-    if markers.covariance is not None:
-        entries["90 % region"] = '<ellipse class="pv-region" cx="50" cy="50" rx="8" ry="4"/>'
-    if markers.trail is not None:
-        entries["search path"] = '<path class="pv-trail" d="M42 54L48 48L52 52L58 45"/>'
-    key = "".join(
-        f'<span><svg viewBox="40 40 20 20">{drawing}</svg>{text}</span>'
-        for text, drawing in entries.items()
-    )
-    return (
-        f'<div class="pv-key"><div>{whose}{what}</div>'
-        f'<div class="pv-bar" style="background:linear-gradient(90deg,{gradient})"></div>'
-        f'<div class="pv-ends"><span>lowest</span><span>highest</span></div>'
-        f'<div class="pv-marks">{key}</div></div>'
-    )
-
-
-PERIOD_S = 0.2
-"""The maps are sent no oftener."""
 WHOSE: dict[Whose, str] = {"chosen": "selected method", **METHODS, "both": "both"}
 """Text of each choice of whose loss the maps show."""
 
 
-class LandscapePanel:
-    """The panel's content."""
+def add_maps(controls: Controls) -> None:
+    """The panel: the maps, or why there are none, and what they show."""
+    gui = controls.gui
+    maps = gui.add_html("")
 
-    def __init__(self, controls: Controls) -> None:
-        gui = controls.gui
-        self._shown: tuple[Any, ...] = ()
-        self._next = 0.0
-        self._maps = gui.add_html("")
-        self._note = gui.add_markdown("Drawing the maps ...")
-        controls.dropdown("Loss of", WHOSE, lambda whose: c.change(whose=whose), lambda s: s.whose)
-        controls.field(
-            gui.add_slider("Range ± %", 1.0, 50.0, 1.0, 20.0),
-            lambda value: c.change(half_width=float(value) / 100.0),
-            value=lambda s: round(s.half_width * 100.0, 3),
-        )
-        with gui.add_folder("Save the maps", expand_by_default=False):
-            controls.download("Sheet (PNG)", "sheet")
-            controls.download("Numbers (NPZ)", "maps-npz")
+    def shown(session: Session) -> tuple[object, ...]:
+        return session.landscapes, session.document.pose, session.own_search, session.large_map
 
-    def show(self, session: Session) -> bool:
-        """Bring the panel to the session; False if it is to be asked again soon."""
-        if session.maps_note:
-            set_properties(self._note, content=plain(session.maps_note), visible=True)
+    def html(session: Session) -> str:
         if not session.landscapes:
-            return True
-        set_properties(self._note, visible=bool(session.maps_note))
-        search = session.own_search
-        key = (session.landscapes, session.document.pose, search, session.large_map)
-        if len(self._shown) == len(key) and all(map(operator.is_, key, self._shown)):
-            return True
-        now = time.monotonic()
-        if now < self._next:
-            return False
-        self._shown, self._next = key, now + PERIOD_S
-        grids = [_grid(session, latest) for latest in session.landscapes]
-        self._maps.content = f'<div class="pv-both">{"".join(grids)}</div>'
-        return True
+            return maps.content  # those before stay until then
+        grids = "".join(grid_of(session, latest).html() for latest in session.landscapes)
+        return f'<div class="pv-both">{grids}</div>'
 
-
-def _grid(session: Session, latest: LandscapeUpdate) -> str:
-    problem = latest.case.problem
-    options = GridOptions(
-        parameters=tuple(int(i) for i in problem.free_indices),
-        centre=tuple(map(float, latest.parameters)),
-        dimmed=latest.document.pose is not session.document.pose
-        and not (session.searching or session.drag is not None),
-        half_width=latest.half_width,
-        whose=latest.case.settings.method_name,
-        what=problem.scale.name,
-        error=max((piece.error or 0.0 for piece in latest.slices), default=None),
-        large=session.large_map,
+    controls.add(maps, content=kept(shown, html))
+    waiting = "Drawing the maps ..."
+    controls.text(lambda s: plain(s.maps_note) or ("" if maps.content else waiting))
+    controls.dropdown("Loss of", WHOSE, lambda whose: c.change(whose=whose), attrgetter("whose"))
+    controls.field(
+        gui.add_slider("Range ± %", 1.0, 50.0, 1.0, 20.0),
+        lambda value: c.change(half_width=float(value) / 100.0),
+        value=lambda s: round(s.half_width * 100.0, 3),
     )
-    markers = markers_of(session, latest)
-    return landscape_grid(latest.shown, problem.chart.names, markers, options)
+    with gui.add_folder("Save the maps", expand_by_default=False):
+        controls.download("Sheet (PNG)", "sheet")
+        controls.download("Numbers (NPZ)", "maps-npz")
 
 
-def markers_of(session: Session, latest: LandscapeUpdate) -> Markers:
-    """The pose, and the search where it searches in the maps' chart."""
-    try:
-        pose = session.document.numbers_in(latest.case.problem)
-    except (PoseViewerError, OutsideChartError):
-        pose = np.array(latest.parameters)
-    covariance, search = None, session.own_search
-    first = latest.case.problem.views[0]
-    sure, chart = session.covariance_in(first.index), first.chart
+def grid_of(session: Session, latest: LandscapeUpdate) -> LossGrid:
+    """The maps of a loss with the pose, and the search where it searches in the maps' chart."""
+    problem, document = latest.case.problem, session.document
+    first, chart = problem.views[0], problem.chart
+    pose, covariance, trail, candidates = np.array(latest.parameters), None, None, None
+    with suppress(PoseViewerError, OutsideChartError):
+        pose = document.numbers_in(problem)
+    sure, search = session.covariance_in(first.index), session.own_search
     if sure is not None:
         with suppress(PoseViewerError, OutsideChartError):
-            covariance = sure.in_chart(chart)
-    if search is None or session.search is None or search.problem.chart.names != chart.names:
-        return Markers(pose, covariance=covariance)
-    start = session.search.asked.start
-    if start.scene.pose(start.active, first.index) is not latest.case.pose:  # of another chart
-        return Markers(pose, covariance=covariance)
-    trail = np.array([step.parameters for step in search.improvements])
-    candidates = search.progress.candidates if session.searching else None
-    return Markers(pose, candidates, trail, covariance)
+            covariance = sure.in_chart(first.chart)
+    if (
+        session.search is not None
+        and search is not None
+        and search.problem.chart.names == chart.names
+    ):
+        start = session.search.asked.start
+        if start.scene.pose(start.active, first.index) is latest.case.pose:  # else another chart
+            trail = np.array([step.parameters for step in search.improvements])
+            candidates = search.progress.candidates if session.searching else None
+    is_moving = session.searching or session.drag is not None
+    return LossGrid(
+        latest.shown,
+        chart.names,
+        pose,
+        candidates,
+        trail,
+        covariance,
+        free=tuple(int(i) for i in problem.free_indices),
+        centre=tuple(map(float, latest.parameters)),
+        dimmed=latest.document.pose is not document.pose and not is_moving,
+        half_width=latest.half_width,
+        what=problem.scale.name,
+        whose=latest.case.settings.method_name,
+        large=session.large_map,
+    )

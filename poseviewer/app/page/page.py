@@ -13,7 +13,7 @@ from poseviewer.app.below_viser.upload_limits import bound_uploads
 from poseviewer.app.below_viser.values import check_values
 from poseviewer.app.page.above_steps import add_preparing, objects_list
 from poseviewer.app.page.controls import Controls, Post, plain
-from poseviewer.app.page.map_panel import LandscapePanel
+from poseviewer.app.page.map_panel import add_maps
 from poseviewer.app.page.panels import (
     add_fitting,
     add_judging,
@@ -24,7 +24,7 @@ from poseviewer.app.page.panels import (
 )
 from poseviewer.app.page.photo_view import DEPTH, SIDE, PhotoScene
 from poseviewer.app.page.reports import FORWARDED, HELP, LEFT_TO_BROWSER, Theme, meaning_of
-from poseviewer.app.page.rows import RowsPanel
+from poseviewer.app.page.rows import add_rows
 from poseviewer.app.page.strip import PhotoStrip
 from poseviewer.app.page.texts import hint_of
 from poseviewer.app.reviewing import Reviewer
@@ -45,8 +45,8 @@ STEPS = {
     "Save": add_saving,
 }
 """Tabs of the left panel in the order of the work, and what makes their controls."""
-PANELS_S = 0.1
-"""Panels are brought up to date no oftener than this; the photo always is."""
+PANELS_S, MAPS_S = 0.1, 0.2
+"""Panels and maps are brought up to date no oftener than this; the photo always is."""
 PAGE_CONFIG = {
     "plane": {"depth": DEPTH, "side": SIDE},
     "steps": list(STEPS),
@@ -81,9 +81,10 @@ class Page:
         gui.main_panel.set_width(PANEL_PX)
         self.scene = PhotoScene(server)
         self._script = ClientScript(server, PAGE_CONFIG, self._reported)
-        self._controls = controls = Controls(gui, post, session)
+        self._controls = controls = Controls(gui, post, session, PANELS_S)
         add_preparing(controls)
-        self._rows = None if review is None else RowsPanel(controls, review)
+        if review is not None:
+            add_rows(controls, review)
         add_status(controls)
         controls.html(objects_list)
         tabs = gui.add_tab_group()
@@ -92,13 +93,12 @@ class Page:
                 add_controls(controls)
         maps = gui.add_panel()
         with maps.add_tab("Loss landscape", viser.Icon.GRID_DOTS):
-            self._landscape = LandscapePanel(controls)
+            self._maps = Controls(gui, post, session, MAPS_S)
+            add_maps(self._maps)
         maps.dock_right()
         maps.set_width(MAPS_PX)
         self._strip = PhotoStrip(self._script)
-        self._next_panels = 0.0
         self._shown: Session | None = None
-        self._late = False
         self._working: list[viser.NotificationHandle] = []
         self._offer: Any = None
         bound_uploads(server, lambda client, why: self.show_error(why, client))
@@ -106,13 +106,8 @@ class Page:
 
     def show(self, session: Session, where: str) -> None:
         """Bring the page to the session; cheap where nothing has changed."""
-        if self._rows is not None:
-            self._rows.show(session)
-        if session is self._shown and not self._late:
-            return
-        if self._shown is None or session.searching is not self._shown.searching:
-            self._next_panels = 0.0  # that a search stopped is seen at once
         if session is not self._shown:
+            self._shown = session
             photo = session.document.photo
             self._script.show("setPhoto", photo.width, photo.height)
             self._script.show("setHint", hint_of(session))
@@ -121,17 +116,11 @@ class Page:
             self.scene.show(session)
             self._strip.show(session)
             self._script.show("forgetStrokes", session.strokes)  # their tint is there
-        self._shown, self._late = session, True
-        now = time.monotonic()
-        if now < self._next_panels:
-            return
-        self._late = False
         # Together: who answers to one field must not find the next one still to be written.
         with self._server.atomic():
             self._controls.where = where
             self._controls.show(session)
-        self._late = not self._landscape.show(session)
-        self._next_panels = time.monotonic() + PANELS_S
+        self._maps.show(session)
 
     def _reported(self, report: object, client: viser.ClientHandle) -> None:
         match meaning_of(report, client.client_id, self._review):

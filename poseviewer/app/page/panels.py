@@ -303,13 +303,16 @@ def _add_curve(controls: Controls) -> None:
         padding=(10, 12, 0, 0),
     )
 
-    def steps(session: Session) -> Any:
-        latest = None if session.search is None else session.search.latest
-        return None if latest is None else (latest.improvements, latest.restarts)
+    def latest_of(session: Session) -> SearchUpdate | None:
+        return None if session.search is None else session.search.latest
+
+    def steps(session: Session) -> tuple[object, ...]:
+        latest = latest_of(session)
+        return (None, None) if latest is None else (latest.improvements, latest.restarts)
 
     def draw(session: Session) -> bool:
         """Draw the plot; of a single loss it would make an axis from 0 to twice as much."""
-        latest = None if session.search is None else session.search.latest
+        latest = latest_of(session)
         if latest is None or len(latest.improvements) < 2:
             return False
         curve.data = curve_of(latest)

@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from poseviewer.app.page.controls import Controls, on_press, plain, set_properties
+from poseviewer.app.page.controls import Controls, kept, on_press, plain
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.tasks import Task
@@ -27,45 +27,50 @@ TO_ROW = "let r=this.parentNode,l=r.parentNode;l.scrollTop=r.offsetTop-l.clientH
 """Script of the row that is open: it scrolls the list, and the list alone, to that row."""
 
 
-class RowsPanel:
-    """Folder "Review"."""
+def add_rows(controls: Controls, review: Reviewer) -> None:
+    """Folder "Review": the list of rows, and what is asked of the one that is open."""
+    noted: list[int | None] = [None]
 
-    def __init__(self, controls: Controls, review: Reviewer) -> None:
-        self._review = review
-        self._shown: object = None
-        self._at: int | None = None
-        with controls.gui.add_folder("Review"):
-            self._list = controls.gui.add_html("")
-            controls.choices("Go to", {"Previous (P)": review.step(-1), "Next (N)": review.step(1)})
-            verdicts = {
-                "Accept (A)": review.decide("accepted"),
-                "Reject (X)": review.decide("rejected"),
-            }
-            controls.choices("Pose", verdicts)
-            self._undo = controls.button("Undo acceptance", review.decide(""), visible=False)
-            self._text = controls.gui.add_markdown("")
-            self._note = controls.gui.add_text("Note", "")
-            controls.field(self._note, self._annotate)
+    def row(session: Session) -> Row | None:
+        at = review.row_at(session.document)
+        return None if at is None else review.queue.rows[at]
 
-    def show(self, session: Session) -> None:
-        """Bring list and controls to the row that is open."""
-        queue, at = self._review.queue, self._review.row_at(session.document)
-        if self._shown == (queue, at, session.unsaved):
-            return
-        self._shown = queue, at, session.unsaved
-        set_properties(self._list, content=rows_list(queue, at))
-        said = "" if at is None else queue.rows[at].result.review
-        undo = "Undo rejection" if said == REJECTED else "Undo acceptance"
-        set_properties(self._undo, label=undo, visible=bool(said))
-        text = "" if at is None else row_text(queue.rows[at], session.unsaved)
-        set_properties(self._text, content=text)
-        # What is being typed is not written over: only another row brings another note.
-        if at != self._at:
-            self._at = at
-            set_properties(self._note, value="" if at is None else queue.rows[at].result.note)
+    def undo(session: Session) -> str:
+        is_rejected = said(session) == REJECTED
+        return "Undo rejection" if is_rejected else "Undo acceptance"
 
-    def _annotate(self, note: str) -> Task | None:
-        return None if self._at is None else self._review.annotate(self._at, note)
+    def said(session: Session) -> str:
+        open_row = row(session)
+        return "" if open_row is None else open_row.result.review
+
+    def text(session: Session) -> str:
+        open_row = row(session)
+        return "" if open_row is None else row_text(open_row, session.unsaved)
+
+    def written(session: Session) -> str:
+        """What is being typed is not written over: only another row brings another note."""
+        at, open_row = review.row_at(session.document), row(session)
+        if at == noted[0]:
+            return note.value
+        noted[0] = at
+        return "" if open_row is None else open_row.result.note
+
+    def annotate(words: str) -> Task | None:
+        return None if noted[0] is None else review.annotate(noted[0], words)
+
+    def shown(session: Session) -> tuple[object, ...]:
+        return review.queue, row(session)
+
+    with controls.gui.add_folder("Review"):
+        rows = kept(shown, lambda s: rows_list(review.queue, review.row_at(s.document)))
+        controls.html(rows)
+        controls.choices("Go to", {"Previous (P)": review.step(-1), "Next (N)": review.step(1)})
+        accept, reject = review.decide("accepted"), review.decide("rejected")
+        controls.choices("Pose", {"Accept (A)": accept, "Reject (X)": reject})
+        controls.button(undo, review.decide(""), visible=lambda s: bool(said(s)))
+        controls.text(text)
+        note = controls.gui.add_text("Note", "")
+        controls.field(note, annotate, value=written)
 
 
 def rows_list(queue: ReviewQueue, at: int | None) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import re
+from dataclasses import replace
 from io import BytesIO
 from itertools import combinations
 
@@ -11,13 +12,7 @@ import numpy as np
 from lxml import html
 from PIL import Image
 
-from poseviewer.app.page.map_panel import (
-    PALETTE,
-    GridOptions,
-    Markers,
-    landscape_grid,
-    on_map,
-)
+from poseviewer.app.page.map_panel import PALETTE, LossGrid, on_map
 from poseviewer.app.state.commands import picked_parameters
 from poseviewer.confidence.pose_covariance import region_reach
 from poseviewer.fit.slices import Slice
@@ -48,7 +43,7 @@ def pictures(page: str) -> list[np.ndarray]:
 
 def test_every_pixel_has_the_colour_of_its_loss():
     slices = make_slices(21)
-    shown = pictures(landscape_grid(slices, NAMES, Markers(CENTRE), GridOptions()))
+    shown = pictures(LossGrid(slices, NAMES, CENTRE).html())
     assert len(shown) == 15
     for piece, picture in zip(slices, shown, strict=True):
         share = (piece.losses - piece.losses.min()) / np.ptp(piece.losses)
@@ -76,7 +71,7 @@ def test_a_pick_beside_the_map_takes_its_border():
 def test_the_page_is_small_and_well_formed():
     trail = CENTRE + np.linspace(0.1, 0.0, 200)[:, None] * np.ones(6)
     candidates = CENTRE + 0.05 * np.vstack([np.zeros(6), np.eye(6)])
-    page = landscape_grid(make_slices(41), NAMES, Markers(CENTRE, candidates, trail), GridOptions())
+    page = LossGrid(make_slices(41), NAMES, CENTRE, candidates, trail).html()
     assert len(page) < 75_000
     tree = html.fromstring(page)
     assert len(tree.xpath("//div[contains(@class, 'pv-cell')]")) == 15
@@ -86,7 +81,7 @@ def test_the_page_is_small_and_well_formed():
 def test_every_corner_of_a_simplex_is_a_dot_on_every_map():
     corners = CENTRE + 0.05 * np.vstack([np.zeros(6), np.eye(6)])
     slices = make_slices(9)
-    page = html.fromstring(landscape_grid(slices, NAMES, Markers(CENTRE, corners), GridOptions()))
+    page = html.fromstring(LossGrid(slices, NAMES, CENTRE, corners).html())
     cells = page.xpath("//div[@class='pv-cell']")
     assert len(cells) == len(slices)
     for piece, cell in zip(slices, cells, strict=True):
@@ -101,8 +96,7 @@ def test_every_corner_of_a_simplex_is_a_dot_on_every_map():
 def test_every_map_shows_the_region_that_the_pose_is_sure_to():
     factor = 0.01 * np.random.default_rng(0).normal(size=(6, 6))
     covariance, slices = factor @ factor.T, make_slices(9)
-    markers = Markers(CENTRE, covariance=covariance)
-    page = html.fromstring(landscape_grid(slices, NAMES, markers, GridOptions()))
+    page = html.fromstring(LossGrid(slices, NAMES, CENTRE, covariance=covariance).html())
     cells = page.xpath("//div[@class='pv-cell']")
     for piece, cell in zip(slices, cells, strict=True):
         (border,) = cell.xpath(".//polygon[@class='pv-region']/@points")
@@ -119,16 +113,17 @@ def test_every_map_shows_the_region_that_the_pose_is_sure_to():
 
 
 def test_the_maps_say_whose_loss_they_show():
-    options = GridOptions(whose="<ours> & theirs")
-    page = html.fromstring(landscape_grid(make_slices(9), NAMES, Markers(CENTRE), options))
+    grid = LossGrid(make_slices(9), NAMES, CENTRE, whose="<ours> & theirs")
+    page = html.fromstring(grid.html())
     assert page.xpath("//div[@class='pv-key']//b")[0].text_content() == "<ours> & theirs"
 
 
 def test_a_large_map_says_its_ranges_and_its_least_loss():
     piece = make_slices(41)[3]
-    least, options = piece.minimum, GridOptions(large=(piece.first, piece.second))
+    least = piece.minimum
     assert least is not None
-    page = html.fromstring(landscape_grid(make_slices(41), NAMES, Markers(CENTRE), options))
+    grid = LossGrid(make_slices(41), NAMES, CENTRE, large=(piece.first, piece.second))
+    page = html.fromstring(grid.html())
     (large,) = page.xpath("//div[@class='pv-large']")
     assert len(large.xpath(".//image")) == 1
     said = large.text_content()
@@ -138,13 +133,12 @@ def test_a_large_map_says_its_ranges_and_its_least_loss():
 
 def test_names_cannot_write_into_the_page():
     names = ("<img src=x>", "b&c", *NAMES[2:])
-    page = landscape_grid(make_slices(9), names, Markers(CENTRE), GridOptions())
+    page = LossGrid(make_slices(9), names, CENTRE).html()
     assert "<img src=x>" not in page
 
 
 def test_the_page_says_how_good_the_maps_are():
-    def text(error: float | None) -> str:
-        return landscape_grid(make_slices(9), NAMES, Markers(CENTRE), GridOptions(error=error))
-
-    assert "good to 0.8&nbsp;% of its range" in text(0.0083)
-    assert "good to" not in text(None)
+    piece = make_slices(9)[0]
+    page = LossGrid([replace(piece, error=0.0083)], NAMES, CENTRE).html()
+    assert "good to 0.8&nbsp;% of its range" in page
+    assert "good to" not in LossGrid([piece], NAMES, CENTRE).html()
