@@ -6,7 +6,6 @@ import shutil
 
 import pytest
 
-from poseviewer.cli import main as cli
 from tests.commands import read_rows
 from tests.commands import run as run_command
 from tests.renderers import require_opengl
@@ -75,31 +74,8 @@ def test_a_study_that_was_cut_off_goes_on_where_it_was_also_in_processes(
 @pytest.mark.slow
 def test_real_backgrounds_and_photos_of_cars(tmp_path):
     require_opengl()
-    assert cli.main(["study", "--out", str(tmp_path), "--kinds",
-                     "background,photo-parallel,photo-perspective", "--starts", "1",
-                     "--deviations", "4", "--readings", "relative", "--size", "96x72",
-                     "--evaluations", "25", "--jobs", "1", "--quiet"]) == 0  # fmt: skip
+    line = "--kinds background,photo-parallel,photo-perspective --starts 1 --deviations 4 --jobs 1"
+    more = "--readings relative --size 96x72 --evaluations 25 --quiet"
+    assert run_command("study", "--out", tmp_path, *line.split(), *more.split()) == 0
     parameters = {row["set"]: len(row["end"].split()) for row in read_rows(tmp_path / "trials.csv")}
     assert parameters == {"background": 6, "photo-parallel": 6, "photo-perspective": 7}
-
-
-@pytest.mark.parametrize(
-    ("more", "said"),
-    [
-        (["--kinds", "plain,snow"], "snow"),
-        (["--readings", "both"], "both"),
-        (["--deviations", "1,150"], "150"),
-        (["--size", "10x10"], "--size"),
-        (["--model", "none.ply"], "none.ply"),
-        (["--degrees", "5"], "--real"),
-        (["--real", "none", "--photos", "3"], "--starts"),
-        (["--real", "none", "--bop", "none"], "two studies"),
-        (["--method", "paper", "--pixels", "near"], "--pixels"),
-    ],
-)
-def test_what_cannot_work_is_said_in_a_line(model, tmp_path, capsys, more, said):
-    assert run(model, tmp_path, *more) == 2
-    message = capsys.readouterr().err
-    assert message.count("\n") == 1
-    assert said in message
-    assert not (tmp_path / "trials.csv").exists()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from poseviewer.evaluation.synthetic import Lighting, cut_out, photograph, rando
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.opengl import OpenGLRenderer
-from tests.meshes import make_box, make_bumpy, make_mesh, make_waves
+from tests.meshes import make_box, make_bumpy, make_waves
 from tests.renderers import require_opengl
 
 LIGHTING = Lighting(
@@ -18,6 +20,13 @@ LIGHTING = Lighting(
     np.array([[0.6, 0.55, 0.5], [0.1, 0.12, 0.1]]),
 )
 PLACE = RigidTransform.from_rotation_vector([0.7, -0.4, 0.2], [0.1, -0.05, 4.0])
+BUMPY = make_bumpy()
+TEXTURED = replace(
+    BUMPY,
+    uvs=BUMPY.vertices[:, :2] * 0.4,
+    face_texture=np.where(BUMPY.vertices[BUMPY.faces[:, 0], 2] > 0.0, 0, -1),
+    textures=(make_waves(64, 128),),
+)
 POSES = pytest.mark.parametrize(
     "pose",
     [
@@ -33,30 +42,14 @@ def _opengl():
     require_opengl()
 
 
-def make_textured_bumpy():
-    mesh = make_bumpy()
-    return make_mesh(
-        mesh.vertices,
-        mesh.faces,
-        mesh.normals,
-        mesh.colours,
-        uvs=mesh.vertices[:, :2] * 0.4,
-        face_texture=np.where(mesh.vertices[mesh.faces[:, 0], 2] > 0.0, 0, -1),
-        textures=(make_waves(64, 128),),
-    )
-
-
 def on_border(values):
     """Where a neighbour has another value: there, a photo's pixel shows a mixture."""
-    differs = np.zeros(values.shape, bool)
-    for axis in (0, 1):
-        for step in (-1, 1):
-            differs |= np.roll(values, step, axis) != values
-    return differs
+    moved = [np.roll(values, step, axis) for axis in (0, 1) for step in (-1, 1)]
+    return np.any([values != one for one in moved], axis=0)
 
 
 @POSES
-@pytest.mark.parametrize("mesh", [make_bumpy(), make_textured_bumpy()], ids=["colours", "texture"])
+@pytest.mark.parametrize("mesh", [BUMPY, TEXTURED], ids=["colours", "texture"])
 def test_diffuse_photo_is_affine_in_reflectance_and_its_product_with_the_normal(mesh, pose):
     colour, coverage = cut_out(OpenGLRenderer(mesh), pose, LIGHTING)
     image = OpenGLRenderer(mesh).render(pose)
@@ -77,7 +70,7 @@ def test_diffuse_photo_is_affine_in_reflectance_and_its_product_with_the_normal(
 
 
 @POSES
-@pytest.mark.parametrize("mesh", [make_box(), make_bumpy()], ids=["box", "bumpy"])
+@pytest.mark.parametrize("mesh", [make_box(), BUMPY], ids=["box", "bumpy"])
 def test_coverage_is_the_share_of_each_pixel_that_the_model_covers(mesh, pose):
     _, coverage = cut_out(OpenGLRenderer(mesh), pose, LIGHTING)
     opengl = OpenGLRenderer(mesh)
@@ -95,21 +88,20 @@ def test_coverage_is_the_share_of_each_pixel_that_the_model_covers(mesh, pose):
 
 
 def test_highlights_only_add_light():
-    pose = Pose(Parallel(60.0, 120.0, 90.0, 240, 180), PLACE)
-    mesh = make_bumpy()
-    diffuse, _ = cut_out(OpenGLRenderer(mesh), pose, LIGHTING)
-    glossy, _ = cut_out(OpenGLRenderer(mesh), pose, LIGHTING, 0.4)
+    pose, renderer = (
+        Pose(Parallel(60.0, 120.0, 90.0, 240, 180), PLACE),
+        OpenGLRenderer(BUMPY),
+    )
+    diffuse, glossy = (cut_out(renderer, pose, LIGHTING, much)[0] for much in (0.0, 0.4))
     assert (glossy >= diffuse - 1e-6).all()
     assert (glossy - diffuse).max() > 0.1
 
 
 def test_background_blur_and_noise():
-    pose = Pose(Parallel(30.0, 60.0, 40.0, 120, 80), PLACE)
-    mesh = make_box()
+    pose, mesh = Pose(Parallel(30.0, 60.0, 40.0, 120, 80), PLACE), make_box()
     picture = np.random.default_rng(0).integers(0, 256, (80, 120, 3), dtype=np.uint8)
     photo = photograph(mesh, pose, LIGHTING, picture)
     _, coverage = cut_out(OpenGLRenderer(mesh), pose, LIGHTING)
-    assert photo.dtype == np.uint8
     assert (photo[coverage == 0.0] == picture[coverage == 0.0]).all()
     grey = (0.5, 0.5, 0.5)
     plain = photograph(mesh, pose, LIGHTING, grey)
@@ -118,10 +110,8 @@ def test_background_blur_and_noise():
     assert (noisy[0] != noisy[2]).any()
     assert np.std(noisy[0].astype(float) - plain) == pytest.approx(4.0, rel=0.1)
     blurred = photograph(mesh, pose, LIGHTING, picture, blur_px=2.0)
-    assert (
-        np.abs(np.diff(blurred.astype(float), axis=0)).mean()
-        < 0.3 * np.abs(np.diff(photo.astype(float), axis=0)).mean()
-    )
+    steps = [np.abs(np.diff(one.astype(float), axis=0)).mean() for one in (blurred, photo)]
+    assert steps[0] < 0.3 * steps[1]
 
 
 def test_random_light_comes_from_before_the_model():
