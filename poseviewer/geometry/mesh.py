@@ -117,21 +117,25 @@ class Mesh:
                 "leave one of them in."
             )
         stays = np.array([name not in wanted for name in parts])
-        keep = stays[whole.face_part]
-        used, faces = np.unique(whole.faces[keep], return_inverse=True)
+        left = whole.of_faces(stays[whole.face_part])
         return replace(
-            whole,
-            vertices=whole.vertices[used],
-            faces=faces.reshape(-1, 3),
-            normals=whole.normals[used],
-            colours=whole.colours[used],
-            uvs=whole.uvs[used],
-            face_texture=whole.face_texture[keep],
-            face_part=(np.cumsum(stays) - 1)[whole.face_part[keep]],
+            left,
+            face_part=(np.cumsum(stays) - 1)[left.face_part],
             part_names=tuple(name for name in parts if name not in wanted),
             left_out=tuple(name for name in parts if name in wanted),
             complete=whole,
         )
+
+    def of_faces(self, which: NDArray | slice) -> Mesh:
+        """The mesh of some of its faces, by their numbers or by a mask, and of their vertices."""
+        used, faces = np.unique(self.faces[which], return_inverse=True)
+        own = replace(self, face_texture=self.face_texture[which], face_part=self.face_part[which])
+        return own.with_vertices(used, faces.reshape(-1, 3))
+
+    def with_vertices(self, source: NDArray, faces: NDArray) -> Mesh:
+        """The mesh with copies of its vertices of numbers ``source`` (N,), and (F, 3) ``faces``."""
+        names = "vertices", "normals", "colours", "uvs"
+        return replace(self, faces=faces, **{name: getattr(self, name)[source] for name in names})
 
     def part_vertices(self, name: str) -> FloatArray:
         """(N, 3): the vertices of the parts called ``name``."""

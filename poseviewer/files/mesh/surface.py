@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,66 +30,19 @@ BAD_NORMALS_SHARE = 0.1
 """A file's normals are not used when they contradict the faces on more than this of the area."""
 LONGEST_NOTE = 300
 """Characters."""
-NO_NORMALS = np.zeros((0, 3))
-
-
-@dataclass(slots=True, eq=False)
-class _Surface:
-    """All parts in one set of arrays, mended step by step."""
-
-    vertices: NDArray
-    faces: NDArray
-    normals: NDArray
-    """(V, 3), or (0, 3) where the file has none that can be used."""
-    colours: NDArray
-    uvs: NDArray
-    face_texture: NDArray
-    face_part: NDArray
-    notes: list[str]
-
-    def keep_faces(self, keep: NDArray) -> None:
-        self.faces, self.face_texture = self.faces[keep], self.face_texture[keep]
-        self.face_part = self.face_part[keep]
-
-    def flip_faces(self, which: NDArray) -> None:
-        self.faces = self.faces.copy()
-        self.faces[which] = self.faces[which][:, ::-1]
-
-    def copy_vertices(self, source: NDArray, faces: NDArray, normals: NDArray) -> None:
-        """Vertices that are copies of the vertices ``source``."""
-        self.vertices, self.colours = self.vertices[source], self.colours[source]
-        self.uvs, self.faces, self.normals = self.uvs[source], faces, normals
 
 
 def as_mesh(name: str, parts: list[Part], notes: list[str], gltf: bool = False) -> Mesh:
     """One Mesh of the parts of the file ``name``, mended, with notes; glTF is in m and y up."""
     _check(name, parts)
     parts = [replace(part, name=printable(part.name)) for part in parts if len(part.faces)]
-    notes = [printable(note, LONGEST_NOTE) for note in dict.fromkeys(notes)]
-    textures, surface = _merge(parts, notes)
-    _drop_useless_faces(name, surface)
-    if len(surface.normals):
-        _turn_to_normals(surface)
-    if not len(surface.normals):
-        _compute_normals(surface)
-    _tint_textures_evenly(surface)
-    used, faces = np.unique(surface.faces, return_inverse=True)
-    surface.copy_vertices(used, faces.reshape(-1, 3), surface.normals[used])
-    return Mesh(
-        vertices=surface.vertices,
-        faces=surface.faces,
-        normals=surface.normals,
-        colours=surface.colours,
-        uvs=surface.uvs,
-        face_texture=surface.face_texture,
-        face_part=surface.face_part,
-        textures=textures,
-        part_names=tuple(dict.fromkeys(part.name for part in parts)),
-        has_reflectance=any(p.colours is not None or p.texture is not None for p in parts),
-        unit="m" if gltf else None,
-        y_up=gltf,
-        notes=tuple(surface.notes),
-    )
+    mesh = _without_useless_faces(name, _merged(parts, notes))
+    if np.any(mesh.normals):
+        mesh = _turned_to_normals(mesh)
+    if not np.any(mesh.normals):
+        mesh = _with_computed_normals(mesh)
+    mesh = _tinted_evenly(mesh).of_faces(slice(None))
+    return replace(mesh, unit="m" if gltf else None, y_up=gltf)
 
 
 def _check(name: str, parts: list[Part]) -> None:
@@ -103,10 +57,8 @@ def _check(name: str, parts: list[Part]) -> None:
         ("parts", len(parts), MOST_PARTS),
     ):
         if count > most:
-            raise MeshFileError(
-                f"{name}: {count:,} {what}; poseviewer takes up to {most:,}, simplify the model "
-                "first."
-            )
+            wanted = f"poseviewer takes up to {most:,}, simplify the model first"
+            raise MeshFileError(f"{name}: {count:,} {what}; {wanted}.")
     for part in parts:
         size, faces = len(part.vertices), np.asarray(part.faces)
         bad = int(np.sum(~np.isfinite(part.vertices).all(axis=1)))
@@ -127,25 +79,31 @@ def _check(name: str, parts: list[Part]) -> None:
         raise MeshFileError(f"{name}: {found}, export it again.")
 
 
-def _merge(parts: list[Part], notes: list[str]) -> tuple[tuple[NDArray, ...], _Surface]:
+def _merged(parts: list[Part], notes: list[str]) -> Mesh:
+    """All parts in one; its normals are 0 unless each part has some."""
     textures = {id(part.texture): part.texture for part in parts if part.texture is not None}
     numbers = {key: i for i, key in enumerate(textures)}
     names = {name: i for i, name in enumerate(dict.fromkeys(part.name for part in parts))}
     sizes = [len(part.faces) for part in parts]
     offsets = np.cumsum([0] + [len(part.vertices) for part in parts])
-    faces = [np.asarray(p.faces, np.int64) + o for p, o in zip(parts, offsets, strict=False)]
     normals = [part.normals for part in parts if part.normals is not None]
-    surface = _Surface(
-        np.concatenate([np.asarray(part.vertices, dtype=float) for part in parts]),
-        np.concatenate(faces),
-        np.concatenate(normals).astype(float) if len(normals) == len(parts) else NO_NORMALS,
-        np.concatenate([_colours(part) for part in parts]),
-        np.concatenate([_uvs(part) for part in parts]),
-        np.repeat([numbers.get(id(part.texture), -1) for part in parts], sizes),
-        np.repeat([names[part.name] for part in parts], sizes),
-        notes,
+    return Mesh(
+        vertices=np.concatenate([part.vertices for part in parts]),
+        faces=np.concatenate([p.faces + o for p, o in zip(parts, offsets, strict=False)]),
+        normals=(
+            np.nan_to_num(np.concatenate(normals), posinf=0.0, neginf=0.0)
+            if len(normals) == len(parts)
+            else np.zeros((offsets[-1], 3))
+        ),
+        colours=np.concatenate([_colours(part) for part in parts]),
+        uvs=np.concatenate([_uvs(part) for part in parts]),
+        face_texture=np.repeat([numbers.get(id(part.texture), -1) for part in parts], sizes),
+        face_part=np.repeat([names[part.name] for part in parts], sizes),
+        textures=tuple(textures.values()),
+        part_names=tuple(names),
+        has_reflectance=any(p.colours is not None or p.texture is not None for p in parts),
+        notes=tuple(printable(note, LONGEST_NOTE) for note in dict.fromkeys(notes)),
     )
-    return tuple(textures.values()), surface
 
 
 def _colours(part: Part) -> NDArray[np.float32]:
@@ -160,82 +118,85 @@ def _uvs(part: Part) -> NDArray[np.float32]:
     return np.nan_to_num(np.asarray(part.uvs, dtype=np.float32), posinf=0.0, neginf=0.0)
 
 
-def _drop_useless_faces(name: str, surface: _Surface) -> None:
-    """Those that have no area, and second copies, turned either way."""
-    _, areas = face_normals_and_areas(surface.vertices, surface.faces)
-    solid = areas > 0.0
-    if not np.any(solid):
+def _noted(mesh: Mesh, note: str, count: int | np.integer, **changes: Any) -> Mesh:
+    """The mesh with changes, and with a note of how many triangles they mend, unless none."""
+    notes = (*mesh.notes, f"{note}: {count:,}.") if count else mesh.notes
+    return replace(mesh, notes=notes, **changes)
+
+
+def _without_useless_faces(name: str, mesh: Mesh) -> Mesh:
+    """Leave out faces that have no area, and second copies, turned either way."""
+    _, areas = face_normals_and_areas(mesh.vertices, mesh.faces)
+    solid = np.flatnonzero(areas > 0.0)
+    if not len(solid):
         raise MeshFileError(
             f"{name}: none of its triangles ({len(areas):,}) has an area; "
             "repair the model or export it again."
         )
-    if not np.all(solid):
-        surface.notes.append(f"Triangles without area, left out: {np.sum(~solid):,}.")
-        surface.keep_faces(np.flatnonzero(solid))
-    places = np.sort(weld(surface.vertices)[surface.faces], axis=1)
+    places = np.sort(weld(mesh.vertices)[mesh.faces[solid]], axis=1)
     order = np.lexsort(places.T)
     repeated = np.all(places[order][1:] == places[order][:-1], axis=1)
-    if np.any(repeated):
-        # lexsort is stable: the copy that comes first in the file stays.
-        surface.keep_faces(np.sort(np.delete(order, np.flatnonzero(repeated) + 1)))
-        surface.notes.append(f"Doubled triangles, left out: {np.sum(repeated):,}.")
+    # lexsort is stable: the copy that comes first in the file stays.
+    keep = solid[np.sort(order[np.concatenate([[True], ~repeated])])]
+    mesh = _noted(mesh, "Triangles without area, left out", len(areas) - len(solid))
+    return _noted(
+        mesh, "Doubled triangles, left out", np.sum(repeated), faces=mesh.faces[keep],
+        face_texture=mesh.face_texture[keep], face_part=mesh.face_part[keep],
+    )  # fmt: skip
 
 
-def _turn_to_normals(surface: _Surface) -> None:
+def _turned_to_normals(mesh: Mesh) -> Mesh:
     """Turn faces to the side of the file's normals, or drop these where they contradict."""
-    normals = np.nan_to_num(surface.normals, posinf=0.0, neginf=0.0)
-    length = np.linalg.norm(normals, axis=1)
-    normals = normals / np.where(length > 0.0, length, 1.0)[:, None]
-    face_normals, areas = face_normals_and_areas(surface.vertices, surface.faces)
-    cosine = np.einsum("fij,fj->fi", normals[surface.faces], face_normals)
+    length = np.linalg.norm(mesh.normals, axis=1)
+    normals = mesh.normals / np.where(length > 0.0, length, 1.0)[:, None]
+    face_normals, areas = face_normals_and_areas(mesh.vertices, mesh.faces)
+    cosine = np.einsum("fij,fj->fi", normals[mesh.faces], face_normals)
     turned = cosine.sum(axis=1) < 0.0
     cosine[turned] *= -1.0
-    invalid = (length == 0.0)[surface.faces].any(axis=1)
+    invalid = (length == 0.0)[mesh.faces].any(axis=1)
     contradict = invalid | (cosine < LEAST_COSINE).any(axis=1)
     if areas[contradict].sum() > BAD_NORMALS_SHARE * areas.sum():
-        surface.notes.append("The file's normals contradict its faces; they were computed anew.")
-        surface.normals = NO_NORMALS
-        return
-    surface.flip_faces(turned)
+        note = "The file's normals contradict its faces; they were computed anew."
+        return replace(mesh, normals=np.zeros_like(normals), notes=(*mesh.notes, note))
     face_normals[turned] *= -1.0
-    if np.any(turned):
-        note = f"Triangles turned to the side of their normals: {np.sum(turned):,}."
-        surface.notes.append(note)
-    # A face without normals gets vertices of its own, with the face's.
-    which, count = np.flatnonzero(invalid), len(surface.vertices)
-    source = np.concatenate([np.arange(count), surface.faces[which].ravel()])
-    surface.faces[which] = count + np.arange(3 * len(which)).reshape(-1, 3)
-    normals = np.concatenate([normals, np.repeat(face_normals[which], 3, axis=0)])
-    surface.copy_vertices(source, surface.faces, normals)
+    faces = np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces)
+    note = "Triangles turned to the side of their normals"
+    mesh = _noted(mesh, note, np.sum(turned), faces=faces, normals=normals)
+    return _split(mesh, invalid, normals=face_normals)
 
 
-def _tint_textures_evenly(surface: _Surface) -> None:
+def _split(mesh: Mesh, which: NDArray[np.bool_], **values: NDArray) -> Mesh:
+    """Give some faces vertices of their own, with values of each face (F, 3) at all its corners."""
+    which, count = np.flatnonzero(which), len(mesh.vertices)
+    source = np.concatenate([np.arange(count), mesh.faces[which].ravel()])
+    faces = mesh.faces.copy()
+    faces[which] = count + np.arange(3 * len(which)).reshape(-1, 3)
+    corners = {name: np.repeat(of_faces[which], 3, axis=0) for name, of_faces in values.items()}
+    own = {name: np.concatenate([getattr(mesh, name), own]) for name, own in corners.items()}
+    return replace(mesh.with_vertices(source, faces), **own)
+
+
+def _tinted_evenly(mesh: Mesh) -> Mesh:
     """Give each textured face one colour to multiply its texture by, the mean of its corners'."""
-    colours = surface.colours[surface.faces]
-    varies = np.any(colours != colours[:, :1], axis=(1, 2))
-    which, count = np.flatnonzero(varies & (surface.face_texture >= 0)), len(surface.vertices)
-    if not len(which):
-        return
-    source = np.concatenate([np.arange(count), surface.faces[which].ravel()])
-    surface.faces = surface.faces.copy()
-    surface.faces[which] = count + np.arange(3 * len(which)).reshape(-1, 3)
-    surface.copy_vertices(source, surface.faces, surface.normals[source])
-    surface.colours[count:] = np.repeat(colours[which].mean(axis=1), 3, axis=0)
-    note = "Textured triangles with different colours at their corners, shown in the mean of these:"
-    surface.notes.append(f"{note} {len(which):,}.")
+    colours = mesh.colours[mesh.faces]
+    varies = np.any(colours != colours[:, :1], axis=(1, 2)) & (mesh.face_texture >= 0)
+    if not np.any(varies):
+        return mesh
+    note = "Textured triangles with different colours at their corners, shown in the mean of these"
+    mesh = _noted(mesh, note, np.sum(varies))
+    return _split(mesh, varies, colours=colours.mean(axis=1))
 
 
-def _compute_normals(surface: _Surface) -> None:
+def _with_computed_normals(mesh: Mesh) -> Mesh:
     """Wind neighbours alike and compute creased normals, 100 times as fast as trimesh does."""
     # Vertices alike in all that they carry are made one (STL has three for each triangle).
-    columns = [surface.vertices]
-    columns += [a for a in (surface.colours, surface.uvs) if np.any(a != a[0])]
-    same = weld(np.concatenate(columns, axis=1) if len(columns) > 1 else surface.vertices)
+    columns = [mesh.vertices]
+    columns += [a for a in (mesh.colours, mesh.uvs) if np.any(a != a[0])]
+    same = weld(np.concatenate(columns, axis=1) if len(columns) > 1 else mesh.vertices)
     _, first = np.unique(same, return_index=True)
-    surface.copy_vertices(first, same[surface.faces], NO_NORMALS)
-    flip = winding_to_flip(surface.vertices, surface.faces)
-    surface.flip_faces(flip)
-    if np.any(flip):
-        note = f"Triangles turned to face the way of their neighbours: {np.sum(flip):,}."
-        surface.notes.append(note)
-    surface.copy_vertices(*crease_normals(surface.vertices, surface.faces))
+    mesh = mesh.with_vertices(first, same[mesh.faces])
+    flip = winding_to_flip(mesh.vertices, mesh.faces)
+    faces = np.where(flip[:, None], mesh.faces[:, ::-1], mesh.faces)
+    note = "Triangles turned to face the way of their neighbours"
+    source, faces, normals = crease_normals(mesh.vertices, faces)
+    return _noted(mesh.with_vertices(source, faces), note, np.sum(flip), normals=normals)
