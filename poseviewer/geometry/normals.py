@@ -37,8 +37,8 @@ class Adjacency:
 def weld(vertices: FloatArray) -> NDArray[np.int64]:
     """(V,) for each vertex (V, 3) the number of its place; equal places have equal numbers."""
     order = np.lexsort(vertices.T)
-    ordered = vertices[order]
-    is_new = np.any(ordered[1:] != ordered[:-1], axis=1)
+    ordered = vertices.T[:, order]
+    is_new = np.any(ordered[:, 1:] != ordered[:, :-1], axis=0)
     places = np.empty(len(vertices), dtype=np.int64)
     places[order] = np.concatenate([[0], np.cumsum(is_new)])
     return places

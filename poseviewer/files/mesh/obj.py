@@ -8,27 +8,29 @@ from __future__ import annotations
 
 import re
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError
+from poseviewer.files.checks import Reading
 from poseviewer.files.mesh.named import bare_name, find_named
 from poseviewer.files.mesh.parts import (
     Part,
     colours_from_numbers,
     fan_corners,
     load_textures,
-    material_text,
-    no_faces,
     split_by,
 )
+from poseviewer.geometry.normals import weld
 
 Material = tuple[NDArray | None, NDArray[np.uint8] | None]
 """An MTL file's diffuse RGB (3,) in [0, 1], and texture."""
 KINDS = ("v", "vt", "vn", "f")
+OPTIONS = re.compile(r"(-\S* ((-?(\d+\.?\d*|\.\d+)|on|off)? )*)*")
+"""Options before a picture's name, which may hold spaces: ``-s 1 1 1`` or ``-clamp on``."""
 
 
 @dataclass
@@ -67,11 +69,10 @@ def read_obj(path: Path) -> tuple[list[Part], list[str]]:
         notes.append(f"Materials not in the MTL file: {', '.join(missing)[:120]}.")
     triangles, parts = fan_corners(counts), []
     for (name, material), own in zip(keys, of_part, strict=True):
-        used = corners[triangles[own]]
-        if len(used):
-            found = materials.get(material, (None, None))
+        if len(own):
+            found, used = materials.get(material, (None, None)), corners[triangles[own]]
             parts.append(_as_part(name, used, vertices, colours, uvs, normals, found))
-    return parts or no_faces(vertices), notes
+    return parts or [Part("", vertices)], notes
 
 
 def _sort_lines(text: str) -> _Lines:
@@ -155,76 +156,49 @@ def _as_part(
 ) -> Part:
     """A part with one vertex for each distinct corner (v, vt, vn) of ``used`` (F, 3, 3)."""
     diffuse, texture = material
-    texture = texture if np.all(used[:, :, 1] >= 0) and len(uvs) else None
-    has_normals = bool(np.all(used[:, :, 2] >= 0)) and len(normals) > 0
     flat = used.reshape(-1, 3)
-    columns = [0, *([1] if texture is not None else []), *([2] if has_normals else [])]
-    key = np.zeros(len(flat), dtype=np.int64)
-    for column in columns:  # numbered anew each time, so that products of sizes fit in 64 bits
-        key = np.unique(key, return_inverse=True)[1] * (flat[:, column].max() + 1)
-        key += flat[:, column]
-    _, first, faces = np.unique(key, return_index=True, return_inverse=True)
-    v, vt, vn = flat[first].T
-    tint = diffuse if texture is None else None
-    return Part(
-        name,
-        vertices[v],
-        faces.reshape(-1, 3),
-        normals[vn] if has_normals else None,
-        tint if colours is None or texture is not None else colours[v],
-        uvs[vt] if texture is not None else None,
-        texture,
-    )
+    has_uvs, has_normals = np.all(flat[:, 1:] >= 0, axis=0)
+    texture = texture if has_uvs else None
+    columns = [2] if has_normals else []
+    columns += [0] if texture is None else [1, 0]
+    faces = weld(flat[:, columns])  # numbered by v first
+    v, vt, vn = flat[np.unique(faces, return_index=True)[1]].T
+    part = Part(name, vertices[v], faces.reshape(-1, 3), normals[vn] if has_normals else None)
+    if texture is not None:
+        return replace(part, uvs=uvs[vt], texture=texture)
+    return replace(part, colours=diffuse if colours is None else colours[v])
 
 
 def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[str, Material]:
-    """The materials by name in the MTL files ``libraries``; missing files are noted."""
+    """The materials by name in the MTL files ``libraries``; missing files are noted.
+
+    A texture replaces the colour Kd, as in Blender: many exporters write Kd 0 beside it.
+    """
     materials: dict[str, Material] = {}
     for library in dict.fromkeys(libraries):
-        found = find_named(path.parent, library)
-        if found is None:
+        file = find_named(path.parent, library)
+        if file is None:
             notes.append(f"Material file left out: {bare_name(library)} is not there.")
             continue
-        materials.update(_parse_mtl(found, notes))
+        reading = Reading(file, error_type=MeshFileError, kind="material file")
+        said: dict[str, dict[str, str]] = {}
+        own: dict[str, str] = {}
+        for line in reading.load_bytes().decode("utf-8", "replace").splitlines():
+            word, _, rest = line.strip().partition(" ")
+            if word.lower() == "newmtl":
+                own = said[rest.strip()] = {}
+            elif rest.strip():
+                own[word.lower()] = rest.strip()
+        files = {name: OPTIONS.sub("", own.get("map_kd", ""), 1) for name, own in said.items()}
+        textures = load_textures(file.parent, filter(None, files.values()), notes)
+        for name, own in said.items():
+            materials[name] = _diffuse(own.get("kd", "")), textures.get(files[name])
     return materials
 
 
-def _parse_mtl(path: Path, notes: list[str]) -> dict[str, Material]:
-    """A texture replaces the colour Kd, as in Blender: many exporters write Kd 0 beside it."""
-    colours: dict[str, NDArray | None] = {}
-    files: dict[str, str] = {}
-    name = None
-    for line in material_text(path).splitlines():
-        word, _, rest = line.strip().partition(" ")
-        rest, word = rest.strip(), word.lower()
-        if word == "newmtl":
-            name = rest
-            colours[name] = None
-            files.pop(name, None)
-        elif name is None or not rest:
-            continue
-        elif word == "kd":
-            colours[name] = _diffuse(rest)
-        elif word == "map_kd":
-            files[name] = without_options(rest)
-    textures = load_textures(path.parent, files.values(), notes)
-    return {n: (colour, textures.get(files.get(n, ""))) for n, colour in colours.items()}
-
-
 def _diffuse(text: str) -> NDArray | None:
-    try:
+    with suppress(ValueError):
         values = [float(word) for word in text.split()[:3]]
-    except ValueError:
-        return None
-    values = values * 3 if len(values) == 1 else values
-    return np.clip(np.nan_to_num(values), 0.0, 1.0) if len(values) == 3 else None
-
-
-def without_options(text: str) -> str:
-    """The file name behind options such as ``-s 1 1 1`` or ``-clamp on``; it may hold spaces."""
-    words = text.split(" ")
-    while words and words[0].startswith("-"):
-        words.pop(0)
-        while len(words) > 1 and re.fullmatch(r"(-?(\d+\.?\d*|\.\d+)|on|off)?", words[0]):
-            words.pop(0)
-    return " ".join(words)
+        if len(values) in (1, 3):
+            return np.clip(np.nan_to_num(np.resize(values, 3)), 0.0, 1.0)
+    return None

@@ -23,22 +23,17 @@ def read_off(path: Path) -> tuple[list[Part], list[str]]:
     text = COMMENT.sub("", path.read_text("ascii", "replace"))
     header = HEADER.match(text)
     if header is None:
-        raise MeshFileError(
-            f"{path.name}: no OFF header; is it an OFF file in text? Export it again."
-        )
+        found, wanted = "no OFF header", "is it an OFF file in text? Export it again"
+        raise MeshFileError(f"{path.name}: {found}; {wanted}.")
     vertices, faces = int(header[1]), int(header[2])
     lines = [line for line in text[header.end() :].splitlines() if line.strip()]
     polygons = [line.split() for line in lines[vertices:]]
-    counts = [int(words[0]) for words in polygons]
-    corners = [
-        int(word)
-        for words, count in zip(polygons, counts, strict=True)
-        for word in words[1 : count + 1]
-    ]
-    if len(lines) != vertices + faces or len(corners) != sum(counts):
+    counts = np.array([int(words[0]) for words in polygons], dtype=np.int64)
+    corners = [words[1 : n + 1] for words, n in zip(polygons, counts, strict=True)]
+    if len(lines) != vertices + faces or [len(words) for words in corners] != counts.tolist():
         raise MeshFileError(
             f"{path.name}: not the {vertices:,} vertices and {faces:,} faces that it promises; it "
             "is damaged or cut short, export it again."
         )
-    triangles = np.array(corners, dtype=np.int64)[fan_corners(np.array(counts))]
-    return [Part("", read_table(lines[:vertices], 3), triangles)], []
+    indices = np.array([word for words in corners for word in words], dtype=np.int64)
+    return [Part("", read_table(lines[:vertices], 3), indices[fan_corners(counts)])], []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
 from typing import TypeVar
@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from poseviewer.errors import MeshFileError
-from poseviewer.files.checks import Reading, quiet_libraries
+from poseviewer.files.checks import quiet_libraries
 from poseviewer.files.mesh.named import bare_name, find_named
 
 Key = TypeVar("Key")
@@ -32,7 +31,7 @@ class Part:
     name: str
     vertices: NDArray
     """(V, 3)."""
-    faces: NDArray
+    faces: NDArray = field(default_factory=lambda: np.zeros((0, 3), np.int64))
     """(F, 3) indices into ``vertices``, unchecked."""
     normals: NDArray | None = None
     """(V, 3), as the file has them."""
@@ -59,31 +58,12 @@ class Part:
         vertices = self.vertices @ linear.T + matrix[:3, 3]
         return replace(self, vertices=vertices, faces=faces, normals=normals)
 
-    def of_faces(self, which: NDArray) -> Part:
-        """Those of its faces, with their vertices alone."""
-        used, faces = np.unique(np.asarray(self.faces)[which], return_inverse=True)
-        colours = self.colours
-        return replace(
-            self,
-            vertices=self.vertices[used],
-            faces=faces.reshape(-1, 3),
-            normals=None if self.normals is None else self.normals[used],
-            colours=colours if colours is None or colours.ndim == 1 else colours[used],
-            uvs=None if self.uvs is None else self.uvs[used],
-        )
-
-
-def no_faces(vertices: NDArray) -> list[Part]:
-    """A cloud of points (V, 3), to be refused with its size."""
-    return [Part("", vertices, np.zeros((0, 3), int))]
-
-
-def numbers_from_text(text: str) -> NDArray[np.float64]:
-    """The numbers of a text, separated by white space; ValueError for anything else."""
-    try:
-        return np.fromstring(text, dtype=np.float64, sep=" ")
-    except DeprecationWarning as error:
-        raise ValueError(str(error)) from None
+    def corners_of(self, which: NDArray | slice) -> Part:
+        """The part of some of its faces, each of their corners a vertex of its own."""
+        source = np.asarray(self.faces)[which].ravel()
+        values = {name: getattr(self, name) for name in ("vertices", "normals", "colours", "uvs")}
+        own = {k: v if v is None or v.ndim == 1 else v[source] for k, v in values.items()}
+        return replace(self, faces=np.arange(len(source)).reshape(-1, 3), **own)
 
 
 def fan_corners(counts: NDArray) -> NDArray[np.int64]:
@@ -110,13 +90,6 @@ def split_by(which: NDArray, count: int) -> list[NDArray[np.int64]]:
     """For each number below ``count``, where it stands in ``which`` (N,), in order."""
     order = np.argsort(which, kind="stable")
     return np.split(order, np.searchsorted(which[order], np.arange(1, count)))
-
-
-def material_text(path: Path) -> str:
-    """Text of a material file; raises MeshFileError where it cannot be one."""
-    reading = Reading(path, [], MeshFileError, "material file")
-    with reading.naming_errors(), reading.open() as file:
-        return file.read().decode("utf-8", "replace")
 
 
 def load_textures(

@@ -5,7 +5,7 @@ Read here rather than by ``plyfile``, which takes two to ten times as long on mo
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from struct import Struct, calcsize, unpack_from
 from typing import Any
@@ -19,8 +19,6 @@ from poseviewer.files.mesh.parts import (
     colours_from_numbers,
     fan_corners,
     load_textures,
-    no_faces,
-    numbers_from_text,
     split_by,
 )
 
@@ -37,48 +35,38 @@ LONGEST_HEADER = 1_000_000
 """Bytes."""
 INDEX_NAMES = ("vertex_indices", "vertex_index")
 
-Lists = tuple[NDArray[np.int64], NDArray]
-"""Counts of values in each row (N,), and all the values one after another."""
+Kind = tuple[str | None, str]
+"""Types of a column: of the count (lists only), and of the values."""
+Element = tuple[str, int, list[tuple[str, Kind]]]
+"""Name of a table of the file, its number of rows, and its columns."""
 Columns = dict[str, Any]
-"""By name: an array (N,) of numbers, or Lists."""
-
-
-@dataclass
-class Element:
-    """A table of the file, as its header announces it."""
-
-    name: str
-    count: int
-    """Rows."""
-    properties: list[tuple[str, str | None, str]] = field(default_factory=list)
-    """Name, type of the count (lists only), type of the values."""
+"""By name: numbers (N,), or of lists the counts (N,) and all the values one after another."""
 
 
 def read_ply(path: Path) -> tuple[list[Part], list[str]]:
     """The parts (one for each texture) of a PLY file, and notes for the user."""
     data = path.read_bytes()
-    elements, encoding, textures, at = read_header(path.name, data)
+    elements, encoding, textures, at = _read_header(path.name, data)
     order, body = ORDERS[encoding], memoryview(data)
     if encoding == "ascii":  # made the bytes of a file in which all is a double
-        numbers = numbers_from_text(data[at:].decode("ascii", "replace"))
-        at, body = 0, memoryview(numbers.tobytes())
-    columns = {}
-    for element in elements:
-        kinds = [
+        text = data[at:].decode("ascii", "replace")
+        at, body = 0, memoryview(np.fromstring(text, sep=" ").tobytes())
+    tables: dict[str, Columns] = {}
+    for name, rows, columns in elements:
+        kinds: list[Kind] = [
             (count and order + ("d" if encoding == "ascii" else count),
              order + ("d" if encoding == "ascii" else value))
-            for _, count, value in element.properties
+            for _, (count, value) in columns
         ]  # fmt: skip
-        table = _read_table(element.count, body, at, kinds)
-        values, at = table or _walk(element.count, body, at, kinds)
-        columns[element.name] = {
-            name: found if count else found.astype(value)
-            for (name, count, value), found in zip(element.properties, values, strict=True)
+        values, at = _read_table(rows, body, at, kinds) or _walk(rows, body, at, kinds)
+        tables[name] = {
+            column: found if count else found.astype(value)
+            for (column, (count, value)), found in zip(columns, values, strict=True)
         }
-    return _parts(path, columns, textures)
+    return _parts(path, tables.get("vertex", {}), tables.get("face", {}), textures)
 
 
-def read_header(name: str, data: bytes) -> tuple[list[Element], str, list[str], int]:
+def _read_header(name: str, data: bytes) -> tuple[list[Element], str, list[str], int]:
     """Elements, encoding, names of textures, and where the header ends, of a PLY file's bytes."""
     end = data.find(b"end_header")
     start = data.find(b"\n", end) + 1
@@ -95,28 +83,24 @@ def read_header(name: str, data: bytes) -> tuple[list[Element], str, list[str], 
                 case ["comment"] if len(words) > 2 and words[1].lower() == "texturefile":
                     textures.append(line.split(None, 2)[2].strip())
                 case ["element"]:
-                    elements.append(Element(words[1], int(words[2])))
+                    elements.append((words[1], int(words[2]), []))
                 case ["property"] if words[1] == "list":
-                    elements[-1].properties.append((words[4], TYPES[words[2]], TYPES[words[3]]))
+                    elements[-1][2].append((words[4], (TYPES[words[2]], TYPES[words[3]])))
                 case ["property"]:
-                    elements[-1].properties.append((words[2], None, TYPES[words[1]]))
+                    elements[-1][2].append((words[2], (None, TYPES[words[1]])))
         except (IndexError, KeyError, ValueError):
-            raise MeshFileError(
-                f"{name}: the PLY header's line {line.strip()[:60]!r} makes no sense; "
-                "export it again."
-            ) from None
+            found = f"the PLY header's line {line.strip()[:60]!r} makes no sense"
+            raise MeshFileError(f"{name}: {found}; export it again.") from None
     if encoding not in ORDERS:
         raise MeshFileError(f"{name}: PLY format {encoding!r}; wanted ascii or binary.")
-    if any(element.count < 0 for element in elements):
+    if any(rows < 0 for _, rows, _ in elements):
         raise MeshFileError(f"{name}: a negative count in the PLY header; export it again.")
     return elements, encoding, textures, start
 
 
-Kinds = list[tuple[str | None, str]]
-"""NumPy's types as they are stored: of the count (lists only), and of the values."""
-
-
-def _read_table(rows: int, data: memoryview, at: int, kinds: Kinds) -> tuple[list[Any], int] | None:
+def _read_table(
+    rows: int, data: memoryview, at: int, kinds: list[Kind]
+) -> tuple[list[Any], int] | None:
     """Columns of rows all as long as the first, and where they end; None where they are not."""
     fields: list[Any] = []
     for i, (count, value) in enumerate(kinds):
@@ -143,7 +127,7 @@ def _read_table(rows: int, data: memoryview, at: int, kinds: Kinds) -> tuple[lis
     return columns, end
 
 
-def _walk(rows: int, data: memoryview, at: int, kinds: Kinds) -> tuple[list[Any], int]:
+def _walk(rows: int, data: memoryview, at: int, kinds: list[Kind]) -> tuple[list[Any], int]:
     """Columns of rows of any lengths; raises struct.error where the file ends before."""
     plan = [
         ([], [], Struct(count) if count else None, value, calcsize(value)) for count, value in kinds
@@ -172,48 +156,39 @@ def _stack(columns: Columns, *choices: tuple[str, ...]) -> NDArray | None:
 
 
 def _parts(
-    path: Path, columns: dict[str, Columns], textures: list[str]
+    path: Path, vertex: Columns, face: Columns, textures: list[str]
 ) -> tuple[list[Part], list[str]]:
-    vertex, face = columns.get("vertex", {}), columns.get("face", {})
     vertices = _stack(vertex, ("x", "y", "z"))
     if vertices is None:
         raise MeshFileError(f"{path.name}: no vertices x, y, z in the PLY header; export it again.")
-    polygons: Lists | None = next((face[k] for k in INDEX_NAMES if k in face), None)
-    if polygons is None or not len(polygons[0]):
-        return no_faces(vertices), []
-    corners = fan_corners(polygons[0])
-    faces = polygons[1][corners].astype(np.int64)
-    colours = _stack(vertex, *COLOUR_NAMES)
-    normals, uvs = _stack(vertex, ("nx", "ny", "nz")), _stack(vertex, *UV_NAMES)
-    face_colours = _stack(face, *COLOUR_NAMES) if colours is None else None
-    texcoord: Lists | None = face.get("texcoord")
-    per_corner = texcoord is not None and np.array_equal(texcoord[0], 2 * polygons[0])
-    triangles = np.maximum(polygons[0] - 2, 0)
-    if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
+    counts, indices = next((face[k] for k in INDEX_NAMES if k in face), (np.zeros(0),) * 2)
+    corners, triangles = fan_corners(counts), np.maximum(counts - 2, 0)
+    faces = indices[corners].astype(np.int64)
+    if not faces.size or faces.min() < 0 or faces.max() >= len(vertices):
         return [Part("", vertices, faces)], []  # refused where indices are checked
-    if face_colours is not None or per_corner:
-        # What belongs to faces is given to corners, each a vertex of its own.
-        source, faces = faces.ravel(), np.arange(faces.size).reshape(-1, 3)
-        vertices = vertices[source]
-        normals = None if normals is None else normals[source]
-        colours = None if colours is None else colours[source]
-        if face_colours is not None:
-            colours = np.repeat(np.repeat(face_colours, triangles, axis=0), 3, axis=0)
-        if per_corner and texcoord is not None:
-            uvs = texcoord[1].reshape(-1, 2)[corners.ravel()]
-    colours = None if colours is None else colours_from_numbers(colours)
-    part = Part("", vertices, faces, normals, colours, uvs)
-    if not textures or uvs is None:
-        return [part], []
+    normals, uvs = _stack(vertex, ("nx", "ny", "nz")), _stack(vertex, *UV_NAMES)
+    part = Part("", vertices, faces, normals, _stack(vertex, *COLOUR_NAMES), uvs)
+    texcoord = face.get("texcoord", (None,))
+    per_corner = np.array_equal(texcoord[0], 2 * counts)
+    of_faces = _stack(face, *COLOUR_NAMES) if part.colours is None else None
+    if per_corner or of_faces is not None:
+        part = part.corners_of(slice(None))
+    if per_corner:
+        part = replace(part, uvs=texcoord[1].reshape(-1, 2)[corners.ravel()])
+    if of_faces is not None:
+        part = replace(part, colours=np.repeat(np.repeat(of_faces, triangles, axis=0), 3, axis=0))
+    if part.colours is not None:
+        part = replace(part, colours=colours_from_numbers(part.colours))
     notes: list[str] = []
-    pictures = load_textures(path.parent, textures, notes)
-    numbers = face.get("texnumber")
-    if numbers is None or len(textures) == 1:
+    if not textures or part.uvs is None:
+        return [part], notes
+    pictures, number = load_textures(path.parent, textures, notes), face.get("texnumber")
+    if number is None or len(textures) == 1:
         return [replace(part, texture=pictures.get(textures[0]))], notes
-    which = np.repeat(numbers, triangles).astype(np.int64)
-    which[(which < 0) | (which >= len(textures))] = len(textures)
-    parts = []
-    for name, own in zip([*textures, "?"], split_by(which, len(textures) + 1), strict=True):
-        if len(own):
-            parts.append(replace(part.of_faces(own), texture=pictures.get(name)))
-    return parts, notes
+    which, end = np.repeat(number, triangles).astype(np.int64), len(textures)
+    of_texture = split_by(np.where((which < 0) | (which > end), end, which), end + 1)
+    return [
+        replace(part.corners_of(own), texture=pictures.get(name))
+        for name, own in zip([*textures, "?"], of_texture, strict=True)
+        if len(own)
+    ], notes

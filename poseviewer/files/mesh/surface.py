@@ -118,7 +118,7 @@ def _uvs(part: Part) -> NDArray[np.float32]:
     return np.nan_to_num(np.asarray(part.uvs, dtype=np.float32), posinf=0.0, neginf=0.0)
 
 
-def _noted(mesh: Mesh, note: str, count: int | np.integer, **changes: Any) -> Mesh:
+def _noted(mesh: Mesh, note: str, count: int, **changes: Any) -> Mesh:
     """The mesh with changes, and with a note of how many triangles they mend, unless none."""
     notes = (*mesh.notes, f"{note}: {count:,}.") if count else mesh.notes
     return replace(mesh, notes=notes, **changes)
@@ -140,7 +140,7 @@ def _without_useless_faces(name: str, mesh: Mesh) -> Mesh:
     keep = solid[np.sort(order[np.concatenate([[True], ~repeated])])]
     mesh = _noted(mesh, "Triangles without area, left out", len(areas) - len(solid))
     return _noted(
-        mesh, "Doubled triangles, left out", np.sum(repeated), faces=mesh.faces[keep],
+        mesh, "Doubled triangles, left out", int(repeated.sum()), faces=mesh.faces[keep],
         face_texture=mesh.face_texture[keep], face_part=mesh.face_part[keep],
     )  # fmt: skip
 
@@ -161,16 +161,15 @@ def _turned_to_normals(mesh: Mesh) -> Mesh:
     face_normals[turned] *= -1.0
     faces = np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces)
     note = "Triangles turned to the side of their normals"
-    mesh = _noted(mesh, note, np.sum(turned), faces=faces, normals=normals)
+    mesh = _noted(mesh, note, int(turned.sum()), faces=faces, normals=normals)
     return _split(mesh, invalid, normals=face_normals)
 
 
 def _split(mesh: Mesh, which: NDArray[np.bool_], **values: NDArray) -> Mesh:
     """Give some faces vertices of their own, with values of each face (F, 3) at all its corners."""
-    which, count = np.flatnonzero(which), len(mesh.vertices)
-    source = np.concatenate([np.arange(count), mesh.faces[which].ravel()])
-    faces = mesh.faces.copy()
-    faces[which] = count + np.arange(3 * len(which)).reshape(-1, 3)
+    count, faces = len(mesh.vertices), mesh.faces.copy()
+    source = np.concatenate([np.arange(count), faces[which].ravel()])
+    faces[which] = np.arange(count, len(source)).reshape(-1, 3)
     corners = {name: np.repeat(of_faces[which], 3, axis=0) for name, of_faces in values.items()}
     own = {name: np.concatenate([getattr(mesh, name), own]) for name, own in corners.items()}
     return replace(mesh.with_vertices(source, faces), **own)
@@ -183,20 +182,19 @@ def _tinted_evenly(mesh: Mesh) -> Mesh:
     if not np.any(varies):
         return mesh
     note = "Textured triangles with different colours at their corners, shown in the mean of these"
-    mesh = _noted(mesh, note, np.sum(varies))
+    mesh = _noted(mesh, note, int(varies.sum()))
     return _split(mesh, varies, colours=colours.mean(axis=1))
 
 
 def _with_computed_normals(mesh: Mesh) -> Mesh:
     """Wind neighbours alike and compute creased normals, 100 times as fast as trimesh does."""
     # Vertices alike in all that they carry are made one (STL has three for each triangle).
-    columns = [mesh.vertices]
-    columns += [a for a in (mesh.colours, mesh.uvs) if np.any(a != a[0])]
-    same = weld(np.concatenate(columns, axis=1) if len(columns) > 1 else mesh.vertices)
+    columns = [a for a in (mesh.colours, mesh.uvs) if np.any(a != a[0])]
+    same = weld(np.concatenate([mesh.vertices, *columns], axis=1, dtype=float))
     _, first = np.unique(same, return_index=True)
     mesh = mesh.with_vertices(first, same[mesh.faces])
     flip = winding_to_flip(mesh.vertices, mesh.faces)
     faces = np.where(flip[:, None], mesh.faces[:, ::-1], mesh.faces)
     note = "Triangles turned to face the way of their neighbours"
     source, faces, normals = crease_normals(mesh.vertices, faces)
-    return _noted(mesh.with_vertices(source, faces), note, np.sum(flip), normals=normals)
+    return _noted(mesh.with_vertices(source, faces), note, int(flip.sum()), normals=normals)
