@@ -412,7 +412,7 @@ class Scene:
         """Covariance of the pose, if it is right, in the view whose chart is used; None for a pose
         that was not searched for, or is lost.
         """
-        return None if self.verdict is None else self.verdict.covariance
+        return None if self.progress is None else self.progress.covariance
 
     @property
     def status(self) -> str:

@@ -20,9 +20,9 @@ from poseviewer.app.workers.opening import (
     open_scene,
 )
 from poseviewer.cli.main import main
+from poseviewer.confidence.verdict import Verdict
 from poseviewer.files.masks import mask_as_png
 from poseviewer.files.pose import (
-    RecordedVerdict,
     load_pose,
 )
 from poseviewer.files.scene_file import ObjectRecord, SceneRecord, ViewRecord, save_scene
@@ -139,7 +139,7 @@ def test_a_crash_loses_nothing_that_is_hidden(scene, halves, tmp_path):
 def test_parts_of_a_scene_s_objects_are_left_out_by_the_object_s_id(scene, halves, tmp_path):
     start = load_pose(scene.start, 160, 120)
     view = ViewRecord.of(scene.photo, start.pose.camera)
-    found = structs.replace(start, loss=0.2, verdict=RecordedVerdict("found", 0.99))
+    found = structs.replace(start, loss=0.2, verdict=Verdict("found", 0.99))
     objects = tuple(ObjectRecord.of(name, halves, found, view) for name in ("a", "a:b"))
     path = tmp_path / "two.scene.json"
     save_scene(path, SceneRecord(views=(view,), objects=objects))

@@ -116,5 +116,5 @@ def _print_end(scene: Scene) -> None:
     notes = () if scene.object.result is None else scene.object.result.notes
     for reason in (*verdict.reasons, *notes):
         say(f"  {reason}")
-    if verdict.covariance is not None:
-        say(f"how sure, as standard deviations: {verdict.covariance.words(scene.mesh.unit)}")
+    if scene.covariance is not None:
+        say(f"how sure, as standard deviations: {scene.covariance.words(scene.mesh.unit)}")

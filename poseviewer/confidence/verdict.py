@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Annotated, Literal
 
 import numpy as np
+from msgspec import Meta, Struct, field
 
-from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.weights import FEATURES, FOUND_FROM, LOST_BELOW, OFFSET
 
 LEAST_SEEN = 0.35
@@ -63,21 +63,17 @@ class Features:
     """Share of the model's picture that lies on pixels that count, in [0, 1]."""
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """Whether a pose is right, and why."""
+class Verdict(Struct, frozen=True, omit_defaults=True):
+    """Whether a pose is right, and why; probability: that it is, as among the trials that the
+    verdict was calibrated on; reasons: sentences; evidence: the numbers that it comes from, by
+    name; views: the verdicts by each of several compared views alone.
+    """
 
     word: Word
-    probability: float
-    """That the pose is right, in [0, 1], as among the trials that the verdict was calibrated on."""
-    reasons: tuple[str, ...]
-    """Sentences."""
-    features: Features | None
-    """None where there was nothing to see."""
-    covariance: PoseCovariance | None = field(default=None, compare=False)
-    """Covariance of the pose, if it is right; None for a lost one, and where it is not known."""
-    views: tuple[Verdict, ...] = field(default=(), compare=False)
-    """Verdicts by each of several photos alone."""
+    probability: Annotated[float, Meta(ge=0.0, le=1.0)]
+    reasons: tuple[str, ...] = ()
+    features: Mapping[str, float] = field(name="evidence", default_factory=dict)
+    views: tuple[Verdict, ...] = ()
 
     def __str__(self) -> str:
         return self.word
@@ -103,11 +99,11 @@ def percent_right(word: str, probability: float) -> int:
 def judge(features: Features | None) -> Verdict:
     """Verdict by the features; None: the model is not to be seen at the pose."""
     if features is None:
-        return Verdict("lost", 0.0, ("Hardly anything of the model is to be seen there.",), None)
+        return Verdict("lost", 0.0, ("Hardly anything of the model is to be seen there.",))
     probability = probability_of(features)
     found_from = FOUND_BEHIND if features.seen < HIDDEN_BELOW else FOUND_FROM
     word = _word(probability >= found_from, probability < LOST_BELOW)
-    return Verdict(word, probability, reasons_for(features), features)
+    return Verdict(word, probability, reasons_for(features), asdict(features))
 
 
 def _word(is_found: bool, is_lost: bool) -> Word:
@@ -131,7 +127,7 @@ def judge_together(views: Sequence[Verdict]) -> Verdict:
     words = [one.word for one in views]
     said = ", ".join(f"{words.count(w)} {w}" for w in reversed(WORDS) if w in words)
     reasons = (f"By each of the {len(views)} photos alone it is: {said}.",)
-    return Verdict(word, probability, reasons, None, views=tuple(views))
+    return Verdict(word, probability, reasons, views=tuple(views))
 
 
 def probability_of(features: Features) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
@@ -159,8 +159,7 @@ def _outcome(result: Scene, truth: Pose) -> dict[str, Any]:
     progress, problem = result.progress, result.problem
     assert progress is not None  # it was searched for
     verdict = progress.verdict
-    features = None if verdict is None else verdict.features
-    numbers = {} if features is None else asdict(features)
+    features = {} if verdict is None else verdict.features
     return {
         "end": " ".join(repr(float(number)) for number in progress.parameters),
         "loss_start": progress.start_loss,
@@ -169,7 +168,7 @@ def _outcome(result: Scene, truth: Pose) -> dict[str, Any]:
         "evaluations": progress.evaluations,
         "status": progress.status.name,
         "verdict": "" if verdict is None else verdict.word,
-        "evidence": " ".join(f"{name}={float(value):.6g}" for name, value in numbers.items()),
+        "evidence": " ".join(f"{name}={value:.6g}" for name, value in features.items()),
     }
 
 

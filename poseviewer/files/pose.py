@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, Struct, field, structs
 
 from poseviewer.confidence.pose_covariance import PoseCovariance
+from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseFileError
 from poseviewer.files.checks import Reading
 from poseviewer.files.structs import (
@@ -19,7 +20,6 @@ from poseviewer.files.structs import (
     PhotoReference,
     Positive,
     Projection,
-    RecordedVerdict,
     Transform,
     Uncertainty,
     projection_of,
@@ -77,7 +77,7 @@ class PoseRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
     unexplained: Number | None = None
     settings: dict[str, Any] | None = None
     software: dict[str, Any] | None = None
-    verdict: RecordedVerdict | None = None
+    verdict: Verdict | None = None
     uncertainty: Uncertainty | None = None
     mask: str | None = None
     without: tuple[str, ...] = ()

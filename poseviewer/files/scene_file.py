@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta, Struct, structs
 
+from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseFileError, printable
 from poseviewer.files.checks import Reading, is_there, kind_of
 from poseviewer.files.masks import mask_as_png, mask_from_png
@@ -34,7 +35,6 @@ from poseviewer.files.structs import (
     Pixels,
     Positive,
     Projection,
-    RecordedVerdict,
     Sha256,
     Transform,
     Uncertainty,
@@ -186,7 +186,7 @@ class Result(Struct, frozen=True, kw_only=True, omit_defaults=True):
     loss: Number | None = None
     unexplained: Number | None = None
     seen: tuple[Number | None, ...] = ()
-    verdict: RecordedVerdict | None = None
+    verdict: Verdict | None = None
     view: Annotated[int, Meta(ge=0)] = 0
     uncertainty: Uncertainty | None = None
     chart: ChartParameters | None = None

@@ -6,7 +6,6 @@ In files, pixel centres are at integers, as in OpenCV; inside at i + 0.5 (``geom
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 import msgspec
@@ -79,19 +78,6 @@ class ChartParameters(Struct, frozen=True):
         if len(self.names) != len(self.parameters):
             found = f".numbers has {len(self.parameters)} of them"
             raise ValueError(f"{found}; wanted as many as names, {len(self.names)}")
-
-
-class RecordedVerdict(Struct, frozen=True, omit_defaults=True):
-    """The verdict on a pose when it was found; probability: that the pose is right, as among the
-    trials that the verdict was calibrated on; evidence: the numbers that it comes from, by name;
-    views: by each compared view alone.
-    """
-
-    word: Literal["found", "doubtful", "lost"]
-    probability: Number
-    reasons: tuple[str, ...] = ()
-    features: Mapping[str, Number] = msgspec.field(name="evidence", default_factory=dict)
-    views: tuple[RecordedVerdict, ...] = ()
 
 
 class CameraNumbers(Struct, frozen=True, omit_defaults=True, kw_only=True):

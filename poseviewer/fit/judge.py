@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from poseviewer.confidence.pose_covariance import PoseCovariance, joint_covariance, spread
-from poseviewer.confidence.verdict import Features, Verdict, judge, judge_together
+from poseviewer.confidence.verdict import Features, judge, judge_together
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.outline import outline_support
 from poseviewer.fit.probing import Probe
@@ -46,29 +46,29 @@ has risen as far as the last models of a search look; always so many rounds."""
 
 def judge_end(
     progress: FitProgress, problem: FitProblem, mesh: Mesh, renderer: Renderer, threads: int = 1
-) -> Verdict:
-    """Verdict on the pose that a search ended in: ``lost`` where no model is to be seen."""
+) -> FitProgress:
+    """The progress with the verdict on the pose that a search ended in, ``lost`` where no model is
+    to be seen, and the pose's covariance.
+    """
     if len(problem.views) > 1:
         each = []
         for alone in problem.alone:
             own = replace(progress, pose=alone.chart.to_pose(progress.parameters))
             each.append(judge_end(own, alone, mesh, renderer, threads))
-        verdict = judge_together(each)
-        if verdict.word == "lost":
-            return verdict
+        verdict = judge_together([one.verdict for one in each if one.verdict is not None])
         charts, known = [view.chart for view in problem.views], [one.covariance for one in each]
-        covariance = joint_covariance(charts, known, progress.parameters, mesh)
-        return replace(verdict, covariance=covariance)
-    features: Features | None = None
+        sure = verdict.word != "lost"
+        covariance = joint_covariance(charts, known, progress.parameters, mesh) if sure else None
+        return replace(progress, verdict=verdict, covariance=covariance)
+    features = covariance = None
     if progress.status is not Status.NOTHING_SEEN:
         with suppress(PoseViewerError):  # in part behind the camera, or on the edge of its chart
             features = gather_features(problem, mesh, renderer, progress.pose, threads)
     verdict = judge(features)
-    if verdict.word == "lost" or features is None:
-        return verdict
-    pose, seen = progress.pose, features.seen
-    covariance = find_covariance(problem, mesh, renderer, pose, seen, threads)
-    return replace(verdict, covariance=covariance)
+    if features is not None and verdict.word != "lost":
+        pose, seen = progress.pose, features.seen
+        covariance = find_covariance(problem, mesh, renderer, pose, seen, threads)
+    return replace(progress, verdict=verdict, covariance=covariance)
 
 
 def gather_features(

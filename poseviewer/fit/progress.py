@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass, replace
 
+from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.unexplained import LossScale
@@ -65,6 +66,8 @@ class FitProgress:
     """Times by which the candidates' photo is smaller."""
     verdict: Verdict | None = None
     """Whether the pose is right; given with the last progress of a ``search``."""
+    covariance: PoseCovariance | None = None
+    """Covariance of the pose, if it is right, with the verdict; None for a lost one."""
 
     @property
     def scale(self) -> LossScale:
@@ -95,7 +98,12 @@ class FitProgress:
 
     def keeping(self, other: FitProgress) -> FitProgress:
         """The progress with the pose of another one and, at the end, its verdict."""
-        verdict = None if self.status is Status.RUNNING else other.verdict
+        said = self if self.status is Status.RUNNING else other
         return replace(
-            self, parameters=other.parameters, pose=other.pose, loss=other.loss, verdict=verdict
+            self,
+            parameters=other.parameters,
+            pose=other.pose,
+            loss=other.loss,
+            verdict=said.verdict,
+            covariance=said.covariance,
         )

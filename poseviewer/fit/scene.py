@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import SettingsError
 from poseviewer.fit.settings import FitSettings
@@ -90,7 +91,9 @@ class SearchResult:
     """For each view, (height, width): pixels of its photo taken for something in front."""
     notes: tuple[str, ...] = ()
     view: int = 0
-    """Number of the view that the chart and the verdict's covariance are of."""
+    """Number of the view that the chart and the covariance are of."""
+    covariance: PoseCovariance | None = None
+    """Covariance of the pose, if it is right; None for a lost one, and where it is not known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

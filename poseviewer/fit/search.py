@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
+from msgspec import structs
 
 from poseviewer.confidence.verdict import (
     PROBABILITY_MARGIN,
@@ -171,8 +172,8 @@ class Search:
     def _judged(self, progress: FitProgress) -> FitProgress:
         """The progress with the verdict on its pose."""
         known = progress.problem, self._mesh, self._renderer, self._threads
-        verdict = judge_end(progress, *known)
-        return replace(progress, verdict=verdict, seconds=time.perf_counter() - self._began)
+        judged = judge_end(progress, *known)
+        return replace(judged, seconds=time.perf_counter() - self._began)
 
     def _most_seen(self, due: set[int]) -> int:
         """The object of which all others hide least."""
@@ -311,7 +312,8 @@ class Search:
             f"The start was kept: the search ended {away:.0f} % of the model's size away, where "
             f"{end.verdict.share_right}."
         )
-        return replace(kept, verdict=replace(kept.verdict, reasons=(said, *kept.verdict.reasons)))
+        reasons = (said, *kept.verdict.reasons)
+        return replace(kept, verdict=structs.replace(kept.verdict, reasons=reasons))
 
 
 def with_end(scene: Scene, index: int, progress: FitProgress, renderer: Renderer) -> Scene:
@@ -329,6 +331,7 @@ def with_end(scene: Scene, index: int, progress: FitProgress, renderer: Renderer
     result = replace(
         result,
         verdict=verdict,
+        covariance=progress.covariance,
         seen=tuple(seen),
         hidden=tuple(hidden),
         notes=(*result.notes, *_least_sure(scene, problem, verdict)),

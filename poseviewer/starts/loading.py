@@ -6,12 +6,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
-from poseviewer.confidence.pose_covariance import PoseCovariance
-from poseviewer.confidence.verdict import Features, Verdict
 from poseviewer.errors import PoseFileError, SettingsError, printable
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.formats.conversion import METRES
@@ -43,7 +41,6 @@ from poseviewer.files.scene_file import (
 )
 from poseviewer.files.structs import (
     ChartParameters,
-    RecordedVerdict,
     Uncertainty,
 )
 from poseviewer.files.symmetry import SymmetryTurns, load_symmetry
@@ -325,13 +322,6 @@ def pose_record(scene: Scene, index: int = 0, view: int = 0) -> PoseRecord:
     return record_of(scene, with_masks=False).pose_record(index, view)
 
 
-def recorded_verdict(verdict: Verdict) -> RecordedVerdict:
-    """A verdict as files say it."""
-    features = {} if verdict.features is None else asdict(verdict.features)
-    views = tuple(map(recorded_verdict, verdict.views))
-    return RecordedVerdict(verdict.word, verdict.probability, verdict.reasons, features, views)
-
-
 def model_without(model: str | Path | LoadedModel, without: Sequence[str]) -> LoadedModel:
     """The model without these parts, and without those that it is without already."""
     model = model if isinstance(model, LoadedModel) else load_model(model)
@@ -397,12 +387,11 @@ def _search_result(record: SceneRecord, index: int) -> SearchResult | None:
         return None
     view = min(found.view, len(record.views) - 1)
     sure = found.uncertainty
-    covariance = None if sure is None else sure.about(record.pose(index, view))
-    verdict = None if found.verdict is None else _verdict(found.verdict, covariance)
+    covariance = sure and sure.about(record.pose(index, view))
     chart = found.chart or ChartParameters("", (), ())
     seen = tuple(math.nan if share is None else share for share in found.seen)
     return SearchResult(
-        verdict,
+        found.verdict,
         math.nan if found.loss is None else found.loss,
         math.nan if found.unexplained is None else found.unexplained,
         chart.parameters,
@@ -412,14 +401,8 @@ def _search_result(record: SceneRecord, index: int) -> SearchResult | None:
         seen,
         notes=found.notes,
         view=view,
+        covariance=covariance,
     )
-
-
-def _verdict(said: RecordedVerdict, covariance: PoseCovariance | None = None) -> Verdict:
-    names = {one.name for one in fields(Features)}
-    features = Features(**said.features) if names == set(said.features) else None
-    views = tuple(_verdict(one) for one in said.views)
-    return Verdict(said.word, said.probability, said.reasons, features, covariance, views)
 
 
 def _object_record(scene: Scene, index: int, with_masks: bool, canonical: bool) -> ObjectRecord:
@@ -457,16 +440,14 @@ def _object_record(scene: Scene, index: int, with_masks: bool, canonical: bool) 
 
 
 def _recorded_result(result: SearchResult, pose: Pose, equal: Pose) -> Result:
-    verdict = result.verdict
-    sure = None if verdict is None or verdict.covariance is None else verdict.covariance
-    chart = ChartParameters(result.chart, result.names, result.parameters)
+    sure, chart = result.covariance, ChartParameters(result.chart, result.names, result.parameters)
     return Result(
         loss=_known(result.loss),
         unexplained=_known(result.unexplained),
         seen=tuple(map(_known, result.seen)),
-        verdict=None if verdict is None else recorded_verdict(verdict),
+        verdict=result.verdict,
         view=result.view,
-        uncertainty=None if sure is None else Uncertainty.of(sure.about(equal)),
+        uncertainty=sure and Uncertainty.of(sure.about(equal)),
         chart=chart if equal is pose and result.names else None,
         settings=dict(result.settings),
         notes=result.notes,

@@ -67,7 +67,7 @@ def test_word_and_number_of_a_verdict_never_contradict(word: str):
     ],
 )
 def test_several_photos_are_of_one_mind_or_it_is_doubtful(alone: list[float], word: str):
-    verdict = judge_together([Verdict("found", one, (), None) for one in alone])
+    verdict = judge_together([Verdict("found", one) for one in alone])
     assert verdict.word == word
     assert min(alone) - 1e-9 <= verdict.probability <= max(alone) + 1e-9
     assert len(verdict.views) == len(alone)

@@ -14,9 +14,10 @@ from msgspec import structs
 
 from assets.source.schemas import KINDS, schema
 from poseviewer.confidence.pose_covariance import PoseCovariance
+from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.masks import save_pose_and_mask
-from poseviewer.files.pose import ChartParameters, PoseRecord, RecordedVerdict, save_pose
+from poseviewer.files.pose import ChartParameters, PoseRecord, save_pose
 from poseviewer.files.scene_file import (
     InViewRecord,
     ObjectRecord,
@@ -65,7 +66,7 @@ def told(scene: SceneRecord, folder: Path) -> SceneRecord:
         loss=-1.5,
         unexplained=0.25,
         seen=0.625,
-        verdict=RecordedVerdict("found", 0.9, ("It is seen.",), {"a": 0.5}),
+        verdict=Verdict("found", 0.9, ("It is seen.",), {"a": 0.5}),
         notes=("The focal length is assumed.",),
         settings={"grey": True},
         uncertainty=Uncertainty.of(sure),
@@ -103,7 +104,7 @@ def test_what_is_written_is_read_to_the_last_digit(path, tmp_path):
     read = again.pose_record(0)
     assert read.covariance is not None
     assert (read.loss, read.seen) == (-1.5, 0.625)
-    assert read.verdict == RecordedVerdict("found", 0.9, ("It is seen.",), {"a": 0.5})
+    assert read.verdict == Verdict("found", 0.9, ("It is seen.",), {"a": 0.5})
     assert again.objects[0].start == scene.objects[0].start
 
 

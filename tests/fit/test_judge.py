@@ -86,20 +86,22 @@ def test_the_curvature_of_a_known_quadratic_is_found_under_jumps():
 def test_the_end_of_a_fit_is_sure_and_the_same_on_any_threads(case):
     problem, mesh, renderer = case
     *_, end = fit_pose(problem, renderer)
-    verdict = judge_end(end, *case)
-    sure = verdict.covariance
+    judged = judge_end(end, *case)
+    verdict, sure = judged.verdict, judged.covariance
+    assert verdict is not None
     assert verdict.word == "found"
-    assert verdict.features is not None
     assert sure is not None
     assert np.linalg.eigvalsh(sure.matrix)[0] > 0.0
     assert 0.0 < sure.deviations["sideways"] < sure.deviations["depth"] < mesh.diameter
     assert 0.0 < sure.px < 5.0
-    again = find_covariance(*case, pose=end.pose, seen=verdict.features.seen, threads=3)
+    again = find_covariance(*case, pose=end.pose, seen=verdict.features["seen"], threads=3)
     assert again is not None
     np.testing.assert_array_equal(again.matrix, sure.matrix)
     far = problem.chart.to_pose(np.array([0.0, 0.0, 0.0, 30.0, 30.0, 0.0]))
     unseen = judge_end(replace(end, pose=far), *case)
-    assert (unseen.word, unseen.probability, unseen.covariance) == ("lost", 0.0, None)
+    assert unseen.verdict is not None
+    assert (unseen.verdict.word, unseen.verdict.probability) == ("lost", 0.0)
+    assert unseen.covariance is None
 
 
 def test_the_less_is_seen_the_less_sure_it_is_and_what_is_held_is_sure(case, truth):

@@ -24,9 +24,9 @@ from poseviewer.render.renderers import make_renderer
 from poseviewer.starts.loading import open_photo
 
 FOUND, UNSURE, LOST = (
-    Verdict("found", SURE_FROM, (), None),
-    Verdict("found", SURE_FROM - 0.01, (), None),
-    Verdict("lost", 0.1, (), None),
+    Verdict("found", SURE_FROM),
+    Verdict("found", SURE_FROM - 0.01),
+    Verdict("lost", 0.1),
 )
 
 
@@ -36,9 +36,9 @@ def judge(monkeypatch):
     asked: list[FitProgress] = []
 
     def judging(verdict: Verdict) -> list[FitProgress]:
-        def judged(progress: FitProgress, *_: object) -> Verdict:
+        def judged(progress: FitProgress, *_: object) -> FitProgress:
             asked.append(progress)
-            return verdict
+            return replace(progress, verdict=verdict)
 
         monkeypatch.setattr(searching, "judge_end", judged)
         asked.clear()
@@ -117,7 +117,7 @@ def test_a_found_pose_that_is_not_sure_is_only_continued(small, verdict, restart
 
 
 def test_less_may_be_asked_of_a_pose_that_is_not_restarted(small):
-    end = replace(small[3], verdict=Verdict("doubtful", SURE_AMONG_OTHERS, (), None))
+    end = replace(small[3], verdict=Verdict("doubtful", SURE_AMONG_OTHERS))
     assert is_restarted(end, True)
     assert not is_restarted(end, True, SURE_AMONG_OTHERS)
 
@@ -133,8 +133,8 @@ def test_less_may_be_asked_of_a_pose_that_is_not_restarted(small):
     ],
 )
 def test_a_turned_pose_must_be_likely(small, is_turned, before, found, taken):
-    known: FitProgress = replace(small[3], verdict=Verdict("doubtful", before, (), None))
-    after = replace(known, loss=known.loss - 1.0, verdict=Verdict("doubtful", found, (), None))
+    known: FitProgress = replace(small[3], verdict=Verdict("doubtful", before))
+    after = replace(known, loss=known.loss - 1.0, verdict=Verdict("doubtful", found))
     assert is_taken(after, known, is_turned) == taken
     assert not is_taken(replace(after, loss=known.loss), known, is_turned)
 

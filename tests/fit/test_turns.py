@@ -121,9 +121,9 @@ def test_one_verdict_is_asked_for_where_what_others_hide_has_settled(monkeypatch
     start = replace(STARTS[0].pose, camera_from_model=near)
     asked = []
 
-    def trust(progress, *_: object) -> Verdict:
+    def trust(progress, *_: object):
         asked.append(progress.pose)
-        return Verdict("found", 1.0, (), None)
+        return replace(progress, verdict=Verdict("found", 1.0))
 
     monkeypatch.setattr(searching, "judge_end", trust)
     scene = scene_of(PlacedModel(MESHES[0], start), TRUTH[1], locked=(1,))
@@ -142,8 +142,8 @@ def test_one_verdict_is_asked_for_where_what_others_hide_has_settled(monkeypatch
 
 
 def test_what_is_lost_or_stands_wholly_behind_another_is_left_and_hides_nothing(monkeypatch):
-    lost = Verdict("lost", 0.1, (), None)
-    monkeypatch.setattr(searching, "judge_end", lambda *_: lost)
+    lost = Verdict("lost", 0.1)
+    monkeypatch.setattr(searching, "judge_end", lambda end, *_: replace(end, verdict=lost))
     few = replace(SETTINGS, keep_start=True, limits=Limits(20))
     wall = PlacedModel(make_box((9.0, 9.0, 0.2)), TRUTH[1].pose)
     assert list(searched(scene_of(STARTS[0], wall, locked=(1,), settings=few), 0).run()) == []

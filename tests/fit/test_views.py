@@ -9,6 +9,7 @@ import pytest
 
 from poseviewer.confidence.pose_covariance import region_reach
 from poseviewer.errors import SettingsError
+from poseviewer.fit.judge import judge_end
 from poseviewer.fit.problem import FitProblem, make_problem, pose_loss
 from poseviewer.fit.scene import InView, LoadedModel, Scene
 from poseviewer.fit.search import Search
@@ -71,7 +72,8 @@ def test_views_of_several_sides_tell_the_depth(renderer):
     verdict = end.progress.verdict
     assert verdict is not None
     assert [verdict.word, *(one.word for one in verdict.views)] == ["found"] * 4
-    joint, single = verdict.covariance, verdict.views[0].covariance
+    joint = end.progress.covariance
+    single = judge_end(end.progress, end.problem.alone[0], MESH, renderer).covariance
     assert joint is not None
     assert single is not None
     assert joint.deviations["depth"] < 0.3 * single.deviations["depth"]
@@ -95,8 +97,7 @@ def test_photos_of_one_camera_tell_its_focal_length(renderer):
     assert [focal_length(camera) for camera in found] == pytest.approx(focals, rel=0.01)
     at, true = (p.camera_from_model.apply(MESH.centre) for p in (end.progress.pose, TRUTH[0]))
     assert np.abs(at - true).max() < 0.003 * DISTANCE
-    assert end.progress.verdict is not None
-    sure = end.progress.verdict.covariance
+    sure = end.progress.covariance
     assert sure is not None
     assert sure.deviations["focal_px"] < 0.02 * focals[0]
 
@@ -113,8 +114,7 @@ def test_an_unknown_scale_is_found_with_the_pose(renderer):
     scale = 1.0 / search.scene.objects[0].world_from_model.scale
     assert scale == pytest.approx(2.5, rel=0.003)
     # The size is as sure as the distance, which is that of what the views look at.
-    assert end.verdict is not None
-    joint = end.verdict.covariance
+    joint = end.covariance
     assert joint is not None
     depth, size = joint.deviations["depth"], joint.deviations["size_percent"]
     assert size == pytest.approx(100.0 * depth / DISTANCE, rel=0.3)

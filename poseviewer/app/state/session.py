@@ -271,9 +271,9 @@ class Session:
     def covariance_in(self, view: int) -> PoseCovariance | None:
         """Covariance of the active object's pose in a view; None where no search has said it."""
         own, result = self.document, self.document.object.result
-        if result is None or result.verdict is None or result.verdict.covariance is None:
+        if result is None or result.covariance is None:
             return None
-        sure, views = result.verdict.covariance, own.scene.views
+        sure, views = result.covariance, own.scene.views
         if result.view == view:
             return sure
         turn = views[view].camera_from_world @ views[result.view].camera_from_world.inverse()

@@ -57,7 +57,7 @@ def test_no_name_is_markup_to_the_page(name: str):
 
 def test_reasons_of_a_file_are_no_markup_to_the_page():
     session = make_session()
-    verdict = Verdict("lost", 0.1, ("<script>alert(1)</script>",), None)
+    verdict = Verdict("lost", 0.1, ("<script>alert(1)</script>",))
     document = session.document.with_object(result=SearchResult(verdict, 0.1, 0.1))
     assert "<script" not in verdict_text(replace(session, document=document))
     assert "alert(1)" in verdict_text(replace(session, document=document))

@@ -26,8 +26,8 @@ def session() -> Session:
     sure = PoseCovariance.from_chart(
         mesh, pose, FreeBodyChart.near(mesh, pose), np.diag([1, 2, 3, 4, 5, 600]) * 1e-6
     )
-    verdict = Verdict("found", 0.97, (), None, sure)
-    return Session(document.with_object(result=SearchResult(verdict, 0.1, 0.1)))
+    result = SearchResult(Verdict("found", 0.97), 0.1, 0.1, covariance=sure)
+    return Session(document.with_object(result=result))
 
 
 def test_the_verdict_says_how_sure_the_pose_is(session: Session) -> None:
@@ -47,8 +47,9 @@ def test_another_view_turns_and_shifts_it() -> None:
     place = document.object.world_from_model
     chart, here = document.chart, np.diag([1, 2, 3, 4, 5, 6, 7]) * 1e-4
     plain = PoseCovariance(document.pose, MESH.centre, here, seventh="log_size")
-    verdict = Verdict("found", 0.97, (), None, plain.with_matrix(here, MESH))
-    session = Session(document.with_object(result=SearchResult(verdict, 0.1, 0.1)))
+    sure = plain.with_matrix(here, MESH)
+    result = SearchResult(Verdict("found", 0.97), 0.1, 0.1, covariance=sure)
+    session = Session(document.with_object(result=result))
     there = after(session, show_view(1))
     sure = there.covariance_in(1)
     assert sure is not None

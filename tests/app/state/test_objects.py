@@ -39,7 +39,7 @@ from tests.meshes import make_box
 
 BOX = LoadedModel(make_box((1.0, 1.5, 0.8)), "box.ply", "1" * 64, path=Path("box.ply"))
 TAXI = LoadedModel(CAR, "taxi.glb", "2" * 64, make_keypoints())
-FOUND = SearchResult(Verdict("found", 0.9, (), None), 0.1, 0.1)
+FOUND = SearchResult(Verdict("found", 0.9), 0.1, 0.1)
 
 
 def with_two(camera=PERSPECTIVE) -> Session:

@@ -119,7 +119,7 @@ def test_all_objects_of_a_session_come_back(scene: Scene, tmp_path: Path) -> Non
         alter_object(1, locked=True, name="ball"),
     ):
         session = update(session, command)
-    result = SearchResult(Verdict("found", 0.9, (), None), 0.1, 0.1)
+    result = SearchResult(Verdict("found", 0.9), 0.1, 0.1)
     session = replace(session, document=session.document.with_object(result=result))
     Autosaver(tmp_path / "state").close(session)
     (path,) = (tmp_path / "state" / "sessions").iterdir()
