@@ -148,9 +148,7 @@ def test_the_verdict_tells_a_turned_can_from_a_right_one():
     problem, renderer = fitted_from(TRUTH), make_renderer(CAN)
     poses = TRUTH, turned(TRUTH, 30.0)
     right, wrong = (judge(gather_features(problem, CAN, renderer, pose)) for pose in poses)
-    assert right.features is not None
-    assert wrong.features is not None
-    assert right.features.turn_margin > 1.0 > wrong.features.turn_margin
+    assert right.features["turn_margin"] > 1.0 > wrong.features["turn_margin"]
     assert right.word == "found"
     assert wrong.word != "found"
     assert any("Turned about one of its own axes" in reason for reason in wrong.reasons)
