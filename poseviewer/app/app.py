@@ -152,7 +152,7 @@ class App:
 
     def _save(self) -> None:
         if self._review is not None and self._review.row_at(self.session.document) is not None:
-            self._tasks.add(self._review.save())
+            self._tasks.add(self._review.decide("accepted", goes_on=False))
             return
         path = self._autosaver.save(self.session)
         self._page.tell(f"Saved {path.name}", str(path))

@@ -4,7 +4,7 @@ tasks, one after the other; their results are taken into the queue by the main l
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -59,43 +59,40 @@ class Reviewer:
 
     def open_row(self, index: int) -> Task:
         """Open a row of the batch."""
-        return Task(lambda now, _: iter([self._going(now, index, 0)]))
+        return _task(lambda now: self._going(now, index, 0))
 
     def step(self, by: int) -> Task:
         """Open the next row, or with -1 the one before."""
 
-        def run(now: Session, _: Path) -> Iterator[Result]:
+        def run(now: Session) -> Result:
             at = self.row_at(now.document)
-            yield self._going(now, by - 1 if at is None else at + by, by)
+            return self._going(now, by - 1 if at is None else at + by, by)
 
-        return Task(run)
+        return _task(run)
 
     def annotate(self, index: int, note: str) -> Task:
         """Keep a note on a row."""
+        return _task(
+            lambda _: self._keep(index, r.annotate(self.queue, self.queue.rows[index], note))
+        )
 
-        def run(*_: object) -> Iterator[Result]:
-            self._keep(index, r.annotate(self.queue, self.queue.rows[index], note))
-            yield Result()
-
-        return Task(run)
-
-    def save(self) -> Task:
-        """Keep the pose of the row that is open, accepted."""
-        return Task(lambda now, _: iter([Result(self._decided(now, ACCEPTED)[1])]), draws=True)
-
-    def decide(self, review: Literal["accepted", "rejected", ""]) -> Task:
+    def decide(self, review: Literal["accepted", "rejected", ""], goes_on: bool = True) -> Task:
         """Keep a person's verdict on the row that is open ("": none); the next row follows."""
 
-        def run(now: Session, _: Path) -> Iterator[Result]:
+        def run(now: Session) -> Result:
             at, done = self._decided(now, review)
             rows = list(enumerate(self.queue.rows))[at + 1 :]
             left = [index for index, row in rows if not row.result.review]
             try:
-                yield self._opening(left[0], 1, *done) if review and left else Result(done)
+                return (
+                    self._opening(left[0], 1, *done)
+                    if goes_on and review and left
+                    else Result(done)
+                )
             except PoseViewerError as error:
-                yield Result(done, (str(error),))
+                return Result(done, (str(error),))
 
-        return Task(run, draws=True)
+        return _task(run, draws=True)
 
     def _going(self, now: Session, index: int, by: int) -> Result:
         """Leave the row that is open for another one; raises as ``_open_from``."""
@@ -123,7 +120,7 @@ class Reviewer:
         self._keep(index, r.decide(queue, row, review))
         return index, ()
 
-    def _keep(self, index: int, result: JobResult) -> None:
+    def _keep(self, index: int, result: JobResult) -> Result:
         """Show the review of a row, now that its file holds it; the report follows."""
         self.queue = queue = self.queue.renewed(index, result)
 
@@ -132,6 +129,7 @@ class Reviewer:
             yield
 
         self._reporter.start(report)
+        return Result()
 
     def _opening(self, index: int, by: int, *done: Edit) -> Result:
         """Open a row after what is ``done``; raises as ``_open_from``."""
@@ -170,13 +168,16 @@ class Reviewer:
         # Whether to keep to a start is here for a person to say.
         settings = replace(queue.batch.settings, keep_start=False)
         document = document.with_own(region=settings.region)
-        changes = {"settings": replace(settings, region=None), "id": str(job.row)}
-        document = document.with_object(**changes)
+        document = document.with_object(settings=replace(settings, region=None), id=str(job.row))
         draft = queue.batch.folder / r.DRAFTS / f"{job.key}.json"
         if draft.is_file():
             note = f"{draft} has a correction that was not accepted: drop it on the page to go on."
-            document = with_notes(document, [note])
+            return with_notes(document, [note])
         return document
+
+
+def _task(run: Callable[[Session], Result], draws: bool = False) -> Task:
+    return Task(lambda now, _: iter([run(now)]), draws=draws)
 
 
 def _require_saved(session: Session) -> None:

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from poseviewer.app.below_viser.guard import GuardedServer, serve
+from poseviewer.app.below_viser.guard import serve
 from poseviewer.errors import SettingsError
 from poseviewer.files.state.folder import state_folder
 
@@ -54,7 +54,19 @@ def serve_app(
     if browser:
         webbrowser.open(guarded.url)
     try:
-        _run(guarded, open_first, state, signals)
+        gui = guarded.server.gui
+        gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
+        reading = gui.add_markdown("Reading photo and model ...")
+        document, review = open_first()
+        from poseviewer.app.app import App
+
+        reading.remove()
+        app = App(guarded.server, document, state, review)
+        for name in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(name, lambda *_: app.stop())
+        if signals:
+            app.stop()
+        app.run()
     finally:
         guarded.stop()
 
@@ -67,24 +79,3 @@ def return_freed_memory() -> None:
         mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
         if mallopt is not None:
             mallopt(M_MMAP_THRESHOLD, LARGE_BYTES)
-
-
-def _run(
-    guarded: GuardedServer,
-    open_first: Callable[[], tuple[Document, Reviewer | None]],
-    state: Path,
-    signals: list[int],
-) -> None:
-    gui = guarded.server.gui
-    gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
-    reading = gui.add_markdown("Reading photo and model ...")
-    document, review = open_first()
-    from poseviewer.app.app import App
-
-    reading.remove()
-    app = App(guarded.server, document, state, review)
-    for name in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(name, lambda *_: app.stop())
-    if signals:
-        app.stop()
-    app.run()

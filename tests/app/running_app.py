@@ -35,7 +35,8 @@ class RunningApp:
     def page(self) -> Iterator[SocketPage]:
         """A page whose panels are there."""
         with SocketPage(self.url) as page:
-            settle(page)
+            # The last of the controls gets its label last.
+            page.wait_until(lambda: page.has("Save pose (S)"))
             yield page
 
 
@@ -56,8 +57,3 @@ def running_app(scene: Scene, state: Path) -> Iterator[RunningApp]:
         guarded.stop()
         sys.setswitchinterval(interval)
     assert not loop.is_alive()
-
-
-def settle(page: SocketPage) -> None:
-    """Wait for the panels: the last of their controls gets its label last."""
-    page.wait_until(lambda: "Save pose (S)" in page.labels())

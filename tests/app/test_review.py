@@ -144,7 +144,7 @@ def test_a_changed_pose_is_kept_or_the_row_is_not_left(review: Review, out: Path
     before = review.session.document
     review.do(undo())  # stays in the row
     assert review.session.document is before
-    review.do(nudge("move", 9.0), review.save())
+    review.do(nudge("move", 9.0), review.decide("accepted", goes_on=False))
     assert review.at == 2
     assert not review.session.unsaved
     assert review.words[2] == "mended"

@@ -164,40 +164,26 @@ def _listen(host: str, port: int | None) -> socket.socket:
     """A listening socket. viser would silently take the next port where one is busy."""
     if port is not None and not 0 <= port <= 65535:
         raise SettingsError(f"Port {port}: wanted a number from 0 to 65535; choose another one.")
-    family, address = _resolve(host)
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
     ports = range(DEFAULT_PORT, DEFAULT_PORT + PORTS_TRIED) if port is None else [port]
-    problem: OSError | None = None
+    problem = 0
     for candidate in ports:
         try:
-            listening = socket.create_server((address, candidate), family=family)
-        except OSError as error:
-            if error.errno == errno.EADDRNOTAVAIL:
+            listening = socket.create_server((host, candidate), family=family)
+        except (OSError, UnicodeError) as error:
+            problem = error.errno if isinstance(error, OSError) else -1
+            if problem is None or problem < 0 or problem == errno.EADDRNOTAVAIL:
                 raise SettingsError(
                     f"Host {host!r}: not an address of this machine; wanted 127.0.0.1, or one that "
                     "is."
                 ) from error
-            problem = error
         else:
             # asyncio sets this only on sockets that say they are TCP; what is accepted here does
             # not. Without it the end of a message waits until the page has something to send.
             listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             return listening
     where = f"Port {port}" if port is not None else f"Ports {ports[0]} to {ports[-1]}"
-    why = "" if problem is None or problem.errno is None else os.strerror(problem.errno)
     raise SettingsError(
-        f"{where} of {host!r}: cannot be listened on ({why}); "
+        f"{where} of {host!r}: cannot be listened on ({os.strerror(problem)}); "
         "stop the other program, or choose another port (0 for any free one)."
-    ) from problem
-
-
-def _resolve(host: str) -> tuple[socket.AddressFamily, str]:
-    """Family and numeric address; IPv4 first, as localhost has both."""
-    try:
-        found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
-    except (OSError, UnicodeError) as error:
-        raise SettingsError(
-            f"Host {host!r}: no address is known for it ({error}); wanted 127.0.0.1, or an address "
-            "of this machine."
-        ) from error
-    family, *_, address = min(found, key=lambda entry: entry[0] != socket.AF_INET)
-    return family, str(address[0])
+    )

@@ -14,7 +14,7 @@ from typing import Any
 
 import viser
 
-from poseviewer.app.below_viser.upload_limits import take_upload
+from poseviewer.app.below_viser.incoming import take_upload
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import Export
 from poseviewer.app.workers.tasks import Request, download, upload

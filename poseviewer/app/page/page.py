@@ -9,8 +9,7 @@ from typing import Any
 import viser
 
 from poseviewer.app.below_viser.client_script import ClientScript
-from poseviewer.app.below_viser.upload_limits import bound_uploads
-from poseviewer.app.below_viser.values import check_values
+from poseviewer.app.below_viser.incoming import check_incoming
 from poseviewer.app.page.above_steps import add_preparing, objects_list
 from poseviewer.app.page.controls import Controls, Post, plain
 from poseviewer.app.page.map_panel import add_maps
@@ -101,8 +100,7 @@ class Page:
         self._shown: Session | None = None
         self._working: list[viser.NotificationHandle] = []
         self._offer: Any = None
-        bound_uploads(server, lambda client, why: self.show_error(why, client))
-        check_values(server)
+        check_incoming(server, lambda client, why: self.show_error(why, client))
 
     def show(self, session: Session, where: str) -> None:
         """Bring the page to the session; cheap where nothing has changed."""

@@ -107,18 +107,11 @@ class SocketPage:
 
     # --- what a user does ------------------------------------------------------------------------
 
-    def report(self, **content: Any) -> None:
-        """What the page's script sends."""
-        self._sequence += 1
-        self.report_text(json.dumps({**content, "sequence": self._sequence}))
-
-    def report_text(self, text: Any) -> None:
-        """A report in any words."""
-        self.change(self.shown.channel, text)
-
-    def key(self, code: str, **held: bool) -> None:
+    def key(self, code: str) -> None:
         """A key over the photo."""
-        self.report(kind="key", code=code, **held)
+        self._sequence += 1
+        report = {"kind": "key", "code": code, "sequence": self._sequence}
+        self.change(self.shown.channel, json.dumps(report))
 
     def set(self, label: str, value: Any) -> None:
         """Another value of an input, by its label; the server does not send it back."""
@@ -131,12 +124,10 @@ class SocketPage:
         self._send(type="GuiUpdateMessage", uuid=where, updates={"value": value})
 
     def upload(self, label: str, name: str, data: bytes, **announced: Any) -> None:
-        """A file through an upload button; what is ``announced`` of it may be untrue."""
-        self.upload_set(label, [(name, data)], **announced)
-
-    def upload_set(self, label: str, files: list[tuple[str, bytes]], **announced: Any) -> None:
-        """Files together, as the page's script sends them."""
-        name, data = files[0][0], pack(files)
+        """A file through an upload button, sent as the page's script does; what is ``announced`` of
+        it may be untrue.
+        """
+        data = pack([(name, data)])
         source, transfer = self.uuid(label), str(uuid.uuid4())
         parts = [data[i : i + PART] for i in range(0, len(data), PART)]
         truth = {"part_count": len(parts), "size_bytes": len(data)}
@@ -171,19 +162,14 @@ class SocketPage:
         """Of the input with this label."""
         return self.shown.fields[self.uuid(label)]["value"]
 
-    def labels(self) -> set[str]:
-        """Of all inputs that are not hidden."""
-        return {str(p["label"]) for _, p in self._fields() if p.get("label") and p.get("visible")}
-
-    def texts(self) -> list[str]:
-        """Markdown and HTML of the panels."""
-        return [
-            str(props.get("_markdown", props.get("content", ""))) for _, props in self._fields()
-        ]
+    def has(self, label: str) -> bool:
+        """Whether an input with this label is seen."""
+        return any(p.get("label") == label and p.get("visible") for _, p in self._fields())
 
     def text_with(self, words: str) -> str:
-        """The first text of the panels that has these words; "" for none."""
-        return next((text for text in self.texts() if words in text), "")
+        """The first markdown of the panels that has these words; "" for none."""
+        texts = (str(props.get("_markdown", "")) for _, props in self._fields())
+        return next((text for text in texts if words in text), "")
 
     def wait_until(self, predicate: Callable[[], Any], timeout: float = PATIENCE_S) -> Any:
         """The first true answer of ``predicate``, asked after every batch of messages (and now and
@@ -200,7 +186,8 @@ class SocketPage:
                     return answer
                 left = end - time.monotonic()
                 if left <= 0.0 or self.closed:
-                    raise AssertionError(f"in vain; closed: {self.closed}; {self._summary()}")
+                    told = f"closed: {self.closed} {self.why}, notices {self.shown.notices[-3:]}"
+                    raise AssertionError(f"in vain; {told}")
                 self._change.wait(min(left, LOOK_AGAIN_S))
 
     # --- the wire --------------------------------------------------------------------------------
@@ -216,24 +203,16 @@ class SocketPage:
                 assert isinstance(data, bytes)
                 messages = _messages(data, unpack)
                 with self._change:
-                    self._take(messages)
+                    for message in messages:
+                        self.shown.take(message)
                     self._change.notify_all()
         except (ConnectionClosed, OSError) as error:
             with self._change:
                 self.closed, self.why = True, str(error)
                 self._change.notify_all()
 
-    def _take(self, messages: list[Message]) -> None:
-        for message in messages:
-            self.shown.take(message)
-
     def _fields(self) -> list[tuple[str, Message]]:
         return list(self.shown.fields.items())
-
-    def _summary(self) -> str:
-        texts = [text[:200] for text in self.texts() if text]
-        notices = self.shown.notices[-3:]
-        return f"{self.why} notices {notices}, texts {texts}"
 
 
 def _messages(data: bytes, unpack: zstandard.ZstdDecompressor) -> list[Message]:

@@ -236,7 +236,7 @@ def test_a_busy_port_is_an_error_if_it_was_named_and_else_the_next_free_one_is_t
 @pytest.mark.parametrize(
     ("host", "port", "text"),
     [
-        ("no such host", 0, "Host 'no such host': no address is known for it"),
+        ("no such host", 0, "Host 'no such host': not an address of this machine"),
         ("203.0.113.7", None, "Host '203.0.113.7': not an address of this machine; wanted 127"),
         ("::1", 70000, "Port 70000: wanted a number from 0 to 65535"),
     ],

@@ -1,21 +1,25 @@
-"""Uploads that are too large are refused before they fill the memory.
+"""What pages send is looked at before viser takes it: uploads that are too large, and values of
+inputs that no page of ours sends, go no farther.
 
 Why: viser keeps every part of every upload, whatever size was announced, until all are there, and a
 button keeps the last file. It tells every page, those to come too, how far an upload is, and they
-show a nameless one: here its own page is told.
-Written for viser 1.1.1: its two handlers of uploads, ``gui._handle_file_transfer_start`` and
-``_part``, are called by ours, which look at the sizes first; ``gui._current_file_upload_states``,
-``gui._websock_interface`` and its ``queue_message``, a button's ``_impl.value``; a page's notice of
-an upload, ``upload-`` and its transfer's id.
+show a nameless one: here its own page is told. viser sets whatever attribute of an input a page
+names, turns every number for a field of whole numbers into one, and sends it on: one beyond 64 bits
+cuts off all pages, those to come too; a choice that is none ends in a traceback.
+Written for viser 1.1.1: its handlers ``gui._handle_file_transfer_start``, ``_part`` and
+``gui._handle_gui_updates`` are called by ours; ``gui._current_file_upload_states``,
+``gui._gui_input_handle_from_uuid``, ``gui._websock_interface`` and its ``queue_message``, a
+button's ``_impl.value``; a page's notice of an upload, ``upload-`` and its transfer's id.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
 import viser
-from viser import _messages
+from viser import _messages as m
 from viser.infra import ClientId
 
 from poseviewer.files.state.uploads import LARGEST_UPLOAD, display_name, why_unfit
@@ -23,26 +27,32 @@ from poseviewer.files.state.uploads import LARGEST_UPLOAD, display_name, why_unf
 SMALLEST_PART = 65_536
 """viser's page sends parts of 512 KiB; a page that announces far more and smaller ones is not
 ours."""
+LARGEST_WHOLE = 2.0**53
+"""Largest whole number that a page's script counts exactly."""
 
 Refuse = Callable[[int, str], None]
 """Tells a page, by its client's id, why its upload was refused."""
 
 
-def bound_uploads(server: viser.ViserServer, refuse: Refuse) -> None:
-    """Let pages upload no more than ``LARGEST_UPLOAD`` bytes at a time, all uploads together."""
-    gui = server.gui
-    bounds = _Bounds(server, refuse)
+def check_incoming(server: viser.ViserServer, refuse: Refuse) -> None:
+    """Let pages upload no more than ``LARGEST_UPLOAD`` bytes at a time, all uploads together, and
+    take from them only values that an input can have; else all are told which it has.
+    """
+    gui, checks = server.gui, _Checks(server, refuse)
     interface = gui._websock_interface
-    start, part = _messages.FileTransferStartUpload, _messages.FileTransferPart
-    interface.unregister_handler(start, gui._handle_file_transfer_start)
-    interface.unregister_handler(part, gui._handle_file_transfer_part)
-    interface.register_handler(start, bounds.start)
-    interface.register_handler(part, bounds.part)
+    handlers: Any = (
+        (m.FileTransferStartUpload, gui._handle_file_transfer_start, checks.start),
+        (m.FileTransferPart, gui._handle_file_transfer_part, checks.part),
+        (m.GuiUpdateMessage, gui._handle_gui_updates, checks.value),
+    )
+    for kind, visers, ours in handlers:
+        interface.unregister_handler(kind, visers)
+        interface.register_handler(kind, ours)
 
     @server.on_client_connect
     async def _(client: viser.ClientHandle) -> None:
         # What one page alone is shown has no place for uploads.
-        client.gui._websock_interface.unregister_handler(_messages.FileTransferStartUpload)
+        client.gui._websock_interface.unregister_handler(m.FileTransferStartUpload)
 
 
 def take_upload(handle: viser.GuiUploadButtonHandle) -> viser.UploadedFile:
@@ -52,8 +62,8 @@ def take_upload(handle: viser.GuiUploadButtonHandle) -> viser.UploadedFile:
     return file
 
 
-class _Bounds:
-    """viser's handlers of uploads, each behind a look at the sizes."""
+class _Checks:
+    """viser's handlers, each behind a look at what has come."""
 
     def __init__(self, server: viser.ViserServer, refuse: Refuse) -> None:
         self._server, self._gui, self._refuse = server, server.gui, refuse
@@ -62,7 +72,7 @@ class _Bounds:
         self._tell_all = interface.queue_message
         interface.queue_message = self._tell  # pyright: ignore[reportAttributeAccessIssue]
 
-    def start(self, client: ClientId, message: _messages.FileTransferStartUpload) -> None:
+    def start(self, client: ClientId, message: m.FileTransferStartUpload) -> None:
         """An upload is announced."""
         problem = self._problem(message)
         if problem:
@@ -70,7 +80,7 @@ class _Bounds:
         else:
             self._gui._handle_file_transfer_start(client, message)
 
-    def part(self, client: ClientId, message: _messages.FileTransferPart) -> None:
+    def part(self, client: ClientId, message: m.FileTransferPart) -> None:
         """A part has come; one of an upload that was refused, or is another page's, is dropped."""
         upload = self._running.get(message.transfer_uuid)
         if upload is None or upload["client_id"] != client:
@@ -82,7 +92,17 @@ class _Bounds:
             return
         self._gui._handle_file_transfer_part(client, message)
 
-    def _problem(self, message: _messages.FileTransferStartUpload) -> str:
+    async def value(self, client: ClientId, message: m.GuiUpdateMessage) -> None:
+        """Another value of an input has come."""
+        handle = self._gui._gui_input_handle_from_uuid.get(message.uuid)
+        if handle is None:
+            return
+        if message.updates.keys() == {"value"} and _is_one_of(handle, message.updates["value"]):
+            await self._gui._handle_gui_updates(client, message)
+        else:
+            self._tell_all(m.GuiUpdateMessage(message.uuid, {"value": handle.value}))
+
+    def _problem(self, message: m.FileTransferStartUpload) -> str:
         """Say why an upload is not taken; "" where it is."""
         name, size, parts = display_name(message.filename), message.size_bytes, message.part_count
         if not 0 <= parts <= 1 + size // SMALLEST_PART:
@@ -97,18 +117,32 @@ class _Bounds:
         why.
         """
         source, transfer = message.source_component_uuid, message.transfer_uuid
-        self._tell_one(client, _messages.FileTransferPartAck(source, transfer, 0, total_bytes=0))
-        self._tell_one(client, _messages.RemoveNotificationMessage(f"upload-{transfer}"))
+        self._tell_one(client, m.FileTransferPartAck(source, transfer, 0, total_bytes=0))
+        self._tell_one(client, m.RemoveNotificationMessage(f"upload-{transfer}"))
         self._refuse(client, problem)
 
-    def _tell(self, message: _messages.Message) -> None:
+    def _tell(self, message: m.Message) -> None:
         """Send a message of viser to all pages; that of an upload to its own page alone."""
-        if not isinstance(message, _messages.FileTransferPartAck):
+        if not isinstance(message, m.FileTransferPartAck):
             self._tell_all(message)
         elif message.transfer_uuid in self._running:
             self._tell_one(self._running[message.transfer_uuid]["client_id"], message)
 
-    def _tell_one(self, client: ClientId, message: _messages.Message) -> None:
+    def _tell_one(self, client: ClientId, message: m.Message) -> None:
         handle = self._server.get_clients().get(client)
         if handle is not None:
             handle.gui._websock_interface.queue_message(message)
+
+
+def _is_one_of(handle: Any, value: object) -> bool:
+    """Whether an input can have the value."""
+    options, own = getattr(handle, "options", None), handle.value
+    if options is not None:
+        return value in options
+    if isinstance(own, bool | str):
+        return type(value) is type(own)
+    if isinstance(own, int):
+        return isinstance(value, int | float) and abs(value) <= LARGEST_WHOLE
+    if isinstance(own, float):
+        return isinstance(value, int | float) and not math.isinf(value)
+    return True
