@@ -7,7 +7,7 @@ import pytest
 
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.camera_change import with_camera
-from poseviewer.app.state.document import MOST_OPENED, MOST_STEPS, History
+from poseviewer.app.state.document import MOST_OPENED, History
 from poseviewer.app.state.dragging import radius_in_photo
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Parallel, Perspective
@@ -29,40 +29,6 @@ from tests.app.state.documents import (
 from tests.meshes import make_box
 
 CAMERAS = pytest.mark.parametrize("camera", [PARALLEL, PERSPECTIVE], ids=["parallel", "pinhole"])
-
-
-def test_undo_and_redo_give_the_very_objects():
-    first = make_document()
-    documents = [first, *(moved_document(first, 0.1 * i) for i in range(1, 6))]
-    history, now = History(), first
-    for document in documents[1:]:
-        history, now = history.with_step(now), document
-    for expected in reversed(documents[:-1]):
-        history, now = history.undo(now)
-        assert now is expected
-    assert history.undo(now) == (history, first)
-    for expected in documents[1:]:
-        history, now = history.redo(now)
-        assert now is expected
-    assert history.redo(now) == (history, documents[-1])
-
-
-def test_a_new_step_drops_what_was_undone():
-    first, second, third = (moved_document(make_document(), 0.1 * i) for i in range(3))
-    history, now = History().with_step(first).undo(second)
-    assert now is first
-    history = history.with_step(now)
-    assert history.future == ()
-    assert history.redo(third) == (history, third)
-
-
-def test_history_is_bounded_in_steps():
-    first = make_document()
-    documents = [moved_document(first, 0.001 * i) for i in range(MOST_STEPS + 30)]
-    history = History()
-    for document in documents:
-        history = history.with_step(document)
-    assert history.past == tuple(documents[-MOST_STEPS:])
 
 
 @pytest.mark.parametrize("other", ["photo", "model", "both"])
@@ -101,19 +67,6 @@ def test_there_and_back_between_projections_is_the_same_pose():
     assert_same_pose(back.document.pose, session.document.pose)
     assert after(session, c.set_projection("perspective")) is session
     assert after(flat, c.set_projection("parallel")) is flat
-
-
-@CAMERAS
-def test_numbers_are_of_the_pose_and_zero_at_the_start(camera):
-    document = make_document(camera)
-    assert isinstance(document.chart, FreeBodyChart)
-    assert document.parameters == pytest.approx(np.zeros(6), abs=1e-9)
-    away = moved_document(document, 0.3)
-    assert away.parameters[3] != pytest.approx(0.0, abs=0.01)
-    seen = away.chart.to_pose(away.parameters)
-    assert seen.project(BUMPY.vertices) == pytest.approx(
-        away.pose.project(BUMPY.vertices), abs=1e-7
-    )
 
 
 @pytest.mark.parametrize("free_focal", [False, True])

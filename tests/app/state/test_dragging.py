@@ -24,7 +24,6 @@ from poseviewer.app.state.dragging import (
 )
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.starts.placing import with_point_at
 from poseviewer.vehicle.chart import VehicleChart
 from tests.geometry.test_charts import make_keypoints, make_vehicle_pose
 from tests.meshes import make_bumpy
@@ -114,14 +113,6 @@ def test_a_trackball_takes_its_near_side_along(camera):
         assert float(went @ np.array(way)) > 0.0
 
 
-def test_a_trackball_has_no_jump_at_its_rim():
-    pose = Pose(PARALLEL, RigidTransform(np.eye(3), np.array([0.0, 0.0, 9.0])))
-    middle, rim = pose.project(CENTRE), 90.0 * math.sqrt(0.5)
-    inside = trackball(pose, CENTRE, 90.0, middle, middle + np.array([rim - 1e-7, 0.0]))
-    outside = trackball(pose, CENTRE, 90.0, middle, middle + np.array([rim + 1e-7, 0.0]))
-    assert_same_pose(inside, outside, tolerance=1e-7)
-
-
 @given(seed=SEEDS)
 @few
 def test_roll_and_scale_takes_the_grabbed_point_along(seed):
@@ -182,20 +173,7 @@ def test_scaling_multiplies_the_size_at_the_centres_depth(camera, seed):
 
 
 @CAMERAS
-@given(seed=SEEDS)
-@few
-def test_one_pin_moves_the_model(camera, seed):
-    random = np.random.default_rng(seed)
-    pose, pixel = random_pose(random, camera), random.uniform(0.0, 480.0, 2)
-    point = MESH.vertices[random.integers(len(MESH.vertices))]
-    after = pinned(MESH, pose, [point], [pixel])
-    assert after.project(point) == pytest.approx(pixel, abs=1e-9)
-    assert np.array_equal(after.camera_from_model.rotation, pose.camera_from_model.rotation)
-    assert_same_pose(after, with_point_at(pose, point, pixel))
-
-
-@CAMERAS
-@pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.parametrize("count", [1, 2, 3])
 @given(seed=SEEDS)
 @settings(deadline=None, max_examples=15)
 def test_pins_that_can_be_reached_are_reached(camera, count, seed):

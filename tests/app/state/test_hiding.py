@@ -49,7 +49,7 @@ def with_two_parts() -> Session:
     return make_session(PERSPECTIVE, mesh=make_two_boxes())
 
 
-def test_a_brush_hides_what_lies_within_its_radius():
+def test_strokes_hide_what_they_cover_and_bring_it_back():
     session = after(make_session(PERSPECTIVE), brush((40.5, 30.5), (80.5, 30.5), radius=6.0))
     hidden = counts(session) == 0.0
     v, u = np.mgrid[:HEIGHT, :WIDTH] + 0.5
@@ -57,41 +57,18 @@ def test_a_brush_hides_what_lies_within_its_radius():
     assert hidden[away < 5.5].all()
     assert not hidden[away > 7.0].any()
     assert set(np.unique(counts(session))) == {0.0, 1.0}
-
-
-def test_a_polygon_hides_its_inside():
+    again = after(session, brush((40.5, 30.5), radius=5.0))
+    assert again.document is session.document  # nothing has changed: no step
+    assert again.strokes == session.strokes + 1  # the page need not show it any longer
+    part = after(session, brush((40.5, 30.5), radius=4.0, erase=True))
+    assert counts(part)[30, 40] == 1.0
+    assert counts(part)[30, 60] == 0.0
     corners = np.array([[20.0, 20.0], [60.0, 20.0], [60.0, 50.0], [20.0, 50.0]])
     session = after(make_session(PERSPECTIVE), h.paint(h.Stroke("polygon", corners, 1.0)))
     hidden = counts(session) == 0.0
     assert hidden[21:49, 21:59].all()
     assert not hidden[:19].any()
     assert not hidden[:, 62:].any()
-
-
-def test_what_is_erased_counts_again():
-    session = after(make_session(PERSPECTIVE), brush((40.0, 30.0), radius=10.0))
-    part = after(session, brush((40.0, 30.0), radius=4.0, erase=True))
-    assert counts(part)[30, 40] == 1.0
-    assert counts(part)[30, 48] == 0.0
-    everything = after(part, brush((40.0, 30.0), radius=20.0, erase=True))
-    assert everything.document.own.mask is None
-
-
-def test_a_stroke_that_changes_nothing_is_no_step():
-    session = after(make_session(PERSPECTIVE), brush((40.0, 30.0)))
-    again = after(session, brush((40.0, 30.0)))
-    assert again.document is session.document
-    assert len(again.history.past) == len(session.history.past)
-    assert again.strokes == session.strokes + 1  # the page need not show it any longer
-
-
-def test_shades_of_a_mask_stay_where_nothing_is_painted():
-    session = make_session(PERSPECTIVE)
-    shades = Mask.of(np.full((HEIGHT, WIDTH), 0.25))
-    session = replace(session, document=session.document.with_mask(shades))
-    painted = after(session, brush((40.0, 30.0)))
-    assert counts(painted)[30, 40] == 0.0
-    assert counts(painted)[100, 100] == 0.25
 
 
 def test_pixels_found_for_another_photo_are_dropped():
@@ -107,33 +84,16 @@ def test_pixels_found_for_another_photo_are_dropped():
 def test_the_part_that_is_pressed_is_left_out_and_comes_back():
     session = with_two_parts()
     mesh, pose = session.document.mesh, session.document.pose
-    mirror = pose.project(mesh.part_vertices("mirror").mean(axis=0))
-    without = after(session, h.leave_out(*mirror))
+    body, mirror = (pose.project(mesh.part_vertices(name).mean(axis=0)) for name in mesh.part_names)
+    without = after(session, c.set_tool("part"), c.press(*mirror))
+    assert after(without, c.double_press(*mirror)) is without
+    assert "nothing would be left" in refused(without, h.leave_out(*body)).lower()
+    assert refused(session, h.leave_out(1.0, 1.0)).startswith("There is no model there")
     assert without.document.mesh.left_out == ("mirror",)
     assert without.document.pose is pose
     assert after(without, h.bring_back(0)).document.mesh is mesh
     assert after(without, c.undo()).document.mesh is mesh
     assert after(without, h.bring_back(5)).document is without.document
-
-
-def test_the_last_part_and_the_background_are_refused():
-    session = with_two_parts()
-    mesh, pose = session.document.mesh, session.document.pose
-    places = [pose.project(mesh.part_vertices(name).mean(axis=0)) for name in mesh.part_names]
-    one = after(session, h.leave_out(*places[1]))
-    assert "nothing would be left" in refused(one, h.leave_out(*places[0])).lower()
-    assert refused(session, h.leave_out(1.0, 1.0)).startswith("There is no model there")
-
-
-def test_presses_are_for_the_tool_at_hand():
-    session = with_two_parts()
-    mesh, pose = session.document.mesh, session.document.pose
-    place = pose.project(mesh.part_vertices("mirror").mean(axis=0))
-    session = after(session, c.set_tool("part"))
-    assert after(session, c.press(*place)).document.mesh.left_out == ("mirror",)
-    assert after(session, c.double_press(*place)) is session
-    assert after(session, c.toggle_hiding()).tool == "pose"
-    assert after(session, c.set_tool("pose"), c.toggle_hiding()).tool == "brush"
 
 
 def test_undo_reaches_over_many_parts():

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -11,8 +9,7 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.marking import clear_marks, lay_wheels, pair_errors, remove_mark
 from poseviewer.app.state.session import Session
-from poseviewer.fit.settings import FitSettings
-from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
 from poseviewer.starts.placing import look_from
 from poseviewer.vehicle.chart import visible_side
@@ -84,19 +81,6 @@ def test_a_dragged_mark_takes_the_pose_along_in_one_step():
     assert removed.document.pose is session.document.pose
 
 
-def test_six_pairs_give_a_free_focal_length():
-    settings = FitSettings(free_focal=True)
-    wrong = replace(PERSPECTIVE, fx=450.0, fy=360.0)
-    session = after(make_session(wrong, settings=settings), c.set_tool("pairs"))
-    close = RigidTransform(TARGET.rotation, np.array([0.0, 0.0, 2.2]))
-    target = Pose(replace(PERSPECTIVE, fx=100.0, fy=80.0), close)
-    for spot in SPOTS:
-        session = with_pair(session, spot, target)
-    camera = session.document.pose.camera
-    assert isinstance(camera, Perspective)
-    assert camera.fx == pytest.approx(100.0, rel=1e-3), session.document.marks.note
-
-
 def test_what_cannot_be_marked_is_said():
     session = after(make_session(), c.set_tool("pairs"))
     assert "no model there" in refused(session, c.press(1.0, 1.0))
@@ -154,13 +138,6 @@ def test_found_wheels_are_marks_that_can_be_dragged_and_undone_in_one_step():
     moved = after(laid, c.press(x, y, zoom=9.0), c.drag_to(x + 2.0, y + 1.0), c.release())
     assert off(moved, target) > 1e-3
     assert len(moved.document.marks.rims) == 10
-
-
-def test_wheels_of_another_photo_are_not_laid():
-    session = after(make_session(vehicle=True), c.set_tool("wheels"))
-    found = lay(session, session.document.pose)
-    other = make_session(vehicle=True)
-    assert "another photo" in refused(other, found)
 
 
 def test_points_on_no_ellipse_leave_the_pose_and_say_so():

@@ -7,10 +7,10 @@ from dataclasses import replace
 import pytest
 
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.session import SearchUpdate, Session, Whose
+from poseviewer.app.state.session import SearchUpdate, Session
 from poseviewer.app.workers.jobs import run_search
 from poseviewer.app.workers.opening import open_files
-from poseviewer.fit.settings import FitSettings, Limits, Method
+from poseviewer.fit.settings import FitSettings, Limits
 from tests.app.state.documents import after, asked_of, assert_same_pose, make_document
 
 SETTINGS = FitSettings(grey=True, seed=3, limits=Limits(evaluations=40))
@@ -55,31 +55,19 @@ def test_the_maps_are_of_the_loss_that_is_asked_for(session):
     for at_hand in (session, paper):
         own = at_hand.document.settings
         assert at_hand.mapped == (own,)
-        wanted: list[tuple[Whose, list[Method]]] = [
-            ("paper", ["paper"]),
-            ("both", ["default", "paper"]),
-        ]
-        for whose, methods in wanted:
-            mapped = after(at_hand, c.change(whose=whose)).mapped
-            assert [settings.method for settings in mapped] == methods
-            assert all(s == own for s in mapped if s.method == own.method)
-            assert after(at_hand, c.change(whose="default")).mapped == (SETTINGS,)
+        both = after(at_hand, c.change(whose="both")).mapped
+        assert [settings.method for settings in both] == ["default", "paper"]
+        assert own in both
+        assert after(at_hand, c.change(whose="default")).mapped == (SETTINGS,)
 
 
 def test_a_comparison_searches_from_the_start_by_both_methods(session, updates):
+    centre, methods = session.document.mesh.centre, [update.settings.method for update in updates]
+    assert sorted(set(methods)) == ["default", "paper"]
+    assert methods == sorted(methods, reverse=True)  # the chosen one last
     for update in updates:
         first = update.problem.chart.to_pose(update.problem.start)
-        assert first.project(session.document.mesh.centre) == pytest.approx(
-            session.document.start.project(session.document.mesh.centre)
-        )
-    methods = [update.settings.method for update in updates]
-    assert methods == sorted(methods, reverse=True)  # the chosen one last
-    first = {update.settings.method: update for update in reversed(updates)}
-    assert set(first) == {"default", "paper"}
-    running = after(session, c.compare_methods())
-    for update in updates[:-1]:
-        running = after(running, c.search_advanced(asked_of(running), update))
-        assert running.searching
+        assert first.project(centre) == pytest.approx(session.document.start.project(centre))
     done = compared(session, updates)
     assert not done.searching
     assert done.history.past == (*session.history.past, session.document)
@@ -87,15 +75,11 @@ def test_a_comparison_searches_from_the_start_by_both_methods(session, updates):
     assert_same_pose(done.document.pose, done.ends[0].progress.pose)
     for index, end in enumerate(done.ends):
         assert end.losses[index] == pytest.approx(end.progress.loss, rel=1e-9)
-        others = [other.losses[index] for other in done.ends]
-        assert len(set(others)) == 2  # each end is judged by each loss
-
-
-def test_a_stopped_comparison_leaves_the_ends_of_the_one_before(session, updates):
-    done = compared(session, updates)
+        assert len({other.losses[index] for other in done.ends}) == 2  # each judged by each loss
     stopped = after(done, c.compare_methods())
     stopped = after(stopped, c.search_advanced(asked_of(stopped), updates[5]), c.stop_search())
     assert stopped.ends is done.ends
+    assert after(done, c.open_document(make_document())).ends == ()
 
 
 @pytest.mark.parametrize("index", [0, 1])
@@ -114,8 +98,3 @@ def test_each_end_can_be_taken_with_its_method_and_undone(session, updates, inde
     assert_same_pose(other.document.pose, done.ends[1 - index].progress.pose)
     assert after(other, c.set_method("default")).document.settings == SETTINGS
     assert after(done, c.take_end(2)) is done
-
-
-def test_ends_on_another_photo_or_model_are_gone(session, updates):
-    done = compared(session, updates)
-    assert after(done, c.open_document(make_document())).ends == ()

@@ -30,34 +30,27 @@ def proposed(session: Session) -> Session:
     return after(asked, c.starts_proposed(asked.proposals.document, POSES))
 
 
-def test_a_box_is_drawn_once_and_undone():
-    drawn = after(
-        make_session(), c.set_tool("box"), c.press(20, 15), c.drag_to(90, 300), c.release()
-    )
-    assert drawn.document.marks.box == (20, 15, 70, 105)  # cut to the photo of 160 x 120
-    assert drawn.tool == "pose"
-    assert drawn.proposals is not None  # they are looked for at once
+def test_starts_are_looked_for_in_a_box_that_is_seen_meanwhile():
+    session = after(make_session(), c.set_tool("box"), c.press(20, 15), c.drag_to(90, 300))
+    box = session.document.marks.box
+    assert box == session.shown_box == (20, 15, 70, 105)  # cut to the photo of 160 x 120
+    drawn = after(session, c.release())
+    assert (drawn.tool, drawn.shown_box) == ("pose", box)
+    assert drawn.proposals is not None
     assert drawn.proposals.running
-    assert start_query(drawn.proposals.document).rectangle == (20, 15, 70, 105)
-    assert drawn.document.own.region is None
+    assert start_query(drawn.proposals.document).rectangle == box
     seen = drawn.document.pose.project(drawn.document.mesh.vertices)
     assert np.all((seen > [19, 14]) & (seen < [91, 121]))  # and the model is there already
     assert np.max(np.ptp(seen, axis=0) / [70, 105]) == pytest.approx(1.0, rel=0.01)
     for ending in (c.stop_proposing(), c.cancel_drag()):
-        assert after(drawn, ending).proposals is None
+        assert after(drawn, ending).shown_box is after(drawn, ending).proposals is None
     assert after(drawn, c.undo()).document is drawn.history.past[0]
-    assert after(drawn, c.undo()).document.marks.box is None
-
-
-def test_a_press_puts_a_model_that_is_nowhere_yet():
-    document = make_document()
-    guessed = document.with_object(is_placed=False)
-    session = after(Session(guessed), c.press(5.0, 6.0), c.release())
-    centre = document.mesh.centre
-    assert session.document.pose.project(centre) == pytest.approx([5.0, 6.0])
-    assert after(session, c.undo()).document is guessed
-    for placed in (session, Session(document)):  # it is somewhere: a press beside it does nothing
-        assert after(placed, c.press(155.0, 115.0), c.release()).document is placed.document
+    found = after(drawn, c.starts_proposed(drawn.proposals.document, POSES))
+    searching = after(found, c.start_search())
+    assert (found.shown_box, searching.shown_box) == (box, None)
+    stopped = after(searching, c.stop_search())
+    assert after(stopped, c.revert_search()).shown_box == box  # another proposal?
+    assert after(stopped, c.accept_search()).proposals is None
 
 
 def test_proposals_are_stepped_through_in_one_step_of_the_history():
@@ -72,27 +65,6 @@ def test_proposals_are_stepped_through_in_one_step_of_the_history():
     moved = after(second, c.nudge("move", 1.0), c.step_proposals(1))
     assert_same_pose(moved.document.pose, POSES[2])
     assert_same_pose(after(moved, c.undo(), c.undo()).document.pose, POSES[1])
-
-
-def test_the_box_is_seen_while_starts_are_taken_from_it():
-    drawn = after(make_session(), c.set_tool("box"), c.press(20, 15), c.drag_to(90, 110))
-    box = drawn.document.marks.box
-    assert box is not None
-    assert drawn.shown_box == box
-    released = after(drawn, c.release())
-    assert released.shown_box == box
-    assert after(released, c.stop_proposing()).shown_box is None
-    assert released.proposals is not None
-    found = after(released, c.starts_proposed(released.proposals.document, POSES))
-    assert found.shown_box == box
-    searching = after(found, c.start_search())
-    assert searching.shown_box is None
-    assert (
-        after(searching, c.stop_search(), c.revert_search()).shown_box == box
-    )  # another proposal?
-    kept = after(searching, c.stop_search(), c.accept_search())
-    assert kept.shown_box is kept.proposals is None
-    assert kept.document.marks.box == box
 
 
 def test_the_one_taken_becomes_the_start():

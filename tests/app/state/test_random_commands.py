@@ -94,23 +94,3 @@ def test_undo_leads_all_the_way_back_whatever_was_done(seed: int) -> None:
         session = update(session, c.undo())
         assert len(session.history.past) == steps - 1
     assert session.document is start
-
-
-def test_undo_leads_back_over_what_was_locked_since() -> None:
-    session = make_session()
-    start = session.document
-    for command in (
-        o.add_object(),
-        c.set_camera(1.0, 300.0, 118.0, 0.0),
-        c.start_search(),
-        o.alter_object(2, locked=True),
-        o.pick_object(2),
-        c.set_projection("parallel"),
-        c.reset_to_start(),
-        o.alter_object(3, name="a"),
-    ):
-        with suppress(PoseViewerError):
-            session = update(session, command)
-    for _ in range(10):
-        session = update(session, c.undo())
-    assert session.document is start

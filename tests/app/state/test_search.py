@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -126,13 +124,6 @@ def test_a_drag_stops_a_search_and_is_kept(session, updates):
     assert after(back, c.undo()).document is session.document
 
 
-def test_a_search_that_cannot_run_goes_back(session):
-    started = after(session, c.start_search())
-    failed = after(started, c.search_failed(asked_of(started)))
-    assert failed.document is session.document
-    assert failed.search is None
-
-
 def test_a_picked_point_of_a_map_is_the_pose(session, landscape):
     with_maps = after(session, shown(landscape))
     (about,) = landscape
@@ -165,11 +156,3 @@ def test_maps_of_another_photo_are_not_kept(session, landscape):
     assert again.landscapes == ()
     same = after(with_maps, c.nudge("move", 2.0), c.undo())
     assert same.landscapes is landscape
-
-
-def test_maps_of_more_photos_than_are_left_come_too_late(session, landscape):
-    scene = session.document.scene
-    one = replace(scene.objects[0], in_views=scene.objects[0].in_views * 2)
-    both = replace(session.document, scene=replace(scene, views=scene.views * 2, objects=(one,)))
-    late = tuple(replace(maps, document=both) for maps in landscape)
-    assert after(session, shown(late)) is session

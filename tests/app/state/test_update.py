@@ -12,15 +12,12 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state.dragging import pins_in_photo, radius_in_photo
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.camera import Parallel, Perspective
-from poseviewer.vehicle.chart import VehicleChart
 from tests.app.state.documents import (
     BUMPY,
     PARALLEL,
     PERSPECTIVE,
     after,
-    assert_same_pose,
     make_session,
-    moved_document,
     refused,
 )
 
@@ -42,42 +39,24 @@ def point(session: Session, offset=(0.0, 0.0)) -> tuple[float, float]:
 def test_a_drag_is_one_step(camera, keys):
     session = make_session(camera)
     x, y = point(session, (8.0, 3.0))
-    held = after(session, c.press(x, y, **keys))
-    assert held.document is session.document
-    for i in range(10):
-        held = after(held, c.drag_to(x + i, y + 2.0 * i))
-        assert held.history is session.history
+    held = after(
+        session, c.press(x, y, **keys), c.drag_to(x + 2.0, y), c.drag_to(x + 9.0, y + 18.0)
+    )
+    assert held.history is session.history
     done = after(held, c.release())
     assert done.document is held.document
     assert done.drag is None
     assert done.history.past == (session.document,)
+    kept = np.zeros(2) if keys else np.array([9.0, 18.0])
+    assert centre_of(done) - centre_of(session) == pytest.approx(kept, abs=1e-9)
+    rotations = [s.document.pose.camera_from_model.rotation for s in (session, done)]
+    assert np.allclose(*rotations, atol=0.01) is (not keys)
+    forgotten = after(held, c.cancel_drag())
+    assert forgotten.document is session.document
+    assert forgotten.drag is None
     back = after(done, c.undo())
     assert back.document is session.document
     assert after(back, c.redo()).document is done.document
-
-
-@CAMERAS
-def test_the_model_follows_the_pointer(camera):
-    session = make_session(camera)
-    x, y = point(session, (8.0, 3.0))
-    moved = after(session, c.press(x, y), c.drag_to(x + 7.0, y - 4.0))
-    assert centre_of(moved) - centre_of(session) == pytest.approx([7.0, -4.0], abs=1e-9)
-    for keys in ({"shift": True}, {"ctrl": True}):
-        x, y = point(session, (8.0, 3.0))
-        turned = after(session, c.press(x, y, **keys), c.drag_to(x + 7.0, y - 9.0))
-        assert centre_of(turned) == pytest.approx(centre_of(session), abs=1e-9)
-        rotations = [s.document.pose.camera_from_model.rotation for s in (session, turned)]
-        assert np.abs(rotations[0] - rotations[1]).max() > 0.01
-
-
-def test_a_drag_forgotten_restores_the_very_document():
-    session = make_session()
-    x, y = point(session)
-    held = after(session, c.press(x, y), c.drag_to(x + 9.0, y))
-    back = after(held, c.cancel_drag())
-    assert back.document is session.document
-    assert back.history is session.history
-    assert back.drag is None
 
 
 def test_a_press_alone_or_beside_the_model_is_no_step():
@@ -85,8 +64,7 @@ def test_a_press_alone_or_beside_the_model_is_no_step():
     pressed = after(session, c.press(*point(session)), c.release())
     assert pressed.history is session.history
     assert pressed.document is session.document
-    beside = after(session, c.press(1.0, 1.0), c.drag_to(30.0, 30.0), c.release())
-    assert beside is session
+    assert after(session, c.press(1.0, 1.0), c.drag_to(30.0, 30.0), c.release()) is session
 
 
 def test_what_comes_amid_a_drag_ends_it_in_order():
@@ -97,24 +75,22 @@ def test_what_comes_amid_a_drag_ends_it_in_order():
         found = after(held, command)
         assert found.drag is None
         assert found.history.past == (session.document, held.document)
-    assert after(held, c.undo()).document is session.document
-    # What only looks, lets it go on.
+    # What only looks, lets it go on; so does what makes no sense.
     assert after(held, c.change(opacity=0.5)).drag is held.drag
+    refused(held, c.drag_to(math.nan, 0.0))
+    assert after(held, c.drag_to(x, y + 3.0), c.release()).history.past == (session.document,)
 
 
 def test_a_vehicles_pins_are_dragged():
     session = make_session(vehicle=True)
-    chart = session.document.chart
-    assert isinstance(chart, VehicleChart)
     pins = pins_in_photo(session.document)
     for pin in range(3):
         x, y = pins[pin] + 1.0
         dragged = after(session, c.press(x, y, zoom=3.0), c.drag_to(x + 3.0, y - 2.0), c.release())
-        now = pins_in_photo(dragged.document)
-        assert now[pin] - pins[pin] == pytest.approx([3.0, -2.0], abs=1e-6)
-        others = [i for i in range(3) if i != pin]
-        assert now[others] == pytest.approx(pins[others], abs=1e-6)
-        assert dragged.history.past == (session.document,)
+        pins_moved = pins_in_photo(dragged.document) - pins
+        wanted = np.zeros((3, 2))
+        wanted[pin] = [3.0, -2.0]
+        assert pins_moved == pytest.approx(wanted, abs=1e-6)
 
 
 @CAMERAS
@@ -125,24 +101,14 @@ def test_surface_pins_are_set_dragged_and_taken_away(camera):
     pinned = after(session, *(c.double_press(*place, zoom=5.0) for place in places))
     assert pinned.document.pose is session.document.pose
     assert pins_in_photo(pinned.document) == pytest.approx(np.array(places), abs=1e-6)
-    assert len(pinned.history.past) == 3
-    refused(pinned, c.double_press(x, y - 12.0, zoom=5.0))
+    assert "Three pins" in refused(pinned, c.double_press(x, y - 12.0, zoom=5.0))
     dragged = after(
         pinned, c.press(*places[1], zoom=5.0), c.drag_to(x + 15.0, y - 2.0), c.release()
     )
     wanted = [places[0], (x + 15.0, y - 2.0), places[2]]
     assert pins_in_photo(dragged.document) == pytest.approx(np.array(wanted), abs=0.05)
-    fewer = after(dragged, c.double_press(x + 15.0, y - 2.0, zoom=5.0))
-    assert fewer.document.state.pins == (
-        dragged.document.state.pins[0],
-        dragged.document.state.pins[2],
-    )
-
-
-def test_pins_are_refused_beside_the_model_and_on_vehicles():
-    refused(make_session(), c.double_press(1.0, 1.0))
-    session = make_session(vehicle=True)
-    refused(session, c.double_press(*centre_of(session)))
+    fewer, pins = after(dragged, c.double_press(*wanted[1], zoom=5.0)), dragged.document.state.pins
+    assert fewer.document.state.pins == (pins[0], pins[2])
 
 
 def test_a_region_is_drawn_cut_to_the_photo_and_taken_away():
@@ -152,10 +118,8 @@ def test_a_region_is_drawn_cut_to_the_photo_and_taken_away():
     done = after(drawn, c.release())
     assert done.tool == "pose"
     assert done.history.past == (session.document,)
-    none = after(
-        done, c.set_tool("region"), c.press(20.0, 20.0), c.drag_to(20.5, 60.0), c.release()
-    )
-    assert none.document.own.region is None
+    again = c.set_tool("region"), c.press(20.0, 20.0), c.drag_to(20.5, 60.0), c.release()
+    assert after(done, *again).document.own.region is None
 
 
 @pytest.mark.parametrize("kind", ["move", "turn", "roll", "scale"])
@@ -167,7 +131,6 @@ def test_a_nudge_and_its_opposite_cancel(camera, kind):
     assert np.abs(seen[0] - seen[1]).max() > 0.5
     back = after(there, c.nudge(kind, -3.0))
     assert back.document.pose.project(BUMPY.vertices) == pytest.approx(seen[0], abs=1e-8)
-    assert len(back.history.past) == 2
 
 
 @CAMERAS
@@ -181,21 +144,18 @@ def test_setting_a_number_changes_that_number_alone(camera, vehicle, moved):
         session = after(session, c.set_projection("perspective"), c.nudge("move", 5.0))
     parameters = session.document.parameters
     for index, name in enumerate(session.document.chart.names):
-        value = float(parameters[index]) + 0.03
-        found = after(session, c.set_number(name, value))
         wanted = np.array(parameters)
-        wanted[index] = value
+        wanted[index] += 0.03
+        found = after(session, c.set_number(name, float(wanted[index])))
         assert found.document.parameters == pytest.approx(wanted, abs=1e-9)
         if not isinstance(camera, Parallel):
             assert found.document.pose.camera == session.document.pose.camera
-        assert found.history.past[-1] is session.document
-        same = after(session, c.set_number(name, float(parameters[index])))
-        assert same is session
+        assert after(session, c.set_number(name, float(parameters[index]))) is session
 
 
 def test_what_is_typed_digit_by_digit_is_one_step():
     session = make_session()
-    name, other = session.document.chart.names[0], session.document.chart.names[1]
+    name, other = session.document.chart.names[:2]
     typed = after(session, *(c.set_number(name, value) for value in (0.1, 0.12, 0.125)))
     assert typed.document.parameters[0] == pytest.approx(0.125)
     assert after(typed, c.undo()).document is session.document
@@ -207,13 +167,10 @@ def test_what_is_typed_digit_by_digit_is_one_step():
 
 
 SENSELESS_CAMERAS = {
-    "fx, fy = 0, 300: wanted focal lengths of 1 to 160000 px": (0.0, 300.0, 80.0, 60.0),
     "fx, fy = 300, -5: wanted focal lengths of 1 to 160000 px": (300.0, -5.0, 80.0, 60.0),
     "fx, fy = 1e+06, 300: wanted focal": (1e6, 300.0, 80.0, 60.0),
     "a number is nan": (math.nan, 300.0, 80.0, 60.0),
-    "a number is inf": (300.0, 300.0, 80.0, math.inf),
-    "cx, cy = 5000, 60: wanted a centre within 1600 px of": (300.0, 300.0, 5000.0, 60.0),
-    "cx, cy = 80, -4000: wanted a centre within 1600 px": (300.0, 300.0, 80.0, -4000.0),
+    "cx, cy = 80, -4000: wanted a centre within 1600 px of": (300.0, 300.0, 80.0, -4000.0),
 }
 
 
@@ -228,7 +185,7 @@ def test_a_camera_that_makes_no_sense_is_refused_in_one_sentence(start):
 def test_a_field_of_view_gives_its_focal_length(camera):
     session = make_session(camera)
     radius = radius_in_photo(session.document.pose, BUMPY)
-    for degrees in (0.0, 0.4, 171.0, 180.0, 400.0, -50.0, math.nan):
+    for degrees in (0.4, 171.0, -50.0, math.nan):
         refused(session, c.set_field_of_view(degrees))
     found = after(session, c.set_field_of_view(90.0)).document.pose
     assert radius_in_photo(found, BUMPY) == pytest.approx(radius)
@@ -238,13 +195,9 @@ def test_a_field_of_view_gives_its_focal_length(camera):
 
 
 def test_a_parallel_camera_takes_its_centre_alone():
-    session = after(make_session(), c.set_projection("parallel"))
-    camera = session.document.pose.camera
+    session = make_session(PARALLEL)
     found = after(session, c.set_camera(0.01, 0.01, 70.0, 66.0)).document.pose.camera
-    assert isinstance(camera, Parallel)
-    assert isinstance(found, Parallel)
-    assert (found.cx, found.cy, found.scale) == pytest.approx((70.5, 66.5, camera.scale))
-    refused(session, c.set_camera(0.01, 0.01, 5000.0, 66.0))
+    assert found == replace(PARALLEL, cx=70.5, cy=66.5)
 
 
 def test_start_reset_and_poses_set():
@@ -253,10 +206,7 @@ def test_start_reset_and_poses_set():
     assert after(there, c.reset_to_start()).document.pose is session.document.pose
     started = after(there, c.make_start(), c.nudge("roll", 5.0), c.reset_to_start())
     assert started.document.pose is there.document.pose
-    pose = moved_document(session.document, 0.2).pose
-    opened = c.open_document(session.document.at_pose(pose).started)
-    loaded = after(session, opened, c.nudge("roll", 1.0), c.reset_to_start())
-    assert_same_pose(loaded.document.pose, pose)
+    assert started.document.parameters == pytest.approx(np.zeros(6), abs=1e-9)
 
 
 def test_unsaved_is_told():
@@ -272,27 +222,15 @@ def test_unsaved_is_told():
     "command",
     [
         c.set_number("no_such_number", 1.0),
-        c.set_number("shift_x", math.nan),
         c.set_number("log_depth", 500.0),
-        c.set_camera(-5.0, 300.0, 80.0, 60.0),
-        c.set_camera(300.0, 300.0, math.inf, 60.0),
-        c.nudge("move", math.nan),
         c.nudge("scale", math.inf),
         c.view_from("below"),
         c.press(math.nan, 10.0),
-        c.double_press(10.0, math.inf),
+        c.double_press(1.0, 1.0),
     ],
 )
 def test_bad_input_is_refused_with_a_sentence(command):
     refused(make_session(), command)
-
-
-def test_a_bad_drag_is_refused_and_goes_on():
-    session = make_session()
-    x, y = point(session)
-    held = after(session, c.press(x, y), c.drag_to(x + 4.0, y))
-    refused(held, c.drag_to(math.nan, 0.0))
-    assert after(held, c.drag_to(x, y + 3.0), c.release()).history.past == (session.document,)
 
 
 def test_a_pose_behind_the_camera_is_refused():

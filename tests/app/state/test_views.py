@@ -23,11 +23,10 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.starts.placing import surface_point
 from tests.app.state.documents import after, asked_of, assert_same_pose, refused
 from tests.app.state.sets import SCALE, make_set_session
 from tests.meshes import make_box
-from tests.view_sets import CAMERA, MESH, OFF, TRUTH, focal_length
+from tests.view_sets import CAMERA, MESH, TRUTH, focal_length
 
 STROKE = Stroke("brush", np.array([[40.0, 40.0], [60.0, 60.0]]), 8.0)
 
@@ -52,10 +51,6 @@ def size_of(session: Session) -> float:
     return session.document.object.world_from_model.scale
 
 
-def test_a_pose_in_the_large_photo_is_one_in_all(session: Session):
-    assert_poses_are(session, TRUTH)
-
-
 def test_another_photo_is_large_and_back_it_is_as_it_was(session: Session):
     seen = after(session, show_view(1))
     assert seen.document.photo.name == "b.png"
@@ -64,12 +59,6 @@ def test_another_photo_is_large_and_back_it_is_as_it_was(session: Session):
     back = after(seen, show_view(0))
     assert back.document.pose is session.document.pose
     assert back.document.start is session.document.start
-
-
-def test_looking_at_another_photo_is_no_change_to_be_saved(session: Session):
-    saved = after(session, c.change(saved=session.document))
-    assert not after(saved, show_view(2)).unsaved
-    assert after(saved, show_view(2), c.nudge("move", 1.0)).unsaved
 
 
 def test_a_drag_in_any_photo_moves_all_and_undo_brings_all_back(session: Session):
@@ -191,29 +180,6 @@ def test_a_photo_behind_whose_camera_the_model_is_does_not_become_large(session:
     # Nor does it stay large where an object is picked that is.
     added = after(session, add_object(), c.press(100.0, 80.0), c.release())
     assert replace(added.document, at=1).with_active(0).at == 0
-
-
-def is_seen_at(session: Session, point) -> bool:
-    """Whether no other part of the surface is in front of it."""
-    pose = session.document.pose
-    found = surface_point(MESH, pose, pose.project(point))
-    return found is not None and float(np.linalg.norm(found - point)) < 0.05
-
-
-def test_pairs_of_one_photo_place_the_model_in_all():
-    session = make_set_session(False)
-    numbers = np.zeros(len(session.document.chart.names))
-    numbers[:6] = OFF
-    off = session.document.at_numbers(session.document.chart, numbers)
-    session = replace(session, document=off, tool="pairs")
-    pose = session.document.pose
-    for point in [p for p in MESH.vertices[::7] if is_seen_at(session, p)][:6]:
-        found = surface_point(MESH, pose, pose.project(point))
-        assert found is not None
-        session = after(session, c.press(*pose.project(point)))
-        session = after(session, c.press(*TRUTH[0].project(found)))
-        pose = session.document.pose
-    assert_poses_are(session, TRUTH, atol=1e-3)
 
 
 def test_a_focal_length_that_was_found_is_that_of_all_photos_of_a_camera(session: Session):
