@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
@@ -71,7 +72,7 @@ def _read_3ds(path: Path) -> Read:
     scene = assimp_py.import_file(str(path), flags)
     parts: list[Part] = []
     notes: list[str] = []
-    names = [_picture_3ds(material) for material in scene.materials]
+    names = [next(iter(one.get("TEXTURES", {}).get(1, [])), "") for one in scene.materials]
     textures = load_textures(path.parent, filter(None, names), notes)
     # Assimp's root turns the model y up; left out, so that a pose belongs to the file's own axes.
     root: Any = scene.root_node
@@ -80,32 +81,21 @@ def _read_3ds(path: Path) -> Read:
         node, matrix = stack.pop()
         stack += [(child, matrix @ np.asarray(child.transformation)) for child in node.children]
         for mesh in (scene.meshes[index] for index in node.mesh_indices):
-            material = scene.materials[mesh.material_index]
-            texture = textures.get(_picture_3ds(material) or "")
-            parts.append(_assimp_part(node.name, mesh, material, texture).moved(matrix))
+            vertices = np.array(mesh.vertices, dtype=float).reshape(-1, 3)
+            part = Part(node.name, vertices, np.array(mesh.indices, np.int64).reshape(-1, 3))
+            texture = textures.get(names[mesh.material_index]) if mesh.texcoords else None
+            diffuse = scene.materials[mesh.material_index].get("COLOR_DIFFUSE")
+            if texture is not None:
+                uvs = np.array(mesh.texcoords[0], dtype=float).reshape(len(vertices), -1)[:, :2]
+                part = replace(part, uvs=uvs, texture=texture)
+            elif diffuse is not None:
+                part = replace(part, colours=np.asarray(diffuse)[:3])
+            parts.append(part.moved(matrix))
     return parts, notes
-
-
-def _picture_3ds(material: Any) -> str | None:
-    names = material.get("TEXTURES", {}).get(1)
-    return names[0] if names else None
-
-
-def _assimp_part(name: str, mesh: Any, material: Any, texture: NDArray | None) -> Part:
-    vertices = np.array(mesh.vertices, dtype=float).reshape(-1, 3)
-    faces = np.array(mesh.indices, dtype=np.int64).reshape(-1, 3)
-    texture, uvs = texture if mesh.texcoords else None, None
-    if texture is not None:
-        uvs = np.array(mesh.texcoords[0], dtype=float).reshape(len(vertices), -1)[:, :2]
-    diffuse = material.get("COLOR_DIFFUSE")
-    colours = None if diffuse is None or texture is not None else np.asarray(diffuse)[:3]
-    return Part(name, vertices, faces, None, colours, uvs, texture)
 
 
 def _read_gltf(path: Path) -> Read:
     header = gltf_header(path)
-    if not isinstance(header, dict):
-        raise MeshFileError(f"{path.name}: not a glTF file, but other JSON; export it again.")
     for name in _missing_files(path, header, "buffers"):
         raise MeshFileError(f"{path.name}: needs the file {name}; put it beside the model.")
     compressed = {"KHR_draco_mesh_compression", "EXT_meshopt_compression"}
@@ -160,41 +150,38 @@ def _read_scene(path: Path, linear: bool = False) -> Read:
                 raise FileNotFoundError(name)
             return found.read_bytes()
 
-    beside = Beside(str(path))
-    scene = trimesh.load_scene(path, resolver=beside, process=False, maintain_order=True)
+    scene = trimesh.load_scene(path, resolver=Beside(str(path)), process=False, maintain_order=True)
+    nodes = [(node, *scene.graph[node]) for node in scene.graph.nodes_geometry]
+    meshes = {k: m for k, m in scene.geometry.items() if isinstance(m, trimesh.Trimesh)}
+    pictures = {key: _picture_of(mesh.visual) for key, mesh in meshes.items()}
     notes: list[str] = []
-    shown: list[tuple[str, NDArray, trimesh.Trimesh]] = []
-    for node in scene.graph.nodes_geometry:
-        matrix, key = scene.graph[node]
-        if isinstance(geometry := scene.geometry[key], trimesh.Trimesh):  # not a cloud of points
-            shown.append((node, matrix, geometry))
-    pictures = [_picture_of(geometry) for _, _, geometry in shown]
-    images = {id(image): ("a picture", image) for image in pictures if image is not None}
+    images = {id(image): ("a picture", image) for image in pictures.values() if image is not None}
     textures = textures_from_images(images, notes)
     parts: list[Part] = []
-    for node, matrix, geometry in shown:
+    for node, matrix, key in nodes:
         name = ""
         if path.suffix.lower() in GLTF:
             # trimesh adds a random suffix where a node's mesh has several primitives.
             parent = scene.graph.transforms.parents.get(node)
             name = parent if parent is not None and node.startswith(f"{parent}_") else node
-        parts.append(_trimesh_part(name, geometry, linear, textures).moved(matrix))
+        if key in meshes:  # not a cloud of points
+            texture = textures.get(id(pictures[key]))
+            parts.append(_trimesh_part(name, meshes[key], linear, texture).moved(matrix))
     return parts, notes
 
 
-def _picture_of(geometry: Any) -> Any:
-    """Picture of its colour; None where it has none that can be laid on it."""
-    visual: Any = getattr(geometry, "visual", None)
-    if getattr(visual, "kind", None) != "texture" or visual.uv is None:
+def _picture_of(visual: Any) -> Any:
+    """Picture of a mesh's colour; None where it has none that can be laid on it."""
+    if visual.kind != "texture" or visual.uv is None:
         return None
     return getattr(visual.material, "baseColorTexture", None)
 
 
 def _trimesh_part(
-    name: str, geometry: trimesh.Trimesh, linear: bool, textures: dict[int, NDArray]
+    name: str, geometry: trimesh.Trimesh, linear: bool, texture: NDArray | None
 ) -> Part:
     visual: Any = geometry.visual
-    colours, texture, uvs = None, None, None
+    colours = None
     if visual.kind == "vertex":
         colours = np.asarray(visual.vertex_colors)[:, :3] / 255.0
     elif visual.kind == "texture":
@@ -205,13 +192,11 @@ def _trimesh_part(
             extra = np.asarray(extra)[:, :3]
             top = np.iinfo(extra.dtype).max if extra.dtype.kind in "iu" else 1.0
             colours = colours * (extra / top)
-        image = _picture_of(geometry)
-        if image is not None:
-            texture, uvs = textures.get(id(image)), visual.uv
     if colours is not None and linear:
         colours = srgb_from_linear(colours)
     # Asking for vertex_normals would compute them; only the cache tells whether the file had some.
     normals = geometry.vertex_normals if "vertex_normals" in geometry._cache else None
+    uvs = None if texture is None else visual.uv
     return Part(name, geometry.vertices, geometry.faces, normals, colours, uvs, texture)
 
 

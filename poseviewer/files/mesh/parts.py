@@ -99,18 +99,15 @@ def load_textures(
     names = list(dict.fromkeys(names))
     if len(names) > MOST_TEXTURES:
         notes.append(f"Textures left out: all but {MOST_TEXTURES:,} of {len(names):,}.")
-    paths: dict[str, Path] = {}
-    images: dict[Path, tuple[str, Image.Image]] = {}
-    for name in names[:MOST_TEXTURES]:
-        path = find_named(folder, name)
+    paths = {name: find_named(folder, name) for name in names[:MOST_TEXTURES]}
+    images: dict[Path | None, tuple[str, Image.Image]] = {}
+    for name, path in paths.items():
         if path is None:
             notes.append(f"Texture left out: {bare_name(name)} is not there.")
         elif path not in images:
             with _noted(path.name, notes):
                 # From a file, Pillow reads as many bytes as a damaged chunk says it has.
                 images[path] = path.name, Image.open(BytesIO(path.read_bytes()))
-        if path is not None:
-            paths[name] = path
     textures = textures_from_images(images, notes)
     return {name: textures[path] for name, path in paths.items() if path in textures}
 
