@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -381,13 +380,6 @@ class Document:
         views = ((view.photo, view.camera) for view in self.scene.views)
         objects = self.scene.objects
         return *views, *((o.model.mesh, o.world_from_model, o.in_views) for o in objects)
-
-    @property
-    def paths(self) -> frozenset[Path]:
-        """The files of photos and models, as far as they have one."""
-        paths = [view.path for view in self.scene.views]
-        paths += [one.model.path for one in self.scene.objects]
-        return frozenset(path for path in paths if path is not None)
 
 
 def is_alone(document: Document) -> bool:

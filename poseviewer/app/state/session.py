@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -280,14 +279,6 @@ class Session:
         shift = turn.translation / own.object.world_from_model.scale
         turn = RigidTransform(turn.rotation, shift)
         return sure.seen_from(turn, own.scene.pose(own.active, view), own.mesh)
-
-    @property
-    def paths(self) -> frozenset[Path]:
-        """The files of all photos and models that are at hand or that undo and redo can bring
-        back.
-        """
-        documents = (*self.history.past, self.document, *self.history.future)
-        return frozenset().union(*(document.paths for document in documents))
 
     @property
     def searching(self) -> bool:

@@ -21,7 +21,7 @@ from poseviewer.app.workers.opening import open_autosaved, open_file_set
 from poseviewer.app.workers.worker import JobUpdate, Worker
 from poseviewer.errors import FileSetError, QuickStartError
 from poseviewer.files.file_set import Kind, files_below, sort_set
-from poseviewer.files.state.autosave import AutosavedSession, files_of_sessions
+from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.files.state.uploads import LARGEST_UPLOAD, display_name, gathered, keep_set
 from poseviewer.geometry.camera import scaled_size
 from poseviewer.geometry.image import Photo
@@ -131,12 +131,10 @@ def upload(kind: Kind | None, name: str, data: bytes, adds: bool = False) -> Tas
     """
 
     def run(now: Session, state: Path) -> Iterator[Result]:
-        # Other apps may have the same state folder.
-        in_use = now.paths | files_of_sessions(state / "sessions")
         uploads = state / "uploads"
-        root = keep_set(uploads, data, in_use=in_use)
+        root = keep_set(uploads, data)
         files = sort_set(files_below(root), kind, None if adds else now.document.model.path)
-        models = [gathered(uploads, model, in_use=in_use) for model in files.models]
+        models = [gathered(uploads, model) for model in files.models]
         if not adds:
             document = open_file_set(now.document, files, models, root)
             yield Result((open_document(document),), document.scene.notes)

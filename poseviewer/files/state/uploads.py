@@ -9,11 +9,11 @@ import shutil
 import tempfile
 import time
 import zipfile
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Iterable, Sequence
 from io import BytesIO
 from itertools import count
 from pathlib import Path, PurePosixPath
-from typing import IO, Literal
+from typing import Literal
 
 from poseviewer.errors import FileSetError, printable
 from poseviewer.files.checks import Reading
@@ -22,20 +22,21 @@ from poseviewer.files.mesh.load import READERS
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.photo import ENDINGS
 from poseviewer.files.scene_file import SceneRecord, with_files
+from poseviewer.files.state.autosave import files_of_sessions
 from poseviewer.files.writing import sha256_of
 
 LARGEST_UPLOAD = 200_000_000
 """Bytes: viser holds an upload in memory."""
 LARGEST_UNPACKED = 1_000_000_000
-"""Bytes of a zip's content."""
-KEPT = 20
-"""Newest uploads that stay."""
-BEGUN, ABANDONED_S = "new-", 3600.0
-"""A set that is not whole yet has such a name; so old, whoever wrote it was killed."""
+"""Bytes of the content of all zips that come together."""
+KEPT, OLD_S = 20, 3600.0
+"""Newest uploads that stay, and age (s) at which others go."""
+BEGUN = "new-"
+"""A set that is not whole yet has such a name."""
 LONGEST_NAME = 80
 LONGEST_PART = 100
 """Characters of a name on disk: file systems take 255 bytes."""
-FOLDER_NAME = re.compile(r"[0-9a-f]{16}")
+OUR_NAME = re.compile(rf"[0-9a-f]{{16}}|{BEGUN}.*")
 ACCEPTED = {
     "photo": (*ENDINGS, ".json", ".yml", ".yaml", ".xml", ".zip"),
     "model": (*READERS, ".mtl", ".bin", *ENDINGS, ".json", ".zip"),
@@ -57,37 +58,23 @@ def pack(files: Iterable[tuple[str, bytes]]) -> bytes:
     return b"\n".join([head, b"".join(data for _, data in files)])
 
 
-def keep_set(folder: Path, data: bytes, kept: int = KEPT, in_use: Collection[Path] = ()) -> Path:
+def keep_set(folder: Path, data: bytes) -> Path:
     """Keep files that a page sent (see ``pack``), with zips unpacked, in a folder of their own.
 
-    The same bytes go to the same folder, under safe names. All but the ``kept`` newest sets and
-    those with files ``in_use`` are removed.
+    The same bytes go to the same folder, under safe names.
     """
     files = _unpacked(data)
-    fingerprint = hashlib.sha256(data).hexdigest()[:16]
     shown = display_name(files[0][0]) if len(files) == 1 else f"{len(files)} files"
-
-    def fill(place: Path) -> None:
-        for number, (name, content) in enumerate(files):
-            path = place / safe_path(name)
-            if path.exists():
-                path = path.parent / str(number) / path.name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            if path.suffix.lower() == ".zip":
-                _unzip(BytesIO(content), display_name(name), path.with_suffix(""))
-            else:
-                path.write_bytes(content)
-
-    return _kept(folder, fingerprint, fill, shown, kept, in_use)
+    return _kept(folder, data, files, shown)
 
 
 def keep_zip(folder: Path, path: Path) -> Path:
     """Unpack a zip of the disk as ``keep_set`` does."""
-    reading = Reading(path, [], FileSetError, "zip", LARGEST_UNPACKED)
-    return keep_set(folder, pack([(path.name, reading.load_bytes())]))
+    Reading(path, [], FileSetError, "zip", LARGEST_UNPACKED).check_size()
+    return _kept(folder, f"{path.name} {sha256_of(path)}".encode(), [(path.name, path)], path.name)
 
 
-def gathered(folder: Path, model: ModelFiles, in_use: Collection[Path] = ()) -> Path:
+def gathered(folder: Path, model: ModelFiles) -> Path:
     """The model where it lies, or copied with all it names into ``folder``, as by ``keep_set``."""
     if not model.scattered:
         return model.path
@@ -97,18 +84,11 @@ def gathered(folder: Path, model: ModelFiles, in_use: Collection[Path] = ()) -> 
         bare = path.suffix.lower() == ".mtl" or LEADS_OUT.search(written)
         files.setdefault(safe_path(bare_name(written) if bare else written), path)
     try:
-        marks = [f"{name} {sha256_of(path)}" for name, path in files.items()]
+        marks = "\n".join(f"{name} {sha256_of(path)}" for name, path in files.items())
     except OSError as error:
         raise FileSetError(f"{model.path.name}: cannot be read ({error.strerror}).") from error
-
-    def fill(place: Path) -> None:
-        for name, path in files.items():
-            (place / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(path, place / name)
-
-    fingerprint = hashlib.sha256("\n".join(marks).encode()).hexdigest()[:16]
-    place = _kept(folder, fingerprint, fill, model.path.name, KEPT, in_use)
-    return place / model.path.name
+    copies = [(str(name), path) for name, path in files.items()]
+    return _kept(folder, marks.encode(), copies, model.path.name) / model.path.name
 
 
 def taken_out(path: Path, scene: SceneRecord, private: Path) -> SceneRecord:
@@ -208,13 +188,13 @@ def _unpacked(data: bytes) -> list[tuple[str, memoryview]]:
     return files
 
 
-def _unzip(file: IO[bytes], name: str, place: Path) -> None:
-    """Unpack a zip into the folder ``place``."""
+def _unzip(file: Path | BytesIO, name: str, place: Path, room: int) -> int:
+    """Unpack a zip of up to ``room`` bytes into the folder ``place``; return how many it has."""
     try:
         with zipfile.ZipFile(file) as archive:
             entries = [entry for entry in archive.infolist() if _is_wanted(entry)]
             size = sum(entry.file_size for entry in entries)
-            if size > LARGEST_UNPACKED or len(entries) > MOST_FILES:
+            if size > room or len(entries) > MOST_FILES:
                 raise FileSetError(
                     f"{name}: unpacks to more than {LARGEST_UNPACKED:,} bytes or {MOST_FILES:,} "
                     "files; unpack it yourself and start poseviewer with the path of what is "
@@ -233,6 +213,7 @@ def _unzip(file: IO[bytes], name: str, place: Path) -> None:
             f"{name}: not a zip that can be read ({words}); is it whole, and without a password? "
             "Make it again."
         ) from error
+    return size
 
 
 def _is_wanted(entry: zipfile.ZipInfo) -> bool:
@@ -241,31 +222,41 @@ def _is_wanted(entry: zipfile.ZipInfo) -> bool:
 
 
 def _kept(
-    folder: Path,
-    fingerprint: str,
-    fill: Callable[[Path], None],
-    shown: str,
-    kept: int,
-    in_use: Collection[Path],
+    folder: Path, marks: bytes, files: Sequence[tuple[str, memoryview | Path]], shown: str
 ) -> Path:
-    """The folder of a fingerprint, filled whole or not at all."""
-    place = folder / fingerprint
+    """The folder of these ``files``, which ``marks`` tell apart; filled whole or not at all."""
+    place = folder / hashlib.sha256(marks).hexdigest()[:16]
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if not place.is_dir():
             with tempfile.TemporaryDirectory(dir=folder, prefix=BEGUN) as new:
                 (Path(new) / "set").mkdir()
-                fill(Path(new) / "set")
+                _fill(Path(new) / "set", files)
                 (Path(new) / "set").rename(place)
         place.touch()
-        inside = [used.relative_to(folder).parts[0] for used in in_use if folder in used.parents]
-        _remove_old(folder, kept, {place.name, *inside})
+        _remove_old(folder)
     except OSError as failed:
         raise FileSetError(
             f"{shown}: cannot be kept in {folder} ({failed.strerror}); check that the folder is "
             "yours to write to, and that there is room."
         ) from failed
     return place
+
+
+def _fill(place: Path, files: Sequence[tuple[str, memoryview | Path]]) -> None:
+    room = LARGEST_UNPACKED
+    for number, (name, content) in enumerate(files):
+        path = place / safe_path(name)
+        if path.exists():
+            path = path.parent / str(number) / path.name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.suffix.lower() == ".zip":
+            file = content if isinstance(content, Path) else BytesIO(content)
+            room -= _unzip(file, display_name(name), path.with_suffix(""), room)
+        elif isinstance(content, Path):
+            shutil.copyfile(content, path)
+        else:
+            path.write_bytes(content)
 
 
 def _safe_part(part: str) -> str:
@@ -277,13 +268,14 @@ def _safe_part(part: str) -> str:
     return f"_{part}" if RESERVED.fullmatch(part) else part
 
 
-def _remove_old(folder: Path, kept: int, needed: set[str]) -> None:
-    """Remove all but the newest, and what a kill left half written; only what looks like ours."""
-    for place in folder.glob(f"{BEGUN}*"):
-        if not place.is_symlink() and time.time() - place.stat().st_mtime > ABANDONED_S:
-            shutil.rmtree(place, ignore_errors=True)
-    ours = [p for p in folder.iterdir() if FOLDER_NAME.fullmatch(p.name) and not p.is_symlink()]
+def _remove_old(folder: Path) -> None:
+    """Remove old sets that no session names, and what a kill left half written."""
+    ours = [p for p in folder.iterdir() if OUR_NAME.fullmatch(p.name) and not p.is_symlink()]
     ours.sort(key=lambda place: place.stat().st_mtime_ns, reverse=True)
-    for place in ours[kept:]:
-        if place.name not in needed:
+    begun = [place for place in ours if place.name.startswith(BEGUN)]
+    whole = [place for place in ours if place not in begun]
+    old = [p for p in (*begun, *whole[KEPT:]) if time.time() - p.stat().st_mtime > OLD_S]
+    used = files_of_sessions(folder.with_name("sessions")) if old else ()
+    for place in old:
+        if not any(place in file.parents for file in used):
             shutil.rmtree(place, ignore_errors=True)

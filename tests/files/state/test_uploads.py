@@ -16,15 +16,20 @@ from hypothesis import strategies as st
 from poseviewer.errors import FileSetError
 from poseviewer.files.file_set import MOST_FILES
 from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.pose import PoseRecord
+from poseviewer.files.scene_file import ObjectRecord, SceneRecord, ViewRecord
+from poseviewer.files.state.autosave import AutosavedSession, SessionFile
 from poseviewer.files.state.uploads import (
     LARGEST_UPLOAD,
     display_name,
     keep_set,
+    keep_zip,
     pack,
     safe_path,
     why_not_sent,
     why_unfit,
 )
+from tests.several import CAMERA, STARTS
 
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 ODD_NAMES = (
@@ -53,8 +58,8 @@ def zipped(files: Mapping[str, bytes]) -> bytes:
     return held.getvalue()
 
 
-def keep(folder: Path, files: Mapping[str, bytes], **more) -> Path:
-    return keep_set(folder, pack(files.items()), **more)
+def keep(folder: Path, files: Mapping[str, bytes]) -> Path:
+    return keep_set(folder, pack(files.items()))
 
 
 def below(folder: Path) -> list[str]:
@@ -153,6 +158,8 @@ def test_zips_that_unpack_to_too_much_are_refused(
     monkeypatch.setattr("poseviewer.files.state.uploads.LARGEST_UNPACKED", 10_000)
     with pytest.raises(FileSetError, match=r"^b\.zip: unpacks to more than 10,000 bytes or"):
         keep(tmp_path, {"b.zip": zipped({"a": 6000 * b"\0", "b": 6000 * b"\0"})})
+    with pytest.raises(FileSetError, match=r"^b\.zip: unpacks to more than 10,000 bytes or"):
+        keep(tmp_path, {name: zipped({"a": 6000 * b"\0"}) for name in ("a.zip", "b.zip")})
     monkeypatch.setattr("poseviewer.files.state.uploads.MOST_FILES", 5)
     with pytest.raises(FileSetError, match=r"^b\.zip: unpacks to more than .* or 5 files"):
         keep(tmp_path, {"b.zip": zipped({f"{i}": b"" for i in range(6)})})
@@ -182,18 +189,18 @@ def test_why_a_page_sends_nothing() -> None:
     assert why_not_sent("new", "empty").startswith("new: an empty folder; drop one that")
 
 
-def test_only_the_newest_uploads_stay(tmp_path: Path) -> None:
+def test_only_the_newest_uploads_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("poseviewer.files.state.uploads.KEPT", 3)
     (tmp_path / "notes").mkdir()
     paths = []
     for i in range(6):
-        paths.append(keep(tmp_path, {"a.json": b"%d" % i}, kept=3))
-        # Clocks of file systems are coarse: age what is there by hand.
+        paths.append(keep(tmp_path, {"a.json": b"%d" % i}))
         os.utime(paths[-1], ns=(i * 10**9, i * 10**9))
-    again = keep(tmp_path, {"a.json": b"3"}, kept=3)
+    again = keep(tmp_path, {"a.json": b"3"})
     assert [path.exists() for path in paths] == [False, False, False, True, True, True]
     assert again == paths[3]
-    keep(tmp_path, {"a.json": b"new"}, kept=2)
-    assert [path.exists() for path in paths] == [False, False, False, True, False, False]
+    keep(tmp_path, {"a.json": b"new"})
+    assert [path.exists() for path in paths] == [False, False, False, True, False, True]
     assert (tmp_path / "notes").is_dir()
 
 
@@ -208,14 +215,25 @@ def test_what_a_kill_left_half_written_is_removed_but_not_what_is_being_written(
     assert [left.exists(), under_way.exists()] == [False, True]
 
 
-def test_uploads_in_use_stay(tmp_path: Path) -> None:
-    used = keep(tmp_path, {"car/maps/a.png": b"used"})
-    os.utime(used, ns=(0, 0))
-    other = keep(tmp_path, {"a.json": b"other"})
-    os.utime(other, ns=(1, 1))
-    in_use = [used / "car" / "maps" / "a.png", Path("/elsewhere/a.png")]
-    new = keep(tmp_path, {"a.json": b"new"}, kept=0, in_use=in_use)
+def test_uploads_that_a_session_names_and_young_ones_stay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("poseviewer.files.state.uploads.KEPT", 0)
+    uploads = tmp_path / "uploads"
+    used, other = (keep(uploads, {"maps/a.png": data}) for data in (b"used", b"other"))
+    view = ViewRecord.of(used / "maps" / "a.png", CAMERA)
+    one = ObjectRecord.of("1", Path("a.ply"), PoseRecord.of(STARTS[0].pose), view)
+    scene = SceneRecord(views=(view,), objects=(one,))
+    file = SessionFile(tmp_path / "sessions")
+    file.save(AutosavedSession(saved_at=1.0, active_object="1", scene=scene))
+    file.close()
+    for place in (used, other):
+        os.utime(place, (0, 0))
+    (tmp_path / "b.zip").write_bytes(zipped({"a.obj": TRIANGLE}))
+    new = keep_zip(uploads, tmp_path / "b.zip")
     assert [path.exists() for path in (used, other, new)] == [True, False, True]
+    keep(uploads, {"a.json": b"newer"})
+    assert new.exists()
 
 
 def test_a_folder_that_cannot_be_made_gives_a_sentence(tmp_path: Path) -> None:
