@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from base64 import b64decode, b64encode
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -22,7 +23,7 @@ from poseviewer.errors import PoseFileError, printable
 from poseviewer.files.checks import Reading, is_there, kind_of
 from poseviewer.files.masks import mask_as_png, mask_from_png
 from poseviewer.files.mesh.named import bare_name
-from poseviewer.files.pose import PoseRecord
+from poseviewer.files.pose import PoseRecord, record_from_json
 from poseviewer.files.structs import (
     PROJECTIONS,
     SCENE,
@@ -340,49 +341,45 @@ def load_scene(path: str | Path, inside: Path | None = None) -> SceneRecord:
         if data.get("format") != SCENE:
             raise reading.error(f"format is {kind_of(data.get('format'))}", f"wanted {SCENE!r}")
         reading.require_format(data, SCENE, newest=2)
-        if data.get("version") != 2:
-            data = _upgraded(reading, data, find)
-        scene = reading.decoded(data, SceneRecord, raw=("file", "mask"))
+        if data.get("version") == 2:
+            scene = reading.decoded(data, SceneRecord, raw=("file", "mask"))
+        else:
+            scene = _from_version_1(reading, data, find)
         require_whole(reading, scene)
         warnings = tuple(dict.fromkeys(reading.warnings))
         return structs.replace(with_files(scene, find), warnings=warnings)
 
 
-def _upgraded(reading: Reading, data: dict[str, Any], find: Named) -> dict[str, Any]:
-    """The JSON of version 2 of a scene in version 1."""
-    view, objects = {key: data.get(key) for key in OF_VIEW}, []
-    if not isinstance(data.get("objects"), list) or not data["objects"]:
-        found = f"objects is {kind_of(data.get('objects'))}"
-        raise reading.error(found, "wanted a list of one or more")
-    for number, one in enumerate(data["objects"]):
+def _from_version_1(reading: Reading, data: dict[str, Any], find: Named) -> SceneRecord:
+    """The scene that JSON of version 1 says, the names of its files as they are."""
+    entries, view_said = data.get("objects"), {key: data.get(key) for key in OF_VIEW}
+    if not isinstance(entries, list) or not entries:
+        raise reading.error(f"objects is {kind_of(entries)}", "wanted a list of one or more")
+    view, objects = reading.decoded(view_said, ViewRecord, raw=("file",)), []
+    for number, one in enumerate(entries):
         what = f"objects[{number}]"
         pose, mask = reading.object(one, what).get("pose"), one.get("mask")
         if isinstance(pose, str):
             file = Path(find(pose, f"{what}.pose"))
             pose = Reading(file).load_object()
-            if any(_differ(view[key], pose.get(key)) for key in OF_VIEW[:-1]):
+            if any(_differ(view_said[key], pose.get(key)) for key in OF_VIEW[:-1]):
                 raise reading.error(
                     f"the pose of object {one.get('id')!r} is by another camera than the scene's",
                     "one photo has one camera, fit the object again with that of the scene",
                 )
-            beside = Reading.text(reading, pose.get("mask"), f"{what}.pose.mask")
+            beside = reading.text(pose.get("mask"), f"{what}.pose.mask")
             mask = str(file.with_name(bare_name(beside))) if beside and not mask else mask
-        pose = reading.object(pose, f"{what}.pose")
-        place, scales = pose.get("camera_from_model"), [view["camera"], pose.get("camera"), pose]
-        scales = [said["scale"] for said in scales if isinstance(said, dict) and "scale" in said]
-        if len(scales) > 1 and isinstance(place, dict):  # each is as large as the photo has it
-            scale = scales[-1] / scales[0]
-            moved = [scale * x for x in place["translation"]]
-            place = {**place, "scale": scale, "translation": moved}
-        objects.append({
-            **{key: one.get(key) for key in ("id", "name", "model")},
-            **{key: pose.get(key) for key in ("without", "symmetry")},
-            "world_from_model": place,
-            "in_views": [{"mask": mask}] if mask else [],
-            "result": {key: pose.get(key) for key in Result.__struct_encode_fields__}
-            | {"view": 0, "seen": [] if pose.get("seen") is None else [pose["seen"]]},
-        })  # fmt: skip
-    return {"format": SCENE, "version": 2, "views": [view], "objects": objects}
+        pose = {**view_said, **reading.object(pose, f"{what}.pose")}
+        if "scale" in pose:  # each is as large as the photo has it
+            pose["camera"] = {**pose["camera"], "scale": pose["scale"]}
+        own = replace(reading, path=Path(f"{reading.path.name}, {what}.pose"))
+        record = record_from_json(own, pose, view.photo.width, view.photo.height)
+        model = reading.decoded(one.get("model"), ModelFile, f"{what}.model", raw=("file",))
+        name, key = (reading.text(one.get(key), f"{what}.{key}") or "" for key in ("name", "id"))
+        made = ObjectRecord.of(key, Path(model.file), record, view, name)
+        in_views = (InViewRecord(reading.text(mask, f"{what}.mask")),) if mask else ()
+        objects.append(structs.replace(made, model=model, in_views=in_views))
+    return SceneRecord(views=(view,), objects=tuple(objects))
 
 
 def scene_of_pose(path: Path, record: PoseRecord) -> SceneRecord:

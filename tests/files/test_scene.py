@@ -170,7 +170,10 @@ def test_what_is_wrong_is_said(path, change, words):
     [
         (lambda d: d["objects"][1].update(pose="gone.json"), "gone.json, and there is no"),
         (lambda d: d["objects"][1].pop("pose"), "pose is missing"),
-        (lambda d: d["objects"][1]["pose"].clear(), r"objects\[1\].world_from_model is missing"),
+        (
+            lambda d: d["objects"][1]["pose"].clear(),
+            "camera_from_model is missing",
+        ),
         (lambda d: d["objects"].clear(), "objects is a list of 0; wanted a list of one or more"),
     ],
 )
