@@ -123,35 +123,31 @@ def test_colmaps_models_become_opencvs(tmp_path, line):
         assert (found.camera.cx, found.camera.cy, found.camera.fx) == (640.5, 360.0, 1000.0)
 
 
-def test_colmaps_images_say_which_camera_took_a_photo(tmp_path):
-    lines = [f"{key} PINHOLE 1280 720 {1000 * key} 1010 640 360" for key in (1, 2)]
-    path = write(tmp_path / "cameras.txt", "\n".join(lines))
-    write(tmp_path / "images.txt", "# head\n1 1 0 0 0 0 0 0 1 a/left one.jpg\n5 6 -1\n"
-          "2 1 0 0 0 0 0 0 2 b/right.jpg\n\n")  # fmt: skip
-    assert load_calibration(Calibration(path), "left one.jpg", 1280, 720)[0].camera.fx == 1000
-    assert load_calibration(Calibration(path), "right.jpg", 1280, 720)[0].camera.fx == 2000
+@pytest.mark.parametrize("is_binary", [False, True])
+def test_colmaps_images_say_which_camera_took_a_photo(tmp_path, is_binary):
+    if is_binary:
+        pose, camera = (1.0, 0, 0, 0, 0, 0, 5.0), (1010.0, 640.0, 360.0)
+        texts = {
+            "cameras": [struct.pack("<IIQQ4d", k, 1, 1280, 720, k * 1e3, *camera) for k in (1, 2)],
+            "images": [
+                *(struct.pack("<I7dI", 3, *pose, 1), b"a/left one.jpg\0" + struct.pack("<Q", 2)),
+                *(bytes(48), struct.pack("<I7dI", 4, *pose, 2), b"b/right.jpg\0", bytes(8)),
+            ],
+        }
+        for name, records in texts.items():
+            (tmp_path / f"{name}.bin").write_bytes(struct.pack("<Q", 2) + b"".join(records))
+        path = tmp_path / "cameras.bin"
+    else:
+        lines = [f"{key} PINHOLE 1280 720 {1000 * key} 1010 640 360" for key in (1, 2)]
+        path = write(tmp_path / "cameras.txt", "\n".join(lines))
+        write(tmp_path / "images.txt", "# head\n1 1 0 0 0 0 0 0 1 a/left one.jpg\n5 6 -1\n"
+              "2 1 0 0 0 0 0 0 2 b/right.jpg\n\n")  # fmt: skip
+    for name, focal in (("left one.jpg", 1000), ("right.jpg", 2000)):
+        assert load_calibration(Calibration(path), name, 1280, 720)[0].camera.fx == focal
     with pytest.raises(CalibrationFileError, match="2 cameras"):
         load_calibration(Calibration(path), "other.jpg", 1280, 720)
-
-
-def test_a_binary_colmap_model_is_read_to_its_last_image(tmp_path):
-    camera, pose = (1000.0, 1010.0, 640.0, 360.0), (1.0, 0, 0, 0, 0, 0, 5.0)
-    cameras = [
-        struct.pack("<IIQQ4d", key, 1, 1280, 720, key * 1000.0, *camera[1:]) for key in (1, 2)
-    ]
-    images = [
-        struct.pack("<I7dI", 3, *pose, 1) + b"a/left one.jpg\0" + struct.pack("<Q", 2) + bytes(48),
-        struct.pack("<I7dI", 4, *pose, 2) + b"b/right.jpg\0" + struct.pack("<Q", 0),
-    ]
-    for name, records in (("cameras", cameras), ("images", images)):
-        (tmp_path / f"{name}.bin").write_bytes(struct.pack("<Q", 2) + b"".join(records))
-    path = tmp_path / "cameras.bin"
-    assert load_calibration(Calibration(path), "left one.jpg", 1280, 720)[0].camera.fx == 1000
-    assert load_calibration(Calibration(path), "right.jpg", 1280, 720)[0].camera.fx == 2000
-    path.write_bytes(path.read_bytes()[:-1])
-    with pytest.raises(
-        CalibrationFileError, match=r"^cameras\.bin: not a readable file of cameras"
-    ):
+    path.write_bytes(path.read_bytes()[:-1] if is_binary else b"\xff")
+    with pytest.raises(CalibrationFileError, match=r"^cameras\....: not a readable file of cam"):
         load_cameras(path)
 
 
@@ -168,22 +164,17 @@ def test_bops_cameras_are_read(tmp_path):
     assert (found.camera.width, found.camera.height) == (1280, 720)
 
 
-def test_a_calibration_in_another_ratio_is_refused(tmp_path):
-    path = write_by_opencv(tmp_path / "c.yml", COEFFICIENTS[5])
-    for size in ((720, 1280), (1000, 700), (640, 365)):
-        with pytest.raises(CalibrationFileError, match=f"1280x720 px.*{size[0]}.*orientation"):
-            load_calibration(Calibration(path), "p.png", *size)
-
-
-def test_a_calibration_in_the_same_ratio_is_scaled_with_a_note(tmp_path):
+def test_a_calibration_is_scaled_in_the_same_ratio_alone(tmp_path):
     path = write_by_opencv(tmp_path / "c.yml", COEFFICIENTS[5])
     half, notes = load_calibration(Calibration(path), "p.png", 640, 360)
     assert half.camera == INSIDE.resized(640, 360)
     assert half.lens == Lens("opencv", COEFFICIENTS[5])  # it acts on rays: no px in it
     assert "1280x720" in notes[0]
-    # 1280x720 to a third: programs round 426.67 up or down.
-    load_calibration(Calibration(path), "p.png", 426, 240)
-    load_calibration(Calibration(path), "p.png", 427, 240)
+    for width in (426, 427):  # a third: programs round 426.67 up or down
+        load_calibration(Calibration(path), "p.png", width, 240)
+    for size in ((720, 1280), (1000, 700), (640, 365)):
+        with pytest.raises(CalibrationFileError, match=f"1280x720 px.*{size[0]}.*orientation"):
+            load_calibration(Calibration(path), "p.png", *size)
 
 
 MATRIX_TEXT = """%YAML:1.0
@@ -197,12 +188,8 @@ camera_matrix:
 BROKEN = {
     "notes.yml": ("just some words", "as OpenCV writes"),
     "cut.yml": ("%YAML:1.0\n---\ncamera_matrix: [1, 2", "as OpenCV writes"),
-    "deep.yml": ("%YAML:1.0\n---\na: " + "[" * 200_000, "as OpenCV writes"),
     "deep.xml": ('<?xml version="1.0"?>\n<opencv_storage>' + "<a>" * 20_000, "as OpenCV writes"),
     "other.json": ('{"a": 1}', "no camera_matrix"),
-    "eight.json": ({"camera_matrix": [1.0] * 8}, "3x3"),
-    "text.json": ({"camera_matrix": [["a", 0, 1], [0, 1, 1], [0, 0, 1]]}, "a number"),
-    "nan.json": ('{"K": [[NaN, 0, 1], [0, 1, 1], [0, 0, 1]]}', "at most 1e+30"),
     "zero.json": ({"K": [[0, 0, 1], [0, 1, 1], [0, 0, 1]]}, "above 0"),
     "columns.json": ({"K": [[9, 0, 0], [0, 9, 0], [4, 3, 1]]}, "rows fx 0 cx"),
     "skew.json": ({"K": [[9, 1, 4], [0, 9, 3], [0, 0, 1]]}, "skew of 1"),
@@ -210,19 +197,14 @@ BROKEN = {
     "model.json": ({"K": [[9, 0, 4], [0, 9, 3], [0, 0, 1]], "model": "mei"}, "'mei'"),
     "size.json": ({"K": [[9, 0, 4], [0, 9, 3], [0, 0, 1]], "width": 3.5, "height": 2}, "whole"),
     "bop.json": ({"fx": 1, "fy": "x", "cx": 0, "cy": 0}, "fy is 'x'"),
-    "scene.json": ({"0": {"cam_K": [1, 2]}}, "cam_K of 0 has 2"),
-    "photo.txt": (b"\xff\xd8\xff\xe0", "not a readable file of cameras"),
     "cameras.txt": ("# only a head\n", "no camera"),
     "words.txt": ("hello there\n", "CAMERA_ID"),
     "fov.txt": ("1 FOV 640 480 1 1 1 1 1\n", "model FOV"),
-    "few.txt": ("1 PINHOLE 640 480 1 1 1\n", "3 parameters"),
     "negative.txt": ("1 PINHOLE 640 480 -1 1 1 1\n", "above 0"),
     "surplus.txt": ("1 PINHOLE 640 480 1 1 1 1 7\n", "5 parameters"),
     "far.txt": ("1 PINHOLE 640 480 1e9 1 1 1\n", "fx is 1000000000; wanted a number <= 10000000"),
     "far.json": ({"K": [[1e308, 0, 4], [0, 9, 3], [0, 0, 1]]}, "at most 1e+30"),
-    "after.yml": ("a: 1\n...\n-x", "no camera_matrix"),
     "second.yml": ("%YAML:1.0\n---\na: 1\n---\n1\n-x", "no camera_matrix"),
-    "glued.yml": ("%YAML:1.0\n----a\n-M--\nim", "as OpenCV writes"),
     "sequence.yml": ("# none\n---\n- a\n- b\n", "as OpenCV writes"),
     "cameras.bin": (b"\x01\x00", ".bin"),
 }

@@ -61,18 +61,6 @@ def test_a_picture_that_a_model_names_is_its_texture(
     assert not mesh.notes
 
 
-def test_a_buffer_elsewhere_in_the_set_is_found(tmp_path: Path) -> None:
-    root = tmp_path / "set"
-    (root / "a").mkdir(parents=True)
-    path = write_gltf(root / "a", "wood.png")
-    (root / "b").mkdir()
-    path.with_name("quad.bin").rename(root / "b" / "quad.bin")
-    picture(root / "b" / "wood.png")
-    (model,) = sort(root).models
-    assert model.scattered
-    assert len(load_mesh(gathered(tmp_path / "state", model)).textures) == 1
-
-
 def test_of_two_pictures_of_one_name_the_nearer_is_taken(tmp_path: Path) -> None:
     path = write_obj(tmp_path, "red/wood.png")
     places = [picture(tmp_path / folder / "wood.png") for folder in ("x/blue", "x/red", "y")]
@@ -118,6 +106,7 @@ def test_what_the_user_calls_the_files_counts(tmp_path: Path) -> None:
     any_json = write(tmp_path / "any.json", [1])
     files = sort(tmp_path, kind="pose")
     assert (files.pose, files.photo) == (any_json, None)
+    assert sort_set([any_json]) == FileSet(pose=any_json)  # a sole file's fault can be said
 
 
 def test_several_models_are_several_objects_and_the_pose_of_none(tmp_path: Path) -> None:
@@ -177,25 +166,16 @@ def test_what_cannot_be_opened_is_said_in_one_sentence(
     assert "\n" not in str(error.value)
 
 
-def test_a_sole_json_file_is_a_pose_so_that_its_fault_is_said(tmp_path: Path) -> None:
-    path = write(tmp_path / "list.json", "[1, 2")
-    assert sort(tmp_path) == FileSet(pose=path)
-
-
-def test_systems_own_files_are_left_out(tmp_path: Path) -> None:
+def test_of_a_folder_systems_own_files_are_left_out_and_too_many_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name in (".DS_Store", "__MACOSX/._a.obj", "Thumbs.db", ".git/a.obj", "desktop.ini"):
         write(tmp_path / name, PLAIN)
     path = write(tmp_path / "a.obj", PLAIN)
     assert files_below(tmp_path) == (path,)
-
-
-def test_a_folder_of_too_many_files_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("poseviewer.files.file_set.MOST_FILES", 5)
-    for i in range(20):
-        (tmp_path / f"{i}.txt").touch()
-    with pytest.raises(FileSetError, match="more than 5 files; name a folder inside it"):
+    write(tmp_path / "b.obj", PLAIN)
+    monkeypatch.setattr("poseviewer.files.file_set.MOST_FILES", 1)
+    with pytest.raises(FileSetError, match="more than 1 files; name a folder inside it"):
         files_below(tmp_path)
 
 

@@ -41,7 +41,6 @@ def test_pairs_are_read_and_shifted_by_half_a_pixel(tmp_path: Path, text: str):
         ("1,2,3,4,nan\n", "v is nan"),
         (b"\xff\xfe\x00\x01", "not a text"),
         (b'"' + b"1" * 200_000 + b'",2,3,4,5', "not a readable list of marks"),
-        ("1,2,3,1e9,5\n", "u is 1000000000"),
         ("1e308,2,3,4,5\n", r"x is 1e\+308"),
         (None, "no such file"),
     ],

@@ -137,16 +137,11 @@ def test_pixel_centres_are_at_integers_in_files(tmp_path: Path) -> None:
 
 def test_three_fields_are_enough_and_unknown_ones_are_ignored(tmp_path: Path) -> None:
     data = plain() | {"comment": "by hand", "photo": {"camera": "old"}, "model": {}, "loss": None}
-    read = load_pose(write(tmp_path / "pose.json", data), WIDTH, HEIGHT)
-    assert read.warnings == ()
-    assert read.loss is None
-    assert read.chart is None
+    path = tmp_path / "pose.json"
+    path.write_bytes(b"\xef\xbb\xbf" + json.dumps(data).encode())  # a byte order mark
+    read = load_pose(path, WIDTH, HEIGHT)
+    assert (read.warnings, read.loss, read.chart) == ((), None, None)
     np.testing.assert_array_equal(read.pose.camera_from_model.translation, [0.0, 0.0, 5.0])
-
-
-def test_a_byte_order_mark_is_no_trouble(tmp_path: Path) -> None:
-    (tmp_path / "pose.json").write_bytes(b"\xef\xbb\xbf" + json.dumps(plain()).encode())
-    load_pose(tmp_path / "pose.json", WIDTH, HEIGHT)
 
 
 @pytest.mark.parametrize(("digits", "off_deg", "warnings"), [(7, 1e-4, 0), (2, 1.0, 1)])
@@ -208,13 +203,8 @@ def test_what_json_cannot_hold_is_not_written(tmp_path: Path, wrong: PoseRecord)
     assert not list(tmp_path.iterdir())
 
 
-CAMERA_ENTRY = {"fx": 500.0, "fy": 500.0, "cx": 99.5, "cy": 74.5}
-DISTORTION = {
-    "model": "opencv",
-    "coefficients": [0.1] * 5,
-    "camera_as_taken": CAMERA_ENTRY,
-    "camera_undistorted": CAMERA_ENTRY,
-}
+CAMERA_ENTRY = plain()["camera"]
+DISTORTION = {"model": "opencv", "coefficients": [0.1] * 5, "camera_as_taken": CAMERA_ENTRY}
 
 
 @pytest.fixture(scope="module")
@@ -227,23 +217,19 @@ def validator() -> jsonschema.Draft202012Validator:
 @pytest.mark.parametrize(
     "change",
     [
-        lambda data: data.pop("projection"),
         lambda data: data.pop("camera"),
-        lambda data: data.pop("camera_from_model"),
         lambda data: data.update(format="other"),
         lambda data: data.update(version=2),
         lambda data: data.update(projection="parallel"),
-        lambda data: data.update(projection="fisheye"),
         lambda data: data["camera"].update(fx=0),
-        lambda data: data["camera"].update(fx="500"),
         lambda data: data["camera"].pop("cy"),
         lambda data: data["camera_from_model"].update(translation=[0, 0]),
-        lambda data: data["camera_from_model"].update(rotation=[[1, 0, 0], [0, 1, 0]]),
         lambda data: data["camera_from_model"].update(rotation=[1, 0, 0, 0, 1, 0, 0, 0, 1]),
         lambda data: data.update(photo={"width": 0}),
-        lambda data: data.update(settings=[]),
-        lambda data: data.update(distortion=DISTORTION | {"model": "mei"}),
-        lambda data: data.update(distortion=DISTORTION | {"camera_as_taken": None}),
+        lambda data: data.update(distortion=DISTORTION),
+        lambda data: data.update(
+            distortion=DISTORTION | {"model": "mei", "camera_undistorted": CAMERA_ENTRY}
+        ),
         lambda data: data.update(symmetry={"centre": [0, 0, 0], "turns": "z"}),
         lambda data: data.update(chart={"name": "free", "names": [1], "numbers": [1]}),
     ],
