@@ -43,8 +43,8 @@ from poseviewer.files.photo import load_photo
 from poseviewer.files.photo_sets import SetChoice, load_views
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_file import load_scene, scene_of_pose
+from poseviewer.files.state import uploads
 from poseviewer.files.state.autosave import load_autosave
-from poseviewer.files.state.uploads import keep_set
 from poseviewer.files.symmetry import load_symmetry
 from poseviewer.fit.settings import FitSettings
 from tests.app.state.documents import BUMPY, CAR, make_session
@@ -87,6 +87,7 @@ def read_report(path: Path) -> None:
         update(make_session(), meaning)
 
 
+uploads.KEPT, uploads.OLD_S = 1, 0.0  # the disk is small
 READERS: dict[str, Reader] = {
     "mesh": load_mesh,
     "photo": load_photo,
@@ -102,7 +103,9 @@ READERS: dict[str, Reader] = {
     "pairs": load_pairs,
     "jobs": lambda path: load_jobs(path, FitSettings()),
     "autosave": load_autosave,
-    "upload": lambda path: sort_set(files_below(keep_set(path.parent / "u", path.read_bytes(), 1))),
+    "upload": lambda path: sort_set(
+        files_below(uploads.keep_set(path.parent / "u", path.read_bytes()))
+    ),
     "page": read_report,
     **{f"{name}_pose": read_format(name) for name in ("opencv", "nerfstudio", "gltf")},
     "meshlab_pose": read_format("meshlab"),
