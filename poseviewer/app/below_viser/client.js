@@ -60,11 +60,6 @@ function photoFromCanvas(x, y) {
   return [(x - left) / scale(), (y - top) / scale()];
 }
 
-function canvasFromPhoto(x, y) {
-  const [left, top] = corner();
-  return [x * scale() + left, y * scale() + top];
-}
-
 function applyView() {
   const { canvas, camera } = vm();
   const [w, h] = [canvas?.clientWidth, canvas?.clientHeight];
@@ -80,8 +75,6 @@ function applyView() {
   const top = h / 2 + (state.centre[1] - 0.5) * state.photo[1] * k - my / state.zoom;
   camera.setViewOffset(w, h, left, top, w / state.zoom, h / state.zoom);
   camera.updateProjectionMatrix();
-  sizeHandles();
-  drawSheet();
   vm().requestRender();
   document.documentElement.dataset.poseviewerView = JSON.stringify({
     zoom: state.zoom, centre: state.centre, scale: scale(), covered: state.covered,
@@ -204,8 +197,11 @@ addEventListener("wheel", (event) => {
   taken(event);
   const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1;
   const factor = Math.exp(-event.deltaY * lines * 0.0016);
-  if (pen.shape === "brush" && !ctrl(event)) sizePen(factor);
-  else zoomAt(...place(event), factor);
+  if (pen.shape === "brush" && !ctrl(event)) {
+    pen.radius = Math.min(Math.max(pen.radius * factor, 2), 240);
+  } else {
+    zoomAt(...place(event), factor);
+  }
 }, { capture: true, passive: false });
 
 // --- strokes ------------------------------------------------------------------------------------
@@ -221,6 +217,7 @@ const pen = {
   at: null, // where the pointer is, photo px
   now: null, // the stroke that is being drawn: {shape, points (photo px), radius (photo px), erase}
   done: [], // strokes that the server has not taken yet
+  drawn: "", // what the sheet shows
 };
 const SCRIBBLE = 3; // half its width, CSS px
 const STEP = 1.5; // CSS px between a stroke's points
@@ -229,14 +226,7 @@ const LASSO = 12; // points of one drag from which on a polygon is closed when t
 
 function setPen(shape, erases) {
   if (shape !== pen.shape) pen.now = null;
-  pen.shape = shape;
-  pen.erases = erases;
-  drawSheet();
-}
-
-function sizePen(factor) {
-  pen.radius = Math.min(Math.max(pen.radius * factor, 2), 240);
-  drawSheet();
+  Object.assign(pen, { shape, erases });
 }
 
 const erasing = (event) => pen.erases !== (event.altKey || event.shiftKey);
@@ -247,7 +237,6 @@ function hover(event) {
   if (!pen.shape) return;
   pen.at = overPhoto(event) || state.pointer ? photoFromCanvas(...place(event)) : null;
   pen.preview = erasing(event);
-  drawSheet();
 }
 
 function beginStroke(event) {
@@ -261,7 +250,6 @@ function beginStroke(event) {
     const [shape, radius, erase] = [pen.shape, penRadius(), erasing(event)];
     pen.now = { shape, points: [point], radius, erase, before: 1 };
   }
-  drawSheet();
 }
 
 function goOn(event) {
@@ -271,18 +259,12 @@ function goOn(event) {
     const point = photoFromCanvas(...place(one));
     if (apart(point, pen.now.points.at(-1)) >= STEP) pen.now.points.push(point);
   }
-  drawSheet();
-}
-
-function dropStroke() {
-  pen.now = null;
-  drawSheet();
 }
 
 function lift(kind) {
   const stroke = pen.now;
   if (!stroke) return;
-  if (kind === "cancel") dropStroke();
+  if (kind === "cancel") pen.now = null;
   else if (stroke.shape !== "polygon" || stroke.points.length - stroke.before >= LASSO) {
     finishStroke();
   }
@@ -295,26 +277,25 @@ function finishStroke() {
   const points = stroke.points.flat().map((v) => Math.round(v * 100) / 100);
   const { shape, radius, erase } = stroke;
   send({ kind: "stroke", shape, points, radius, erase });
-  dropStroke();
+  pen.now = null;
 }
 
 function forgetStrokes() {
   const taken = pen.done;
   // The tint's picture is decoded after it has come.
-  setTimeout(() => {
-    pen.done = pen.done.filter((stroke) => !taken.includes(stroke));
-    drawSheet();
-  }, 150);
+  setTimeout(() => { pen.done = pen.done.filter((stroke) => !taken.includes(stroke)); }, 150);
 }
 
 // The sheet's unit is a px of the photo.
 function drawSheet() {
-  if (!state.size[0]) return;
-  vm().canvas.style.cursor = pen.shape ? "crosshair" : "";
   const size = state.size.map((side) => side / scale());
-  sheet.setAttribute("viewBox", [...photoFromCanvas(0, 0), ...size].join(" "));
-  sheet.innerHTML = [...pen.done, pen.now].map((stroke) => stroke && drawn(stroke)).join("") +
+  const strokes = [...pen.done, pen.now].map((stroke) => stroke && drawn(stroke)).join("") +
     (pen.at && (pen.shape === "brush" || pen.shape === "scribble") ? cursor() : "");
+  const box = [...photoFromCanvas(0, 0), ...size].join(" ");
+  if (pen.drawn === box + strokes) return;
+  pen.drawn = box + strokes;
+  sheet.setAttribute("viewBox", box);
+  sheet.innerHTML = strokes;
 }
 
 const circle = (kind, [x, y], radius) =>
@@ -361,7 +342,7 @@ addEventListener("keydown", (event) => {
   if (pen.now && ["Enter", "Escape"].includes(event.key)) {
     taken(event);
     if (event.key === "Enter") finishStroke();
-    else dropStroke();
+    else pen.now = null;
     return;
   }
   if (!CONFIG.keys.includes(event.code) && !CONFIG.keys.includes(event.key)) return;
@@ -559,6 +540,8 @@ function watch() {
     const was = [...state.size, state.covered];
     if (!viewer.camera.view?.enabled || is.some((side, i) => side !== was[i])) applyView();
     sizeHandles();
+    drawSheet();
+    viewer.canvas.style.cursor = pen.shape ? "crosshair" : "";
     if (state.step && openStep(state.step)) state.step = "";
   }
   requestAnimationFrame(watch);
@@ -570,9 +553,8 @@ window.poseviewer = {
     showAll();
   },
   setHint(html) { bar.innerHTML = html; },
-  setPen, forgetStrokes, setPictures, setStrip,
-  canvasFromPhoto, photoFromCanvas,
-  zoomAt, showAll, openStep, sent: () => state.sent,
+  setPen, forgetStrokes, setPictures, setStrip, photoFromCanvas, zoomAt, showAll, openStep,
+  sent: () => state.sent,
 };
 document.title = CONFIG.title;
 const style = document.createElement("style");

@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from io import BytesIO
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from lxml import html
@@ -59,23 +60,30 @@ def test_a_pick_at_a_mark_gives_the_marks_numbers():
         parameters[piece.second] -= 0.071
         u, v = on_map(piece, parameters)
         np.testing.assert_allclose(picked_parameters(piece, CENTRE, u, v), parameters, atol=1e-12)
+        beside = picked_parameters(piece, CENTRE, 7.0, -3.0)  # its border is meant
+        ends = piece.first_values[-1], piece.second_values[0]
+        assert tuple(beside[[piece.first, piece.second]]) == ends
 
 
-def test_a_pick_beside_the_map_takes_its_border():
-    piece = make_slices(11)[0]
-    picked = picked_parameters(piece, CENTRE, 7.0, -3.0)
-    assert picked[piece.first] == piece.first_values[-1]
-    assert picked[piece.second] == piece.second_values[0]
-
-
-def test_the_page_is_small_and_well_formed():
+def test_the_page_is_small_and_says_what_it_shows():
+    piece = make_slices(41)[3]
     trail = CENTRE + np.linspace(0.1, 0.0, 200)[:, None] * np.ones(6)
     candidates = CENTRE + 0.05 * np.vstack([np.zeros(6), np.eye(6)])
-    page = LossGrid(make_slices(41), NAMES, CENTRE, candidates, trail).html()
-    assert len(page) < 75_000
+    slices = [replace(one, error=0.0083) for one in make_slices(41)]
+    texts: Any = {"whose": "<ours> & theirs", "large": (piece.first, piece.second)}
+    names = ("<img src=x>", "b&c", *NAMES[2:])
+    page = LossGrid(slices, names, CENTRE, candidates, trail, **texts).html()
+    assert len(page) < 80_000
+    assert "<img src=x>" not in page
     tree = html.fromstring(page)
-    assert len(tree.xpath("//div[contains(@class, 'pv-cell')]")) == 15
-    assert len(tree.xpath("//svg[@data-report]")) == 15
+    (large,) = tree.xpath("//div[@class='pv-large']")
+    assert len(tree.xpath("//svg[@data-report]")) == 15 + len(large.xpath(".//image"))
+    assert f"{piece.first_values[0]:.4g} ... {piece.first_values[-1]:.4g}" in large.text_content()
+    assert piece.minimum is not None
+    assert f"lowest loss {piece.minimum.loss:.3f}" in large.text_content()
+    (key,) = tree.xpath("//div[@class='pv-key']")
+    assert "good to 0.8\xa0% of its range" in key.text_content()
+    assert key.xpath(".//b")[0].text_content() == "<ours> & theirs"
 
 
 def test_every_corner_of_a_simplex_is_a_dot_on_every_map():
@@ -110,35 +118,3 @@ def test_every_map_shows_the_region_that_the_pose_is_sure_to():
         reached = np.einsum("ni,ij,nj->n", away, inverse, away)
         np.testing.assert_allclose(reached, region_reach(2) ** 2, rtol=0.05)
     assert "90 % region" in page.xpath("//div[@class='pv-key']")[0].text_content()
-
-
-def test_the_maps_say_whose_loss_they_show():
-    grid = LossGrid(make_slices(9), NAMES, CENTRE, whose="<ours> & theirs")
-    page = html.fromstring(grid.html())
-    assert page.xpath("//div[@class='pv-key']//b")[0].text_content() == "<ours> & theirs"
-
-
-def test_a_large_map_says_its_ranges_and_its_least_loss():
-    piece = make_slices(41)[3]
-    least = piece.minimum
-    assert least is not None
-    grid = LossGrid(make_slices(41), NAMES, CENTRE, large=(piece.first, piece.second))
-    page = html.fromstring(grid.html())
-    (large,) = page.xpath("//div[@class='pv-large']")
-    assert len(large.xpath(".//image")) == 1
-    said = large.text_content()
-    assert f"{piece.first_values[0]:.4g} ... {piece.first_values[-1]:.4g}" in said
-    assert f"lowest loss {least.loss:.3f}" in said
-
-
-def test_names_cannot_write_into_the_page():
-    names = ("<img src=x>", "b&c", *NAMES[2:])
-    page = LossGrid(make_slices(9), names, CENTRE).html()
-    assert "<img src=x>" not in page
-
-
-def test_the_page_says_how_good_the_maps_are():
-    piece = make_slices(9)[0]
-    page = LossGrid([replace(piece, error=0.0083)], NAMES, CENTRE).html()
-    assert "good to 0.8&nbsp;% of its range" in page
-    assert "good to" not in LossGrid([piece], NAMES, CENTRE).html()
