@@ -60,10 +60,6 @@ WAITING = '<div class="pv-wait"></div>'
 DRAWING, STOP_PROPOSING = "Drag on the photo ...", "Stop looking"
 
 
-def _is_proposing(session: Session) -> bool:
-    return session.proposals is not None and session.proposals.running
-
-
 def _has_region(session: Session) -> bool:
     return session.document.own.region is not None
 
@@ -133,10 +129,10 @@ def _add_quick_start(controls: Controls) -> None:
 
     def label(session: Session) -> str:
         drawing = DRAWING if session.tool == "box" else "Fit to box"
-        return STOP_PROPOSING if _is_proposing(session) else drawing
+        return STOP_PROPOSING if session.proposing else drawing
 
     controls.button(label, c.toggle_box(), color=None, icon="frame")
-    controls.html(lambda s: WAITING if _is_proposing(s) else "")
+    controls.html(lambda s: WAITING if s.proposing else "")
     controls.text(proposals_text)
     controls.button("Next proposal", c.step_proposals(1), visible=lambda s: proposals_of(s) > 1)
     take = {"color": None, "icon": "check", "visible": lambda s: proposals_of(s) > 0}
@@ -151,9 +147,7 @@ def _add_quick_start(controls: Controls) -> None:
         )
         controls.button("Draw another region", c.set_tool("region"), visible=_has_region)
         propose = "Propose starts"
-        controls.button(
-            lambda s: STOP_PROPOSING if _is_proposing(s) else propose, c.toggle_proposing()
-        )
+        controls.button(lambda s: STOP_PROPOSING if s.proposing else propose, c.toggle_proposing())
         controls.text(marks_text)
         marking = {"visible": lambda s: s.tool in MARKING}
         controls.button("Remove last mark", remove_mark(), **marking)

@@ -117,9 +117,9 @@ def marks_text(session: Session) -> str:
 def proposals_text(session: Session) -> str:
     """Say how far the proposals are (markdown)."""
     asked = session.proposals
-    if asked is not None and asked.running and session.preparation is not None:
+    if session.proposing and session.preparation is not None:
         return "Waiting to begin."
-    if asked is not None and asked.running:
+    if session.proposing:
         return "Trying views from everywhere (Esc stops it): some seconds, longer without a box."
     if asked is not None and proposals_of(session):
         which = f"**proposal {asked.index + 1} of {len(asked.poses)}**"
@@ -129,10 +129,7 @@ def proposals_text(session: Session) -> str:
 
 def proposals_of(session: Session) -> int:
     """Number of proposals for what is open."""
-    asked = session.proposals
-    if asked is None or not asked.document.shows_same(session.document):
-        return 0
-    return len(asked.poses)
+    return 0 if session.proposals is None else len(session.proposals.poses)
 
 
 def focal_note(session: Session) -> str:

@@ -374,7 +374,7 @@ def set_field_of_view(session: Session, degrees: float) -> Session:
 @edit
 def propose_starts(session: Session) -> Session:
     """Look for start poses, in the rectangle about the object."""
-    if session.proposals is not None and session.proposals.running:
+    if session.proposing:
         return session
     tool = "pose" if session.tool == "box" else session.tool
     return replace(session, proposals=ProposedStarts(session.document), tool=tool)
@@ -383,22 +383,19 @@ def propose_starts(session: Session) -> Session:
 @edit
 def toggle_proposing(session: Session) -> Session:
     """Look for start poses, or stop looking."""
-    asked = session.proposals
-    return (stop_proposing() if asked is not None and asked.running else propose_starts())(session)
+    return (stop_proposing() if session.proposing else propose_starts())(session)
 
 
 @edit
 def toggle_box(session: Session) -> Session:
     """Draw a rectangle about the object, to look for start poses there; or stop looking."""
-    asked = session.proposals
-    return (stop_proposing() if asked is not None and asked.running else set_tool("box"))(session)
+    return (stop_proposing() if session.proposing else set_tool("box"))(session)
 
 
 @edit
 def stop_proposing(session: Session) -> Session:
     """Look for start poses no more."""
-    asked = session.proposals
-    return session if asked is None or not asked.running else replace(session, proposals=None)
+    return replace(session, proposals=None) if session.proposing else session
 
 
 @edit
@@ -407,8 +404,6 @@ def starts_proposed(session: Session, document: Document, poses: tuple[Pose, ...
     asked = session.proposals
     if asked is None or asked.document is not document or not asked.running:
         return session
-    if not document.shows_same(session.document):  # another photo or model by now
-        return replace(session, proposals=None)
     return _with_proposal(session, replace(asked, running=False, poses=poses), 0)
 
 
@@ -416,7 +411,7 @@ def starts_proposed(session: Session, document: Document, poses: tuple[Pose, ...
 def step_proposals(session: Session, by: int = 1) -> Session:
     """Show another proposal: ``by`` places on, round and round."""
     asked = session.proposals
-    if asked is None or not asked.poses or not asked.document.shows_same(session.document):
+    if asked is None or not asked.poses:
         return session
     return _with_proposal(session, asked, (asked.index + by) % len(asked.poses))
 
@@ -595,16 +590,12 @@ def pick_in_landscape(session: Session, first: int, second: int, u: float, v: fl
 
 
 def picked_parameters(piece: Slice, centre: FloatArray, u: float, v: float) -> FloatArray:
-    """(d,): the parameters at a press on a map through ``centre`` (d,).
-
-    ``u`` and ``v`` are the place from the map's left and lower border as a share of its side;
-    beyond 0 and 1 the border is meant. Nothing snaps to the grid.
+    """(d,): the parameters at a press on a map through ``centre`` (d,): ``u`` and ``v`` are shares
+    of the map's side from its left and lower border; beyond 0 and 1 the border is meant.
     """
     parameters = np.array(centre, dtype=float)
-    u, v = (min(max(float(share), 0.0), 1.0) for share in (u, v))
-    x, y = piece.first_values, piece.second_values
-    parameters[piece.first] = x[0] + u * (x[-1] - x[0])
-    parameters[piece.second] = y[0] + v * (y[-1] - y[0])
+    parameters[piece.first] = np.interp(u, [0.0, 1.0], piece.first_values[[0, -1]])
+    parameters[piece.second] = np.interp(v, [0.0, 1.0], piece.second_values[[0, -1]])
     return parameters
 
 

@@ -65,7 +65,7 @@ class Stroke:
 def paint(session: Session, stroke: Stroke) -> Session:
     """Hide what a stroke covers, or bring it back."""
     photo = session.document.photo
-    return _painted(session, stroke.covers(photo.width, photo.height), stroke.erase)
+    return paint_found(photo, stroke.covers(photo.width, photo.height), stroke.erase)(session)
 
 
 @edit
@@ -73,9 +73,16 @@ def paint_found(
     session: Session, photo: Photo, where: NDArray[np.bool_], erase: bool = False
 ) -> Session:
     """Hide the pixels ``where`` (height, width) that were found for a photo, or bring them back."""
-    if session.document.photo is not photo:  # another one by now
+    own = session.document
+    if own.photo is not photo:  # another one by now
         return session
-    return _painted(session, where, erase)
+    mask = own.own.mask
+    before = np.ones((photo.height, photo.width), np.float32) if mask is None else mask.weights
+    weights = np.where(where, np.float32(erase), before)
+    if not np.array_equal(weights, before):
+        mask = None if np.all(weights == 1.0) else Mask.of(weights)
+        session = session.with_document(own.with_mask(mask))
+    return replace(session, strokes=session.strokes + 1)
 
 
 @edit
@@ -133,13 +140,3 @@ def found_hidden(session: Session) -> NDArray[np.bool_] | None:
     if view.hidden is None:
         return None
     return enlarged(view.hidden, view.photo.factor, own.photo.width, own.photo.height)
-
-
-def _painted(session: Session, where: NDArray[np.bool_], erase: bool) -> Session:
-    photo, mask = session.document.photo, session.document.own.mask
-    before = np.ones((photo.height, photo.width), np.float32) if mask is None else mask.weights
-    weights = np.where(where, np.float32(erase), before)
-    if not np.array_equal(weights, before):
-        mask = None if np.all(weights == 1.0) else Mask.of(weights)
-        session = session.with_document(session.document.with_mask(mask))
-    return replace(session, strokes=session.strokes + 1)

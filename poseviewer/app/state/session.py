@@ -208,6 +208,10 @@ class Preparation:
     """Why it will not be: a sentence for the user."""
 
 
+OF_A_PHOTO = {"overlay": None, "losses": None, "proposals": None, "landscapes": ()}
+"""Fields of a session where nothing is made yet for the photo that is shown large."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
     """All that the page shows."""
@@ -286,6 +290,11 @@ class Session:
         return self.search is not None and self.search.running
 
     @property
+    def proposing(self) -> bool:
+        """Whether start poses are being looked for."""
+        return self.proposals is not None and self.proposals.running
+
+    @property
     def moving(self) -> bool:
         """Whether a hand or a search moves the model: the next pose will follow at once."""
         is_dragged = self.drag is not None and self.drag.before is not None
@@ -323,21 +332,12 @@ class Session:
         return self.saved is None or self.saved.placement != self.document.placement
 
     def at(self, history: History, document: Document) -> Session:
-        """At another document of a history, a search ended; maps and overlay of another photo or
-        object go.
+        """At another document of a history, a search ended; what workers made for another photo or
+        object goes.
         """
-        same = document.shows_same(self.document)
-        return replace(
-            self,
-            history=history,
-            document=document,
-            search=None,
-            anchor=document.scene,
-            landscapes=self.landscapes if same else (),
-            ends=self.ends if same else (),
-            overlay=self.overlay if same else None,
-            losses=self.losses if same else None,
-        )
+        gone = {} if document.shows_same(self.document) else {**OF_A_PHOTO, "ends": ()}
+        state = {"history": history, "document": document, "anchor": document.scene}
+        return replace(self, search=None, **state, **gone)
 
     def with_active(self, index: int) -> Session:
         """Make another object active, which is no step; the same session where it is."""
@@ -356,8 +356,7 @@ class Session:
         if not is_in_sight(document):
             name = document.view.name
             raise SettingsError(f"{name} does not show the model where it is now")
-        gone = dict.fromkeys(("overlay", "losses", "proposals", "drag"))
-        return replace(self, document=document, anchor=self.compared, landscapes=(), **gone)
+        return replace(self, document=document, anchor=self.compared, drag=None, **OF_A_PHOTO)
 
     def with_document(self, document: Document, key: object = None) -> Session:
         """One undoable step to another document; of steps in a row with one ``key`` (what is

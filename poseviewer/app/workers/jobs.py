@@ -121,9 +121,8 @@ def proposing(notify: Callable[[], None]) -> Job[Document]:
     """Propose start poses, as soon as all is ready."""
 
     def asked(session: Session) -> Document | None:
-        proposals = session.proposals
-        is_asked = proposals is not None and proposals.running and session.preparation is None
-        return proposals.document if proposals is not None and is_asked else None
+        wanted = session.proposals if session.preparation is None else None
+        return wanted.document if wanted is not None and wanted.running else None
 
     def make(document: Document) -> Iterator[Edit]:
         return propose_starts(document, lambda: job.require_asked(document))
