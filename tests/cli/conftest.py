@@ -26,6 +26,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_views(folder / "set")
     write_files(folder)
     save_pose(folder / "named.json", perspective_record())
+    (folder / "jobs.csv").write_text("photo,model,start\np.png,m.ply,start.json\n")
     (folder / "bad.scene.json").write_text('{"format": "poseviewer-scene"}')
     return folder
 

@@ -99,6 +99,8 @@ def test_a_command_says_and_writes_its_results(folder, capsys, line, words, writ
         ("study --out o --real none --bop none", "two studies"),
         (f"study --out o {PAPER} --pixels near", "--pixels"),
         ("study --out o --real set", "cases.json"),
+        ("batch none.csv --out o", "no such file"),
+        ("batch jobs.csv --out m.ply", "name a folder of yours"),
         ("undistort p.png --out u.png", "give --calibration"),
         ("bench --quick --json set", "is a folder"),
         ("photo.jpg", "name PHOTO and MODEL"),
