@@ -19,6 +19,7 @@ from poseviewer.app.workers.tasks import Result, Task
 from poseviewer.app.workers.worker import Worker
 from poseviewer.batch import review as r
 from poseviewer.batch.results import ACCEPTED, JobResult, Row
+from poseviewer.batch.run import save_summaries
 from poseviewer.errors import BatchError, PoseViewerError
 from poseviewer.starts.loading import pose_record
 
@@ -55,7 +56,7 @@ class Reviewer:
     def close(self) -> None:
         """Write table and report at a clean end."""
         self._reporter.close()
-        r.save_reviewed(self.queue)
+        save_summaries(self.queue.batch)
 
     def open_row(self, index: int) -> Task:
         """Open a row of the batch."""
@@ -125,7 +126,7 @@ class Reviewer:
         self.queue = queue = self.queue.renewed(index, result)
 
         def report() -> Iterator[None]:
-            r.save_reviewed(queue)
+            save_summaries(queue.batch)
             yield
 
         self._reporter.start(report)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from poseviewer.batch.job_table import Job, with_keys
-from poseviewer.batch.results import Batch, Row, make_folders
+from poseviewer.batch.results import Batch, Row
 from poseviewer.errors import BatchError
 from poseviewer.files.formats.bop import (
     CAMERAS,
@@ -24,6 +24,7 @@ from poseviewer.files.formats.bop import (
     save_bop_images,
 )
 from poseviewer.files.pose import PoseRecord, load_pose, save_pose
+from poseviewer.files.writing import make_folder
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 
@@ -45,7 +46,7 @@ def load_scene_jobs(
         raise BatchError(f"--models {models}: no such folder; name that of obj_000001.ply ...")
     relative = Path(os.path.relpath(models.resolve(), scene))
     images, jobs = load_bop_images(scene, posed=True), []
-    make_folders(out, [STARTS])
+    make_folder(out / STARTS, BatchError)
     for image in images:
         instances: Counter[int] = Counter()
         for posed in image.objects:

@@ -8,7 +8,7 @@ to be done, however the batch ended. ``batch.json`` says what the batch is.
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from io import StringIO
@@ -21,7 +21,7 @@ from msgspec import Struct
 from poseviewer.batch.job_table import Job
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import BatchError
-from poseviewer.files.writing import lock_file, make_folder, write_json, write_whole
+from poseviewer.files.writing import lock_file, write_json, write_whole
 from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
 
 ROWS, POSES, PICTURES = "rows", "poses", "pictures"
@@ -147,12 +147,6 @@ def worst_first(rows: Sequence[Row]) -> list[Row]:
         return bool(result.review), -1.0 if unknown else result.probability or 0.0, row.job.row
 
     return sorted(rows, key=order)
-
-
-def make_folders(folder: Path, names: Iterable[str] = (ROWS, POSES, PICTURES)) -> None:
-    """Make the folder of results and those in it."""
-    for name in names:
-        make_folder(folder / name, BatchError)
 
 
 @contextmanager

@@ -13,19 +13,14 @@ from poseviewer.batch.job import result_files, smaller
 from poseviewer.batch.results import (
     ACCEPTED,
     MENDED,
-    PICTURES,
-    POSES,
-    ROWS,
     Batch,
     JobResult,
     Row,
     load_batch,
-    make_folders,
     save_result,
     standard_deviations,
     worst_first,
 )
-from poseviewer.batch.run import save_summaries
 from poseviewer.errors import BatchError
 from poseviewer.files.masks import save_pose_and_mask
 from poseviewer.files.photo import save_image
@@ -60,7 +55,6 @@ def load_queue(folder: Path) -> ReviewQueue:
     rows = [row for row in rows if first[row.job.key] is row]
     if not rows:
         raise BatchError(f"{folder}: no row of the batch is done yet; nothing to review.")
-    make_folders(batch.folder, (ROWS, POSES, PICTURES))
     return ReviewQueue(batch, tuple(rows))
 
 
@@ -111,8 +105,3 @@ def annotate(queue: ReviewQueue, row: Row, note: str) -> JobResult:
 
 def _save(queue: ReviewQueue, row: Row, **changes: Any) -> JobResult:
     return save_result(queue.batch.folder, row.job, replace(row.result, **changes))
-
-
-def save_reviewed(queue: ReviewQueue) -> None:
-    """Write table, report and BOP scene anew from the rows' own files."""
-    save_summaries(queue.batch)

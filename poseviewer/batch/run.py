@@ -11,16 +11,19 @@ from poseviewer.batch.html_report import save_report
 from poseviewer.batch.job import run_job
 from poseviewer.batch.job_table import Job, load_jobs
 from poseviewer.batch.results import (
+    PICTURES,
+    POSES,
+    ROWS,
     Batch,
     JobResult,
     Row,
     alone_in,
-    make_folders,
     save_batch,
     save_failure,
     save_table,
 )
 from poseviewer.errors import BatchError
+from poseviewer.files.writing import make_folder
 from poseviewer.fit.settings import FitSettings
 from poseviewer.processes import run_in_processes
 from poseviewer.render.pool import processors
@@ -49,7 +52,8 @@ def open_batch(
     else:
         jobs = load_jobs(table, settings)
     batch = Batch(folder, jobs, settings, scene, mask.resolve() if mask else None)
-    make_folders(folder)
+    for name in (ROWS, POSES, PICTURES):
+        make_folder(folder / name, BatchError)
     with alone_in(folder):
         save_batch(batch)
     return batch

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError, SingularChartError
 from poseviewer.evaluation.cases import Case
-from poseviewer.evaluation.plan import Kind, Reading
+from poseviewer.evaluation.plan import DRAWN, Kind, Plan, Reading
 from poseviewer.evaluation.synthetic import photograph, random_lighting
 from poseviewer.evaluation.trials import open_model
 from poseviewer.files.demo import demo_case
@@ -30,6 +30,7 @@ from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 
+PHOTOS = "photos"
 QUALITY = {"highlights": 0.4, "blur_px": 0.7, "noise": 2.0}
 MARGIN_PX, INPAINT_PX = (81, 141), 5
 """Width and height by which the demo's car and shadow are dilated; radius of the inpainting."""
@@ -48,13 +49,15 @@ def make_seed(*words: object) -> int:
     return zlib.crc32("/".join(str(word) for word in words).encode())
 
 
-def make_photos(
-    kind: Kind, count: int, folder: Path, model: Path, size: tuple[int, int], seed: int
-) -> list[Case]:
-    """Make ``count`` photos of a vehicle in ``folder``, or take those that are there already.
+def make_photos(plan: Plan, kind: Kind, tell: Callable[[str], None]) -> list[Case]:
+    """Load the demo's photo of a kind, or draw the plan's photos, unless they are there already.
 
     Views, lights and pieces of the background are random, the same for the same seed.
     """
+    if kind not in DRAWN:
+        return [demo_photo(kind)]
+    folder, model = plan.out / PHOTOS, plan.model or demo_case().model
+    tell(f"{kind}: drawing photos, or taking those in {folder}")
     vehicle, _ = open_model(model)
     if vehicle.keypoints is None:
         raise SettingsError(
@@ -63,13 +66,13 @@ def make_photos(
         )
     make_folder(folder, SettingsError)
     cases = []
-    for index in range(count):
+    for index in range(min(plan.photos, plan.starts)):
         photo, truth = folder / f"{kind}-{index}.png", folder / f"{kind}-{index}.json"
         if not truth.exists():
-            pose, pixels = _draw(vehicle, kind, size, make_seed(seed, kind, index))
+            pose, pixels = _draw(vehicle, kind, plan.size, make_seed(plan.seed, kind, index))
             save_image(photo, pixels)
             save_pose(truth, PoseRecord.of(pose))  # last: where it is, the photo is whole
-        pose = load_pose(truth, *size).pose
+        pose = load_pose(truth, *plan.size).pose
         cases.append(Case(f"{kind}-{index}", kind, photo, model, pose, is_drawn=True))
     return cases
 

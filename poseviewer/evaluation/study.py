@@ -8,15 +8,15 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from poseviewer.errors import PoseFileError, SettingsError
+from poseviewer.errors import SettingsError
 from poseviewer.evaluation.bop_estimates import bop_folder, bop_tasks
-from poseviewer.evaluation.cases import CASES, STARTS, Case, load_cases, load_starts
-from poseviewer.evaluation.photos import demo_photo, draw_start, make_photos, make_seed
-from poseviewer.evaluation.plan import DRAWN, Kind, Plan
+from poseviewer.evaluation.cases import CASES, STARTS, load_cases, load_starts
+from poseviewer.evaluation.photos import draw_start, make_photos, make_seed
+from poseviewer.evaluation.plan import Plan
 from poseviewer.evaluation.report import bop_table, study_table
 from poseviewer.evaluation.trials import KEY, Task, Trial, open_model, run_all
 from poseviewer.figures.text_table import Table
-from poseviewer.files import checks
+from poseviewer.files.checks import Reading
 from poseviewer.files.demo import demo_case
 from poseviewer.files.formats.bop_models import MODELS_INFO
 from poseviewer.files.table import RowTable
@@ -24,7 +24,7 @@ from poseviewer.files.writing import make_folder, sha256_of, write_json, write_w
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Pose
 
-ABOUT, TRIALS, SUMMARY, PHOTOS = "study.json", "trials.csv", "study.md", "photos"
+ABOUT, TRIALS, SUMMARY = "study.json", "trials.csv", "study.md"
 EXPLAINED = (
     "Found: within 1 px where OpenGL drew the photo, else within the accuracy of the truth + 1 % "
     "of the model's size in the photo, as which errors at start and end (medians) are given. Made "
@@ -56,18 +56,16 @@ class Run:
 
 def open_study(plan: Plan, tell: Callable[[str], None]) -> Run:
     """Make the photos, or read cases and starts; see which trials are left."""
-    about, targets = _about(plan), 0
-    tasks: Sequence[Task] = ()
-    (settings, *_) = plan.settings()
+    (settings, *_), tasks, targets = plan.settings(), None, 0
     if plan.bop:
         folder = bop_folder(plan.bop, plan.dataset)
         tasks, targets = bop_tasks(plan.bop, folder, replace(settings, keep_start=True))
     elif plan.real:
         chosen = plan.real, plan.degrees, plan.draws, plan.cases
         tasks = real_tasks(*chosen, settings, plan.among_others)
-    _open_folder(plan.out, about)
+    _open_folder(plan)  # photos are drawn into it
+    tasks = deviation_tasks(plan, tell) if tasks is None else tasks
     table = RowTable(plan.out / TRIALS, Trial)
-    tasks = tasks or deviation_tasks(plan, tell)
     done = {tuple(getattr(row, name) for name in KEY) for row in table.rows}
     left = [task for task in tasks if tuple(task.identity.values()) not in done]
     return Run(plan.out, table, left, targets, {task.case.name: task.case.group for task in tasks})
@@ -89,7 +87,7 @@ def deviation_tasks(plan: Plan, tell: Callable[[str], None]) -> list[Task]:
     """Make the photos of all kinds, or take those that are there, and draw the starts."""
     tasks = []
     for kind in plan.kinds:
-        cases = [demo_photo(kind)] if kind not in DRAWN else _drawn(plan, kind, tell)
+        cases = make_photos(plan, kind, tell)
         free_focal = kind == "photo-perspective"
         # Photo by photo: what a process has loaded serves the next trials as well.
         for draw in sorted(range(plan.starts), key=lambda draw: draw % len(cases)):
@@ -106,13 +104,6 @@ def deviation_tasks(plan: Plan, tell: Callable[[str], None]) -> list[Task]:
                 settings = replace(settings, free_focal=free_focal, seed=seed)
                 tasks.append(Task(case, start, settings, reading, percent, draw=draw))
     return tasks
-
-
-def _drawn(plan: Plan, kind: Kind, tell: Callable[[str], None]) -> list[Case]:
-    folder = plan.out / PHOTOS
-    tell(f"{kind}: drawing photos, or taking those in {folder}")
-    count, model = min(plan.photos, plan.starts), plan.model or demo_case().model
-    return make_photos(kind, count, folder, model, plan.size, plan.seed)
 
 
 def real_tasks(
@@ -137,37 +128,28 @@ def real_tasks(
     return tasks
 
 
-def _about(plan: Plan) -> dict[str, Any]:
-    """Describe what all rows of a folder have in common."""
-    files, more = [plan.model or demo_case().model], {}
+def _open_folder(plan: Plan) -> None:
+    """Make the folder, or see that its rows were made in the same way."""
+    about: dict[str, Any] = {"evaluations": plan.limits.evaluations, "study": plan.kind}
+    files = [plan.model or demo_case().model]
     if plan.bop:
         files = [plan.bop, bop_folder(plan.bop, plan.dataset) / "models" / MODELS_INFO]
     elif plan.real:
-        files, more = (
-            [plan.real / CASES, plan.real / STARTS],
-            {"among_others": plan.among_others},
-        )
+        files = [plan.real / CASES, plan.real / STARTS]
+        about |= {"among_others": plan.among_others}
     else:
-        more = {"size": [*plan.size], "photos": plan.photos, "seed": plan.seed}
-    for path in files:
-        if not path.is_file():
-            raise PoseFileError(f"{path}: there is no such file; name one that is there")
-    hashes = {path.name: sha256_of(path) for path in files}
-    return {"evaluations": plan.limits.evaluations, "study": plan.kind, **more, "files": hashes}
-
-
-def _open_folder(out: Path, about: Mapping[str, Any]) -> None:
-    """Make the folder, or see that its rows were made in the same way."""
-    make_folder(out, SettingsError)
-    path = out / ABOUT
-    if not path.exists():
+        about |= {"size": [*plan.size], "photos": plan.photos, "seed": plan.seed}
+    about["files"] = {path.name: sha256_of(path) for path in files}
+    make_folder(plan.out, SettingsError)
+    path = plan.out / ABOUT
+    before = Reading(path).load_json() if path.exists() else about
+    if before == about:
         write_json(path, about, SettingsError)
         return
-    before = checks.Reading(path).load_json()
-    for key, value in about.items():
-        if not isinstance(before, dict) or before.get(key) != value:
-            was = before.get(key) if isinstance(before, dict) else before
-            raise SettingsError(
-                f"{out}: holds trials of another study ({key} was {was}, and is {value} now); "
-                "name another folder"
-            )
+    differs = [
+        key for key in about if not isinstance(before, dict) or before.get(key) != about[key]
+    ]
+    raise SettingsError(
+        f"{plan.out}: holds trials of another study ({', '.join(differs)} differs, see {ABOUT}); "
+        "name another folder"
+    )

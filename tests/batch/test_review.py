@@ -94,7 +94,7 @@ def test_accept_mend_and_note_are_kept_and_read_again(out):
     mended = record.with_pose(replace(record.pose, camera_from_model=moved), loss=None)
     before = (out / third.result.pose).read_bytes()
     review.save_corrected(queue, third, mended, np.zeros((12, 16, 3), np.uint8))
-    review.save_reviewed(review.load_queue(out))
+    save_summaries(review.load_queue(out).batch)
     again = review.load_queue(out)
     assert again.rows[0].job == second.job  # those reviewed are last
     rows = {row["row"]: row for row in read_rows(out / "results.csv")}

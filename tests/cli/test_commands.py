@@ -98,7 +98,7 @@ def test_a_command_says_and_writes_its_results(folder, capsys, line, words, writ
         ("study --out o --real none --photos 3", "--photos goes with synthetic"),
         ("study --out o --real none --bop none", "two studies"),
         (f"study --out o {PAPER} --pixels near", "--pixels"),
-        ("study --out o --real set", "cases.json"),
+        ("study --out o --real set", "starts.json"),
         ("batch none.csv --out o", "no such file"),
         ("batch jobs.csv --out m.ply", "name a folder of yours"),
         ("undistort p.png --out u.png", "give --calibration"),
