@@ -97,8 +97,9 @@ class Start(Struct, frozen=True):
 def load_cases(folder: Path, pattern: str = "") -> list[Case]:
     """Load the cases whose id contains the pattern, or with ``*`` or ``?`` in it matches whole."""
     reading, cases = Reading(folder / CASES, kind="list of cases"), []
-    listed = reading.load_object().get("cases")
-    for entry in reading.decoded(listed, list[Entry], raw=("photo", "mesh")):
+    with reading.naming_errors():
+        entries = msgspec.convert(reading.load_object().get("cases"), list[Entry])
+    for entry in entries:
         if fnmatchcase(entry.id, pattern if set("*?") & set(pattern) else f"*{pattern}*"):
             path = folder / entry.photo
             photo = load_photo(path)
@@ -114,7 +115,8 @@ def load_cases(folder: Path, pattern: str = "") -> list[Case]:
 def load_starts(folder: Path, degrees: Sequence[int], draws: int) -> list[Start]:
     """Load the first ``draws`` starts of every case at each of the deviations."""
     reading = Reading(folder / STARTS, kind="list of starts")
-    starts = reading.decoded(reading.load_json(), list[Start])
+    with reading.naming_errors():
+        starts = msgspec.convert(reading.load_json(), list[Start])
     known = sorted({start.degrees for start in starts})
     for wanted in degrees:
         if wanted not in known:
