@@ -22,9 +22,7 @@ if TYPE_CHECKING:
 
 SCENE = "scene"
 """Name of the format of scene files."""
-UPRIGHT = ("poseviewer", "gltf")
-"""Formats whose photo is upright whatever its EXIF says."""
-_NAMES = (*FORMATS, SCENE)
+_NAMES = tuple(FORMATS)
 OPTIONS = {
     "": (
         table.option("source POSE|SCENE"),
@@ -36,7 +34,7 @@ OPTIONS = {
         table.option("--photo PHOTO", "(the one beside POSE that it names)"),
         table.option(
             "--model MODEL",
-            "(the one beside POSE that it names; from bop to scene: the folder of the models)",
+            "(the one beside POSE that it names; from bop: the folder of the models)",
         ),
         table.option("--photo-size WIDTHxHEIGHT", "in px, where POSE does not say it"),
         table.option("--unit", "of the model, where POSE does not say it", tuple(METRES)),
@@ -49,27 +47,14 @@ OPTIONS = {
 
 def run(options: Namespace) -> int:
     """Read, write, and say what was written."""
-    from poseviewer.files.formats.conversion import refuse_existing
-    from poseviewer.files.photo import is_stored_turned
-    from poseviewer.files.scene_file import save_scene
-
     scene, request = _source(options, _request(options))
     scene = _with_named(scene, request)
     for warning in scene.warnings:
         say(f"note: {warning}")
-    if options.out_format == SCENE:
-        refuse_existing(request, options.out)
-        save_scene(options.out, scene)
-        say(f"{SCENE}: {options.out}")
-        return 0
     written = FORMATS[options.out_format].convert(scene, options.out, request)
     if options.out_format == "bop" and len(scene.objects) > 1:
         _save_masks(scene, request, options.out)
-    photo, notes = written.photo, written.notes
-    if photo.is_file() and options.out_format not in UPRIGHT and is_stored_turned(photo):
-        turned = f"{photo.name} is stored turned (EXIF), and the pose is one in the upright photo"
-        notes = (f"{turned}; save it upright for tools that do not turn it.", *notes)
-    for note in notes:
+    for note in written.notes:
         say(f"note: {note}")
     for path in written.files:
         say(f"{options.out_format}: {path}")
@@ -83,7 +68,7 @@ def _request(options: Namespace) -> ConvertOptions:
 
     if options.photo is not None:
         require_file(options.photo, "photo", "Converted")
-    if options.model is not None and options.out_format != SCENE:  # else it may be a folder
+    if options.model is not None and not options.model.is_dir():  # that of a BOP scene's models
         require_file(options.model, "model", "Converted")
     request = table.made(ConvertOptions, options)
     if options.photo is None or options.photo_size is not None:
@@ -94,11 +79,7 @@ def _request(options: Namespace) -> ConvertOptions:
 
 def _source(options: Namespace, request: ConvertOptions) -> tuple[SceneRecord, ConvertOptions]:
     """The scene to be written, of the objects that are asked for."""
-    from poseviewer.files.checks import Reading
-    from poseviewer.files.formats.bop import read_bop_image
-    from poseviewer.files.scene_file import load_scene, scene_of_pose
-
-    scene = load_scene(options.source) if options.source_format == SCENE else None
+    scene = _read(options, request) if options.source_format == SCENE else None
     if scene is not None and options.object:
         ids = [one.id for one in scene.objects]
         if options.object in ids or len(ids) > 1:
@@ -108,13 +89,14 @@ def _source(options: Namespace, request: ConvertOptions) -> tuple[SceneRecord, C
         if not options.object.isdecimal():
             raise PoseFileError(f"--object {options.object}: wanted the object's number in BOP.")
         request = replace(request, object_id=int(options.object))
-    if scene is not None:
-        return scene, request
-    if (options.source_format, options.out_format) == ("bop", SCENE):
-        return read_bop_image(options.source, request), request
+    return scene or _read(options, request), request
+
+
+def _read(options: Namespace, request: ConvertOptions) -> SceneRecord:
+    from poseviewer.files.checks import Reading
+
     with Reading(options.source, kind=f"{options.source_format} file").naming_errors():
-        record = FORMATS[options.source_format].read(options.source, request)
-    return scene_of_pose(options.source, record), request
+        return FORMATS[options.source_format].read(options.source, request)
 
 
 def _with_named(scene: SceneRecord, request: ConvertOptions) -> SceneRecord:
@@ -122,7 +104,8 @@ def _with_named(scene: SceneRecord, request: ConvertOptions) -> SceneRecord:
     (view, *others), objects = scene.views, scene.objects
     photo = _named(view.photo, view.path, request.photo)
     if len(objects) == 1:
-        model = _named(objects[0].model, objects[0].path, request.model)
+        named = None if request.model and request.model.is_dir() else request.model
+        model = _named(objects[0].model, objects[0].path, named)
         model = structs.replace(model, unit=request.unit or model.unit)
         objects = (structs.replace(objects[0], model=model),)
     views = (structs.replace(view, photo=photo), *others)

@@ -75,7 +75,7 @@ def test_a_bop_scene_comes_out_as_one(fitted):
         assert entry["obj_id"] == 5
         own = load_pose(out / row["pose"], 160, 120).pose
         request = ConvertOptions(image=str(number), photo_size=(160, 120))
-        read = read_bop(out, request).pose
+        read = read_bop(out, request).pose(0)
         for place in (own.camera_from_model, read.camera_from_model):
             np.testing.assert_allclose(place.rotation.ravel(), entry["cam_R_m2c"], atol=1e-9)
             np.testing.assert_allclose(place.translation, entry["cam_t_m2c"], rtol=1e-9)
@@ -108,7 +108,7 @@ def test_accept_mend_and_note_are_kept_and_read_again(out):
     assert kept.read_bytes() == before
     image = str(int(Path(third.job.photo).stem))
     read = read_bop(out, ConvertOptions(image=image, photo_size=(160, 120)))
-    np.testing.assert_allclose(read.pose.camera_from_model.translation, moved.translation)
+    np.testing.assert_allclose(read.pose(0).camera_from_model.translation, moved.translation)
     mended = replace(third, result=next(r.result for r in again.rows if r.job == third.job))
     assert review.decide(again, mended, ACCEPTED).review == "mended"
 

@@ -18,13 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.cameras import bop_cameras, camera_of_matrix
+from poseviewer.files.cameras import camera_of_matrix
 from poseviewer.files.checks import Reading, checked_rotation
 from poseviewer.files.formats.conversion import (
     ConvertOptions,
     Format,
     Written,
-    make_record,
     metres_per_unit,
     perspective_of,
     size_of,
@@ -34,6 +33,7 @@ from poseviewer.files.masks import mask_as_png
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import ModelReference, PoseRecord
 from poseviewer.files.scene_file import ObjectRecord, SceneRecord, ViewRecord
+from poseviewer.files.structs import checked_camera
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.lens import opencv_matrix
@@ -94,32 +94,26 @@ def write_bop(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written
     """Append an object's poses to the scene folder ``out``, unless they are there; of several
     objects, write their poses as the whole image.
     """
-    reading, is_whole = Reading(out / CAMERAS), len(scene.objects) > 1
-    cameras, poses = (load_scene_file(out / name) for name in (CAMERAS, POSES))
+    in_cameras, in_poses = (Reading(out / name) for name in (CAMERAS, POSES))
+    cameras, poses = (load_scene_file(reading.path) for reading in (in_cameras, in_poses))
     for index, view in enumerate(scene.views):
         image, camera = str(image_number(scene, options, index)), perspective_of(view.camera, "BOP")
         entries = [_entry(scene, number, index, options) for number in range(len(scene.objects))]
-        if is_whole and image in poses and not options.overwrite:
-            raise PoseFileError(
-                f"{out / POSES}: image {image} is there already and was not touched; name another "
-                "with --image NUMBER, or add --overwrite."
-            )
-        if is_whole:
+        if len(scene.objects) > 1:
+            if image in poses and not options.overwrite:
+                wanted = "name another with --image NUMBER, or add --overwrite"
+                raise in_poses.error(f"image {image} is there already and was not touched", wanted)
             cameras.pop(image, None)
             poses.pop(image, None)
         new = {"cam_K": opencv_matrix(camera).reshape(-1).tolist(), "depth_scale": 1.0}
-        there = reading.object(cameras.setdefault(image, new), f"image {image}")
-        known = camera_of_matrix(reading, there.get("cam_K"), f"{image}.cam_K")
+        there = in_cameras.object(cameras.setdefault(image, new), f"image {image}")
+        known = camera_of_matrix(in_cameras, there.get("cam_K"), f"{image}.cam_K")
         if not same_intrinsics(known, camera):
-            raise PoseFileError(
-                f"{out / CAMERAS}: image {image} is there with another camera; give the pose "
-                "another image with --image NUMBER, or convert it with that camera."
-            )
+            wanted = "give the pose another with --image NUMBER, or convert it with that camera"
+            raise in_cameras.error(f"image {image} is there with another camera", wanted)
         of_image = poses.setdefault(image, [])
         if not isinstance(of_image, list):
-            raise PoseFileError(
-                f"{out / POSES}: image {image} is not a list; is it a scene of BOP's?"
-            )
+            raise in_poses.error(f"image {image} is not a list", "wanted a list of poses")
         of_image += [entry for entry in entries if entry not in of_image]
     return Written(_save_scene(out, cameras, poses))
 
@@ -139,47 +133,35 @@ def save_masks(
             write_whole(path, data, PoseFileError)
 
 
-def read_bop_image(path: Path, request: ConvertOptions) -> SceneRecord:
-    """All objects of an image of a scene folder; their models lie in ``request.model``."""
-    image = _chosen_image(path, request)
-    photo = request.photo or path / image.photo
-    for file, what in ((photo, "photo"), (request.model, "folder of the models")):
-        if file is None or not file.exists():
-            flag = "--photo FILE" if what == "photo" else "--model FOLDER"
-            found = "none is named" if file is None else f"{file} is not there"
-            raise PoseFileError(f"{path}: the {what} is wanted, and {found}; name it with {flag}.")
-    assert request.model is not None  # it is there
-    opened = load_photo(photo)
-    camera = replace(image.camera, width=opened.width, height=opened.height)
+def read_bop(path: Path, request: ConvertOptions) -> SceneRecord:
+    """Read all objects of an image of a scene folder, or those of the number ``object_id``.
+
+    Their models lie in the folder ``request.model``, where one is named.
+    """
+    image, asked = _chosen_image(path, request), request.object_id
+    reading, photo = Reading(path / POSES), request.photo or path / image.photo
+    opened = load_photo(photo) if photo.is_file() else None
+    sides = (opened.width, opened.height) if opened else (None, None)
+    width, height = size_of(Reading(path / CAMERAS), request, *sides)
+    camera = replace(image.camera, width=width, height=height)
+    unit, view, objects = request.unit or UNIT, ViewRecord.of(photo, camera), []
+    factor = metres_per_unit(UNIT) / metres_per_unit(unit)
+    folder = request.model if request.model and request.model.is_dir() else Path()
     seen: Counter[int] = Counter()
-    view, objects = ViewRecord.of(photo, camera), []
     for one in image.objects:
+        if asked not in (None, one.object_id):
+            continue
         seen[one.object_id] += 1
         again = f"-{seen[one.object_id]}" if seen[one.object_id] > 1 else ""
-        model = request.model / MODEL_FILE.format(one.object_id)
-        if not model.is_file():
-            raise PoseFileError(f"{model}: no such model; name the folder of it with --model.")
-        reference = ModelReference(model.name, unit=request.unit or UNIT)
-        record = PoseRecord.of(Pose(camera, one.place), model=reference)
+        model = folder / MODEL_FILE.format(one.object_id)
+        place = replace(one.place, translation=one.place.translation * factor)
+        record = PoseRecord.of(Pose(camera, place), model=ModelReference(unit=unit))
         objects.append(ObjectRecord.of(f"{one.object_id}{again}", model, record, view))
+    if not objects:
+        raise reading.error(
+            f"image {image.number} has no pose of object {asked}", "choose another with --object"
+        )
     return SceneRecord(views=(view,), objects=tuple(objects))
-
-
-def read_bop(path: Path, request: ConvertOptions) -> PoseRecord:
-    """Read the pose of image ``request.image`` and object ``object_id``, or the only one."""
-    image, asked = _chosen_image(path, request), request.object_id
-    width, height = size_of(Reading(path / CAMERAS), request)
-    reading = Reading(path / POSES)
-    chosen = [one for one in image.objects if asked in (None, one.object_id)]
-    if len(chosen) != 1:
-        found = f"image {image.number} has {len(chosen)} poses"
-        found += "" if asked is None else f" of object {asked}"
-        raise reading.error(found, "wanted one, choose it with --object NUMBER")
-    unit = request.unit or UNIT
-    factor = metres_per_unit(UNIT) / metres_per_unit(unit)
-    place = replace(chosen[0].place, translation=chosen[0].place.translation * factor)
-    camera = replace(image.camera, width=width, height=height)
-    return make_record(reading, Pose(camera, place), None, unit)
 
 
 def load_bop_images(folder: Path, posed: bool = False) -> tuple[BopImage, ...]:
@@ -190,19 +172,18 @@ def load_bop_images(folder: Path, posed: bool = False) -> tuple[BopImage, ...]:
                 f"{folder / name}: no such file; name a BOP scene's folder, such as test/000002."
             )
     cameras, poses = (load_scene_file(folder / name) for name in (CAMERAS, POSES))
-    if not all(isinstance(entry, dict) and "cam_K" in entry for entry in cameras.values()):
-        raise PoseFileError(f"{folder / CAMERAS}: an image without cam_K; is it a scene of BOP's?")
     reading, objects = Reading(folder / CAMERAS), Reading(folder / POSES)
     photos, images = _photos(folder), []
-    for found in bop_cameras(reading, cameras):
-        if not (found.name.isdecimal() and len(found.name) <= MOST_DIGITS):
-            raise reading.error(f"image {found.name[:40]!r}", "wanted images' numbers")
-        number = int(found.name)
-        photo = photos.get(number, f"{PHOTO_FOLDERS[0]}/{number:06d}.png")
-        there = _objects(objects, poses.get(found.name, []), found.name)
-        images.append(BopImage(number, photo, found.camera, there))
+    for name, entry in cameras.items():
+        if not (name.isdecimal() and len(name) <= MOST_DIGITS):
+            raise reading.error(f"image {name[:40]!r}", "wanted images' numbers")
+        matrix = reading.object(entry, f"image {name}").get("cam_K")
+        camera = checked_camera(reading, camera_of_matrix(reading, matrix, f"cam_K of {name}"))
+        photo = photos.get(int(name), f"{PHOTO_FOLDERS[0]}/{int(name):06d}.png")
+        there = _objects(objects, poses.get(name, []), name)
+        images.append(BopImage(int(name), photo, camera, there))
     if not images:
-        raise PoseFileError(f"{folder / CAMERAS}: no image in it; wanted a camera for each image.")
+        raise reading.error("no image in it", "wanted a camera for each image")
     return tuple(sorted(images, key=lambda image: image.number))
 
 
@@ -247,10 +228,11 @@ def _entry(scene: SceneRecord, index: int, view: int, options: ConvertOptions) -
         )
     factor = metres_per_unit(unit) / metres_per_unit(UNIT)
     place = replace(place, translation=place.translation * factor)
-    one, given = scene.objects[index], options.object_id
-    is_number = len(scene.objects) > 1 and not re.fullmatch(MODEL_NAME, one.path.name)
-    said = one.id if is_number and one.id.isdecimal() else None if given is None else str(given)
-    number = _number(said, MODEL_NAME, one.path.name, "object", "obj_000005.ply")
+    one, said = scene.objects[index], options.object_id
+    is_named = len(scene.objects) == 1 or re.fullmatch(MODEL_NAME, one.path.name)
+    said = int(one.id) if one.id.isdecimal() and not is_named else said
+    given = None if said is None else str(said)
+    number = _number(given, MODEL_NAME, one.path.name, "object", "obj_000005.ply")
     return BopObject(number, place).as_json()
 
 
@@ -279,11 +261,11 @@ def _chosen_image(folder: Path, request: ConvertOptions) -> BopImage:
     asked = int(name) if name.isdecimal() else None
     chosen = posed if request.image is None else [one for one in posed if one.number == asked]
     if len(chosen) != 1:
-        missing = f"no pose of image {name!r}" if name else "no image is chosen"
         numbers = ", ".join(str(one.number) for one in posed[:MOST_NAMED])
-        raise PoseFileError(
-            f"{folder / POSES}: {missing}; choose one of its {len(posed)} images with --image "
-            f"NUMBER ({numbers}{' ...' * (len(posed) > MOST_NAMED)})."
+        raise Reading(folder / POSES).error(
+            f"no pose of image {name!r}" if name else "no image is chosen",
+            f"choose one of its {len(posed)} images with --image NUMBER "
+            f"({numbers}{' ...' * (len(posed) > MOST_NAMED)})",
         )
     return chosen[0]
 

@@ -8,19 +8,26 @@ undistorted photo, written beside its file, and the pinhole camera of that.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import astuple, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from msgspec import structs
 
 from poseviewer.errors import PhotoFileError, PoseFileError
 from poseviewer.files.checks import Reading, checked_rotation, kind_of
-from poseviewer.files.photo import SAME, load_photo, pixels_for, save_image, undistorted
+from poseviewer.files.photo import (
+    SAME,
+    is_stored_turned,
+    load_photo,
+    pixels_for,
+    save_image,
+    undistorted,
+)
 from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord
-from poseviewer.files.scene_file import SceneRecord, ViewRecord
+from poseviewer.files.scene_file import SceneRecord, ViewRecord, scene_of_pose
 from poseviewer.files.structs import Distortion, checked_camera
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.arrays import FloatArray
@@ -30,6 +37,7 @@ from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.transform import RigidTransform, Similarity
 
+Entry = TypeVar("Entry")
 METRES = {"km": 1000.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Length units by name, in metres."""
 
@@ -66,8 +74,6 @@ class Written:
     files: tuple[Path, ...]
     notes: tuple[str, ...] = ()
     """Sentences for the user."""
-    photo: Path = Path()
-    """The first view's photo, which all its numbers belong to."""
 
 
 LensAs = Callable[[Lens | None], tuple[str, Any] | None]
@@ -80,13 +86,15 @@ class Format:
 
     write: Callable[[SceneRecord, Path, ConvertOptions], Written]
     """Scene, where to, and what else is known."""
-    read: Callable[[Path, ConvertOptions], PoseRecord]
+    read: Callable[[Path, ConvertOptions], SceneRecord]
     lens_as: LensAs | None = None
     several_photos: bool = True
     several_objects: bool = False
-    """Whether it can say several objects, which it does of one photo."""
-    both_photos: bool = False
-    """Whether it says of the photo as taken and the undistorted one what belongs to which."""
+    """Whether it can say several objects, which all but our own do of one photo."""
+    is_own: bool = False
+    """Whether it is our own: it says which photo, undistorted or not, its numbers belong to."""
+    is_upright: bool = False
+    """Whether its photo is upright whatever its EXIF says."""
     photos_in: str | None = None
     """Folder, in the output, of undistorted photos; None: beside the file that is written."""
 
@@ -108,19 +116,23 @@ class Format:
                 "Such a file holds one pose; choose an object of the scene with --object ID, or "
                 "convert all to bop, gltf or meshlab."
             )
-        if len(views) > 1 and (several or not self.several_photos):
+        if len(views) > 1 and (not self.several_photos or (several and not self.is_own)):
             notes.append(f"It holds one photo: the other {len(views) - 1} of the set are left out.")
             views = views[:1]
         for number, view in enumerate(views):
             name = view.path.name or "the photo"
-            if view.distortion is not None and not self.both_photos:
+            if view.distortion is not None and not self.is_own:
                 if (lens := self.lens_name(view)) is not None:
                     notes.append(f"Camera and lens ({lens}) are those of {name} as taken.")
                 elif ready and not view.path.is_file():
                     notes.append(f"{name} is not there to be undistorted: left out.")
                     continue
                 else:
-                    path = self._undistorted_path(out, options.image_of(number) or name)
+                    stem = Path(options.image_of(number) or name).stem
+                    path = out.parent / f"{stem}.undistorted.png"
+                    if self.photos_in is not None:  # BOP numbers its images by their files' names
+                        path = out / self.photos_in / f"{stem.zfill(6)}.png"
+                        make_folder(path.parent)
                     view = _of_undistorted(view, path, options)
                     new.append(path)
                     notes.append(
@@ -128,16 +140,14 @@ class Format:
                         "which is written; not to the photo as taken."
                     )
             ready.append(view)
+        photo = ready[0].path
+        if not (self.is_own or self.is_upright) and photo.is_file() and is_stored_turned(photo):
+            notes.append(
+                f"{photo.name} is stored turned (EXIF), and the pose is one in the upright photo; "
+                "save it upright for tools that do not turn it."
+            )
         written = self.write(structs.replace(scene, views=tuple(ready)), out, options)
-        return Written((*new, *written.files), (*notes, *written.notes), ready[0].path)
-
-    def _undistorted_path(self, out: Path, name: str) -> Path:
-        if self.photos_in is None:
-            return out.parent / f"{Path(name).stem}.undistorted.png"
-        folder = out / self.photos_in
-        make_folder(folder)
-        # BOP numbers its images by the names of their files.
-        return folder / f"{Path(name).stem.zfill(6)}.png"
+        return Written((*new, *written.files), (*notes, *written.notes))
 
 
 def _of_undistorted(view: ViewRecord, path: Path, options: ConvertOptions) -> ViewRecord:
@@ -269,47 +279,41 @@ def size_of(
 
 
 def the_one(
-    reading: Reading,
-    request: ConvertOptions,
-    kind: str,
-    names: Sequence[str],
-    *entries: Sequence[Any],
-) -> Any:
-    """The entry that ``request.image`` names, or the only one; ``names`` of all ``kind``.
-
-    ``entries``: further lists, in which it may have other names; the last one holds what is wanted.
-    """
-    columns = list(zip(names, *entries, strict=True))
-    chosen = [row[-1] for row in columns if request.image is None or request.image in row[:-1]]
+    reading: Reading, request: ConvertOptions, kind: str, entries: Iterable[tuple[str, Entry]]
+) -> Entry:
+    """The entry that ``request.image`` names, with or without folders, or the only one."""
+    image, known = request.image, list(entries)
+    chosen = [one for name, one in known if image is None or image in (name, Path(name).name)]
     if len(chosen) != 1:
-        meant = repr(request.image) if request.image else "meant"
+        meant = repr(image) if image else "meant"
         raise reading.error(
-            f"{len(chosen)} of its {len(columns)} {kind} are {meant}",
+            f"{len(chosen)} of its {len(known)} {kind} are {meant}",
             "wanted one, choose it with --image NAME",
         )
     return chosen[0]
 
 
-def make_record(
+def make_scene(
     reading: Reading,
     pose: Pose,
     photo: str | None = None,
     unit: str | None = None,
     lens: Lens | None = None,
-) -> PoseRecord:
+) -> SceneRecord:
     """A pose from another tool's file; with a ``lens`` its camera is that of the photo as taken."""
     distortion = None
     pose = replace(pose, camera=checked_camera(reading, pose.camera))
     if lens is not None and isinstance(pose.camera, Perspective):
         undistortion = Undistortion.of(lens, pose.camera)
         pose, distortion = replace(pose, camera=undistortion.camera), Distortion.of(undistortion)
-    return PoseRecord.of(
+    record = PoseRecord.of(
         pose,
         PhotoReference(photo),
         model=ModelReference(unit=unit) if unit else None,
         distortion=distortion,
         warnings=tuple(reading.warnings),
     )
+    return scene_of_pose(reading.path, record)
 
 
 def seen_as_taken(view: ViewRecord, tool: str, lens_as: LensAs) -> tuple[Perspective, Any]:

@@ -32,7 +32,7 @@ from poseviewer.files.formats.conversion import (
     from_4x4,
     in_one_world,
     load_photo_of,
-    make_record,
+    make_scene,
     metres_per_unit,
     require_file,
     size_of,
@@ -40,8 +40,7 @@ from poseviewer.files.formats.conversion import (
     unit_of,
     write_new,
 )
-from poseviewer.files.mesh.load import LARGEST_FILE, linear_from_srgb, load_mesh
-from poseviewer.files.pose import PoseRecord
+from poseviewer.files.mesh.load import LARGEST_FILE, gltf_header, linear_from_srgb, load_mesh
 from poseviewer.files.scene_file import SceneRecord
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
@@ -53,11 +52,8 @@ PLANE_BEHIND = 1.05
 """Distance of the photo's plane, in those of the model's furthest point."""
 NEAREST = 1e-3
 """The near plane, in the models' diameters at the least: for cameras inside a model."""
-LARGEST_JSON = 100_000_000
-"""Bytes of JSON in a glTF file."""
 FLOAT, UNSIGNED, VERTICES, INDICES = 5126, 5125, 34962, 34963
 """OpenGL's numbers of what a buffer holds and is for."""
-KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3"}
 
 
 def write_gltf(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
@@ -85,15 +81,14 @@ def write_gltf(scene: SceneRecord, out: Path, options: ConvertOptions) -> Writte
     names = ["photo", *(view.path.name or "another photo" for view in scene.views[1:])]
     for name, pose in zip(names, poses, strict=True):
         nodes.append(file.add_camera(name, pose, _depths(pose, points), scale))
-    notes, view = [], scene.views[0]
-    if not view.path.is_file():
-        notes.append("No photo is known: the file has no plane with it; add --photo FILE.")
-    else:
-        photo, (_, far) = load_photo_of(view), _depths(poses[0], points)
-        rgb = photo.as_rgb8(photo.width, photo.height)
-        plane = file.add_photo(_plane(poses[0], PLANE_BEHIND * far) * scale, rgb)
-        nodes.append(file.add("nodes", name="photo plane", mesh=plane))
-    return write_new(options, {out: file.as_bytes(nodes)}, *notes)
+    if not scene.views[0].path.is_file():
+        note = "No photo is known: the file has no plane with it; add --photo FILE."
+        return write_new(options, {out: file.as_bytes(nodes)}, note)
+    photo, (_, far) = load_photo_of(scene.views[0]), _depths(poses[0], points)
+    rgb = photo.as_rgb8(photo.width, photo.height)
+    plane = file.add_mesh(_photo_plane(poses[0], PLANE_BEHIND * far, scale, rgb), "photo")
+    nodes.append(file.add("nodes", name="photo plane", mesh=plane))
+    return write_new(options, {out: file.as_bytes(nodes)})
 
 
 def _depths(pose: Pose, points: FloatArray) -> tuple[float, float]:
@@ -142,76 +137,70 @@ class _Glb:
         return self.add("bufferViews", buffer=0, byteOffset=start, byteLength=len(content), **more)
 
     def add_array(self, values: NDArray, indices: bool = False) -> int:
-        """An accessor of floats (N,), (N, 2), (N, 3), or of indices (N,)."""
+        """An accessor of floats (N, 2), (N, 3), or of indices (N,)."""
         values = np.ascontiguousarray(values, "<u4" if indices else "<f4")
-        columns = values.reshape(len(values), -1)
         return self.add(
             "accessors",
             bufferView=self._add_view(values.tobytes(), target=INDICES if indices else VERTICES),
             componentType=UNSIGNED if indices else FLOAT,
             count=len(values),
-            type=KINDS[columns.shape[1]],
-            min=columns.min(axis=0).tolist(),
-            max=columns.max(axis=0).tolist(),
+            type=f"VEC{values.shape[1]}" if values.ndim > 1 else "SCALAR",
+            min=np.atleast_1d(values.min(axis=0)).tolist(),
+            max=np.atleast_1d(values.max(axis=0)).tolist(),
         )
 
-    def add_picture(self, rgb: NDArray[np.uint8]) -> dict[str, int]:
-        """A texture of a picture (height, width, 3), kept as PNG, as materials name it."""
-        _, encoded = cv2.imencode(".png", np.ascontiguousarray(rgb[..., ::-1]))
-        view = self._add_view(encoded.tobytes())
-        image = self.add("images", bufferView=view, mimeType="image/png")
-        return {"index": self.add("textures", source=image)}
+    def add_mesh(self, mesh: Mesh, unlit: str = "") -> int:
+        """The model, a primitive for each of its textures; returns the mesh's index.
 
-    def add_mesh(self, mesh: Mesh) -> int:
-        """The model, a primitive for each of its textures; returns the mesh's index."""
+        ``unlit``: the name of one that is shown without light.
+        """
         attributes = {
             "POSITION": self.add_array(mesh.vertices),
             "NORMAL": self.add_array(mesh.normals),
             "COLOR_0": self.add_array(linear_from_srgb(mesh.colours)),
         }
         uvs = self.add_array(np.column_stack([mesh.uvs[:, 0], 1.0 - mesh.uvs[:, 1]]))
-        primitives = []
+        primitives, more = [], {}
+        if unlit:
+            self.document["extensionsUsed"] = ["KHR_materials_unlit"]
+            more = {"name": unlit, "extensions": {"KHR_materials_unlit": {}}}
         for texture in np.unique(mesh.face_texture):
             look: dict[str, Any] = {"metallicFactor": 0.0, "roughnessFactor": 1.0}
             if texture >= 0:
-                look["baseColorTexture"] = self.add_picture(mesh.textures[texture])
+                rgb = np.ascontiguousarray(mesh.textures[texture][..., ::-1])
+                view = self._add_view(cv2.imencode(".png", rgb)[1].tobytes())
+                image = self.add("images", bufferView=view, mimeType="image/png")
+                look["baseColorTexture"] = {"index": self.add("textures", source=image)}
+            material = {"pbrMetallicRoughness": look, "doubleSided": True, **more}
             corners = mesh.faces[mesh.face_texture == texture].reshape(-1)
             primitives.append(
                 {
                     "attributes": attributes | ({"TEXCOORD_0": uvs} if texture >= 0 else {}),
                     "indices": self.add_array(corners, indices=True),
-                    "material": self.add("materials", pbrMetallicRoughness=look, doubleSided=True),
+                    "material": self.add("materials", **material),
                 }
             )
-        return self.add("meshes", name="model", primitives=primitives)
+        return self.add("meshes", name=unlit or "model", primitives=primitives)
 
     def add_camera(self, name: str, pose: Pose, depths: tuple[float, float], scale: float) -> int:
         """The camera of a pose that sees what is at some depths; returns the index of its node."""
-        near, far = depths
-        clip = {"znear": near * scale, "zfar": PLANE_BEHIND * 2.0 * far * scale}
+        camera, (near, far) = pose.camera, depths
+        half_width, half_height = _half_view(camera.cx, camera.cy, camera.width, camera.height)
+        if isinstance(camera, Perspective):
+            tangents = half_width / camera.fx, half_height / camera.fy
+            lens = {"yfov": 2.0 * math.atan(tangents[1]), "aspectRatio": tangents[0] / tangents[1]}
+        else:
+            magnification = scale / camera.scale
+            lens = {"xmag": half_width * magnification, "ymag": half_height * magnification}
+        kind = "perspective" if isinstance(camera, Perspective) else "orthographic"
+        lens |= {"znear": near * scale, "zfar": PLANE_BEHIND * 2.0 * far * scale}
+        extras = {"width": camera.width, "height": camera.height,
+                  "cx": camera.cx - HALF_PIXEL, "cy": camera.cy - HALF_PIXEL}  # fmt: skip
+        entry = {"extras": {"poseviewer": extras}, "type": kind, kind: lens}
         place = Similarity((OPENGL_FROM_OPENCV @ pose.camera_from_model).inverse()).matrix
         place[:3, 3] *= scale
-        camera = self.add("cameras", name=name, **_camera_as_json(pose.camera, clip, scale))
-        return self.add("nodes", name=name, camera=camera, matrix=_column_major(place))
-
-    def add_photo(self, corners: FloatArray, rgb: NDArray[np.uint8]) -> int:
-        """The photo on a quadrangle (4, 3): upper left, upper right, lower right, lower left."""
-        self.document["extensionsUsed"] = ["KHR_materials_unlit"]
-        look = {"baseColorTexture": self.add_picture(rgb), "metallicFactor": 0.0}
-        material = self.add(
-            "materials",
-            name="photo",
-            pbrMetallicRoughness=look,
-            extensions={"KHR_materials_unlit": {}},
-            doubleSided=True,
-        )
-        uvs = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-        primitive = {
-            "attributes": {"POSITION": self.add_array(corners), "TEXCOORD_0": self.add_array(uvs)},
-            "indices": self.add_array(np.array([0, 3, 2, 0, 2, 1]), indices=True),
-            "material": material,
-        }
-        return self.add("meshes", name="photo", primitives=[primitive])
+        index = self.add("cameras", name=name, **entry)
+        return self.add("nodes", name=name, camera=index, matrix=_column_major(place))
 
     def as_bytes(self, nodes: list[int]) -> bytes:
         """The whole file, with one scene of these nodes: header, JSON, binary."""
@@ -230,84 +219,60 @@ def _half_view(cx: float, cy: float, width: int, height: int) -> tuple[float, fl
     return max(cx, width - cx), max(cy, height - cy)
 
 
-def _camera_as_json(camera: Camera, clip: dict[str, float], scale: float) -> dict[str, Any]:
-    half_width, half_height = _half_view(camera.cx, camera.cy, camera.width, camera.height)
-    if isinstance(camera, Perspective):
-        tangents = half_width / camera.fx, half_height / camera.fy
-        lens = {"yfov": 2.0 * math.atan(tangents[1]), "aspectRatio": tangents[0] / tangents[1]}
-        kind = "perspective"
-    else:
-        sides = half_width / camera.scale * scale, half_height / camera.scale * scale
-        lens, kind = dict(zip(("xmag", "ymag"), sides, strict=True)), "orthographic"
-    extras = {"width": camera.width, "height": camera.height,
-              "cx": camera.cx - HALF_PIXEL, "cy": camera.cy - HALF_PIXEL}  # fmt: skip
-    return {"extras": {"poseviewer": extras}, "type": kind, kind: lens | clip}
-
-
-def _plane(pose: Pose, depth: float) -> FloatArray:
-    """The photo's corners (4, 3) at a depth before the camera, in the model's frame."""
-    camera = pose.camera
-    sides = (0.0, 0.0), (camera.width, 0.0), (camera.width, camera.height), (0.0, camera.height)
-    corners = np.array(sides, dtype=float)
+def _photo_plane(pose: Pose, depth: float, scale: float, rgb: NDArray[np.uint8]) -> Mesh:
+    """The photo (height, width, 3) at a depth before the camera, in the model's frame, scaled."""
+    camera, place = pose.camera, pose.camera_from_model.inverse()
+    uvs = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
+    corners = uvs * (camera.width, -camera.height) + (0.0, camera.height)
     if isinstance(camera, Perspective):
         points = depth * camera.rays(corners)
     else:
         flat = (corners - (camera.cx, camera.cy)) / camera.scale
         points = np.column_stack([flat, np.full(4, depth)])
-    return pose.camera_from_model.inverse().apply(points)
+    return Mesh(
+        vertices=place.apply(points) * scale,
+        faces=np.array([[0, 3, 2], [0, 2, 1]], np.int32),
+        normals=np.tile(-place.rotation[:, 2], (4, 1)),
+        colours=np.ones((4, 3), np.float32),
+        uvs=uvs.astype(np.float32),
+        face_texture=np.zeros(2, np.int32),
+        face_part=np.zeros(2, np.int32),
+        textures=(rgb,),
+    )
 
 
-def read_gltf(path: Path, request: ConvertOptions) -> PoseRecord:
+def read_gltf(path: Path, request: ConvertOptions) -> SceneRecord:
     """Read the only camera, or that of node ``request.image``; the world is the model's frame."""
     reading = Reading(path, kind="glTF file", largest=LARGEST_FILE)
-    document = reading.object(_load_document(reading), "its content")
-    try:
+    with reading.naming_errors():
+        reading.check_size()
+        document = gltf_header(path)
         nodes = document.get("nodes", [])
-        indices = [i for i, node in enumerate(nodes) if "camera" in node]
-        names = [nodes[i].get("name") for i in indices]
-        index = the_one(reading, request, "cameras", names, indices)
+        known = [(str(one.get("name")), i) for i, one in enumerate(nodes) if "camera" in one]
+        index = the_one(reading, request, "cameras", known)
         world_from_camera = _world_matrix(nodes, index)
         entry = document["cameras"][nodes[index]["camera"]]
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
-        raise reading.error(f"its nodes are broken ({error})", "export it again") from error
-    metres = metres_per_unit(request.unit or "m")
-    camera = _camera(reading, reading.object(entry, "the camera"), request, metres)
+        metres = metres_per_unit(request.unit or "m")
+        camera = _camera(reading, entry, request, metres)
     lengths = np.linalg.norm(world_from_camera[:3, :3], axis=0)
     if not np.allclose(lengths, 1.0, rtol=0.0, atol=1e-12) and np.all(lengths > 0.0):
         world_from_camera[:3, :3] /= lengths  # cameras have no size
     place = from_4x4(reading, world_from_camera.tolist(), "the camera's matrix")
     place = RigidTransform(place.rotation, place.translation / metres)
     pose = Pose(camera, OPENGL_FROM_OPENCV @ place.inverse())
-    return make_record(reading, pose, unit=request.unit or "m")
-
-
-def _load_document(reading: Reading) -> Any:
-    try:
-        with reading.open() as file:
-            head = file.read(20)
-            if head[:4] == b"glTF" and len(head) == 20:
-                length = struct.unpack("<I", head[12:16])[0]
-                text = file.read(min(length, LARGEST_JSON))
-            else:
-                text = head + file.read(LARGEST_JSON)
-        return json.loads(text)
-    except OSError as error:
-        raise reading.error(f"cannot be read ({error.strerror})", "check the path") from error
-    except (ValueError, RecursionError) as error:
-        raise reading.error("not glTF", "wanted a .glb or .gltf file with a camera") from error
+    return make_scene(reading, pose, unit=request.unit or "m")
 
 
 def _world_matrix(nodes: list[dict[str, Any]], index: int) -> FloatArray:
     """``world_from_node`` (4, 4): the product of the matrices of all above."""
     parents = {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
-    matrix, seen = _own_matrix(nodes[index]), {index}
-    while index in parents:
-        index = parents[index]
-        if index in seen:
-            raise ValueError("a node is above itself")
-        seen.add(index)
+    matrix = np.eye(4)
+    for _ in nodes:
         matrix = _own_matrix(nodes[index]) @ matrix
-    return matrix
+        if index not in parents:
+            return matrix
+        index = parents[index]
+    raise ValueError("a node is above itself")
 
 
 def _own_matrix(node: dict[str, Any]) -> FloatArray:
@@ -323,26 +288,19 @@ def _own_matrix(node: dict[str, Any]) -> FloatArray:
 def _camera(
     reading: Reading, entry: dict[str, Any], request: ConvertOptions, metres: float
 ) -> Camera:
-    extras = reading.object(entry.get("extras", {}), "extras")
-    extras = reading.object(extras.get("poseviewer", {}), "extras.poseviewer")
+    extras = entry.get("extras", {}).get("poseviewer", {})
     width, height = size_of(reading, request, extras.get("width"), extras.get("height"))
     cx = reading.number(extras.get("cx", width / 2.0 - HALF_PIXEL), "cx") + HALF_PIXEL
     cy = reading.number(extras.get("cy", height / 2.0 - HALF_PIXEL), "cy") + HALF_PIXEL
     half_width, half_height = _half_view(cx, cy, width, height)
-    kind = entry.get("type")
-    lens = reading.object(entry.get(kind if isinstance(kind, str) else ""), "the camera's lens")
-    if kind == "orthographic":
-        ymag = reading.positive(lens.get("ymag"), "ymag")
-        return Parallel(half_height / ymag * metres, cx, cy, width, height)
-    yfov = reading.positive(lens.get("yfov"), "yfov")
-    if yfov >= math.pi:
-        raise reading.error(f"yfov is {yfov}", "wanted less than pi")
-    aspect = lens.get("aspectRatio", half_width / half_height)
-    aspect = reading.positive(aspect, "aspectRatio")
-    tangent = math.tan(yfov / 2.0)
-    return Perspective(
-        half_width / (tangent * aspect), half_height / tangent, cx, cy, width, height
-    )
+    lens = entry[entry["type"]]
+    if entry["type"] == "orthographic":
+        scale = half_height / reading.positive(lens.get("ymag"), "ymag") * metres
+        return Parallel(scale, cx, cy, width, height)
+    tangent = math.tan(reading.positive(lens.get("yfov"), "yfov", math.pi) / 2.0)
+    aspect = reading.positive(lens.get("aspectRatio", half_width / half_height), "aspectRatio")
+    fx, fy = half_width / (tangent * aspect), half_height / tangent
+    return Perspective(fx, fy, cx, cy, width, height)
 
 
-GLTF = Format(write_gltf, read_gltf, several_objects=True)
+GLTF = Format(write_gltf, read_gltf, several_objects=True, is_upright=True)

@@ -18,8 +18,8 @@ from poseviewer.files.formats.meshlab import MESHLAB
 from poseviewer.files.formats.opencv import OPENCV
 from poseviewer.files.formats.reconstructions import COLMAP, NERFSTUDIO
 from poseviewer.files.masks import load_mask, save_pose_and_mask
-from poseviewer.files.pose import PoseRecord, record_from_json
-from poseviewer.files.scene_file import SceneRecord
+from poseviewer.files.pose import record_from_json
+from poseviewer.files.scene_file import SceneRecord, load_scene, save_scene, scene_of_pose
 
 
 def write_own(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
@@ -33,22 +33,32 @@ def write_own(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written
     return Written((out,))
 
 
-def read_own(path: Path, request: ConvertOptions) -> PoseRecord:
+def read_own(path: Path, request: ConvertOptions) -> SceneRecord:
     """Read a pose file, which often says the photo's size; if not, the request must."""
     reading = Reading(path)
     data = reading.load_object()
     photo = data.get("photo")
     photo = photo if isinstance(photo, dict) else {}
     width, height = size_of(reading, request, photo.get("width"), photo.get("height"))
-    return record_from_json(reading, data, width, height)
+    return scene_of_pose(path, record_from_json(reading, data, width, height))
+
+
+def write_scene(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
+    """Write a scene file."""
+    refuse_existing(options, out)
+    save_scene(out, scene)
+    return Written((out,))
 
 
 FORMATS = {
-    "poseviewer": Format(write_own, read_own, several_photos=False, both_photos=True),
+    "poseviewer": Format(write_own, read_own, several_photos=False, is_own=True),
     "opencv": OPENCV,
     "bop": BOP,
     "colmap": COLMAP,
     "nerfstudio": NERFSTUDIO,
     "gltf": GLTF,
     "meshlab": MESHLAB,
+    "scene": Format(
+        write_scene, lambda path, _: load_scene(path), several_objects=True, is_own=True
+    ),
 }

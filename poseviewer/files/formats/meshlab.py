@@ -21,14 +21,13 @@ from poseviewer.files.formats.conversion import (
     Written,
     from_4x4,
     in_one_world,
-    make_record,
+    make_scene,
     perspective_of,
     require_file,
     size_of,
     the_one,
     write_new,
 )
-from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_file import SceneRecord
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_with_rows_from_below
@@ -91,7 +90,7 @@ def _words(numbers: Any) -> str:
     return " ".join(repr(float(number)) for number in numbers)
 
 
-def read_meshlab(path: Path, request: ConvertOptions) -> PoseRecord:
+def read_meshlab(path: Path, request: ConvertOptions) -> SceneRecord:
     """Read raster ``request.image``, or the only one; the world is the model's frame."""
     reading = Reading(path, kind="MeshLab project (.mlp)")
     try:
@@ -109,8 +108,8 @@ def read_meshlab(path: Path, request: ConvertOptions) -> PoseRecord:
                 "freeze that matrix in MeshLab (Matrix: Freeze Current Matrix)",
             )
     rasters = list(root.iter("MLRaster"))
-    labels = [raster.get("label") or "" for raster in rasters]
-    raster = the_one(reading, request, "rasters", labels, rasters)
+    known = [(raster.get("label") or "", raster) for raster in rasters]
+    raster = the_one(reading, request, "rasters", known)
     shot = raster.find("VCGCamera")
     if shot is None:
         raise reading.error("the raster has no VCGCamera", "wanted a raster with its camera")
@@ -134,7 +133,7 @@ def read_meshlab(path: Path, request: ConvertOptions) -> PoseRecord:
     translation = rotation @ np.array(numbers_of("TranslationVector", 4)[:3])
     place = OPENGL_FROM_OPENCV @ RigidTransform(rotation, translation)
     pose = Pose(camera_with_rows_from_below(camera), place)
-    return make_record(reading, pose, raster.get("label"), request.unit)
+    return make_scene(reading, pose, raster.get("label"), request.unit)
 
 
 MESHLAB = Format(write_meshlab, read_meshlab, several_objects=True)

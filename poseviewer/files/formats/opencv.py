@@ -18,12 +18,11 @@ from poseviewer.files.formats.conversion import (
     ConvertOptions,
     Format,
     Written,
-    make_record,
+    make_scene,
     seen_as_taken,
     size_of,
     write_new,
 )
-from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_file import SceneRecord
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
@@ -62,7 +61,7 @@ def opencv_lens(lens: Lens | None) -> tuple[str, Lens | None]:
     return ("OpenCV fisheye" if lens and lens.model == "fisheye" else "OpenCV"), lens
 
 
-def read_opencv(path: Path, request: ConvertOptions) -> PoseRecord:
+def read_opencv(path: Path, request: ConvertOptions) -> SceneRecord:
     """Read ``camera_matrix`` or ``K``, ``rvec`` or ``R``, ``tvec`` or ``t``; JSON lists as well."""
     reading = Reading(path, numbers_as_text=True)
     is_json = path.suffix.lower() == ".json"
@@ -77,7 +76,7 @@ def read_opencv(path: Path, request: ConvertOptions) -> PoseRecord:
         place = RigidTransform(checked_rotation(reading, rotation.reshape(3, 3)), translation)
     else:
         place = RigidTransform.from_rotation_vector(rotation, translation)
-    return make_record(reading, Pose(camera, place), unit=request.unit, lens=found.lens)
+    return make_scene(reading, Pose(camera, place), unit=request.unit, lens=found.lens)
 
 
 def _numbers(

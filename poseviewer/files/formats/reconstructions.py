@@ -32,13 +32,12 @@ from poseviewer.files.formats.conversion import (
     Format,
     Written,
     from_4x4,
-    make_record,
+    make_scene,
     seen_as_taken,
     size_of,
     the_one,
     write_new,
 )
-from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_file import SceneRecord
 from poseviewer.files.writing import make_folder
 from poseviewer.geometry.camera import Perspective, Pose
@@ -92,16 +91,16 @@ def colmap_lens(lens: Lens | None) -> tuple[str, tuple[float, ...]] | None:
     return ("FULL_OPENCV", (*k, 0.0, 0.0, 0.0)[:8]) if any(k[4:]) else ("OPENCV", k[:4])
 
 
-def read_colmap(path: Path, request: ConvertOptions) -> PoseRecord:
+def read_colmap(path: Path, request: ConvertOptions) -> SceneRecord:
     """Read the image ``request.image``, or the only one; the world is the model's frame."""
     reading = Reading(model_file(path, "images"))
     images = list(image_rows(reading))
-    names = [" ".join(words[9:]) for words in images]
-    words = the_one(reading, request, "images", names, images)
+    named = [(" ".join(words[9:]), words) for words in images]
+    words = the_one(reading, request, "images", named)
     of_cameras = Reading(model_file(path, "cameras"), reading.warnings)
     name, place, camera, lens = _taken(reading, words, of_cameras, list(camera_rows(of_cameras)))
     size_of(of_cameras, request, camera.width, camera.height)
-    return make_record(reading, Pose(camera, place), name, request.unit, lens)
+    return make_scene(reading, Pose(camera, place), name, request.unit, lens)
 
 
 Taken = tuple[str, RigidTransform, Perspective, Lens | None]
@@ -155,18 +154,18 @@ def write_nerfstudio(scene: SceneRecord, out: Path, options: ConvertOptions) -> 
     return write_new(options, {out: json.dumps({**shared, "frames": frames}, indent=2) + "\n"})
 
 
-def read_nerfstudio(path: Path, request: ConvertOptions) -> PoseRecord:
+def read_nerfstudio(path: Path, request: ConvertOptions) -> SceneRecord:
     """Read one frame: ``request.image`` by its path or file name, or the only one."""
     reading = Reading(path)
     data = reading.load_object()
     frames = data.get("frames")
     frames = [reading.object(f, "a frame") for f in (frames if isinstance(frames, list) else [])]
-    paths = [str(frame.get("file_path")) for frame in frames]
-    frame = the_one(reading, request, "frames", paths, [Path(name).name for name in paths], frames)
+    named = [(str(frame.get("file_path")), frame) for frame in frames]
+    frame = the_one(reading, request, "frames", named)
     own = data | frame  # a frame's own lens comes first
     size = size_of(reading, request, own.get("w"), own.get("h"))
     name, place, camera, lens = frame_taken(reading, own, *size)
-    return make_record(reading, Pose(camera, place), Path(name).name, request.unit, lens)
+    return make_scene(reading, Pose(camera, place), Path(name).name, request.unit, lens)
 
 
 def frame_taken(reading: Reading, own: dict[str, Any], width: int, height: int) -> Taken:

@@ -126,10 +126,10 @@ def test_one_of_many_poses_is_chosen(tmp_path):
                 ConvertOptions(image=image, object_id=number),
             )
     found = read_bop(tmp_path, ConvertOptions(image="000012", object_id=6, photo_size=SIZE))
-    assert found.pose.camera_from_model.translation.tolist() == [12.0, 6.0, 700.0]
+    assert found.pose(0).camera_from_model.translation.tolist() == [12.0, 6.0, 700.0]
     unclear = (
         ConvertOptions(),
-        ConvertOptions(image="3"),
+        ConvertOptions(image="3", object_id=7),
         ConvertOptions(image="4", object_id=5),
         ConvertOptions(object_id=5),
     )

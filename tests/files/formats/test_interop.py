@@ -109,7 +109,7 @@ def test_a_meshlab_project_holds_all_objects_of_a_scene(tmp_path):
         matrix.text = None
         assert (tmp_path / str(mesh.get("filename"))).is_file()
     path.write_text(ElementTree.tostring(project, encoding="unicode"))
-    camera = read_meshlab(path, ConvertOptions()).pose  # from the project's world
+    camera = read_meshlab(path, ConvertOptions()).pose(0)  # from the project's world
     for index, one in enumerate(scene.objects):
         points = load_mesh(one.path).vertices
         placed = points @ matrices[one.id][:3, :3].T + matrices[one.id][:3, 3]

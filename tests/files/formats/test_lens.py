@@ -122,7 +122,7 @@ def test_nerfstudio_undoes_the_same_lens(tmp_path, name):
     np.testing.assert_allclose(rays[:, 0], expected, atol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["poseviewer", "opencv", "colmap", "nerfstudio"])
+@pytest.mark.parametrize("name", ["poseviewer", "opencv", "colmap", "nerfstudio", "scene"])
 @pytest.mark.parametrize("lens", ["five", "fisheye"])
 def test_the_lens_reads_back_where_it_is_held(tmp_path, name, lens):
     _, request = write_files(tmp_path)
@@ -131,8 +131,9 @@ def test_the_lens_reads_back_where_it_is_held(tmp_path, name, lens):
     FORMATS[name].convert(scene_of_pose(tmp_path, record), out, request)
     found = FORMATS[name].read(out, request)
     assert_same(found, record)
-    assert found.undistortion is not None
-    model, k = found.undistortion.lens.model, found.undistortion.lens.coefficients
+    undistortion = found.views[0].undistortion
+    assert undistortion is not None
+    model, k = undistortion.lens.model, undistortion.lens.coefficients
     assert model == LENSES[lens].model
     length = len(LENSES[lens].coefficients)
     np.testing.assert_allclose(k[:length], LENSES[lens].coefficients, atol=1e-12)
@@ -165,10 +166,9 @@ def test_the_pinhole_written_for_the_undistorted_photo_is_its_camera(tmp_path):
     record = record_through(LENSES["prism"])
     assert written("colmap", record, tmp_path) == 0
     found = read_colmap(tmp_path / "out.model", ConvertOptions())
-    assert found.undistortion is None
+    assert found.views[0].undistortion is None
     assert_same(found, record)
-    assert found.photo is not None
-    assert found.photo.file == "000003.undistorted.png"
+    assert found.views[0].path.name == "000003.undistorted.png"
 
 
 def test_a_focal_length_that_was_found_is_no_lens_of_the_photo_as_taken(tmp_path, capsys):

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poseviewer.errors import PoseFileError
+from poseviewer.errors import PoseFileError, PoseViewerError
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene_file import scene_of_pose
+from poseviewer.files.scene_file import SceneRecord, scene_of_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.transform import RigidTransform
 from tests.files.formats.cases import (
@@ -24,9 +24,9 @@ from tests.files.formats.cases import (
 
 ENDINGS = {
     "poseviewer": "json", "nerfstudio": "json", "gltf": "glb", "meshlab": "mlp", "bop": "scene",
-    "colmap": "model",
+    "colmap": "model", "scene": "scene.json",
 }  # fmt: skip
-PARALLEL = ("poseviewer", "gltf")
+PARALLEL = ("poseviewer", "gltf", "scene")
 HEADINGS = (
     "format", "OUT", "pose", "camera axes", "handed", "unit", "centre", "parallel", "lens",
 )  # fmt: skip
@@ -34,13 +34,13 @@ OUTS = [(name, f"out.{ending}") for name, ending in ENDINGS.items()]
 OUTS += [("opencv", "out.yml"), ("opencv", "out.yaml"), ("opencv", "out.json")]
 
 
-def assert_same(found: PoseRecord, wanted: PoseRecord, depth_counts: bool = True) -> None:
-    kinds = type(found.pose.camera), type(wanted.pose.camera)
-    assert kinds[0] is kinds[1]
+def assert_same(scene: SceneRecord, wanted: PoseRecord, depth_counts: bool = True) -> None:
+    poses = scene.pose(0), wanted.pose
+    assert type(poses[0].camera) is type(poses[1].camera)
     names = wanted.pose.camera.__slots__
-    cameras = [[getattr(r.pose.camera, name) for name in names] for r in (found, wanted)]
+    cameras = [[getattr(pose.camera, name) for name in names] for pose in poses]
     np.testing.assert_allclose(cameras[0], cameras[1], rtol=0.0, atol=1e-9)
-    places = [r.pose.camera_from_model for r in (found, wanted)]
+    places = [pose.camera_from_model for pose in poses]
     np.testing.assert_allclose(places[0].rotation, places[1].rotation, rtol=0.0, atol=1e-9)
     axes = slice(None) if depth_counts else slice(2)
     np.testing.assert_allclose(
@@ -123,7 +123,7 @@ def test_garbage_is_one_clear_sentence(tmp_path, name, out):
     for content in GARBAGE:
         for file in [path / file for file in names[name]] if name in names else [path]:
             file.write_bytes(content)
-        with pytest.raises(PoseFileError) as caught:
+        with pytest.raises(PoseViewerError) as caught:
             FORMATS[name].read(path, replace(request, photo_size=(WIDTH, HEIGHT)))
         assert len(str(caught.value).splitlines()) == 1, content
 
@@ -135,7 +135,7 @@ def test_a_file_that_is_not_there_is_said(tmp_path, name, out):
         FORMATS[name].read(tmp_path / "none" / out, request)
 
 
-@pytest.mark.parametrize(("name", "out"), [(n, o) for n, o in OUTS if n not in ("bop",)])
+@pytest.mark.parametrize(("name", "out"), [(n, o) for n, o in OUTS if n not in ("bop", "scene")])
 def test_a_photo_of_another_size_is_refused(tmp_path, name, out):
     _, request = write_files(tmp_path)
     FORMATS[name].write(scene_of_pose(tmp_path, perspective_record()), tmp_path / out, request)
@@ -153,4 +153,4 @@ def test_the_documentation_has_the_table():
     for name, known in FORMATS.items():
         said = {key: value != "no" and value != "none" for key, value in rows[name].items()}
         assert said["parallel"] == (name in PARALLEL), name
-        assert said["lens"] == (known.lens_as is not None or known.both_photos), name
+        assert said["lens"] == (known.lens_as is not None or known.is_own), name
