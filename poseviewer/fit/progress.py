@@ -5,6 +5,8 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.fit.problem import FitProblem
@@ -68,6 +70,13 @@ class FitProgress:
     """Whether the pose is right; given with the last progress of a ``search``."""
     covariance: PoseCovariance | None = None
     """Covariance of the pose, if it is right, with the verdict; None for a lost one."""
+
+    @classmethod
+    def at_start(cls, problem: FitProblem) -> FitProgress:
+        """The progress before the first evaluation."""
+        start, pose = problem.start, problem.chart.to_pose(problem.start)
+        nothing = np.inf, np.inf, start[None], np.full(1, np.inf)
+        return cls(problem, start, pose, *nothing, 0, -1, 0.0, Status.RUNNING)
 
     @property
     def scale(self) -> LossScale:

@@ -27,12 +27,7 @@ from poseviewer.optimise.cma_es import CmaOptions
 from poseviewer.optimise.quadratic import QuadraticOptions
 from poseviewer.optimise.state import State
 from poseviewer.render.pool import RendererPool
-from poseviewer.render.pyramid.levels import (
-    Level,
-    coarsest_level,
-    lighter_level,
-    structured,
-)
+from poseviewer.render.pyramid.levels import Level, coarsest_level, lighter_level, structured
 from poseviewer.render.types import Renderer
 
 FEWEST_PIXELS = 5000
@@ -151,82 +146,89 @@ def fit_pose(
     together are evaluated in parallel. ``seed``: by default that of the settings.
     """
     if before is None:
-        start, nothing = problem.start, np.full(1, np.inf)
-        known = problem, start, problem.chart.to_pose(start), np.inf, np.inf, start[None], nothing
-        before = FitProgress(*known, evaluations=0, restart=-1, seconds=0.0, status=Status.RUNNING)
-        parts = slice(0, 1 if is_coarse else None)
+        before, parts = FitProgress.at_start(problem), slice(0, 1 if is_coarse else None)
     else:
         parts = slice(0 if problem.photo.structure is None else 1, None)
     stages = make_stages(problem, renderer, before.parameters)[parts]
-    seed = problem.settings.seed if seed is None else seed
-    for progress in _Run(problem, renderer, threads, before, seed).run(stages):
-        yield progress
-        if progress.status is not Status.RUNNING:
-            return
+    run = _Run(renderer, threads, replace(before, problem=problem), seed)
+    for stage, following in zip(stages, (*stages[1:], None), strict=True):
+        for progress in run.search(stage, following):
+            yield progress
+            if progress.status is not Status.RUNNING:
+                return
 
 
 class _Run:
     """The best pose on the photo itself, and the evaluations so far."""
 
     def __init__(
-        self,
-        problem: FitProblem,
-        renderer: Renderer,
-        threads: int,
-        before: FitProgress,
-        seed: int,
+        self, renderer: Renderer, threads: int, before: FitProgress, seed: int | None
     ) -> None:
-        self._problem, self._renderer, self._threads, self._seed = problem, renderer, threads, seed
+        problem = self._problem = before.problem
+        self._renderer, self._threads = renderer, threads
+        self._seed = problem.settings.seed if seed is None else seed
         self._scorer, self._began = renderer, time.perf_counter() - before.seconds
         self._best = replace(before, loss=np.inf, status=Status.RUNNING, verdict=None)
         self._evaluations, self._evaluations_before = 0, before.evaluations
-        self._restart, free = before.restart + 1, problem.free_indices
-        self._scale = np.diag(problem.chart.scales(before.parameters)[free])
-        self._axes = self._scale
+        self._restart = before.restart
+        scales = problem.chart.scales(before.parameters)[problem.free_indices]
+        self._scale = self._axes = np.diag(scales)
         self._score: Callable[[], None] | None = None
         self._ready: Callable[[], FitProblem] | None = None
 
-    def run(self, stages: Sequence[Stage]) -> Iterator[FitProgress]:
-        """Progress after every evaluation, and once more at the end of every stage."""
-        for stage, following in zip(stages, (*stages[1:], None), strict=True):
-            yield from self._run_stage(stage, following)
-            self._restart += 1
-
-    @property
-    def _point(self) -> FloatArray:
-        """The free parameters of the best pose."""
-        return self._best.parameters[self._problem.free_indices]
-
-    def _run_stage(self, stage: Stage, following: Stage | None) -> Iterator[FitProgress]:
-        """Search a stage's level; the photos of the ``following`` one are made meanwhile."""
-        scored, due = None, stage.rescore_every
+    def search(self, stage: Stage, following: Stage | None) -> Iterator[FitProgress]:
+        """Search a stage's level; the photos of the ``following`` one are made meanwhile. Yields
+        after every evaluation, and once more at the end.
+        """
+        scored, due, every = None, stage.rescore_every, stage.rescore_every
         problem = self._on_level(stage) if self._ready is None else self._ready()
-        renderers = tuple(map(partial(self._renderer_of, stage), stage.levels, self._problem.views))
+        views, free = problem.views, problem.free_indices
+        renderers = tuple(map(partial(self._renderer_of, stage), stage.levels, views))
+        scale, restart = self._axes if stage.along_axes else self._scale, self._restart + 1
+        self._restart = restart
         with RendererPool(renderers, self._threads) as pool:
             if following is not None:
                 self._ready = pool.start(partial(self._on_level, following))
-            if 0.0 < due < math.inf:
-                scored = self._point
-                self._begin_score(scored, pool)
+            start = self._best.parameters[free]
+            if 0.0 < every < math.inf:
+                scored = start
+                self._begin_score(start, pool)
                 self._take_score()
-                yield self._progress(stage, State(scored, np.inf, scored[None], np.full(1, np.inf)))
-            for state in self._states(stage, problem, renderers, pool):
-                if not stage.rescore_every:
+                yield self._progress(stage, State(start, np.inf, start[None], np.full(1, np.inf)))
+            objective = partial(self._losses, problem, renderers, pool)
+            for state in stage.minimise(objective, start, scale, stage.options, self._seed):
+                self._restart = restart + state.restart
+                self._axes = self._axes if state.axes is None else state.axes
+                if not every:
                     self._keep(state.best, state.value)
-                    ends = following is None or self._best.loss >= self._problem.worst_loss
+                    ends = following is None or self._best.loss >= problem.worst_loss
                     yield self._progress(stage, state, state.converged and ends)
                     continue
                 yield self._progress(stage, state)
                 is_due = state.converged or self._evaluations >= due
                 if is_due and (scored is None or not np.array_equal(state.best, scored)):
                     self._take_score()
-                    scored, due = state.best, self._evaluations + stage.rescore_every
+                    scored, due = state.best, self._evaluations + every
                     self._begin_score(scored, pool, stage.tolerance)
                     if not state.converged:
                         yield self._progress(stage, state)
                 if state.converged:
                     self._take_score()
                     yield self._progress(stage, state, following is None)
+
+    def _losses(
+        self,
+        problem: FitProblem,
+        renderers: tuple[Renderer, ...],
+        pool: RendererPool,
+        points: Sequence[FloatArray],
+    ) -> Iterator[float]:
+        """The losses of points on a stage's level."""
+        loss, wanted = partial(pose_loss, problem), [problem.complete(point) for point in points]
+        single = len(wanted) == 1
+        for value in [loss(renderers, wanted[0])] if single else pool.map(loss, wanted):
+            self._evaluations += 1
+            yield value
 
     def _renderer_of(self, stage: Stage, level: Level, view: ComparedView) -> Renderer:
         """The level's renderer; at the end of a search without faces hidden there, where the best
@@ -244,30 +246,6 @@ class _Run:
             # The fine photo's is made only for its stage, beside the one before.
             photos = [structured(photo, is_steep=True) for photo in photos]
         return self._problem.on(photos)
-
-    def _states(
-        self,
-        stage: Stage,
-        problem: FitProblem,
-        renderers: tuple[Renderer, ...],
-        pool: RendererPool,
-    ) -> Iterator[State]:
-        """The minimiser's states, from the best point so far."""
-        before, loss = self._restart, partial(pose_loss, problem)
-
-        def objective(points: Sequence[FloatArray]) -> Iterator[float]:
-            wanted = [problem.complete(point) for point in points]
-            single = len(wanted) == 1
-            losses = [loss(renderers, wanted[0])] if single else pool.map(loss, wanted)
-            for value in losses:
-                self._evaluations += 1
-                yield value
-
-        scale = self._axes if stage.along_axes else self._scale
-        for state in stage.minimise(objective, self._point, scale, stage.options, self._seed):
-            self._restart = before + state.restart
-            self._axes = self._axes if state.axes is None else state.axes
-            yield state
 
     def _begin_score(self, point: FloatArray, pool: RendererPool, tolerance: float = 0.0) -> None:
         """Ask for the loss on the photo itself, while the search goes on."""
@@ -296,7 +274,7 @@ class _Run:
     def _progress(self, stage: Stage, state: State, is_over: bool = False) -> FitProgress:
         problem, limits = self._problem, self._problem.settings.limits
         seconds, status = time.perf_counter() - self._began, Status.RUNNING
-        evaluations = self._evaluations_before + self._evaluations
+        evaluations = self._evaluations + self._evaluations_before
         if evaluations >= limits.evaluations or seconds >= limits.seconds:
             self._take_score()  # it ends here
             is_last = evaluations >= limits.evaluations
