@@ -40,7 +40,7 @@ from poseviewer.fit.problem import FitProblem, make_problem, numbers_of, pose_lo
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.scene import LoadedModel, SceneObject
 from poseviewer.fit.scene import Scene as SceneData
-from poseviewer.fit.search import Search, SearchProgress, unsearched_result
+from poseviewer.fit.search import Search, SearchProgress, result_of
 from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.slices import Slice, landscape
 from poseviewer.fit.unexplained import LossScale, Unexplained
@@ -489,7 +489,7 @@ class Scene:
         if self.index is None or self.object.result is not None:
             return self.data
         at, known = self._at, (self.problem, self.parameters, self.loss)
-        return self.data.with_object(at, result=unsearched_result(self.data, at, *known))
+        return self.data.with_object(at, result=result_of(self.data, at, *known))
 
     def save(self, path: str | Path) -> None:
         """Write the pose file of one object in one view, else the scene file, and beside it the

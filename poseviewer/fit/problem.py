@@ -39,6 +39,8 @@ class ComparedView:
     """Finer pyramid level, without structure, on which a search is refined, if any."""
     index: int = 0
     """Number of the view in the scene."""
+    behind: Hiding | None = None
+    """What other objects hide of the photo, and does not count; None: there are none."""
     hidden: NDArray[np.bool_] | None = None
     """(height, width): pixels of ``photo`` left out as something else is in front of the model
     there; None: there was nothing."""
@@ -190,7 +192,7 @@ def make_problem(
     if len({LossScale.of(photo) for photo, _ in levels}) > 1:  # one is grey: then all are
         levels = _levels(scene, index, hidden, order, replace(settings, grey=True))
     views = tuple(
-        ComparedView(photo, chart, fine, number)
+        ComparedView(photo, chart, fine, number, hidden[number])
         for (photo, fine), chart, number in zip(levels, charts, order, strict=True)
     )
     return FitProblem(views, start, settings, model.symmetry), tuple(notes)

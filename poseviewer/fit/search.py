@@ -129,22 +129,20 @@ class Search:
             SettingsError: the settings do not go with a photo, a model or its start.
             SingularChartError: the wanted chart has no parameters at a start.
         """
-        compared: dict[int, Hidings] = {}
         for _ in range(MOST_ROUNDS):
             due, was_searched = set(self._indices), False
             while due:
                 index = self._most_seen(due)
                 due.remove(index)
                 hidden = hidings(self.scene, index, self._view)
-                before = compared.get(index)
+                before = self._placings.get(index)
                 is_whole = all(one is not None and one.is_whole for one in hidden.values())
-                if is_whole or (before is not None and not _differ(before, hidden)):
+                if is_whole or (before is not None and not _differ(before.problem, hidden)):
                     continue
                 if before is None and len(self._indices) == 1:
                     hidden = {number: _all_in_front(one) for number, one in hidden.items()}
-                self._index, self._began = index, time.perf_counter()
-                compared[index] = yield from self._place(hidden)
-                was_searched = True
+                self._index, self._began, was_searched = index, time.perf_counter(), True
+                yield from self._place(hidden)
             if not was_searched:
                 return
 
@@ -177,22 +175,21 @@ class Search:
 
     def _most_seen(self, due: set[int]) -> int:
         """The object of which all others hide least."""
-        if len(self.scene.objects) == 1:
+        if len(due) == 1:
             return next(iter(due))
         standing = [i for i, one in enumerate(self.scene.objects) if i in due or not one.hidden]
         placed = [self.scene.placed(index, self._view) for index in standing]
         shares = dict(zip(standing, visibility(placed).shares, strict=True))
         return max(sorted(due), key=lambda index: shares[index])
 
-    def _place(self, hidden: Hidings) -> Steps[Hidings]:
-        """Search for an object of which others hide some pixels; returns those at its end.
+    def _place(self, hidden: Hidings) -> Steps[None]:
+        """Search for an object of which others hide some pixels.
 
         They are looked at again where the coarsest level leads, and after each run; only then the
         verdict and restarts follow, as with wrong pixels they would be in vain.
         """
         problem = self._made(hidden)
-        hidden = {view.index: hidden[view.index] for view in problem.views}
-        among = any(one is not None for one in hidden.values())
+        among = any(view.behind is not None for view in problem.views)
         is_coarse, gain = among and problem.photo.structure is not None, math.inf
         if self._index in self._placings:  # it has been searched for: from there
             scale = self.scene.objects[self._index].world_from_model.scale
@@ -200,24 +197,21 @@ class Search:
             problem = replace(problem, start=numbers_of(problem.chart, pose, scale))
         before, best = problem.start, (yield from self._run(problem, is_coarse=is_coarse))
         for _ in range(1, MOST_RUNS):
-            seen = self._seen_at(best, best.parameters, hidden)
-            is_same = not _differ(hidden, seen)
+            scene = moved(self.scene, self._index, best.problem, best.parameters)
+            hidden = self._seen_in(scene, best.problem)
+            is_same = not _differ(best.problem, hidden)
             is_settled = is_same and not is_coarse and not _is_focal_moved(before, best)
             if is_settled or not best.may_continue:
                 break
-            if not is_same:
-                hidden = seen
-                best = self._on(self._made(seen), best)
+            best = best if is_same else self._on(self._made(hidden), best)
             before, loss, is_coarse = best.parameters, best.loss, False
             best = yield from self._run(best.problem, best)
             gain = loss - best.loss if among else math.inf
         best = yield from self._finish(best, gain, SURE_AMONG_OTHERS if among else SURE_FROM)
         if is_start_kept(best):
-            problem = self._made(hidden)
-            hidden = self._seen_at(best, problem.start, hidden)
+            hidden = self._seen_in(self._scene_at_start, best.problem)
             best = self._kept(self._made(hidden), best)
         yield self._told(best)
-        return hidden
 
     def _run(
         self,
@@ -235,21 +229,22 @@ class Search:
         assert end is not None  # a run yields at least once
         return end
 
-    def _made(self, hidden: Hidings) -> FitProblem:
-        """The problem about the start of the object, the others where they are now."""
-        own = self._start.objects[self._index]
-        scene = self.scene.with_object(self._index, world_from_model=own.world_from_model)
-        return make_problem(scene, self._index, self._view, hidden)[0]
+    @property
+    def _scene_at_start(self) -> Scene:
+        """The scene with the object at its start, the others where they are now."""
+        place = self._start.objects[self._index].world_from_model
+        return self.scene.with_object(self._index, world_from_model=place)
 
-    def _seen_at(self, best: FitProgress, parameters: FloatArray, before: Hidings) -> Hidings:
-        """The pixels that others hide at ``parameters``, as ``before`` where they hide all."""
-        if not any(before.values()):
-            return before
-        scene = moved(self.scene, self._index, best.problem, parameters)
-        now = hidings(scene, self._index, best.problem.views[0].index)
+    def _made(self, hidden: Hidings) -> FitProblem:
+        """The problem about the start of the object."""
+        return make_problem(self._scene_at_start, self._index, self._view, hidden)[0]
+
+    def _seen_in(self, scene: Scene, problem: FitProblem) -> Hidings:
+        """The pixels that others hide in a scene, as a ``problem`` has them where they hide all."""
+        now = hidings(scene, self._index, problem.views[0].index)
         return {
-            number: one if (new := now.get(number)) is None or new.is_whole else new
-            for number, one in before.items()
+            view.index: view.behind if (new := now.get(view.index)) is None or new.is_whole else new
+            for view in problem.views
         }
 
     def _on(self, problem: FitProblem, best: FitProgress) -> FitProgress:
@@ -318,7 +313,7 @@ class Search:
 
 def with_end(scene: Scene, index: int, progress: FitProgress, renderer: Renderer) -> Scene:
     """The scene with an object where a search for it has ended, and its result."""
-    problem, verdict, at = progress.problem, progress.verdict, progress.parameters
+    problem, at = progress.problem, progress.parameters
     scene = moved(scene, index, problem, at)
     seen: list[float] = [math.nan] * len(scene.views)
     hidden: list[Hidden] = [None] * len(scene.views)
@@ -327,55 +322,50 @@ def with_end(scene: Scene, index: int, progress: FitProgress, renderer: Renderer
         if view.hidden is not None:
             photo, factor = scene.views[view.index].photo, view.photo.factor
             hidden[view.index] = enlarged(view.hidden, factor, photo.width, photo.height)
-    result = unsearched_result(scene, index, problem, at, progress.loss)
-    result = replace(
-        result,
-        verdict=verdict,
-        covariance=progress.covariance,
-        seen=tuple(seen),
-        hidden=tuple(hidden),
-        notes=(*result.notes, *_least_sure(scene, problem, verdict)),
-    )
+    result = result_of(scene, index, problem, at, progress.loss, progress.verdict)
+    told = {"seen": tuple(seen), "hidden": tuple(hidden), "covariance": progress.covariance}
+    result = replace(result, **told)
     return scene.with_object(index, result=result)
 
 
-def unsearched_result(
-    scene: Scene, index: int, problem: FitProblem, parameters: FloatArray, loss: float
+def result_of(
+    scene: Scene,
+    index: int,
+    problem: FitProblem,
+    parameters: FloatArray,
+    loss: float,
+    verdict: Verdict | None = None,
 ) -> SearchResult:
-    """The loss of an object at ``parameters`` without a search, and how it is compared."""
-    first = problem.views[0].index
-    camera = problem.chart.to_pose(parameters).camera
-    note = scene.views[first].photo.focal_note(camera)
+    """The loss of an object at ``parameters``, how it is compared, and a note on the view that goes
+    least with the others.
+    """
+    first = scene.views[problem.views[0].index]
+    notes = [first.photo.focal_note(problem.chart.to_pose(parameters).camera)]
+    views = () if verdict is None else verdict.views
+    if any(one.word != "found" for one in views):
+        worst = min(range(len(views)), key=lambda number: views[number].probability)
+        notes.append(
+            f"{scene.views[problem.views[worst].index].name} goes least with the others: something "
+            "may hide the model there, or its camera may disagree with theirs."
+        )
     settings = settings_as_json(scene.objects[index].settings)
     return SearchResult(
-        None,
+        verdict,
         loss,
         problem.scale.unexplained(loss),
         tuple(parameters.tolist()),
         problem.chart.name,
         problem.chart.names,
         {**settings, "photo_channels": problem.photo.channels.shape[2]},
-        notes=(note,) if note else (),
-        view=first,
+        notes=tuple(filter(None, notes)),
+        view=problem.views[0].index,
     )
 
 
-def _least_sure(scene: Scene, problem: FitProblem, verdict: Verdict | None) -> tuple[str, ...]:
-    """A note on the view that goes least with the others, unless each says ``found``."""
-    views = () if verdict is None else verdict.views
-    if all(one.word == "found" for one in views):
-        return ()
-    worst = min(range(len(views)), key=lambda number: views[number].probability)
-    return (
-        f"{scene.views[problem.views[worst].index].name} goes least with the others: something may "
-        "hide the model there, or its camera may disagree with theirs.",
-    )
-
-
-def _differ(before: Hidings, now: Hidings) -> bool:
-    """Whether others hide other pixels of an object now than when it was searched for."""
-    for number, new in now.items():
-        pair = before.get(number), new
+def _differ(problem: FitProblem, now: Hidings) -> bool:
+    """Whether others hide other pixels of an object now than in a ``problem``."""
+    for view in problem.views:
+        pair = view.behind, now.get(view.index, view.behind)
         drawn = next((one.drawn for one in pair if one is not None), None)
         if drawn is not None:
             masks = [np.zeros_like(drawn) if one is None else one.hidden for one in pair]

@@ -168,7 +168,7 @@ class _Run:
         self._renderer, self._threads = renderer, threads
         self._seed = problem.settings.seed if seed is None else seed
         self._scorer, self._began = renderer, time.perf_counter() - before.seconds
-        self._best = replace(before, loss=np.inf, status=Status.RUNNING, verdict=None)
+        self._best = replace(before, loss=np.inf, verdict=None, covariance=None)
         self._evaluations, self._evaluations_before = 0, before.evaluations
         self._restart = before.restart
         scales = problem.chart.scales(before.parameters)[problem.free_indices]
