@@ -97,15 +97,13 @@ def test_the_part_that_is_pressed_is_left_out_and_comes_back():
 
 
 def test_undo_reaches_over_many_parts():
-    session, start = with_two_parts(), None
+    session = with_two_parts()
+    mesh, pose = session.document.mesh, session.document.pose
+    mirror = pose.project(mesh.part_vertices("mirror").mean(axis=0))
+    start = session.document
     for _ in range(6):  # each a mesh of its own, all of one model
-        start = start or session.document
-        mesh, pose = session.document.mesh, session.document.pose
-        mirror = pose.project(mesh.part_vertices("mirror").mean(axis=0))
         session = after(session, h.leave_out(*mirror), h.bring_back(0))
-    for _ in range(12):
-        session = after(session, c.undo())
-    assert session.document is start
+    assert after(session, *[c.undo()] * 12).document is start
 
 
 def ended_search(scene, columns: int = WIDTH // 2) -> Session:

@@ -142,8 +142,8 @@ def test_found_wheels_are_marks_that_can_be_dragged_and_undone_in_one_step():
 
 def test_points_on_no_ellipse_leave_the_pose_and_say_so():
     session = after(make_session(vehicle=True), c.set_tool("wheels"))
-    before = session.document.pose
-    for x in range(5):
-        session = after(session, c.press(20.0 + 9 * x, 30.0 + 9 * x, zoom=5.0), c.release())
+    before, points = session.document.pose, [(20.0 + 9 * x, 30.0 + 9 * x) for x in range(5)]
+    for point in points:
+        session = after(session, c.press(*point, zoom=5.0), c.release())
     assert "edge-on" in session.document.marks.note
     assert session.document.pose is before

@@ -11,10 +11,9 @@ import pytest
 from msgspec import structs
 
 from poseviewer.app.state.commands import nudge
-from poseviewer.app.state.document import verdict_of
+from poseviewer.app.state.document import Document, verdict_of
 from poseviewer.app.state.objects import add_object, alter_object
 from poseviewer.app.state.session import Session
-from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver, kept_of
 from poseviewer.app.workers.exporting import export
 from poseviewer.app.workers.opening import (
@@ -23,17 +22,17 @@ from poseviewer.app.workers.opening import (
     open_files,
     open_photo,
     open_pose,
-    open_scene,
 )
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseFileError
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.file_set import FileSet, model_files, sort_set
-from poseviewer.files.photo import load_calibrated_photo, load_photo, same_undistortion, save_image
+from poseviewer.files.photo import load_calibrated_photo, same_undistortion, save_image
 from poseviewer.files.pose import save_pose
 from poseviewer.files.state.autosave import load_autosave
 from poseviewer.fit.scene import SearchResult
 from poseviewer.starts.loading import load_model, pose_record
+from tests.app.state.documents import after as edited
 from tests.app.state.documents import assert_same_pose
 from tests.scene import Scene
 from tests.several import make_three
@@ -49,76 +48,42 @@ def calibration(tmp_path: Path) -> Calibration:
     return Calibration(path)
 
 
-@pytest.mark.parametrize("placed", [True, False])
-def test_with_a_calibration_the_undistorted_photo_is_open(
-    scene: Scene, calibration: Calibration, placed: bool
+@pytest.fixture
+def plain(scene: Scene) -> Document:
+    return open_files(scene.photo, scene.model, scene.start)
+
+
+@pytest.fixture
+def undistorted(scene: Scene, calibration: Calibration) -> Document:
+    return open_files(scene.photo, scene.model, scene.start, calibration)
+
+
+def test_an_undistorted_photo_stays_so_in_files_and_sessions(
+    scene: Scene, calibration: Calibration, plain: Document, undistorted: Document, tmp_path: Path
 ) -> None:
     wanted = load_calibrated_photo(scene.photo, calibration)
-    opened = open_files(scene.photo, scene.model, scene.start if placed else None, calibration)
-    photo = opened.photo
-    assert not np.array_equal(photo.pixels, load_photo(scene.photo).pixels)
-    np.testing.assert_array_equal(photo.pixels, wanted.pixels)
-    assert opened.pose.camera == wanted.camera
-    session = Session(opened)
-    (name,) = export("overlay", session)
+    assert not np.array_equal(wanted.pixels, plain.photo.pixels)
+    corner = open_files(scene.photo, scene.model, None, calibration)
+    assert {wanted.camera} == {corner.pose.camera, undistorted.pose.camera}
+    (name,) = export("overlay", Session(undistorted))
     assert name == "p.undistorted.overlay.png"
-    (pose,) = export("pose", session).values()
-    assert "distortion" in json.loads(pose)
+    save_pose(tmp_path / "pose.json", pose_record(undistorted.scene, 0, 0))
+    posed = open_pose(plain, tmp_path / "pose.json")  # it brings that photo
+    assert open_pose(posed, tmp_path / "pose.json").photo is posed.photo
+    restored = open_autosaved(kept_of(undistorted))
+    assert same_undistortion(restored.photo.undistortion, undistorted.photo.undistortion)
+    assert_same_pose(restored.pose, undistorted.pose, 0.0)
+    for document in (corner, undistorted, posed, restored):
+        np.testing.assert_array_equal(document.photo.pixels, wanted.pixels)
 
 
-def test_a_pose_of_an_undistorted_photo_brings_that_photo(
-    scene: Scene, calibration: Calibration, tmp_path: Path
-) -> None:
-    first = open_files(scene.photo, scene.model, scene.start, calibration)
-    wanted = first
-    save_pose(tmp_path / "pose.json", pose_record(wanted.scene, 0, 0))
-    plain = open_files(scene.photo, scene.model, scene.start)
-    opened = open_pose(plain, tmp_path / "pose.json")
-    photo = opened.photo
-    np.testing.assert_array_equal(photo.pixels, wanted.photo.pixels)
-    # Once more: the photo is that one already.
-    again = open_pose(opened, tmp_path / "pose.json")
-    assert again.photo is photo
-
-
-def test_what_an_earlier_session_left_is_undistorted_again(
-    scene: Scene, calibration: Calibration
-) -> None:
-    before = open_files(scene.photo, scene.model, scene.start, calibration)
-    opened = open_autosaved(kept_of(before))
-    now, then = opened, before
-    np.testing.assert_array_equal(now.photo.pixels, then.photo.pixels)
-    assert same_undistortion(now.photo.undistortion, then.photo.undistortion)
-    assert_same_pose(now.pose, then.pose, 0.0)
-
-
-def test_another_photo_is_shown_as_taken_and_said_so(
-    scene: Scene, calibration: Calibration
-) -> None:
-    before = open_files(scene.photo, scene.model, scene.start, calibration)
-    other = scene.photo.with_name("other.png")
-    other.write_bytes(scene.photo.read_bytes())
-    opened = open_photo(before, other)
-    photo = opened.photo
-    assert photo.undistortion is None
-    np.testing.assert_array_equal(photo.pixels, load_photo(scene.photo).pixels)
-    assert any("as taken" in warning for warning in opened.scene.notes)
-
-
-def test_all_objects_of_a_session_come_back(scene: Scene, tmp_path: Path) -> None:
+def test_all_objects_of_a_session_come_back(plain: Document, tmp_path: Path) -> None:
     other = write_obj(tmp_path, "wood.png")
     save_image(tmp_path / "wood.png", np.full((4, 4, 3), 90, np.uint8))
     added = add_object(load_model(other))
-    session = Session(open_files(scene.photo, scene.model, scene.start))
-    for command in (
-        add_object(),
-        nudge("move", 9.0),
-        added,
-        nudge("turn", 3.0),
-        alter_object(2, hidden=True),
-        alter_object(1, locked=True, name="ball"),
-    ):
-        session = update(session, command)
+    others = add_object(), nudge("move", 9.0), added, nudge("turn", 3.0)
+    changes = alter_object(2, hidden=True), alter_object(1, locked=True, name="ball")
+    session = edited(Session(plain), *others, *changes)
     result = SearchResult(Verdict("found", 0.9), 0.1, 0.1)
     session = replace(session, document=session.document.with_object(result=result))
     Autosaver(tmp_path / "state").close(session)
@@ -143,12 +108,13 @@ def test_all_objects_of_a_session_come_back(scene: Scene, tmp_path: Path) -> Non
     assert any(warning.startswith("gone.ply: is not where") for warning in opened.scene.notes)
 
 
-def test_another_photo_is_that_of_all_objects(scene: Scene) -> None:
-    session = Session(open_files(scene.photo, scene.model, scene.start))
-    session = update(update(session, add_object()), nudge("move", 9.0))
+def test_another_photo_is_that_of_all_objects(scene: Scene, undistorted: Document) -> None:
+    session = edited(Session(undistorted), add_object(), nudge("move", 9.0))
     other = scene.photo.with_name("other.png")
     other.write_bytes(scene.photo.read_bytes())
     document = open_photo(session.document, other)
+    assert document.photo.undistortion is None
+    assert any("as taken" in note for note in document.scene.notes)
     assert [verdict_of(one) for one in document.scene.objects] == ["not placed", "not placed"]
     # As they stood to each other.
     was, now = (
@@ -159,14 +125,12 @@ def test_another_photo_is_that_of_all_objects(scene: Scene) -> None:
     np.testing.assert_allclose(was, now, atol=1e-9)
 
 
-def test_a_camera_alone_is_for_the_photo_at_hand(scene: Scene, calibration: Calibration) -> None:
-    before = open_files(scene.photo, scene.model, scene.start)
-    opened = open_file_set(before, FileSet(camera=calibration.path), [])
+def test_a_camera_alone_is_for_the_photo_at_hand(plain: Document, calibration: Calibration) -> None:
+    opened = open_file_set(plain, FileSet(camera=calibration.path), [])
     assert opened.photo.undistortion is not None
-    assert opened.mesh is before.mesh
-    centre = before.mesh.centre
-    moved = opened.pose.project(centre) - before.pose.project(centre)
-    np.testing.assert_allclose(moved, 0.0, atol=1e-6)
+    assert opened.mesh is plain.mesh
+    seen, before = (one.pose.project(plain.mesh.centre) for one in (opened, plain))
+    np.testing.assert_allclose(seen, before, atol=1e-6)
 
 
 def test_photo_models_and_start_that_came_together_are_opened(scene: Scene) -> None:
@@ -177,20 +141,16 @@ def test_photo_models_and_start_that_came_together_are_opened(scene: Scene) -> N
     assert opened.scene.notes[0] == "Not used: notes.txt."
     assert len(opened.scene.objects) == 1
     models = [scene.model] * 2
-    opened = open_file_set(
-        before, FileSet(models=tuple(model_files(m, []) for m in models)), models
-    )
-    paths = [one.model.path for one in opened.scene.objects]
-    assert paths == models
+    of_models = FileSet(models=tuple(model_files(model, []) for model in models))
+    opened = open_file_set(before, of_models, models)
+    assert [one.model.path for one in opened.scene.objects] == models
 
 
-def test_files_outside_of_a_dropped_folder_are_refused(tmp_path: Path) -> None:
-    before = open_scene(make_three(tmp_path))
-    inner = tmp_path / "dropped"
-    inner.mkdir()
-    data = json.loads((tmp_path / "three.scene.json").read_text())
+def test_files_outside_of_a_dropped_folder_are_refused(plain: Document, tmp_path: Path) -> None:
+    data = json.loads(make_three(tmp_path).read_text())
     data["views"][0]["photo"]["file"] = "../three.png"
-    (inner / "s.scene.json").write_text(json.dumps(data))
-    files = FileSet(scene=inner / "s.scene.json")
+    inner = tmp_path / "dropped" / "s.scene.json"
+    inner.parent.mkdir()
+    inner.write_text(json.dumps(data))
     with pytest.raises(PoseFileError, match="outside of the folder that was dropped"):
-        open_file_set(before, files, [], inside=inner)
+        open_file_set(plain, FileSet(scene=inner), [], inside=inner.parent)
