@@ -10,11 +10,13 @@ import re
 import time
 from collections.abc import Callable, Mapping
 from html import escape
+from operator import attrgetter
 from typing import Any
 
 import viser
 
 from poseviewer.app.below_viser.incoming import take_upload
+from poseviewer.app.state import commands as c
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import Export
 from poseviewer.app.workers.tasks import Request, download, upload
@@ -87,9 +89,22 @@ class Controls:
         self.text(read, self.gui.add_html)
 
     def field(self, handle: Any, asked: Callable[[Any], Request | None], **options: Any) -> Any:
-        """An input; ``asked`` makes what a new value asks for (None: nothing)."""
-        self._on(handle.on_update, lambda _: asked(handle.value))
+        """An input; ``asked`` makes what a new value, bounded as the input is once what is typed
+        there is left, asks for (None: nothing).
+        """
+        bounds = [getattr(handle, name, None) for name in ("min", "max")]
+
+        def bounded(_: int) -> Request | None:
+            least, most = bounds
+            value = handle.value
+            return asked(value if least is None else max(least, min(most, value)))
+
+        self._on(handle.on_update, bounded)
         return self.add(handle, **options)
+
+    def bind(self, handle: Any, name: str, **options: Any) -> None:
+        """An input of a field of the session."""
+        self.field(handle, lambda new: c.change(**{name: new}), value=attrgetter(name), **options)
 
     def dropdown(
         self,

@@ -265,7 +265,7 @@ def add_maps(controls: Controls) -> None:
     controls.dropdown("Loss of", WHOSE, lambda whose: c.change(whose=whose), attrgetter("whose"))
     controls.field(
         gui.add_slider("Range ± %", 1.0, 50.0, 1.0, 20.0),
-        lambda value: c.change(half_width=float(value) / 100.0),
+        lambda value: c.change(half_width=value / 100.0),
         value=lambda s: round(s.half_width * 100.0, 3),
     )
     with gui.add_folder("Save the maps", expand_by_default=False):

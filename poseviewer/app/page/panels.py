@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from operator import attrgetter
 from typing import Any
@@ -162,7 +161,7 @@ def _add_parameter(controls: Controls, index: int, is_lock: bool = False) -> Non
         names = session.document.chart.names
         return names[index] if index < len(names) else ""
 
-    def value(session: Session) -> float:
+    def number(session: Session) -> float:
         parameters = session.document.parameters
         return round(float(parameters[index]), SHOWN_DIGITS) if index < len(parameters) else 0.0
 
@@ -175,28 +174,29 @@ def _add_parameter(controls: Controls, index: int, is_lock: bool = False) -> Non
 
         return c.alter_settings(locked)
 
+    def change(value: float) -> Request:
+        return c.set_number(name(controls.session), value)
+
     options: dict[str, Read] = {
         "visible": lambda s: bool(name(s)),
         "label": lambda s: short_name(name(s)),
         "hint": lambda s: tooltip(name(s)),
+        "value": (lambda s: name(s) in s.document.settings.lock) if is_lock else number,
     }
     if is_lock:
-        is_locked = lambda s: name(s) in s.document.settings.lock  # noqa: E731
-        controls.field(controls.gui.add_checkbox("", False), lock, value=is_locked, **options)
+        controls.field(controls.gui.add_checkbox("", False), lock, **options)
     else:
-        number = controls.gui.add_number("", 0.0, step=10.0**-SHOWN_DIGITS * 50)
-        change = lambda value: c.set_number(name(controls.session), float(value))  # noqa: E731
-        controls.field(number, change, value=value, **options)
+        field = controls.gui.add_number("", 0.0, step=10.0**-SHOWN_DIGITS * 50)
+        controls.field(field, change, **options)
 
 
 def _add_camera(controls: Controls) -> None:
     """Projection, field of view, and intrinsics in px as OpenCV has them."""
     gui = controls.gui
-    controls.dropdown(
-        "Projection",
-        {"perspective": "perspective", "parallel": "parallel"},
+    controls.field(
+        gui.add_dropdown("Projection", ("perspective", "parallel")),
         c.set_projection,
-        lambda s: "parallel" if _is_parallel(s) else "perspective",
+        value=lambda s: "parallel" if _is_parallel(s) else "perspective",
     )
     controls.field(
         gui.add_number("Field of view °", 50.0, min=NARROWEST_DEG, max=WIDEST_DEG, step=0.1),
@@ -209,25 +209,22 @@ def _add_camera(controls: Controls) -> None:
     for index, field in enumerate(fields):
         controls.field(
             field,
-            lambda _: c.set_camera(*(float(one.value) for one in fields)),
+            lambda _: c.set_camera(*(one.value for one in fields)),
             value=lambda s, i=index: round(_intrinsics(s)[i], 4),
             visible=lambda s, i=index: i > 1 or not _is_parallel(s),
         )
 
 
-def _intrinsics(session: Session) -> tuple[float, float, float, float]:
+def _intrinsics(session: Session) -> tuple[float, ...]:
     """fx, fy, cx and cy in px, as OpenCV has them; the scale in place of focal lengths."""
     camera = camera_as_integer_centres(session.document.pose.camera)
-    if isinstance(camera, Parallel):
-        return camera.scale, camera.scale, camera.cx, camera.cy
-    return camera.fx, camera.fy, camera.cx, camera.cy
+    focal = (camera.scale,) * 2 if isinstance(camera, Parallel) else (camera.fx, camera.fy)
+    return (*focal, camera.cx, camera.cy)
 
 
 def _field_of_view(session: Session) -> float:
-    """Degrees along the photo's longer side; the least there is under parallel projection."""
+    """Degrees along the photo's longer side."""
     photo, (fx, fy, _, _) = session.document.photo, _intrinsics(session)
-    if _is_parallel(session):
-        return NARROWEST_DEG
     focal = fx if photo.width >= photo.height else fy
     return round(math.degrees(2.0 * math.atan(max(photo.width, photo.height) / 2.0 / focal)), 3)
 
@@ -297,17 +294,14 @@ def _add_curve(controls: Controls) -> None:
         padding=(10, 12, 0, 0),
     )
 
-    def latest_of(session: Session) -> SearchUpdate | None:
-        return None if session.search is None else session.search.latest
-
     def steps(session: Session) -> tuple[object, ...]:
-        latest = latest_of(session)
-        return (None, None) if latest is None else (latest.improvements, latest.restarts)
+        latest = session.search and session.search.latest
+        return (latest.improvements, latest.restarts) if latest else (None, None)
 
     def draw(session: Session) -> bool:
         """Draw the plot; of a single loss it would make an axis from 0 to twice as much."""
-        latest = latest_of(session)
-        if latest is None or len(latest.improvements) < 2:
+        latest = session.search and session.search.latest
+        if not latest or len(latest.improvements) < 2:
             return False
         curve.data = curve_of(latest)
         return True
@@ -318,27 +312,25 @@ def _add_curve(controls: Controls) -> None:
 def _add_settings(controls: Controls) -> None:
     gui = controls.gui
 
-    def setting(handle: Any, name: str, kind: Callable[[Any], Any] = bool, **options: Any) -> None:
-        """An input of a setting, or of a limit: ``limits.seconds``; ``kind`` makes its value."""
+    def setting(handle: Any, name: str, **options: Any) -> None:
+        """An input of a setting, or of a limit: ``limits.seconds``."""
 
         def asked(value: Any) -> Request:
-            new = kind(within(handle, value))
-            return c.alter_settings(lambda settings: _altered(settings, name, new))
+            return c.alter_settings(lambda settings: _altered(settings, name, value))
 
-        read = attrgetter(f"document.settings.{name}")
-        controls.field(handle, asked, value=read, **options)
+        controls.field(handle, asked, value=attrgetter(f"document.settings.{name}"), **options)
 
-    setting(gui.add_dropdown("Parameters", ("auto", "vehicle", "free-body")), "chart", str)
+    setting(gui.add_dropdown("Parameters", ("auto", "vehicle", "free-body")), "chart")
     region = c.set_tool("region")
     controls.button(lambda s: DRAWING if s.tool == "region" else "Draw a region", region)
     controls.button("Clear the region", c.clear_region(), visible=_has_region)
     setting(gui.add_checkbox("Use greyscale", False), "grey", disabled=_is_by_paper)
     setting(gui.add_checkbox("Find the focal length", False), "free_focal")
     evaluations = gui.add_number("Max evaluations", 20_000, min=10, max=1_000_000, step=10)
-    setting(evaluations, "limits.evaluations", int)
+    setting(evaluations, "limits.evaluations")
     seconds = gui.add_number("Time limit (s)", 600.0, min=0.1, max=86_400.0, step=0.1)
-    setting(seconds, "limits.seconds", float)
-    setting(gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1), "seed", int)
+    setting(seconds, "limits.seconds")
+    setting(gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1), "seed")
     with gui.add_folder("Lock", expand_by_default=False):
         for index in range(MOST_PARAMETERS):
             _add_parameter(controls, index, is_lock=True)
@@ -346,25 +338,15 @@ def _add_settings(controls: Controls) -> None:
 
 def add_judging(controls: Controls) -> None:
     """Step "Judge": the verdict with its reasons, and how the model is shown."""
-    gui, looks = controls.gui, {look: look for look in LOOKS.values()}
+    gui = controls.gui
     controls.text(verdict_text)
-    controls.dropdown(
-        "Model (1-5, 0)",
-        looks,
-        lambda look: c.change(look=look, photo_alone=False),
-        attrgetter("look"),
-    )
+    look = gui.add_dropdown("Model (1-5, 0)", tuple(LOOKS.values()))
     controls.field(
-        gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8),
-        lambda share: c.change(opacity=float(share)),
-        value=attrgetter("opacity"),
-        visible=lambda s: s.look == "solid",
+        look, lambda name: c.change(look=name, photo_alone=False), value=attrgetter("look")
     )
-    controls.field(
-        gui.add_checkbox("Photo alone (B)", False),
-        lambda on: c.change(photo_alone=on),
-        value=attrgetter("photo_alone"),
-    )
+    opacity = gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8)
+    controls.bind(opacity, "opacity", visible=lambda s: s.look == "solid")
+    controls.bind(gui.add_checkbox("Photo alone (B)", False), "photo_alone")
 
 
 def add_saving(controls: Controls) -> None:
@@ -388,15 +370,8 @@ def add_saving(controls: Controls) -> None:
 def _altered(settings: Any, name: str, value: Any) -> Any:
     """With another value of the field of this name, or of a field of one: ``limits.seconds``."""
     first, _, rest = name.partition(".")
-    return replace(
-        settings, **{first: _altered(getattr(settings, first), rest, value) if rest else value}
-    )
-
-
-def within(handle: Any, value: Any) -> Any:
-    """A number as its field bounds it, once what is typed there is left."""
-    least, most = getattr(handle, "min", None), getattr(handle, "max", None)
-    return value if least is None or most is None else max(least, min(most, value))
+    value = _altered(getattr(settings, first), rest, value) if rest else value
+    return replace(settings, **{first: value})
 
 
 def curve_of(update: SearchUpdate) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import cv2
@@ -90,13 +91,9 @@ class Drawing:
         return np.asarray(np.isfinite(self.places).all(axis=axes))
 
     @property
-    def is_seen(self) -> bool:
-        """Whether anything of it is anywhere."""
-        return bool(self.finite.any())
-
-    def is_same(self, shown: Drawing) -> bool:
-        """Whether both look alike, drawn over one photo."""
-        return self.places is shown.places or np.array_equal(self.places, shown.places, True)
+    def key(self) -> object:
+        """Bytes that another drawing of the name shares if both look alike, over one photo."""
+        return self.places.tobytes()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,11 +106,6 @@ class Picture:
     """What it shows: it is drawn anew where this is another one."""
     draw: Callable[[], tuple[NDArray[np.uint8], Rect]]
     """Give its pixels (h, w, 3 or 4), and where they lie."""
-    is_seen = True
-
-    def is_same(self, shown: Picture) -> bool:
-        """Whether both look alike, drawn over one photo."""
-        return self.key == shown.key
 
 
 class PhotoScene:
@@ -133,7 +125,7 @@ class PhotoScene:
         camera.near, camera.far = 1.0, 100.0
         self._nodes: dict[str, Any] = {}
         self._shown: dict[str, Any] = {}
-        """The newest drawing of each node, for the photo that is shown."""
+        """Key of each node's newest drawing, for the photo that is shown."""
         self._photo: Photo | None = None
 
     def show(self, session: Session) -> None:
@@ -142,7 +134,7 @@ class PhotoScene:
             self._photo = session.document.photo
             self._shown.clear()
         outline = self._shown.get(OUTLINE_NAME)
-        drawings = {drawing.name: drawing for drawing in _drawings(session) if drawing.is_seen}
+        drawings = {drawing.name: drawing for drawing in _drawings(session)}
         kept = () if _has_overlay(session) else (HALO_NAME, OUTLINE_NAME)
         with self._server.atomic():
             for name in self._nodes.keys() - drawings.keys() - set(kept):
@@ -150,12 +142,12 @@ class PhotoScene:
             for name, drawing in drawings.items():
                 if name not in self._nodes:
                     self._nodes[name] = self._made(drawing)
-                node, shown = self._nodes[name], self._shown.get(name)
-                if shown is None or not drawing.is_same(shown):
-                    self._shown[name] = drawing
-                    self._draw(node, drawing, session.document.photo)
-                set_properties(node, visible=True)
-        if self._shown.get(OUTLINE_NAME) is not outline:
+                if self._shown.get(name) != drawing.key:
+                    self._shown[name] = drawing.key
+                    self._draw(self._nodes[name], drawing, session.document.photo)
+                is_seen = isinstance(drawing, Picture) or bool(drawing.finite.any())
+                set_properties(self._nodes[name], visible=is_seen)
+        if self._shown.get(OUTLINE_NAME) != outline:
             # viser gathers messages for a while before it sends them; a drag must not wait.
             self._server.flush()
 
@@ -182,8 +174,9 @@ class PhotoScene:
             node.render_width, node.render_height = right - left, bottom - top
         elif drawing.places.ndim > 1:
             lines = over_photo(drawing.places[drawing.finite], photo, drawing.depth)
-            node.points = lines.astype(np.float32)
-        else:
+            if len(lines):
+                node.points = lines.astype(np.float32)
+        elif drawing.finite:
             node.position = tuple(over_photo(drawing.places, photo, drawing.depth))
 
 
@@ -234,23 +227,18 @@ def _tints(session: Session) -> Iterator[Picture]:
     document, mask, painting = session.document, session.document.own.mask, session.tool in HIDING
     opacity = HIDDEN_OPACITY_WHILE_PAINTED if painting else HIDDEN_OPACITY
     if mask is not None:
-
-        def painted() -> tuple[NDArray[np.uint8], Rect]:
-            return _tint(1.0 - mask.weights, HIDDEN_COLOUR, opacity)
-
-        yield Picture("/hidden/painted", TINT, (mask, painting), painted)
-
-    def found() -> tuple[NDArray[np.uint8], Rect]:
-        return _tint(found_hidden(session), FOUND_COLOUR, HIDDEN_OPACITY)
-
+        draw = partial(_tint, lambda: 1.0 - mask.weights, HIDDEN_COLOUR, opacity)
+        yield Picture("/hidden/painted", TINT, (mask, painting), draw)
     key = None if session.searching else session.search, document.object.result, document.at
-    yield Picture("/hidden/found", TINT, key, found)
+    draw = partial(_tint, lambda: found_hidden(session), FOUND_COLOUR, HIDDEN_OPACITY)
+    yield Picture("/hidden/found", TINT, key, draw)
 
 
 def _tint(
-    hidden: NDArray[Any] | None, colour: Colour, opacity: float
+    read: Callable[[], NDArray[Any] | None], colour: Colour, opacity: float
 ) -> tuple[NDArray[np.uint8], Rect]:
     """A colour over what of the photo (height, width) is hidden; a clear pixel for nothing."""
+    hidden = read()
     if hidden is None or not hidden.any():
         return np.zeros((1, 1, 4), np.uint8), (0.0, 0.0, 1.0, 1.0)
     rows, columns = bounding_slices(hidden)

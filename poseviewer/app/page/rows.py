@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Callable
 from functools import lru_cache
 from html import escape
 from pathlib import Path
@@ -31,44 +32,38 @@ def add_rows(controls: Controls, review: Reviewer) -> None:
     """Folder "Review": the list of rows, and what is asked of the one that is open."""
     noted: list[int | None] = [None]
 
-    def row(session: Session) -> Row | None:
+    def read(session: Session, of: Callable[[Row], str]) -> str:
         at = review.row_at(session.document)
-        return None if at is None else review.queue.rows[at]
+        return "" if at is None else of(review.queue.rows[at])
 
     def undo(session: Session) -> str:
-        is_rejected = said(session) == REJECTED
+        is_rejected = read(session, lambda row: row.result.review) == REJECTED
         return "Undo rejection" if is_rejected else "Undo acceptance"
-
-    def said(session: Session) -> str:
-        open_row = row(session)
-        return "" if open_row is None else open_row.result.review
-
-    def text(session: Session) -> str:
-        open_row = row(session)
-        return "" if open_row is None else row_text(open_row, session.unsaved)
 
     def written(session: Session) -> str:
         """What is being typed is not written over: only another row brings another note."""
-        at, open_row = review.row_at(session.document), row(session)
+        at = review.row_at(session.document)
         if at == noted[0]:
             return note.value
         noted[0] = at
-        return "" if open_row is None else open_row.result.note
+        return read(session, lambda row: row.result.note)
 
     def annotate(words: str) -> Task | None:
         return None if noted[0] is None else review.annotate(noted[0], words)
 
-    def shown(session: Session) -> tuple[object, ...]:
-        return review.queue, row(session)
-
     with controls.gui.add_folder("Review"):
-        rows = kept(shown, lambda s: rows_list(review.queue, review.row_at(s.document)))
-        controls.html(rows)
+        controls.html(
+            kept(
+                lambda s: (review.queue, review.row_at(s.document)),
+                lambda s: rows_list(review.queue, review.row_at(s.document)),
+            )
+        )
         controls.choices("Go to", {"Previous (P)": review.step(-1), "Next (N)": review.step(1)})
         accept, reject = review.decide("accepted"), review.decide("rejected")
         controls.choices("Pose", {"Accept (A)": accept, "Reject (X)": reject})
-        controls.button(undo, review.decide(""), visible=lambda s: bool(said(s)))
-        controls.text(text)
+        is_reviewed = {"visible": lambda s: bool(read(s, lambda row: row.result.review))}
+        controls.button(undo, review.decide(""), **is_reviewed)
+        controls.text(lambda s: read(s, lambda row: row_text(row, s.unsaved)))
         note = controls.gui.add_text("Note", "")
         controls.field(note, annotate, value=written)
 
