@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,8 +35,7 @@ from poseviewer.files.photo import photo_text, save_image
 from poseviewer.files.photo_sets import LoadedViews, SetChoice
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_file import save_scene
-from poseviewer.fit.compared import shown_attributes
-from poseviewer.fit.lighting import recover_lighting
+from poseviewer.fit.lighting import relit
 from poseviewer.fit.problem import FitProblem, make_problem, numbers_of, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.scene import LoadedModel, SceneObject
@@ -52,14 +52,13 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.view import View
-from poseviewer.render.moments import model_attributes
 from poseviewer.render.overlay import LOOKS
 from poseviewer.render.overlay.looks import SOLID_OPACITY, ModelInPhoto, Picture, draw_look
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import seen_share
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import AttributeImage, Renderer
-from poseviewer.starts.automatic import AUTOMATIC, AutoStart
+from poseviewer.starts.automatic import AUTOMATIC, find_start
 from poseviewer.starts.loading import (
     Start,
     StartCamera,
@@ -159,7 +158,8 @@ def load(
         calibration = Calibration(Path(calibration))
     if start == AUTOMATIC:
         rectangle = None if box is None else Rectangle(*box)
-        start = AutoStart(rectangle, camera or StartCamera(), chosen, watch).find
+        known = {"camera": camera or StartCamera(), "settings": chosen, "watch": watch}
+        start = partial(find_start, rectangle=rectangle, **known)
     if isinstance(mask, str | Path):
         chosen = replace(chosen, mask=Path(mask).name)
     data = open_photo(photo, model, start, chosen, calibration, mask)
@@ -535,14 +535,12 @@ class Scene:
         if in_front is not None and in_front.is_whole:
             return picture
 
-        def relit(image: AttributeImage) -> FloatArray:
+        def relight(image: AttributeImage) -> FloatArray:
             compared = self.problem.views
             photo = next((one.photo for one in compared if one.index == view), compared[0].photo)
-            attributes = shown_attributes(photo)
-            lighting = recover_lighting(self.renderer.moments(own.pose, attributes))
-            return lighting.apply(model_attributes(image, attributes))
+            return relit(photo, self.renderer, own.pose, image)
 
-        shown = ModelInPhoto(picture, own.mesh, self.renderer, own.pose, relit, opacity)
+        shown = ModelInPhoto(picture, own.mesh, self.renderer, own.pose, relight, opacity)
         drawn = draw_look(look, shown)
         return drawn if in_front is None else np.where(in_front.hidden[..., None], picture, drawn)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -63,12 +62,6 @@ def compared_levels(
         )
     is_refined = photo.structure is not None and (finest < factor or not is_alone)
     return photo, smaller(plain, finest) if is_refined else None
-
-
-def shown_attributes(photo: PhotoAttributes) -> PhotoAttributes:
-    """The attributes that a pose is shown relit by: the model's own pixels, and all its colours."""
-    coloured = photo.channels.shape[2] == 3
-    return replace(photo, clipped=True, colour_reflectance=coloured, structure=None)
 
 
 def _plain(

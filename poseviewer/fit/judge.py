@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -45,60 +46,62 @@ has risen as far as the last models of a search look; always so many rounds."""
 
 
 def judge_end(
-    progress: FitProgress, problem: FitProblem, mesh: Mesh, renderer: Renderer, threads: int = 1
+    progress: FitProgress, mesh: Mesh, renderer: Renderer, threads: int = 1
 ) -> FitProgress:
     """The progress with the verdict on the pose that a search ended in, ``lost`` where no model is
     to be seen, and the pose's covariance.
     """
+    problem, parameters, features, covariance = progress.problem, progress.parameters, None, None
     if len(problem.views) > 1:
         each = []
         for alone in problem.alone:
-            own = replace(progress, pose=alone.chart.to_pose(progress.parameters))
-            each.append(judge_end(own, alone, mesh, renderer, threads))
+            pose = alone.chart.to_pose(parameters)
+            own = replace(progress, problem=alone, pose=pose)
+            each.append(judge_end(own, mesh, renderer, threads))
         verdict = judge_together([one.verdict for one in each if one.verdict is not None])
-        charts, known = [view.chart for view in problem.views], [one.covariance for one in each]
-        sure = verdict.word != "lost"
-        covariance = joint_covariance(charts, known, progress.parameters, mesh) if sure else None
+        if verdict.word != "lost":
+            charts, known = [view.chart for view in problem.views], [one.covariance for one in each]
+            covariance = joint_covariance(charts, known, parameters, mesh)
         return replace(progress, verdict=verdict, covariance=covariance)
-    features = covariance = None
+    probing = partial(Probe, problem, mesh, renderer, progress.pose, threads)
     if progress.status is not Status.NOTHING_SEEN:
-        with suppress(PoseViewerError):  # in part behind the camera, or on the edge of its chart
-            features = gather_features(problem, mesh, renderer, progress.pose, threads)
+        # Raises where it is in part behind the camera, or on the edge of its chart.
+        with suppress(PoseViewerError), closing(probing()) as probe:
+            features = gather_features(probe)
     verdict = judge(features)
     if features is not None and verdict.word != "lost":
-        pose, seen = progress.pose, features.seen
-        covariance = find_covariance(problem, mesh, renderer, pose, seen, threads)
+        # Raises where poses beside it are in no photo.
+        unknown = PoseViewerError, OutsideChartError, np.linalg.LinAlgError
+        with suppress(*unknown), closing(probing(is_fine=True)) as probe:
+            covariance = find_covariance(probe, features.seen)
     return replace(progress, verdict=verdict, covariance=covariance)
 
 
-def gather_features(
-    problem: FitProblem, mesh: Mesh, renderer: Renderer, pose: Pose, threads: int = 1
-) -> Features | None:
+def gather_features(probe: Probe) -> Features | None:
     """Features of a pose, on any number of threads the same; None where the model is not in sight,
-    or in part behind the camera. Raises ``PoseViewerError`` for a pose outside the chart.
+    or in part behind the camera.
     """
-    with closing(Probe(problem, mesh, renderer, pose, threads)) as probe:
-        photo = probe.photo
-        drawn = covered(photo, renderer, pose)
-        if np.count_nonzero(drawn & (photo.weights > 0.0)) < FEWEST_PIXELS:
-            return None
-        here = float(probe.losses([np.zeros(len(probe.motions))])[0])
-        if not math.isfinite(here):
-            return None
-        losses = probe.losses(_wrong_steps(probe))
-        losses = losses[np.isfinite(losses)]
-        typical = float(np.median(losses))
-        scale = max(1.4826 * float(np.median(np.abs(losses - typical))), 1e-6)
-        turned = probe.losses(probe.turns()) - here
-        turned = turned[np.isfinite(turned)]
-        # Without turns, a turned pose is taken for as bad as a typical wrong one.
-        gain = float(turned.min()) if len(turned) else max(typical - here, 0.0)
-        return Features(
-            turn_margin=gain / scale,
-            spread_percent=100.0 * float(np.median(_distances_of_returns(probe))),
-            outline=outline_support(photo.channels, photo.weights, drawn),
-            seen=seen_share(photo, renderer, pose),
-        )
+    photo, renderer, pose = probe.photo, probe.renderer, probe.chart.start
+    drawn = covered(photo, renderer, pose)
+    if np.count_nonzero(drawn & (photo.weights > 0.0)) < FEWEST_PIXELS:
+        return None
+    here = float(probe.losses([np.zeros(len(probe.motions))])[0])
+    if not math.isfinite(here):
+        return None
+    losses = probe.losses(_wrong_steps(probe))
+    losses = losses[np.isfinite(losses)]
+    typical = float(np.median(losses))
+    scale = max(1.4826 * float(np.median(np.abs(losses - typical))), 1e-6)
+    turned = probe.losses(probe.turns()) - here
+    turned = turned[np.isfinite(turned)]
+    # Without turns, a turned pose is taken for as bad as a typical wrong one.
+    gain = float(turned.min()) if len(turned) else max(typical - here, 0.0)
+    return Features(
+        turn_margin=gain / scale,
+        spread_percent=100.0 * float(np.median(_distances_of_returns(probe))),
+        outline=outline_support(photo.channels, photo.weights, drawn),
+        seen=seen_share(photo, renderer, pose),
+    )
 
 
 def _wrong_steps(probe: Probe) -> FloatArray:
@@ -125,26 +128,15 @@ def _distances_of_returns(probe: Probe) -> list[float]:
     return [probe.distance(minimum, end) for end, _ in ends]
 
 
-def find_covariance(
-    problem: FitProblem,
-    mesh: Mesh,
-    renderer: Renderer,
-    pose: Pose,
-    seen: float,
-    threads: int = 1,
-) -> PoseCovariance | None:
-    """Covariance of the pose that a search ended in, by the curvature of the loss and ``spread``;
-    None where poses beside it are in no photo.
+def find_covariance(probe: Probe, seen: float) -> PoseCovariance:
+    """Covariance of a pose by the curvature of the loss, and by ``spread``.
+
+    Raises ``PoseViewerError``, ``OutsideChartError``, ``LinAlgError``: none is known beside it.
     """
-    with (
-        suppress(PoseViewerError, OutsideChartError, np.linalg.LinAlgError),
-        closing(Probe(problem, mesh, renderer, pose, threads, is_fine=True)) as probe,
-    ):
-        least, inverse = inverse_curvature(probe.losses, len(probe.motions))
-        factor = spread(LossScale.of(probe.photo).unexplained(least), seen)
-        covariance = factor**2 * probe.motions.T @ inverse @ probe.motions
-        return PoseCovariance.from_chart(mesh, pose, probe.chart, covariance)
-    return None
+    least, inverse = inverse_curvature(probe.losses, len(probe.motions))
+    factor = spread(LossScale.of(probe.photo).unexplained(least), seen)
+    covariance = factor**2 * probe.motions.T @ inverse @ probe.motions
+    return PoseCovariance.from_chart(probe.mesh, probe.chart.start, probe.chart, covariance)
 
 
 def inverse_curvature(

@@ -2,29 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.linear_algebra import whiten
-from poseviewer.render.types import Moments
+from poseviewer.render.moments import model_attributes
+from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes, Renderer
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Lighting:
-    """The affine map ``F = gain @ M + offset`` of least squared residual."""
-
-    gain: FloatArray
-    """A (n, m)."""
-    offset: FloatArray
-    """b (n,): light that is there without the model (haze, sensor offset)."""
-
-    def apply(self, attributes: FloatArray) -> FloatArray:
-        """The relit model ``A M + b`` (..., n) of model attributes (..., m)."""
-        return attributes @ self.gain.T + self.offset
-
-
-def recover_lighting(moments: Moments) -> Lighting:
-    """``A = C_FM C_MM^+`` and ``b = mean(F) - A mean(M)``.
+def recover_lighting(moments: Moments) -> tuple[FloatArray, FloatArray]:
+    """``A = C_FM C_MM^+`` (n, m) and ``b = mean(F) - A mean(M)`` (n,), light that is there without
+    the model (haze, sensor offset): the map ``F = A M + b`` of least squared residual.
 
     Where the model cannot tell parts of the lighting apart (constant reflectance, a flat model),
     the pseudo-inverse gives the least such lighting. Attributes that are constant get none.
@@ -32,4 +21,16 @@ def recover_lighting(moments: Moments) -> Lighting:
     n = moments.photo_channels
     model = whiten(moments.covariance[n:, n:], moments.mean[n:])
     gain = moments.covariance[:n, n:] @ model.T @ model
-    return Lighting(gain, moments.mean[:n] - gain @ moments.mean[n:])
+    return gain, moments.mean[:n] - gain @ moments.mean[n:]
+
+
+def relit(
+    photo: PhotoAttributes, renderer: Renderer, pose: Pose, image: AttributeImage
+) -> FloatArray:
+    """Colours (h, w, n) of the model in a picture, by the light that explains best the pixels that
+    it covers in the ``photo`` at a ``pose``, with all its colours.
+    """
+    coloured = photo.channels.shape[2] == 3
+    shown = replace(photo, clipped=True, colour_reflectance=coloured, structure=None)
+    gain, offset = recover_lighting(renderer.moments(pose, shown))
+    return model_attributes(image, shown) @ gain.T + offset

@@ -77,7 +77,8 @@ class Probe:
             self.level = lighter_level(photo, renderer, pose)
         else:
             self.level = coarsest_level(photo, renderer, pose, FEWEST_OF_STRUCTURE)
-        self._symmetry, self._mesh, self._points = problem.symmetry, mesh, hull_points(mesh)
+        self.mesh, self.renderer = mesh, renderer
+        self._symmetry, self._points = problem.symmetry, hull_points(mesh)
         self._pool = RendererPool(self.level.renderer, threads)
         self.close = self._pool.close
 
@@ -109,7 +110,7 @@ class Probe:
 
     def turns(self) -> FloatArray:
         """(t, k): steps that turn the model about those principal axes that are free."""
-        axes = principal_axes(self._mesh) @ self.chart.start.camera_from_model.rotation.T
+        axes = principal_axes(self.mesh) @ self.chart.start.camera_from_model.rotation.T
         angles = np.radians([*TURNS_DEG, *(-angle for angle in TURNS_DEG)])
         turns = np.zeros((3 * len(angles), self.motions.shape[1]))
         turns[:, :3] = np.einsum("a,kx->akx", angles, axes).reshape(-1, 3)

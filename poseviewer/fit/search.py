@@ -169,8 +169,7 @@ class Search:
 
     def _judged(self, progress: FitProgress) -> FitProgress:
         """The progress with the verdict on its pose."""
-        known = progress.problem, self._mesh, self._renderer, self._threads
-        judged = judge_end(progress, *known)
+        judged = judge_end(progress, self._mesh, self._renderer, self._threads)
         return replace(judged, seconds=time.perf_counter() - self._began)
 
     def _most_seen(self, due: set[int]) -> int:

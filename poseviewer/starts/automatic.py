@@ -58,38 +58,22 @@ TOLERANCES = nelder_mead.NelderMeadOptions(x_tolerance=1e-3, f_tolerance=1e-4)
 TRIAL = Limits(400)
 """Limits of the fit from each proposal that decides which is taken."""
 
+VIEWS = 2400
+"""Views spread over all rotations: 19 degrees apart. About half have the rectangle's shape."""
+ASPECT_THRESHOLD = 0.35
+"""Factor, as a logarithm, by which the aspect ratio of a view that is tried may be off."""
+RECTANGLE_WEIGHT = 4.0
+"""Weight of the squared distances of the outline's sides from the rectangle's, as shares."""
+SIDE_PX = 40.0
+"""Side of the rectangle, made square, on the coarsest level."""
+ROUNDS = ((32, 24, 0.12, SIDE_PX), (10, 80, 0.08, 60.0))
+"""Rounds of descents from the best poses so far: their number; evaluations of each; edge of its
+simplex, radians and shares of the radius; side of the rectangle on the level that it is made on."""
+MOST_PROPOSALS = 5
+DISTANCE = 0.1
+"""Least mean distance between proposals in the photo, share of the rectangle's diagonal."""
+
 BeginThread = Callable[[], None]
-
-
-@dataclass(frozen=True, slots=True)
-class Round:
-    """Descents from the best poses so far."""
-
-    poses: int
-    evaluations: int
-    """Evaluations of each descent."""
-    step: float
-    """Edge of its simplex: radians, shares of the radius."""
-    side_px: float
-    """Side of the rectangle, made square, on the level that it is made on."""
-
-
-@dataclass(frozen=True, slots=True)
-class ViewOptions:
-    """Numbers of views that are tried, improved and proposed."""
-
-    views: int = 2400
-    """Spread over all rotations: 19 degrees apart. About half have the rectangle's shape."""
-    aspect_threshold: float = 0.35
-    """Views are tried whose aspect ratio is off by no more than this factor (as a logarithm)."""
-    rectangle_weight: float = 4.0
-    """Weight of the squared distances of the outline's sides from the rectangle's, as shares."""
-    side_px: float = 40.0
-    """Side of the rectangle, made square, on the coarsest level."""
-    rounds: tuple[Round, ...] = (Round(32, 24, 0.12, 40.0), Round(10, 80, 0.08, 60.0))
-    proposals: int = 5
-    distance: float = 0.1
-    """Least mean distance between proposals in the photo, share of the rectangle's diagonal."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +85,6 @@ class StartQuery:
     rectangle: Rectangle | None = None
     """About the object; None: it is still to be drawn."""
     settings: FitSettings = field(default_factory=FitSettings)
-    options: ViewOptions = field(default_factory=ViewOptions)
 
     @property
     def points(self) -> FloatArray:
@@ -112,7 +95,7 @@ class StartQuery:
         """Poses that fill a rectangle: ``count``, or all. A vehicle's are those on level ground."""
         keypoints, centre = self.inputs.keypoints, self.inputs.mesh.centre
         if keypoints is None:
-            rotations = even_rotations(count or self.options.views)
+            rotations = even_rotations(count or VIEWS)
         else:
             rotations = ground_views(keypoints)[:count]
         return poses_filling(rectangle, rotations, self.points, centre, self.camera)
@@ -154,7 +137,7 @@ def propose(
     begin: BeginThread | None = None,
     watch: Callable[[], object] = lambda: None,
 ) -> Proposals:
-    """Propose up to ``options.proposals`` start poses by a search over views on all cores.
+    """Propose up to ``MOST_PROPOSALS`` start poses by a search over views on all cores.
 
     Some 3,000 evaluations of small pictures, always with the same result. Each thread calls
     ``begin``, each evaluation ``watch``, which may raise to stop it.
@@ -190,16 +173,15 @@ class _ViewSearch:
 
     def best_views(self, views: ViewPoses) -> list[Proposal]:
         """The best views that differ, improved round by round."""
-        options = self.query.options
         found = self._try_all(views)
-        for this in options.rounds:
-            found = self._descend(this, self._distinct(found, this.poses))
-        return self._distinct(found, options.proposals)
+        for count, evaluations, edge, side_px in ROUNDS:
+            found = self._descend(self._distinct(found, count), evaluations, edge, side_px)
+        return self._distinct(found, MOST_PROPOSALS)
 
     def ranked(self, poses: Sequence[Pose]) -> list[Proposal]:
         """Poses of several searches, scored anew over this one's region; those that differ."""
-        found = self._scored(poses, self._level(self.query.options.side_px), 1)
-        return self._distinct(found, self.query.options.proposals)
+        found = self._scored(poses, self._level(SIDE_PX), 1)
+        return self._distinct(found, MOST_PROPOSALS)
 
     def _level(self, side_px: float) -> Level:
         """The level on which the rectangle, made square, has about ``side_px`` along each side."""
@@ -216,19 +198,19 @@ class _ViewSearch:
             return list(pool.map(score, poses, *chunk))
 
     def _try_all(self, views: ViewPoses) -> list[Proposal]:
-        options = self.query.options
-        shaped = np.flatnonzero(views.aspect_errors <= options.aspect_threshold)
+        shaped = np.flatnonzero(views.aspect_errors <= ASPECT_THRESHOLD)
         if not len(shaped):
             shaped = np.argsort(views.aspect_errors)[: len(views.poses) // 10 + 1]
-        scored = self._scored([views.poses[i] for i in shaped], self._level(options.side_px))
+        scored = self._scored([views.poses[i] for i in shaped], self._level(SIDE_PX))
         # Half of the logarithm goes to each of width and height, half of that to each side.
-        costs = options.rectangle_weight * 4.0 * (views.aspect_errors[shaped] / 4.0) ** 2
+        costs = RECTANGLE_WEIGHT * 4.0 * (views.aspect_errors[shaped] / 4.0) ** 2
         return [Proposal(p.pose, p.loss + float(c)) for p, c in zip(scored, costs, strict=True)]
 
-    def _descend(self, this: Round, starts: Sequence[Proposal]) -> list[Proposal]:
+    def _descend(
+        self, starts: Sequence[Proposal], evaluations: int, edge: float, side_px: float
+    ) -> list[Proposal]:
         """Ends of short descents from the starts."""
-        level = self._level(this.side_px)
-        mesh, weight = self.query.inputs.mesh, self.query.options.rectangle_weight
+        level, mesh = self._level(side_px), self.query.inputs.mesh
         worst = worst_registration_loss(level.photo)
 
         def descend(own: Renderer, start: Proposal) -> Proposal:
@@ -241,12 +223,12 @@ class _ViewSearch:
                 except OutsideChartError:
                     return worst
                 loss = registration_loss(own.moments(pose, level.photo))
-                return loss + weight * self._off_rectangle(pose)
+                return loss + RECTANGLE_WEIGHT * self._off_rectangle(pose)
 
             states = nelder_mead.minimise(
-                lambda points: map(loss_at, points), np.zeros(6), this.step * np.eye(6), TOLERANCES
+                lambda points: map(loss_at, points), np.zeros(6), edge * np.eye(6), TOLERANCES
             )
-            *_, last = islice(states, this.evaluations)
+            *_, last = islice(states, evaluations)
             return Proposal(chart.to_pose(last.best), last.value)
 
         with RendererPool(level.renderer, begin=self.begin) as pool:
@@ -263,7 +245,7 @@ class _ViewSearch:
 
     def _distinct(self, found: Sequence[Proposal], most: int) -> list[Proposal]:
         """The best whose pictures of the model differ."""
-        reach = self.query.options.distance * float(np.hypot(*self.rectangle[2:]))
+        reach = DISTANCE * float(np.hypot(*self.rectangle[2:]))
         ordered = sorted(found, key=lambda one: one.loss)
         pictures = [(one, one.pose.project(self.query.points)) for one in ordered]
         seen = ((one, picture) for one, picture in pictures if np.isfinite(picture).all())
@@ -308,11 +290,8 @@ def best_start(
     poses = [fitted(query, one.pose, renderer, watch) for one in proposals.found]
     losses = [registration_loss(renderer.moments(pose, proposals.photo)) for pose in poses]
     best = int(np.argmin(losses))
-    note = f"start found: one proposal, loss {losses[best]:.2f}"
-    if len(losses) > 1:
-        nth = ("first", "second", "third", "fourth")[best] if best < 4 else f"{best + 1}th"
-        note = f"start found: the {nth} of {len(losses)} proposals, loss {losses[best]:.2f}, "
-        note += f"the next best {sorted(losses)[1]:.2f}"
+    note = f"start found: proposal {best + 1} of {len(losses)}, loss {losses[best]:.2f}"
+    note += f", the next best {sorted(losses)[1]:.2f}" if len(losses) > 1 else ""
     return Start(poses[best], (f"{note}; look whether it is right.",))
 
 
@@ -330,23 +309,19 @@ def fitted(query: StartQuery, start: Pose, renderer: Renderer, watch: Callable[[
     return pose
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class AutoStart:
-    """``find`` is a start for ``starts.loading.open_photo``."""
-
-    rectangle: Rectangle | None = None
-    """About the object; None: the settings' region."""
-    camera: StartCamera = field(default_factory=StartCamera)
-    settings: FitSettings = field(default_factory=FitSettings)
-    watch: Callable[[], object] = lambda: None
-
-    def find(self, inputs: StartInputs) -> Start:
-        """The best of the proposals."""
-        rectangle = self.rectangle or self.settings.region
-        rectangle = None if rectangle is None else Rectangle(*rectangle)
-        query = StartQuery(inputs, self.camera.of(inputs.photo), rectangle, self.settings)
-        renderer = make_renderer(inputs.mesh)
-        return best_start(query, propose(query, renderer, watch=self.watch), renderer, self.watch)
+def find_start(
+    inputs: StartInputs,
+    rectangle: Rectangle | None,
+    camera: StartCamera,
+    settings: FitSettings,
+    watch: Callable[[], object],
+) -> Start:
+    """Find the best start of the proposals in a rectangle, by default the settings' region."""
+    rectangle = rectangle or settings.region
+    rectangle = None if rectangle is None else Rectangle(*rectangle)
+    query = StartQuery(inputs, camera.of(inputs.photo), rectangle, settings)
+    renderer = make_renderer(inputs.mesh)
+    return best_start(query, propose(query, renderer, watch=watch), renderer, watch)
 
 
 @lru_cache(maxsize=4)

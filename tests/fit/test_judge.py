@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import replace
 from typing import Any
 
@@ -11,8 +12,8 @@ import pytest
 
 from poseviewer.confidence.verdict import judge
 from poseviewer.fit.judge import find_covariance, gather_features, inverse_curvature, judge_end
-from poseviewer.fit.probing import free_motions
-from poseviewer.fit.problem import make_problem
+from poseviewer.fit.probing import Probe, free_motions
+from poseviewer.fit.problem import FitProblem, make_problem
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
@@ -40,9 +41,19 @@ def truth(opened) -> Pose:
     return opened.pose(0)
 
 
+def probing(problem: FitProblem, pose: Pose, case: Any, **more: Any) -> closing[Probe]:
+    return closing(Probe(problem, *case[1:], pose=pose, **more))
+
+
+def sure_of(problem: FitProblem, pose: Pose, case: Any, seen: float = 1.0, threads: int = 1) -> Any:
+    with probing(problem, pose, case, threads=threads, is_fine=True) as probe:
+        return find_covariance(probe, seen)
+
+
 def test_the_features_speak_for_the_true_pose(case, truth):
     off = case[0].chart.to_pose(np.array([0.7, -0.5, 0.3, 0.3, 0.2, 0.1]))
-    right, wrong = (gather_features(*case, pose=pose) for pose in (truth, off))
+    with probing(case[0], truth, case) as here, probing(case[0], off, case) as there:
+        right, wrong = gather_features(here), gather_features(there)
     assert right is not None
     assert wrong is not None
     assert right.turn_margin > wrong.turn_margin
@@ -86,7 +97,7 @@ def test_the_curvature_of_a_known_quadratic_is_found_under_jumps():
 def test_the_end_of_a_fit_is_sure_and_the_same_on_any_threads(case):
     problem, mesh, renderer = case
     *_, end = fit_pose(problem, renderer)
-    judged = judge_end(end, *case)
+    judged = judge_end(end, mesh, renderer)
     verdict, sure = judged.verdict, judged.covariance
     assert verdict is not None
     assert verdict.word == "found"
@@ -94,24 +105,20 @@ def test_the_end_of_a_fit_is_sure_and_the_same_on_any_threads(case):
     assert np.linalg.eigvalsh(sure.matrix)[0] > 0.0
     assert 0.0 < sure.deviations["sideways"] < sure.deviations["depth"] < mesh.diameter
     assert 0.0 < sure.px < 5.0
-    again = find_covariance(*case, pose=end.pose, seen=verdict.features["seen"], threads=3)
-    assert again is not None
+    again = sure_of(problem, end.pose, case, verdict.features["seen"], 3)
     np.testing.assert_array_equal(again.matrix, sure.matrix)
     far = problem.chart.to_pose(np.array([0.0, 0.0, 0.0, 30.0, 30.0, 0.0]))
-    unseen = judge_end(replace(end, pose=far), *case)
+    unseen = judge_end(replace(end, pose=far), mesh, renderer)
     assert unseen.verdict is not None
     assert (unseen.verdict.word, unseen.verdict.probability) == ("lost", 0.0)
     assert unseen.covariance is None
 
 
 def test_the_less_is_seen_the_less_sure_it_is_and_what_is_held_is_sure(case, truth):
-    problem, mesh, renderer = case
-    whole, half = (find_covariance(*case, pose=truth, seen=seen) for seen in (1.0, 0.5))
+    problem = case[0]
+    whole, half = (sure_of(problem, truth, case, seen) for seen in (1.0, 0.5))
     held = locked(problem, problem.chart.names[5])
-    sure = find_covariance(held, mesh, renderer, truth, 1.0)
-    assert whole is not None
-    assert half is not None
-    assert sure is not None
+    sure = sure_of(held, truth, case)
     assert half.px > whole.px
     assert np.linalg.matrix_rank(sure.matrix / np.outer(sure.scales, sure.scales)) == 5
     assert sure.matrix[5, 5] == pytest.approx(0.0, abs=1e-12)
@@ -119,9 +126,7 @@ def test_the_less_is_seen_the_less_sure_it_is_and_what_is_held_is_sure(case, tru
 
 def test_a_free_focal_length_has_a_deviation_of_its_own(opened, case, truth):
     free, _ = make_problem(by(opened, chart="free-body", free_focal=True))
-    sure, known = (find_covariance(one, *case[1:], pose=truth, seen=1.0) for one in (free, case[0]))
-    assert sure is not None
-    assert known is not None
+    sure, known = (sure_of(problem, truth, case) for problem in (free, case[0]))
     assert sure.matrix.shape == (7, 7)
     assert sure.deviations["focal_px"] > 0.0
     assert sure.deviations["depth"] > known.deviations["depth"]

@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from poseviewer.api import load
-from poseviewer.confidence.verdict import judge
+from poseviewer.confidence.verdict import Features, judge
 from poseviewer.evaluation.synthetic import photograph, random_lighting
 from poseviewer.files.demo import demo_case
 from poseviewer.fit.judge import better_turn, gather_features
@@ -81,6 +81,11 @@ def probing(problem: FitProblem, mesh: Mesh = CAN, pose: Pose = TRUTH) -> closin
     return closing(Probe(problem, mesh, make_renderer(mesh), pose))
 
 
+def features_of(problem: FitProblem, mesh: Mesh = CAN, pose: Pose = TRUTH) -> Features | None:
+    with probing(problem, mesh, pose) as probe:
+        return gather_features(probe)
+
+
 @pytest.mark.slow
 def test_a_can_is_turned_about_its_axis_and_across():
     with probing(fitted_from(TRUTH)) as probe:
@@ -145,9 +150,8 @@ def test_a_fit_that_would_end_turned_ends_right():
 
 @pytest.mark.slow
 def test_the_verdict_tells_a_turned_can_from_a_right_one():
-    problem, renderer = fitted_from(TRUTH), make_renderer(CAN)
-    poses = TRUTH, turned(TRUTH, 30.0)
-    right, wrong = (judge(gather_features(problem, CAN, renderer, pose)) for pose in poses)
+    problem = fitted_from(TRUTH)
+    right, wrong = (judge(features_of(problem, pose=p)) for p in (TRUTH, turned(TRUTH, 30.0)))
     assert right.features["turn_margin"] > 1.0 > wrong.features["turn_margin"]
     assert right.word == "found"
     assert wrong.word != "found"
@@ -182,10 +186,9 @@ def test_an_equal_pose_is_not_away():
 @pytest.mark.slow
 def test_equal_poses_do_not_count_as_turned():
     plain = make_mesh(CAN.vertices, CAN.faces)  # by its loss alone it may be turned as one likes
-    problem, renderer = fitted_from(TRUTH, plain), make_renderer(plain)
+    problem = fitted_from(TRUTH, plain)
     as_any, as_round = (
-        gather_features(of, plain, renderer, TRUTH)
-        for of in (problem, replace(problem, symmetry=ROUND))
+        features_of(of, plain) for of in (problem, replace(problem, symmetry=ROUND))
     )
     assert as_any is not None
     assert as_round is not None

@@ -10,7 +10,6 @@ import pytest
 from poseviewer.api import load
 from poseviewer.errors import SettingsError
 from poseviewer.files.demo import demo_case
-from poseviewer.fit.compared import shown_attributes
 from poseviewer.fit.occlusion import behind
 from poseviewer.fit.problem import make_photo_attributes, make_problem
 from poseviewer.fit.scene import Scene as FitScene
@@ -68,14 +67,6 @@ def test_near_is_a_box_about_the_start():
     assert columns.min() == pytest.approx(seen[:, 0].min() - margin, abs=1.0)
     assert rows.max() + 1 == pytest.approx(seen[:, 1].max() + margin, abs=1.0)
     assert not made.clipped
-
-
-def test_a_pose_is_shown_by_its_own_pixels_in_all_colours():
-    made = compared(make_photo(30.0), FitSettings())
-    shown = shown_attributes(made)
-    assert shown.clipped
-    assert shown.model_channels == 12
-    assert np.shares_memory(shown.channels, made.channels)
 
 
 @pytest.mark.parametrize(

@@ -73,7 +73,8 @@ def test_views_of_several_sides_tell_the_depth(renderer):
     assert verdict is not None
     assert [verdict.word, *(one.word for one in verdict.views)] == ["found"] * 4
     joint = end.progress.covariance
-    single = judge_end(end.progress, end.problem.alone[0], MESH, renderer).covariance
+    alone = replace(end.progress, problem=end.problem.alone[0])
+    single = judge_end(alone, MESH, renderer).covariance
     assert joint is not None
     assert single is not None
     assert joint.deviations["depth"] < 0.3 * single.deviations["depth"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,22 +17,19 @@ from poseviewer.app.state.session import Losses, Overlay, OverlayRequest, Sessio
 from poseviewer.app.workers.jobs import for_one_thread
 from poseviewer.app.workers.worker import Job
 from poseviewer.errors import PoseViewerError
-from poseviewer.fit.compared import shown_attributes
-from poseviewer.fit.lighting import recover_lighting
+from poseviewer.fit.lighting import relit
 from poseviewer.fit.loss import worst_registration_loss
 from poseviewer.fit.problem import ComparedView, loss_of, make_problem
 from poseviewer.fit.scene import PlacedModel, Scene
 from poseviewer.fit.unexplained import LossScale, Unexplained, mean_over
 from poseviewer.fit.visibility import DepthImage, depth_image
-from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.render.moments import model_attributes
 from poseviewer.render.overlay.contour import Sketch, quick_silhouette, silhouette
 from poseviewer.render.overlay.edges import find_lines
 from poseviewer.render.overlay.looks import ModelInPhoto, Relight, draw_look, edge_layer, line_scale
-from poseviewer.render.types import AttributeImage, PhotoAttributes
+from poseviewer.render.types import PhotoAttributes
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -127,13 +124,7 @@ class OverlayDrawer:
             compared = next((view.photo for view in views if view.index == own.at), None)
             if compared is None:
                 return Overlay(request, NO_LINES)
-            attributes = shown_attributes(compared)
-            lighting = recover_lighting(self._reader.renderer.moments(own.pose, attributes))
-
-            def relit(image: AttributeImage) -> FloatArray:
-                return lighting.apply(model_attributes(image, attributes))
-
-            relight = relit
+            relight = partial(relit, compared, self._reader.renderer, own.pose)
         view = ModelInPhoto(pixels, own.mesh, self._fine, pose, relight, request.opacity)
         picture = draw_look(request.look, view)
         others = tuple((own.scene.objects[i].mesh, own.scene.pose(i, own.at)) for i in own.others)
