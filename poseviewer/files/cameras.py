@@ -19,7 +19,7 @@ import yaml
 from poseviewer.errors import CalibrationFileError
 from poseviewer.files.checks import Reading
 from poseviewer.files.colmap_model import MODELS, camera_rows, image_rows
-from poseviewer.files.structs import CameraNumbers, checked_camera
+from poseviewer.files.structs import checked_camera
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
@@ -28,7 +28,7 @@ KIND = "file of cameras"
 LARGEST_SKEW = 1e-6
 """Share of the focal length."""
 ALIASES = {
-    "matrix": ("cameramatrix", "intrinsicmatrix", "mtx", "k", "m"),
+    "matrix": ("cameramatrix", "intrinsicmatrix", "camk", "mtx", "k", "m"),
     "distortion": ("distortioncoefficients", "distcoeffs", "distcoeff", "dist", "d"),
     "size": ("imagesize", "imgsize", "resolution"),
     "width": ("imagewidth", "width"),
@@ -36,7 +36,7 @@ ALIASES = {
     "fisheye": ("fisheyemodel",),
     "model": ("distortionmodel", "cameramodel", "lensmodel", "model"),
 }
-"""Names of a camera's numbers with OpenCV's samples, ROS and users of NumPy, in small letters,
+"""Names of a camera's numbers with OpenCV's samples, ROS, BOP and users of NumPy, in small letters,
 without ``_``. A number behind a name tells the cameras of a file apart.
 """
 LOADER = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
@@ -75,25 +75,11 @@ def load_cameras(path: str | Path, fisheye: bool = False) -> list[FileCamera]:
             case ".yml" | ".yaml" | ".xml":
                 cameras = opencv_cameras(reading, opencv_storage(reading), fisheye)
             case ".json":
-                data = reading.load_object()
-                cameras = bop_cameras(reading, data) or opencv_cameras(reading, data, fisheye)
+                cameras = opencv_cameras(reading, reading.load_object(), fisheye)
             case kind:
                 wanted = "wanted .yml, .xml, .json, .txt or .bin"
                 raise reading.error(f"its ending is {kind or 'missing'}", wanted)
         return [replace(one, camera=checked_camera(reading, one.camera)) for one in cameras]
-
-
-def bop_cameras(reading: Reading, data: dict[str, Any]) -> list[FileCamera]:
-    """The camera of BOP's ``camera.json``; those of a ``scene_camera.json``, by image; or none."""
-    if data and all(isinstance(entry, dict) and "cam_K" in entry for entry in data.values()):
-        return [
-            FileCamera(key, camera_of_matrix(reading, entry["cam_K"], f"cam_K of {key}"))
-            for key, entry in data.items()
-        ]
-    if not {"fx", "fy", "cx", "cy"} <= set(data):
-        return []
-    width, height = (reading.size(data.get(key), key) or 0 for key in ("width", "height"))
-    return [FileCamera("", reading.decoded(data, CameraNumbers).perspective(width, height))]
 
 
 def opencv_storage(reading: Reading) -> dict[str, Any]:
@@ -123,6 +109,9 @@ def _of_element(element: ElementTree.Element) -> Any:
 def opencv_cameras(reading: Reading, data: dict[str, Any], fisheye: bool) -> list[FileCamera]:
     """One camera; or several, by their numbers or their objects' names."""
     cameras = []
+    if {"fx", "fy", "cx", "cy"} <= set(data):  # as BOP's camera.json says it
+        rows = [[data["fx"], 0.0, data["cx"]], [0.0, data["fy"], data["cy"]], [0.0, 0.0, 1.0]]
+        data = {**data, "camera_matrix": rows}
     for prefix, value in [("", data), *data.items()]:
         of_number: dict[str, dict[str, Any]] = defaultdict(dict)
         for key, entry in value.items() if isinstance(value, dict) else ():

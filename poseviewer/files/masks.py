@@ -4,6 +4,8 @@ mask, which lies beside it.
 
 from __future__ import annotations
 
+from base64 import b64decode, b64encode
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -18,15 +20,33 @@ from poseviewer.files.pose import PoseRecord, save_pose
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.mask import Mask
 
+INLINE = "data:image/png;base64,"
+"""Start of a mask that stands in a scene's file itself."""
+
 
 def load_mask(path: str | Path, width: int, height: int) -> Mask:
-    """The mask in a picture, white 1 and black 0."""
-    mask = load_photo(path)
-    if (mask.width, mask.height) != (width, height):
-        found = f"the mask has {mask.width}x{mask.height} px, the photo {width}x{height} px"
-        reading = Reading(Path(path), error_type=PhotoFileError)
-        raise reading.error(found, "save the mask in the photo's size")
-    return Mask.of(np.minimum(mask.grey(), 1.0))  # a sum of colours may end just above it
+    """The mask in a picture, or in a text of ``mask_text``; white is 1 and black 0."""
+    inline, reading = str(path), Reading(Path(path), error_type=PhotoFileError, kind="mask")
+    if inline.startswith(INLINE):
+        reading = replace(reading, path=Path("a mask"))
+        with reading.naming_errors():
+            data = np.frombuffer(b64decode(inline.removeprefix(INLINE), validate=True), np.uint8)
+            pixels = np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH))
+            weights = pixels * np.float32(1.0 / np.iinfo(pixels.dtype).max)
+    else:
+        weights = np.minimum(load_photo(path).grey(), 1.0)  # a sum of colours may end just above it
+    if weights.shape != (height, width):
+        found = f"the mask has {weights.shape[1]}x{weights.shape[0]} px"
+        wanted = "save the mask in the photo's size"
+        raise reading.error(f"{found}, the photo {width}x{height} px", wanted)
+    return Mask.of(weights)
+
+
+def mask_text(mask: Mask | Path | None) -> str | None:
+    """A mask as a scene has it: the name of its file, or a picture in text."""
+    if isinstance(mask, Mask):
+        return INLINE + b64encode(mask_as_png(mask)).decode()
+    return None if mask is None else str(mask)
 
 
 def mask_as_png(mask: Mask) -> bytes:
@@ -35,14 +55,6 @@ def mask_as_png(mask: Mask) -> bytes:
     top = np.uint8(255) if np.all((weights == 0.0) | (weights == 1.0)) else np.uint16(65535)
     pixels = np.rint(weights.astype(float) * top).astype(top.dtype)
     return np.asarray(cv2.imencode(".png", pixels)[1]).tobytes()
-
-
-def mask_from_png(data: bytes) -> Mask:
-    """The mask that ``mask_as_png`` made a picture of; raises ValueError where it is none."""
-    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
-    if pixels is None or pixels.ndim != 2:
-        raise ValueError("not a grey picture")
-    return Mask.of(pixels * np.float32(1.0 / (65535 if pixels.dtype == np.uint16 else 255)))
 
 
 def mask_path(pose_file: str | Path) -> Path:

@@ -28,7 +28,7 @@ from poseviewer.files.formats.reconstructions import colmap_images, frame_taken
 from poseviewer.files.masks import load_mask
 from poseviewer.files.photo import load_photo, undistorted
 from poseviewer.files.pose import check_against
-from poseviewer.files.scene_file import INLINE, ViewRecord, load_scene, mask_in
+from poseviewer.files.scene_file import ViewRecord, load_scene
 from poseviewer.files.structs import (
     SCENE,
     VIEWS,
@@ -40,7 +40,6 @@ from poseviewer.files.structs import (
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import Lens, Undistortion
-from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view import View
 
@@ -141,14 +140,9 @@ def open_view(record: ViewRecord) -> tuple[View, tuple[str, ...]]:
     notes = check_against(record.reference, photo.sha256)
     if record.undistortion is not None:
         photo = undistorted(photo, record.undistortion)
-    mask = None if record.mask is None else open_mask(record.mask, *size)
+    mask = None if record.mask is None else load_mask(record.mask, *size)
     view = View(photo.name, photo, record.camera, record.place.rigid, mask, record.path)
     return view, notes
-
-
-def open_mask(text: str, width: int, height: int) -> Mask:
-    """The mask that a scene names or has itself, for a photo of ``width`` x ``height`` px."""
-    return mask_in(text) if text.startswith(INLINE) else load_mask(text, width, height)
 
 
 def _views(reading: Reading, choice: SetChoice) -> tuple[list[View], str | None, float | None]:

@@ -7,13 +7,12 @@ absolute paths. Version 1 was one photo; an object's pose was a pose file's word
 from __future__ import annotations
 
 import os
-from base64 import b64decode, b64encode
+from base64 import b64decode
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import cv2
 import msgspec
 import numpy as np
 from msgspec import Meta, Struct, structs
@@ -21,8 +20,9 @@ from msgspec import Meta, Struct, structs
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseFileError, printable
 from poseviewer.files.checks import Reading, is_there, kind_of
-from poseviewer.files.masks import mask_as_png, mask_from_png
+from poseviewer.files.masks import INLINE, mask_text
 from poseviewer.files.mesh.named import bare_name
+from poseviewer.files.photo import SAME, same_undistortion
 from poseviewer.files.pose import PoseRecord, record_from_json
 from poseviewer.files.structs import (
     PROJECTIONS,
@@ -51,16 +51,10 @@ from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.geometry.view import View, pose_in_view, world_from_pose
 
 KIND = "scene file"
-INLINE = "data:image/png;base64,"
-"""Start of a mask that stands in the file itself."""
 OF_VIEW = ("projection", "camera", "distortion", "photo")
 """Fields that version 1 had once for the poses of all objects."""
 AS_IN_POSE = ("loss", "unexplained", "verdict", "uncertainty", "chart", "settings", "notes")
 """Fields that results share with pose files."""
-SAME = 1e-9
-"""Relative: files round cameras in their last digit."""
-MADE = Reading(Path(KIND))
-"""Names no file in errors: what was read is checked, what was made needs no check."""
 
 
 class PhotoFile(Struct, frozen=True, omit_defaults=True):
@@ -362,11 +356,6 @@ def _from_version_1(reading: Reading, data: dict[str, Any], find: Named) -> Scen
         if isinstance(pose, str):
             file = Path(find(pose, f"{what}.pose"))
             pose = Reading(file).load_object()
-            if any(_differ(view_said[key], pose.get(key)) for key in OF_VIEW[:-1]):
-                raise reading.error(
-                    f"the pose of object {one.get('id')!r} is by another camera than the scene's",
-                    "one photo has one camera, fit the object again with that of the scene",
-                )
             beside = reading.text(pose.get("mask"), f"{what}.pose.mask")
             mask = str(file.with_name(bare_name(beside))) if beside and not mask else mask
         pose = {**view_said, **reading.object(pose, f"{what}.pose")}
@@ -374,6 +363,11 @@ def _from_version_1(reading: Reading, data: dict[str, Any], find: Named) -> Scen
             pose["camera"] = {**pose["camera"], "scale": pose["scale"]}
         own = replace(reading, path=Path(f"{reading.path.name}, {what}.pose"))
         record = record_from_json(own, pose, view.photo.width, view.photo.height)
+        if not _has_camera_of(record, view):
+            raise reading.error(
+                f"the pose of object {one.get('id')!r} is by another camera than the scene's",
+                "one photo has one camera, fit the object again with that of the scene",
+            )
         model = reading.decoded(one.get("model"), ModelFile, f"{what}.model", raw=("file",))
         name, key = (reading.text(one.get(key), f"{what}.{key}") or "" for key in ("name", "id"))
         made = ObjectRecord.of(key, Path(model.file), record, view, name)
@@ -422,15 +416,14 @@ def _beside(path: Path, name: str | None) -> Path:
     return folder / bare_name(name) if name else Path()
 
 
-def _differ(one: Any, other: Any) -> bool:
-    """Whether two JSON values differ by more than rounding, the scale of cameras aside."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        return any(_differ(one.get(k), other.get(k)) for k in {*one, *other} - {"scale"})
-    numbers: list[Any] = [one, other]
-    try:
-        return not np.allclose(*numbers, rtol=SAME)
-    except (TypeError, ValueError):
-        return one != other
+def _has_camera_of(record: PoseRecord, view: ViewRecord) -> bool:
+    """Whether a pose is by a view's camera, up to rounding and its scale."""
+    first, second = ([n.fx or 0, n.fy or 0, n.cx, n.cy] for n in (record.numbers, view.numbers))
+    return (
+        record.projection == view.projection
+        and np.allclose(first, second, rtol=SAME)
+        and same_undistortion(record.undistortion, view.undistortion)
+    )
 
 
 def _each(value: Any, change: Callable[[str, Any, str], Any], where: str = "") -> Any:
@@ -488,21 +481,6 @@ def scene_files(path: Path, scene: SceneRecord) -> dict[Path, bytes]:
 
     data = _each(msgspec.to_builtins(with_files(structs.replace(scene, warnings=()), name)), beside)
     return {**masks, path: json_bytes(path, data, PoseFileError, format=SCENE, version=2)}
-
-
-def mask_text(mask: Mask | Path | None) -> str | None:
-    """A mask as a scene has it: the name of its file, or a picture in text."""
-    if isinstance(mask, Mask):
-        return INLINE + b64encode(mask_as_png(mask)).decode()
-    return None if mask is None else str(mask)
-
-
-def mask_in(text: str) -> Mask:
-    """The mask that a text of ``mask_text`` holds; raises PoseFileError where it is none."""
-    try:
-        return mask_from_png(b64decode(text.removeprefix(INLINE), validate=True))
-    except (ValueError, cv2.error) as error:
-        raise MADE.error(f"a mask is no picture ({error})", "wanted a PNG in base64") from None
 
 
 def require_whole(reading: Reading, scene: SceneRecord) -> None:

@@ -14,14 +14,13 @@ from poseviewer.errors import PoseFileError, SettingsError, printable
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.formats.conversion import METRES
 from poseviewer.files.keypoints import load_keypoints
-from poseviewer.files.masks import load_mask, mask_beside
+from poseviewer.files.masks import load_mask, mask_beside, mask_text
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_calibrated_photo, matched
 from poseviewer.files.photo_sets import (
     LoadedViews,
     SetChoice,
     load_views,
-    open_mask,
     open_view,
     with_names,
 )
@@ -34,7 +33,6 @@ from poseviewer.files.scene_file import (
     SceneRecord,
     ViewRecord,
     load_scene,
-    mask_text,
     place_of,
     scene_of_pose,
     view_record,
@@ -376,7 +374,7 @@ def _require_one_unit(scene: SceneRecord, models: Mapping[str, LoadedModel]) -> 
 
 def _in_view(own: InViewRecord, view: ViewRecord) -> InView:
     size = view.photo.width, view.photo.height
-    mask = None if own.mask is None else open_mask(own.mask, *size)
+    mask = None if own.mask is None else load_mask(own.mask, *size)
     region = None if own.region is None else Rectangle(*own.region)
     return InView(mask, region, own.is_compared)
 

@@ -196,7 +196,7 @@ BROKEN = {
     "three.json": ({"K": [[9, 0, 4], [0, 9, 3], [0, 0, 1]], "D": [1, 2, 3]}, "3 distortion"),
     "model.json": ({"K": [[9, 0, 4], [0, 9, 3], [0, 0, 1]], "model": "mei"}, "'mei'"),
     "size.json": ({"K": [[9, 0, 4], [0, 9, 3], [0, 0, 1]], "width": 3.5, "height": 2}, "whole"),
-    "bop.json": ({"fx": 1, "fy": "x", "cx": 0, "cy": 0}, "fy is 'x'"),
+    "bop.json": ({"fx": 1, "fy": "x", "cx": 0, "cy": 0}, "camera_matrix[1][1] is 'x'"),
     "cameras.txt": ("# only a head\n", "no camera"),
     "words.txt": ("hello there\n", "CAMERA_ID"),
     "fov.txt": ("1 FOV 640 480 1 1 1 1 1\n", "model FOV"),

@@ -16,7 +16,7 @@ from assets.source.schemas import KINDS, schema
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseViewerError
-from poseviewer.files.masks import save_pose_and_mask
+from poseviewer.files.masks import mask_text, save_pose_and_mask
 from poseviewer.files.pose import ChartParameters, PoseRecord, save_pose
 from poseviewer.files.scene_file import (
     InViewRecord,
@@ -25,7 +25,6 @@ from poseviewer.files.scene_file import (
     SceneRecord,
     ViewRecord,
     load_scene,
-    mask_text,
     save_scene,
 )
 from poseviewer.files.state.uploads import taken_out

@@ -20,15 +20,14 @@ from msgspec import Struct, structs
 
 from poseviewer.errors import AutosaveError, PoseViewerError
 from poseviewer.files.checks import Reading
+from poseviewer.files.masks import INLINE, load_mask
 from poseviewer.files.photo_sets import SetChoice, load_views
 from poseviewer.files.pose import record_from_json
 from poseviewer.files.scene_file import (
-    INLINE,
     InViewRecord,
     ObjectRecord,
     SceneRecord,
     ViewRecord,
-    mask_in,
     place_of,
     require_whole,
     view_record,
@@ -185,9 +184,10 @@ def _from_json(reading: Reading, data: dict[str, Any]) -> AutosavedSession:
     else:
         raise reading.error("it has another format", f"wanted {FORMAT} {VERSION}")
     scene = session.scene
-    for holder in (*scene.views, *(own for one in scene.objects for own in one.in_views)):
-        if holder.mask is not None:
-            mask_in(holder.mask)
+    for index, view in enumerate(scene.views):
+        for part in (view, *(one.in_views[index] for one in scene.objects if one.in_views)):
+            if part.mask is not None:
+                load_mask(part.mask, view.photo.width, view.photo.height)
     scene.index(session.active_object)
     if not 0 <= session.active_view < len(scene.views):
         raise reading.error(f"active_view is {session.active_view}", "wanted one of the views")

@@ -16,6 +16,7 @@ import pytest
 from msgspec import structs
 
 from poseviewer.errors import AutosaveError
+from poseviewer.files.masks import mask_text
 from poseviewer.files.pose import ChartParameters, PoseRecord
 from poseviewer.files.scene_file import (
     InViewRecord,
@@ -23,7 +24,6 @@ from poseviewer.files.scene_file import (
     Place,
     SceneRecord,
     ViewRecord,
-    mask_text,
 )
 from poseviewer.files.state.autosave import (
     AutosavedSession,
