@@ -32,9 +32,8 @@ from poseviewer.files.scene_file import (
     require_whole,
     view_record,
 )
-from poseviewer.files.structs import CameraNumbers, Number
+from poseviewer.files.structs import Number
 from poseviewer.files.writing import lock_file, write_whole
-from poseviewer.geometry.camera import Parallel
 from poseviewer.geometry.view import world_from_pose
 
 FORMAT, VERSION = "poseviewer-autosave", 2
@@ -197,51 +196,41 @@ def _from_json(reading: Reading, data: dict[str, Any]) -> AutosavedSession:
 def _from_version_1(reading: Reading, old: dict[str, Any]) -> AutosavedSession:
     """Session of version 0.1.0: an object as if it were alone, and the others likewise."""
     size = old["pose"]["exact"]["width"], old["pose"]["exact"]["height"]
-    all_old = sorted((old, *old["others"]), key=lambda one: one["number"])
-    records, starts = (
-        [record_from_json(reading, one[key]["file"], *size) for one in all_old]
-        for key in ("pose", "start")
-    )
-    own = records[all_old.index(old)]
+    own, kept = record_from_json(reading, old["pose"]["file"], *size), old["views"]
     photo, sha256 = Path(old["photo"] or old["photo_name"]), old["photo_sha256"]
     views = [ViewRecord.of(photo, own.pose.camera, sha256, own.undistortion)]
-    names, unit, at, scales = (old["photo_name"],), None, 0, (1.0, 1.0)
-    if (kept := old["views"]) is not None:
+    names, unit, scales, left_out = [old["photo_name"]], None, (1.0, 1.0), ()
+    if kept is not None:
         folder = None if kept["folder"] is None else Path(kept["folder"])
         choice = SetChoice(tuple(kept["photos"]), folder, kept["rig_object"])
         loaded = load_views(kept["path"], choice)
         views, unit = [view_record(view) for view in loaded.views], loaded.unit
-        names = tuple(view.name for view in loaded.views)
-        at = [one.photo.sha256 for one in views].index(sha256)
+        names, left_out = [view.name for view in loaded.views], kept["left_out"]
         scales = 1.0 / kept["scale"], 1.0 / kept["start_scale"]
-    view, objects = views[at], []
-    for one, record, start in zip(all_old, records, starts, strict=True):
-        masks = {names[at]: one["mask"]} if kept is None else kept["masks"]
-        in_views = tuple(
-            InViewRecord(INLINE + masks[name] if masks.get(name) else None, None, is_compared)
-            for name in names
-            for is_compared in (kept is None or name not in kept["left_out"],)
+    at, objects = [one.photo.sha256 for one in views].index(sha256), []
+    for one in sorted((old, *old["others"]), key=lambda one: one["number"]):
+        masks = {names[0]: one["mask"]} if kept is None else kept["masks"]
+        poses = (one["pose"]["file"], one["start"]["file"])
+        record, start = (record_from_json(reading, pose, *size) for pose in poses)
+            record_from_json(reading, one[k]["file"], *size) for k in ("pose", "start")
         )
-        places = [
-            place_of(world_from_pose(view.camera, view.place.rigid, said.pose, scale))
+        place, start_place = (
+            place_of(world_from_pose(views[at].camera, views[at].place.rigid, said.pose, scale))
             for said, scale in zip((record, start), scales, strict=True)
-        ]
-        is_same = (
-            kept or isinstance(start.pose.camera, Parallel) or start.pose.camera == view.camera
         )
         model = Path(one["model"] or one["model_name"])
-        made = ObjectRecord.of(str(one["number"]), model, record, view, one["name"])
-        result = made.result
-        if result is not None and kept is not None:
-            result = structs.replace(result, view=at, seen=())
+        made = ObjectRecord.of(str(one["number"]), model, record, views[at], one["name"])
         made = structs.replace(
             made,
-            result=result,
-            place=places[0],
-            start=places[1],
-            start_cameras=() if is_same else (CameraNumbers.of(start.pose.camera),),
+            result=made.result and structs.replace(made.result, view=at, seen=()),
+            place=place,
+            start=start_place,
+            start_cameras=(start.numbers,) if kept is None and start.numbers.fx else (),
             settings=one["settings"],
-            in_views=in_views if any(one != InViewRecord() for one in in_views) else (),
+            in_views=tuple(
+                InViewRecord(masks.get(name) and INLINE + masks[name], None, name not in left_out)
+                for name in names
+            ),
             hidden=one["hidden"],
             locked=one["locked"],
         )
@@ -251,6 +240,6 @@ def _from_version_1(reading: Reading, old: dict[str, Any]) -> AutosavedSession:
         saved_at=old["saved_at"],
         active_object=str(old["number"]),
         active_view=at,
-        photo_names=names,
+        photo_names=tuple(names),
         scene=SceneRecord(views=tuple(views), objects=tuple(objects), unit=unit, free_scale=free),
     )
