@@ -212,8 +212,6 @@ def _from_version_1(reading: Reading, old: dict[str, Any]) -> AutosavedSession:
         masks = {names[0]: one["mask"]} if kept is None else kept["masks"]
         poses = (one["pose"]["file"], one["start"]["file"])
         record, start = (record_from_json(reading, pose, *size) for pose in poses)
-            record_from_json(reading, one[k]["file"], *size) for k in ("pose", "start")
-        )
         place, start_place = (
             place_of(world_from_pose(views[at].camera, views[at].place.rigid, said.pose, scale))
             for said, scale in zip((record, start), scales, strict=True)
