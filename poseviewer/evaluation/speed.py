@@ -11,14 +11,12 @@ import json
 import math
 import os
 import platform
-from collections import defaultdict
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
@@ -35,21 +33,22 @@ from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.image import GREY_WEIGHTS
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.opengl import opengl_renderer_name
 from poseviewer.render.pool import CHUNK, RendererPool, processors
 from poseviewer.render.pyramid.simplified import simplify
-from poseviewer.render.renderers import make_renderer
+from poseviewer.render.renderers import RendererName, make_renderer
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes, Renderer
 from poseviewer.starts.loading import open_photo
 
 PACKAGES = ("poseviewer", "numpy", "numba", "scipy", "pyrender")
-PATHS = {
-    "a": "pyrender, read back, NumPy",
-    "d": "software, one thread",
-    "e": "software, all cores",
-    "f": "GPU, many poses at once",
+PATHS: dict[str, tuple[RendererName, str]] = {
+    "a": ("opengl", "pyrender, read back, NumPy"),
+    "d": ("software", "software, one thread"),
+    "e": ("software", "software, all cores"),
+    "f": ("gpu", "GPU, many poses at once"),
 }
 POSES = 8
 JITTER = 0.01
@@ -67,12 +66,10 @@ PAPER_MS = 210.0
 class Workload:
     """The demo's model in some number of triangles, poses about the true one, and the photo."""
 
-    renderer: SoftwareRenderer
+    mesh: Mesh
     poses: tuple[Pose, ...]
     photo: PhotoAttributes
     """Grey, clipped to the model: what the paper compares."""
-    covered_px: int
-    """Pixels of the photo that show the model at its true pose."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +110,7 @@ class SpeedReport:
         medians = {path.name: 1e3 * float(np.median(path.seconds)) for path in self.paths}
         rows = [
             (
-                f"{path.name}  {PATHS[path.name]}",
+                f"{path.name}  {PATHS[path.name][1]}",
                 f"{medians[path.name]:.3g}",
                 f"{1e3 * min(path.seconds):.3g} to {1e3 * max(path.seconds):.3g}",
                 f"{medians.get('a', math.nan) / medians[path.name]:.1f}",
@@ -157,8 +154,9 @@ def measure_speed(
         limit_s = 3.0 if quick else 30.0
         tell(f"fitting by --method {method}, for {limit_s:.0f} s at most")
         fits.append(time_fit(demo, truth, method, limit_s))
-    height, width = work.photo.weights.shape
-    about = f"{TRIANGLES:,} triangles, {width}x{height}, {work.covered_px:,} covered pixels"
+    camera, covered = work.poses[0].camera, SoftwareRenderer(work.mesh).covers(work.poses[0]).sum()
+    size = f"{camera.width}x{camera.height}"
+    about = f"{TRIANGLES:,} triangles, {size}, {covered:,} covered pixels"
     return SpeedReport(machine, f"{', '.join(versions)}.", about, paths, (*fits, maps))
 
 
@@ -180,17 +178,17 @@ def _gpu_name() -> str | None:
 
 def make_workload(demo: Scene, truth: Pose, triangles: int, width: int) -> Workload:
     """Simplify the demo's model to about ``triangles``, and its photo to a width."""
-    renderer = SoftwareRenderer(simplify(demo.objects[0].mesh, triangles))
+    mesh = simplify(demo.objects[0].mesh, triangles)
     truth = truth.scaled(width / demo.views[0].photo.width)
     width, height = truth.camera.width, truth.camera.height
     grey = demo.views[0].photo.as_rgb8(width, height) @ (GREY_WEIGHTS / 255.0)
-    channels = grey[..., None].astype(np.float32)
-    chart = FreeBodyChart.near(renderer.mesh, truth)
+    photo = PhotoAttributes(grey[..., None].astype(np.float32), np.ones(grey.shape, np.float32))
+    chart = FreeBodyChart.near(mesh, truth)
     middle = chart.from_pose(truth)
     offsets = np.random.default_rng(0).uniform(-JITTER, JITTER, (POSES, len(middle)))
-    poses = tuple(chart.to_pose(middle + offset * chart.scales(middle)) for offset in offsets)
-    compared = PhotoAttributes(channels, np.ones((height, width), np.float32))
-    return Workload(renderer, poses, compared, int(renderer.covers(truth).sum()))
+    offsets[0] = 0.0
+    poses = (chart.to_pose(middle + offset * chart.scales(middle)) for offset in offsets)
+    return Workload(mesh, tuple(poses), photo)
 
 
 def time_paths(work: Workload, letters: str, rounds: int) -> list[Timing]:
@@ -198,39 +196,28 @@ def time_paths(work: Workload, letters: str, rounds: int) -> list[Timing]:
 
     Each turn's first run, which refills the processor's caches, does not count.
     """
-    times: dict[tuple[str, int], list[float]] = defaultdict(list)
-    with RendererPool(work.renderer) as pool:
-        paths = [(letter, *_make_path(work, letter, pool)) for letter in letters]
+
+    def loss(renderer: Renderer, pose: Pose) -> float:
+        return lighting_loss(renderer.moments(pose, work.photo))
+
+    seconds: dict[str, list[float]] = {letter: [] for letter in letters}
+    with ExitStack() as stack:
+        paths = {}
+        for letter in letters:
+            renderer = make_renderer(work.mesh, PATHS[letter][0])
+            device = getattr(renderer, "device", None)
+            pool = stack.enter_context(RendererPool(renderer, 1 if letter == "d" else None))
+            many = GPU_POSES if device is not None else CHUNK * pool.threads
+            paths[letter] = pool, 1 if device is not None and device.is_software else many
         for turn in range(rounds):
-            for letter, threads, count, evaluate in paths:
+            for letter, (pool, count) in paths.items():
                 for k in range(turn * BURST, turn * BURST + BURST + 1):
                     poses = [work.poses[(k + i) % POSES] for i in range(count)]
                     began = perf_counter()
-                    evaluate(poses)
+                    list(pool.map(loss, poses))
                     if k > turn * BURST:
-                        times[letter, threads].append((perf_counter() - began) / count)
-    return [Timing(*path, tuple(seconds)) for path, seconds in times.items()]
-
-
-def _make_path(
-    work: Workload, letter: str, pool: RendererPool
-) -> tuple[int, int, Callable[[list[Pose]], Any]]:
-    """Number of threads, poses of a run, and what computes their losses."""
-
-    def one(renderer: Renderer, pose: Pose) -> float:
-        return lighting_loss(renderer.moments(pose, work.photo))
-
-    if letter == "e":
-        return pool.threads, CHUNK * pool.threads, lambda poses: list(pool.map(one, poses))
-    if letter == "f":
-        from poseviewer.render.gpu.gpu_renderer import GpuRenderer
-
-        on_gpu = GpuRenderer(work.renderer.mesh)
-        together = RendererPool(on_gpu)
-        count = 1 if on_gpu.device.is_software else GPU_POSES
-        return 1, count, lambda poses: list(together.map(one, poses))
-    renderer = make_renderer(work.renderer.mesh, "opengl") if letter == "a" else work.renderer
-    return 1, 1, lambda poses: one(renderer, poses[0])
+                        seconds[letter].append((perf_counter() - began) / count)
+    return [Timing(name, paths[name][0].threads, tuple(each)) for name, each in seconds.items()]
 
 
 def time_fit(demo: Scene, truth: Pose, method: Method, limit_s: float) -> Timing:
