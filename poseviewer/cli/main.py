@@ -88,35 +88,34 @@ class _Parser(ArgumentParser):
 
 def parse(arguments: Sequence[str]) -> Namespace:
     """The options of a command, whose name is ``command``; of the app where none is named."""
-    if arguments and arguments[0] in ("-h", "--help"):
-        make_parser().parse_args(arguments)
-    named = bool(arguments) and arguments[0] in COMMANDS
-    command = arguments[0] if named else "app"
-    parser = parser_of(command, f"poseviewer {command}" if named else "poseviewer")
-    return parser.parse_args(arguments[1:] if named else arguments)
+    first = arguments[0] if arguments else ""
+    if first not in (*COMMANDS, "-h", "--help"):
+        arguments = ["app", *arguments]
+    options, unknown = make_parser(arguments[0]).parse_known_args(arguments)
+    if unknown:
+        options.parser.error(f"unrecognized arguments: {' '.join(unknown)}")
+    return options
 
 
-def parser_of(command: str, prog: str) -> ArgumentParser:
-    """Make the parser of a command, called ``prog`` in its messages."""
-    module = import_module(f"poseviewer.cli.{command}_command")
-    parser = _Parser(prog=prog, description=module.__doc__)
-    for title, options in module.OPTIONS.items():
-        add_all(parser.add_argument_group(title) if title else parser, options)
-    parser.set_defaults(command=command)
-    return parser
-
-
-def make_parser() -> ArgumentParser:
-    """All commands, for ``poseviewer --help``."""
+def make_parser(command: str) -> ArgumentParser:
+    """Make the parser of all commands with the options of one."""
     parser = _Parser(
         prog="poseviewer",
         description="Register a known 3D model onto one photo of the object. Without a command: "
         "open the app in the browser, on PHOTO and MODEL, or on the bundled demo "
         "(poseviewer app --help).",
     )
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    commands = parser.add_subparsers(
+        title="commands", metavar="COMMAND", dest="command", required=True
+    )
     for name, text in COMMANDS.items():
-        commands.add_parser(name, help=text)
+        own = commands.add_parser(name, help=text)
+        if name == command:
+            module = import_module(f"poseviewer.cli.{name}_command")
+            own.description = module.__doc__
+            own.set_defaults(parser=own)
+            for title, options in module.OPTIONS.items():
+                add_all(own.add_argument_group(title) if title else own, options)
     return parser
 
 

@@ -64,6 +64,7 @@ def test_a_command_says_and_writes_its_results(folder, capsys, line, words, writ
         (f"{FIT} --look fancy", "outline"),
         (f"{FIT} {PAPER} --pixels near", "--pixels"),
         (f"{FIT} {PAPER} --colour-reflectance", "--colour-reflectance"),
+        (f"{FIT} --size 3", "--size 3; see poseviewer fit --help"),
         (f"{FIT} --scale 2", "--scale without --views"),
         (f"{FIT} --object ball", "--object without a scene"),
         ("fit p.png m.ply --pose start.json --out set", "is a folder"),
@@ -143,7 +144,7 @@ def test_values_are_read_or_refused(shown, text, wanted, refused):
 
 @pytest.mark.parametrize("command", cli.COMMANDS)
 def test_every_command_is_listed_and_describes_itself(command, capsys):
-    assert f"\n    {command}" in cli.make_parser().format_help()
+    assert f"\n    {command}" in cli.make_parser(command).format_help()
     with pytest.raises(SystemExit) as ended:
         cli.parse([command, "--help"])
     assert ended.value.code == 0
@@ -163,8 +164,8 @@ def test_no_command_at_all_is_the_app():
     ("code", "heavy"),
     [
         (
-            "from poseviewer.cli.main import COMMANDS, make_parser, parser_of; make_parser();"
-            "[parser_of(name, name) for name in COMMANDS if name != 'convert']",
+            "from poseviewer.cli.main import COMMANDS, make_parser;"
+            "[make_parser(name) for name in COMMANDS if name != 'convert']",
             {"numpy", "scipy", "cv2", "numba", "trimesh", "viser", "matplotlib"},
         ),
         (
