@@ -9,12 +9,12 @@ from __future__ import annotations
 import csv
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta, Struct, field
 
-from poseviewer.files.checks import Reading
-from poseviewer.geometry.arrays import FloatArray
+from poseviewer.files.checks import Number, Positive, Reading, Three
 from poseviewer.geometry.symmetry_group import Symmetry
 from poseviewer.geometry.transform import RigidTransform, nearest_rotation
 
@@ -26,13 +26,45 @@ NO_ROTATION = 0.01
 digits at worst."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BopModel:
-    """Size and symmetry of an object's model."""
+class BopTurns(Struct, frozen=True):
+    """All turns about an axis."""
 
-    diameter: float
-    """mm."""
-    symmetry: Symmetry
+    axis: Three
+    offset: Three
+
+    def __post_init__(self) -> None:
+        if not np.linalg.norm(self.axis) > 0.0:
+            raise ValueError(".axis has no length; wanted a direction")
+
+
+class BopModel(Struct, frozen=True):
+    """Size and symmetry of an object's model, mm."""
+
+    diameter: Positive
+    discrete: tuple[Annotated[tuple[Number, ...], Meta(min_length=16, max_length=16)], ...] = field(
+        name="symmetries_discrete", default=()
+    )
+    continuous: tuple[BopTurns, ...] = field(name="symmetries_continuous", default=())
+
+    def __post_init__(self) -> None:
+        for number, matrix in enumerate(np.reshape(self.discrete, (-1, 4, 4))[:, :3, :3]):
+            off = np.abs(matrix @ matrix.T - np.eye(3)).max()
+            if off > NO_ROTATION or np.linalg.det(matrix) < 0.0:
+                found = f".symmetries_discrete[{number}] is no rotation and shift"
+                raise ValueError(f"{found}; wanted a 4x4 rigid transform")
+        try:
+            _ = self.symmetry
+        except ValueError as error:
+            raise ValueError(f": its symmetries {error}; mend them") from None
+
+    @property
+    def symmetry(self) -> Symmetry:
+        """The symmetry as the program has it."""
+        matrices = np.reshape(self.discrete, (-1, 4, 4))
+        discrete = [RigidTransform(nearest_rotation(m[:3, :3]), m[:3, 3]) for m in matrices]
+        axes = [np.array(one.axis) / np.linalg.norm(one.axis) for one in self.continuous]
+        offsets = [one.offset for one in self.continuous]
+        return Symmetry.from_transforms(discrete, axes, offsets, self.diameter)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,14 +82,11 @@ class BopEstimate:
 def load_bop_models(path: Path) -> dict[int, BopModel]:
     """The objects of a ``models_info.json``, by their numbers."""
     reading = Reading(path, kind=MODELS_INFO)
-    found = {}
-    for name, data in reading.load_object().items():
+    models = reading.load_object()
+    for name in models:
         if not name.isdecimal():
             raise reading.error(f"an object is called {name[:40]!r}", "wanted its number")
-        info = reading.object(data, name)
-        diameter = reading.positive(info.get("diameter"), f"{name}.diameter")
-        found[int(name)] = BopModel(diameter, _symmetry(reading, info, name, diameter))
-    return found
+    return {int(name): reading.decoded(data, BopModel, name) for name, data in models.items()}
 
 
 def load_bop_estimates(path: Path) -> list[BopEstimate]:
@@ -78,41 +107,4 @@ def load_bop_estimates(path: Path) -> list[BopEstimate]:
         # Estimators give what their network gave: what is near a rotation is meant as one.
         place = RigidTransform(nearest_rotation(rotation), np.array(shift))
         found.append(BopEstimate(int(scene), int(image), int(thing), score, place))
-    return found
-
-
-def _symmetry(reading: Reading, info: dict[str, Any], name: str, diameter: float) -> Symmetry:
-    discrete, axes, offsets = [], [], []
-    for i, entry in enumerate(_listed(reading, info, "symmetries_discrete", name)):
-        what = f"{name}.symmetries_discrete[{i}]"
-        matrix = np.reshape(reading.numbers(entry, what, 16), (4, 4))
-        discrete.append(RigidTransform(_rotation(reading, matrix[:3, :3], what), matrix[:3, 3]))
-    for i, entry in enumerate(_listed(reading, info, "symmetries_continuous", name)):
-        what = f"{name}.symmetries_continuous[{i}]"
-        said = reading.object(entry, what)
-        axis, offset = (
-            reading.numbers(said.get(key), f"{what}.{key}") for key in ("axis", "offset")
-        )
-        length = float(np.linalg.norm(axis))
-        if not length > 0.0:
-            raise reading.error(f"{what}.axis has no length", "wanted a direction")
-        axes.append(np.array(axis) / length)
-        offsets.append(offset)
-    try:
-        return Symmetry.from_transforms(discrete, axes, offsets, diameter)
-    except ValueError as error:
-        raise reading.error(f"the symmetries of {name} {error}", "mend them") from None
-
-
-def _rotation(reading: Reading, matrix: FloatArray, what: str) -> FloatArray:
-    off = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
-    if off > NO_ROTATION or np.linalg.det(matrix) < 0.0:
-        raise reading.error(f"{what} is no rotation and shift", "wanted a 4x4 rigid transform")
-    return nearest_rotation(matrix)
-
-
-def _listed(reading: Reading, info: dict[str, Any], key: str, name: str) -> list[Any]:
-    found = info.get(key, [])
-    if not isinstance(found, list):
-        raise reading.error(f"{name}.{key} is not a list", "wanted a list of symmetries")
     return found

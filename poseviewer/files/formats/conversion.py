@@ -8,7 +8,7 @@ undistorted photo, written beside its file, and the pinhole camera of that.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -34,7 +34,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.image import Photo
-from poseviewer.geometry.lens import Lens, Undistortion
+from poseviewer.geometry.lens import Lens, LensModel, Undistortion
 from poseviewer.geometry.transform import RigidTransform, Similarity
 
 Entry = TypeVar("Entry")
@@ -76,8 +76,21 @@ class Written:
     """Sentences for the user."""
 
 
-LensAs = Callable[[Lens | None], tuple[str, Any] | None]
-"""A format's name for a lens (None: a pinhole) and its parameters there; None: it has not that."""
+Lenses = Sequence[tuple[str, LensModel, int]]
+"""A format's lens models, the poorest first: its name for each, OpenCV's model, and how many of
+that one's coefficients it has."""
+
+
+def lens_in(lenses: Lenses, lens: Lens | None) -> tuple[str, tuple[float, ...]] | None:
+    """The name of the first model that holds a lens (None: a pinhole), and its coefficients there.
+
+    Returns None where a format has no such model.
+    """
+    k: tuple[float, ...] = () if lens is None else lens.coefficients
+    for name, model, count in lenses:
+        if model == (lens.model if lens else "opencv") and not any(k[count:]):
+            return name, (*k, *[0.0] * count)[:count]
+    return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +100,7 @@ class Format:
     write: Callable[[SceneRecord, Path, ConvertOptions], Written]
     """Scene, where to, and what else is known."""
     read: Callable[[Path, ConvertOptions], SceneRecord]
-    lens_as: LensAs | None = None
+    lenses: Lenses = ()
     several_photos: bool = True
     several_objects: bool = False
     """Whether it can say several objects, which all but our own do of one photo."""
@@ -101,10 +114,10 @@ class Format:
     def lens_name(self, view: ViewRecord) -> str | None:
         """The format's name for the lens of a view's undistorted photo; None where it has none."""
         undistortion, camera = view.undistortion, view.camera
-        if undistortion is None or self.lens_as is None or not isinstance(camera, Perspective):
+        if undistortion is None or not isinstance(camera, Perspective):
             return None
         same = np.allclose(astuple(camera), astuple(undistortion.camera), rtol=SAME)
-        known = self.lens_as(undistortion.lens) if same else None
+        known = lens_in(self.lenses, undistortion.lens) if same else None
         return None if known is None else known[0]
 
     def convert(self, scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
@@ -164,16 +177,15 @@ def _of_undistorted(view: ViewRecord, path: Path, options: ConvertOptions) -> Vi
             "name that one with --photo, or this one if you mean it."
         )
     assert view.undistortion is not None  # asked for such views alone
-    picture, is_there = undistorted(taken, view.undistortion), path.exists()
-    is_taken = is_there and path.samefile(view.path)
-    same = is_there and not is_taken and np.array_equal(load_photo(path).pixels, picture.pixels)
-    if is_there and not same and (is_taken or not options.overwrite):
+    picture = undistorted(taken, view.undistortion)
+    is_taken = path.exists() and path.samefile(view.path)
+    if not path.exists() or (options.overwrite and not is_taken):
+        save_image(path, pixels_for(path, picture))
+    elif is_taken or not np.array_equal(load_photo(path).pixels, picture.pixels):
         raise PhotoFileError(
             f"{path}: is there already and was not touched; move it away: the undistorted photo "
             "is to be written there."
         )
-    if not same:
-        save_image(path, pixels_for(path, picture))
     return ViewRecord.of(path, view.camera, place=view.place.rigid)
 
 
@@ -316,12 +328,18 @@ def make_scene(
     return scene_of_pose(reading.path, record)
 
 
-def seen_as_taken(view: ViewRecord, tool: str, lens_as: LensAs) -> tuple[Perspective, Any]:
-    """Camera (pixel centres at i + 0.5) of the photo as taken, and the tool's form of its lens."""
-    camera, undistortion = perspective_of(view.camera, tool), view.undistortion
-    if undistortion is None:
-        return camera, lens_as(None)
-    return undistortion.taken, lens_as(undistortion.lens)
+def cameras_as_taken(
+    scene: SceneRecord, tool: str, lenses: Lenses
+) -> Iterator[tuple[Path, RigidTransform, Perspective, str, tuple[float, ...]]]:
+    """For each photo as taken its path, ``camera_from_model`` of the only object, the camera (pixel
+    centres at i + 0.5), and the tool's name of its lens and coefficients.
+    """
+    for index, view in enumerate(scene.views):
+        camera, undistortion = perspective_of(view.camera, tool), view.undistortion
+        known = lens_in(lenses, undistortion and undistortion.lens)
+        assert known is not None  # of such lenses the undistorted photo is written
+        camera = undistortion.taken if undistortion else camera
+        yield view.path, scene.pose(0, index).camera_from_model, camera, *known
 
 
 def load_photo_of(view: ViewRecord) -> Photo:

@@ -17,16 +17,17 @@ from poseviewer.files.checks import Reading, checked_rotation
 from poseviewer.files.formats.conversion import (
     ConvertOptions,
     Format,
+    Lenses,
     Written,
+    cameras_as_taken,
     make_scene,
-    seen_as_taken,
     size_of,
     write_new,
 )
 from poseviewer.files.scene_file import SceneRecord
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
-from poseviewer.geometry.lens import Lens, opencv_matrix
+from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.transform import RigidTransform
 
 STORAGES = {
@@ -34,12 +35,17 @@ STORAGES = {
     ".yaml": cv2.FILE_STORAGE_FORMAT_YAML,
     ".json": cv2.FILE_STORAGE_FORMAT_JSON,
 }
+FISHEYE = "OpenCV fisheye"
+LENSES: Lenses = (
+    *(("OpenCV", "opencv", count) for count in (5, 8, 12, 14)),
+    (FISHEYE, "fisheye", 4),
+)
 
 
 def write_opencv(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
     """Write YAML or JSON, by the ending."""
-    camera, (_, lens) = seen_as_taken(scene.views[0], "OpenCV", opencv_lens)
-    ending, transform = out.suffix.lower(), scene.pose(0).camera_from_model
+    _, transform, camera, lens, k = next(cameras_as_taken(scene, "OpenCV", LENSES))
+    ending = out.suffix.lower()
     if ending not in STORAGES:
         raise PoseFileError(f"{out.name}: OpenCV files end in {', '.join(STORAGES)}; name one so.")
     mode = cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | STORAGES[ending]
@@ -47,18 +53,12 @@ def write_opencv(scene: SceneRecord, out: Path, options: ConvertOptions) -> Writ
     storage.write("image_width", camera.width)
     storage.write("image_height", camera.height)
     storage.write("camera_matrix", opencv_matrix(camera))
-    coefficients = np.zeros(5) if lens is None else lens.array
-    storage.write("distortion_coefficients", coefficients.reshape(-1, 1))
-    if lens is not None and lens.model == "fisheye":
+    storage.write("distortion_coefficients", np.reshape(k, (-1, 1)))
+    if lens == FISHEYE:
         storage.write("fisheye_model", 1)  # as OpenCV's calibration sample says it
     storage.write("rvec", transform.as_rotation_vector().reshape(3, 1))
     storage.write("tvec", np.array(transform.translation).reshape(3, 1))
     return write_new(options, {out: storage.releaseAndGetString()})
-
-
-def opencv_lens(lens: Lens | None) -> tuple[str, Lens | None]:
-    """Name of a lens's model in OpenCV, and the lens."""
-    return ("OpenCV fisheye" if lens and lens.model == "fisheye" else "OpenCV"), lens
 
 
 def read_opencv(path: Path, request: ConvertOptions) -> SceneRecord:
@@ -89,4 +89,4 @@ def _numbers(
     return np.array(numbers)
 
 
-OPENCV = Format(write_opencv, read_opencv, lens_as=opencv_lens, several_photos=False)
+OPENCV = Format(write_opencv, read_opencv, lenses=LENSES, several_photos=False)

@@ -30,10 +30,11 @@ from poseviewer.files.colmap_model import camera_rows, image_rows, model_file
 from poseviewer.files.formats.conversion import (
     ConvertOptions,
     Format,
+    Lenses,
     Written,
+    cameras_as_taken,
     from_4x4,
     make_scene,
-    seen_as_taken,
     size_of,
     the_one,
     write_new,
@@ -42,31 +43,38 @@ from poseviewer.files.scene_file import SceneRecord
 from poseviewer.files.writing import make_folder
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
-from poseviewer.geometry.lens import Lens, LensModel
+from poseviewer.geometry.lens import Lens
 from poseviewer.geometry.transform import RigidTransform, Similarity
 
 INTRINSICS = ("fl_x", "fl_y", "cx", "cy")
 """nerfstudio's names."""
-LENSES: dict[LensModel, tuple[str, tuple[str, ...]]] = {
-    "opencv": ("OPENCV", ("k1", "k2", "p1", "p2", "k3")),
-    "fisheye": ("OPENCV_FISHEYE", ("k1", "k2", "k3", "k4")),
+COLMAP_LENSES: Lenses = (
+    ("PINHOLE", "opencv", 0),
+    ("OPENCV", "opencv", 4),
+    ("FULL_OPENCV", "opencv", 8),
+    ("OPENCV_FISHEYE", "fisheye", 4),
+)
+"""Models with two focal lengths."""
+NERFSTUDIO_LENSES: Lenses = (("OPENCV", "opencv", 5), ("OPENCV_FISHEYE", "fisheye", 4))
+COEFFICIENTS = {
+    "OPENCV": ("k1", "k2", "p1", "p2", "k3"),
+    "OPENCV_FISHEYE": ("k1", "k2", "k3", "k4"),
 }
-"""Names of OpenCV's lens models, and of their coefficients, in nerfstudio."""
+"""nerfstudio's names."""
 
 
 def write_colmap(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
     """Write a model's cameras and images, without points, into the folder ``out``."""
     cameras: dict[str, int] = {}
     images = ""
-    for index, view in enumerate(scene.views):
-        camera, (model, distortion) = seen_as_taken(view, "COLMAP", colmap_lens)
-        transform = scene.pose(0, index).camera_from_model
+    taken = cameras_as_taken(scene, "COLMAP", COLMAP_LENSES)
+    for index, (path, transform, camera, model, distortion) in enumerate(taken, 1):
         quaternion = Rotation.from_matrix(transform.rotation).as_quat(scalar_first=True)
         place = " ".join(repr(float(x)) for x in (*quaternion, *transform.translation))
         numbers = " ".join(map(repr, (camera.fx, camera.fy, camera.cx, camera.cy, *distortion)))
         said = f"{model} {camera.width} {camera.height} {numbers}"
         number = cameras.setdefault(said, len(cameras) + 1)
-        images += f"{index + 1} {place} {number} {view.path.name or 'photo'}\n\n"
+        images += f"{index} {place} {number} {path.name or 'photo'}\n\n"
     make_folder(out)
     texts = {
         "cameras.txt": "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[] (fx, fy, cx, cy, distortion)\n"
@@ -77,18 +85,6 @@ def write_colmap(scene: SceneRecord, out: Path, options: ConvertOptions) -> Writ
         "POINT2D_IDX)\n",
     }
     return write_new(options, {out / name: text for name, text in texts.items()})
-
-
-def colmap_lens(lens: Lens | None) -> tuple[str, tuple[float, ...]] | None:
-    """COLMAP's model, with two focal lengths, and its distortion parameters; None: it has none."""
-    if lens is None:
-        return "PINHOLE", ()
-    k = lens.coefficients
-    if lens.model == "fisheye":
-        return "OPENCV_FISHEYE", k
-    if any(k[8:]):
-        return None
-    return ("FULL_OPENCV", (*k, 0.0, 0.0, 0.0)[:8]) if any(k[4:]) else ("OPENCV", k[:4])
 
 
 def read_colmap(path: Path, request: ConvertOptions) -> SceneRecord:
@@ -133,19 +129,18 @@ def _taken(reading: Reading, words: list[str], of_cameras: Reading, rows: list[l
 def write_nerfstudio(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
     """Write a file of a frame for each photo; the world is the model's frame."""
     shared, frames = {}, []
-    for index, view in enumerate(scene.views):
-        camera, (model, distortion) = seen_as_taken(view, "nerfstudio", nerfstudio_lens)
-        name = view.path.name or "photo"
-        if view.path.is_file():
-            name = Path(os.path.relpath(view.path, out.parent)).as_posix()
-        transform = scene.pose(0, index).camera_from_model
+    taken = cameras_as_taken(scene, "nerfstudio", NERFSTUDIO_LENSES)
+    for path, transform, camera, model, distortion in taken:
+        name = path.name or "photo"
+        if path.is_file():
+            name = Path(os.path.relpath(path, out.parent)).as_posix()
         world_from_camera = (OPENGL_FROM_OPENCV @ transform).inverse()
         own = {
             "camera_model": model,
             "w": camera.width,
             "h": camera.height,
             **dict(zip(INTRINSICS, map(float, astuple(camera)), strict=False)),
-            **distortion,
+            **dict(zip(COEFFICIENTS[model], distortion, strict=True)),
         }
         shared = shared or own
         other = {key: value for key, value in own.items() if shared.get(key) != value}
@@ -183,24 +178,16 @@ def frame_taken(reading: Reading, own: dict[str, Any], width: int, height: int) 
     return reading.text(own.get("file_path"), "file_path") or "photo", place, camera, lens
 
 
-def nerfstudio_lens(lens: Lens | None) -> tuple[str, dict[str, float]] | None:
-    """Nerfstudio's model and its parameters; None: it has none."""
-    model, names = LENSES["opencv" if lens is None else lens.model]
-    k = (0.0,) * 4 if lens is None else lens.coefficients
-    return None if any(k[len(names) :]) else (model, dict(zip(names, k, strict=False)))
-
-
 def _lens(reading: Reading, data: dict[str, Any]) -> Lens | None:
-    said, (standard, _), (fisheye, _) = data.get("camera_model", "OPENCV"), *LENSES.values()
-    if said not in (standard, "PINHOLE", "SIMPLE_PINHOLE", fisheye):
-        raise reading.error(f"camera_model is {said!r}", f"wanted {standard!r} or {fisheye!r}")
-    model: LensModel = "fisheye" if said == fisheye else "opencv"
-    k4 = reading.number(data.get("k4", 0.0), "k4")
-    if model == "opencv" and k4:
+    said, k4 = data.get("camera_model", "OPENCV"), reading.number(data.get("k4", 0.0), "k4")
+    name = "OPENCV" if said in ("PINHOLE", "SIMPLE_PINHOLE") else said
+    if name not in COEFFICIENTS:
+        raise reading.error(f"camera_model is {said!r}", f"wanted {' or '.join(COEFFICIENTS)}")
+    if name == "OPENCV" and k4:
         raise reading.error(f"k4 is {k4}", "OpenCV's lens model has no such term: wanted 0")
-    values = [reading.number(data.get(name, 0.0), name) for name in LENSES[model][1]]
-    return lens_of(reading, model, values)
+    values = [reading.number(data.get(k, 0.0), k) for k in COEFFICIENTS[name]]
+    return lens_of(reading, "opencv" if name == "OPENCV" else "fisheye", values)
 
 
-COLMAP = Format(write_colmap, read_colmap, lens_as=colmap_lens)
-NERFSTUDIO = Format(write_nerfstudio, read_nerfstudio, lens_as=nerfstudio_lens)
+COLMAP = Format(write_colmap, read_colmap, lenses=COLMAP_LENSES)
+NERFSTUDIO = Format(write_nerfstudio, read_nerfstudio, lenses=NERFSTUDIO_LENSES)

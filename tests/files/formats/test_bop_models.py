@@ -21,7 +21,7 @@ HALF_TURN = [-1, 0, 0, 2, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
         ({"symmetries_discrete": [HALF_TURN[:9]]}, "wanted a list of length >= 16"),
         ({"symmetries_continuous": [{"axis": [0, 0, 0], "offset": [0, 0, 0]}]}, "has no length"),
         ({"diameter": -1}, "1.diameter is -1"),
-        ({"symmetries_discrete": 3}, "is not a list"),
+        ({"symmetries_discrete": 3}, "wanted a list"),
         (
             {"symmetries_discrete": [HALF_TURN, [*HALF_TURN[:3], 3, *HALF_TURN[4:]]]},
             "leave no common point",
