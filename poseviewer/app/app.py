@@ -189,4 +189,4 @@ class App:
         self._page.tell("Note", *result.notes)
         self._page.send(result)
         if result.is_restored and self.session.saved is None:  # unless it was refused
-            self._autosaver.adopt()
+            self._autosaver.is_adopted = True

@@ -50,12 +50,8 @@ class OverlayRequest:
 
     def compares_same(self, other: OverlayRequest) -> bool:
         """Whether both compare the same pixels by the same loss, of the same photo large."""
-        documents = self.document, other.document
-        mine, its = (
-            compared(self.anchor, documents[0].active),
-            compared(other.anchor, documents[1].active),
-        )
-        return documents[0].shows_same(documents[1]) and mine == its
+        mine, its = (compared(one.anchor, one.document.active) for one in (self, other))
+        return self.document.shows_same(other.document) and mine == its
 
     def has_loss_of(self, other: OverlayRequest) -> bool:
         """Whether the losses of both are one."""

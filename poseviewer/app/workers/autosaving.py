@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import Literal
 
@@ -54,8 +55,10 @@ class Autosaver:
     def __init__(self, state: Path) -> None:
         self._uploads = state / "uploads"
         self._own: set[Path] = set()
-        self._offered, self._offer = left_behind(state / "sessions") or (None, None)
-        self._is_adopted = False
+        self._offered, self.offer = left_behind(state / "sessions") or (None, None)
+        """Session that an earlier run left unsaved, until it is taken or refused."""
+        self.is_adopted = False
+        """Whether the offer has been opened: it is this session's own now."""
         self._file = SessionFile(state / "sessions")
         self._kept: Kept = "nothing"
         self.job = Job(
@@ -63,23 +66,14 @@ class Autosaver:
         )
         """Writes the session as soon as it has changed; says why it cannot, once."""
 
-    @property
-    def offer(self) -> AutosavedSession | None:
-        """Session that an earlier run left unsaved, until it is taken or refused."""
-        return self._offer
-
     def take_offer(self, wanted: bool) -> AutosavedSession | None:
         """The offer, for the last time. One that is ``wanted`` stays on disk until it is adopted:
         it may turn out that it cannot be opened.
         """
-        offer, self._offer = self._offer, None
+        offer, self.offer = self.offer, None
         if not wanted:
             self._discard_offered()
         return offer
-
-    def adopt(self) -> None:
-        """The offer has been opened: keep it as this session's own."""
-        self._is_adopted = True
 
     def close(self, session: Session) -> None:
         """At a clean end: what is saved elsewhere needs no autosave; what is not, stays."""
@@ -89,14 +83,12 @@ class Autosaver:
         self._file.close()
 
     def _keeping(self, wanted: Kept) -> Iterator[Edit]:
-        is_told = False
-        while True:
+        for attempt in count():
             try:
                 return self._keep(wanted)
             except PoseViewerError as error:
-                if not is_told:
+                if not attempt:
                     yield refuse(f"{error} Until then a crash would lose what is not saved.")
-                is_told = True
             self.job.require_asked(wanted, RETRY_S)
 
     def _keep(self, wanted: Kept) -> None:
@@ -104,7 +96,7 @@ class Autosaver:
             return
         if isinstance(wanted, Document):
             self._file.save(kept_of(wanted))
-            if self._is_adopted:
+            if self.is_adopted:
                 self._discard_offered()
         else:
             self._file.close()
@@ -168,31 +160,21 @@ def _to_keep(session: Session) -> Kept:
 def kept_of(document: Document) -> AutosavedSession:
     """All that is kept of a document."""
     scene = document.scene
-    views = tuple(replace(view, path=_absolute(view.path)) for view in scene.views)
-    objects = tuple(
-        replace(one, model=replace(one.model, path=_absolute(one.model.path)))
-        for one in scene.objects
-    )
-    record = record_of(replace(scene, views=views, objects=objects), canonical=False)
-    cameras = tuple(view.camera for view in views)
-    started = tuple(
-        structs.replace(
-            one,
-            start=place_of(state.start),
-            start_cameras=()
-            if state.cameras == cameras
-            else tuple(map(CameraNumbers.of, state.cameras)),
-        )
-        for one, state in zip(record.objects, document.states, strict=True)
-    )
+    views = tuple(replace(view, path=view.path and view.path.resolve()) for view in scene.views)
+    objects = []
+    for one in scene.objects:
+        path = one.model.path and one.model.path.resolve()
+        objects.append(replace(one, model=replace(one.model, path=path)))
+    record = record_of(replace(scene, views=views, objects=tuple(objects)), canonical=False)
+    cameras, started = tuple(view.camera for view in views), []
+    for one, state in zip(record.objects, document.states, strict=True):
+        others = () if state.cameras == cameras else tuple(map(CameraNumbers.of, state.cameras))
+        changes = {"start": place_of(state.start), "start_cameras": others}
+        started.append(structs.replace(one, **changes))
     return AutosavedSession(
         saved_at=time.time(),
         active_object=document.object.id,
         active_view=document.at,
         photo_names=tuple(view.photo.name for view in views),
-        scene=structs.replace(record, objects=started),
+        scene=structs.replace(record, objects=tuple(started)),
     )
-
-
-def _absolute(path: Path | None) -> Path | None:
-    return None if path is None else path.resolve()

@@ -125,7 +125,12 @@ def proposing(notify: Callable[[], None]) -> Job[Document]:
         return wanted.document if wanted is not None and wanted.running else None
 
     def make(document: Document) -> Iterator[Edit]:
-        return propose_starts(document, lambda: job.require_asked(document))
+        def watch() -> None:
+            job.require_asked(document)
+
+        renderer = renderer_of(document.mesh).clone()
+        found = propose(start_query(document), renderer, lower_priority, watch).found
+        yield c.starts_proposed(document, tuple(proposal.pose for proposal in found))
 
     job = Job("proposals", asked, make, notify, failed=lambda *_: c.stop_proposing())
     return job
@@ -201,10 +206,3 @@ def ends_of(done: Sequence[SearchUpdate], renderer: Renderer) -> tuple[SearchUpd
         )
         for end in done
     )
-
-
-def propose_starts(document: Document, watch: Callable[[], object]) -> Iterator[Edit]:
-    """Show the proposed start poses, the likeliest first; each evaluation calls ``watch``."""
-    renderer = renderer_of(document.mesh).clone()
-    proposals = propose(start_query(document), renderer, lower_priority, watch).found
-    yield c.starts_proposed(document, tuple(proposal.pose for proposal in proposals))

@@ -11,14 +11,13 @@ import numpy as np
 
 from poseviewer import api
 from poseviewer.app.state.commands import show
-from poseviewer.app.state.document import Document, compared, reference_view
+from poseviewer.app.state.document import reference_view
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.session import LandscapeUpdate, SearchUpdate, Session
+from poseviewer.app.state.session import LandscapeUpdate, OverlayRequest, SearchUpdate, Session
 from poseviewer.app.workers.jobs import case_of, for_one_thread
 from poseviewer.app.workers.worker import Job, lower_priority
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.problem import FitProblem
-from poseviewer.fit.scene import Scene
 from poseviewer.fit.settings import FitSettings, Method
 from poseviewer.fit.slices import QUICK_SIZES, Slice, landscape, quick_level, strides
 from poseviewer.fit.stages import make_stages
@@ -37,12 +36,10 @@ SEARCH_MAPS_S = 0.5
 class MapJob:
     """Maps about a pose, by one loss or several."""
 
-    document: Document
-    """Document at hand: its pose is the maps' centre."""
-    anchor: Scene
-    """Scene about which pixels are compared and the chart is made."""
+    request: OverlayRequest
+    """Pose that is the maps' centre, and pixels that are compared."""
     search: SearchUpdate | None
-    """From ``anchor``; its problem is used where its loss is mapped."""
+    """Search from there; its problem is used where its loss is mapped."""
     losses: tuple[FitSettings, ...]
     half_width: float
     moving: bool
@@ -50,9 +47,8 @@ class MapJob:
     @classmethod
     def wanted(cls, session: Session) -> MapJob:
         """The maps that the session asks for; coarse ones while the pose moves."""
-        losses, width = session.mapped, session.half_width
-        latest = session.own_search
-        return cls(session.document, session.compared, latest, losses, width, session.moving)
+        own, latest = session.overlay_request, session.own_search
+        return cls(own, latest, session.mapped, session.half_width, session.moving)
 
     def replaces(self, other: MapJob, busy: bool) -> bool:
         """Whether to begin anew, while ``other`` runs (``busy``) or is done."""
@@ -60,15 +56,15 @@ class MapJob:
             return True
         if self.moving and other.moving and busy:
             return False  # coarse maps are soon done; a new start for every step shows none
-        return self.document.pose is not other.document.pose or (other.moving and not self.moving)
+        is_same = self.request.document.pose is other.request.document.pose
+        return not is_same or (other.moving and not self.moving)
 
     def has_same_losses(self, other: MapJob) -> bool:
         """Whether both are of the same losses, along the axes of the same camera."""
         same_maps = self.losses == other.losses and self.half_width == other.half_width
-        same_maps = same_maps and self.document.shows_same(other.document)
-        own, its = (compared(job.anchor, job.document.active) for job in (self, other))
         problems = [job.search and job.search.problem for job in (self, other)]
-        return same_maps and own == its and problems[0] is problems[1]
+        is_same = same_maps and problems[0] is problems[1]
+        return is_same and self.request.compares_same(other.request)
 
 
 def mapping() -> Job[MapJob]:
@@ -76,11 +72,12 @@ def mapping() -> Job[MapJob]:
     maker = for_one_thread(MapMaker)
 
     def make(job: MapJob) -> Iterator[Edit]:
+        own = job.request.document
         try:
-            for landscapes in maker(job.document.mesh).run(job):
-                yield show(job.document, landscapes=landscapes, maps_note="")
+            for landscapes in maker(own.mesh).run(job):
+                yield show(own, landscapes=landscapes, maps_note="")
         except PoseViewerError as error:
-            yield show(job.document, maps_note=str(error))
+            yield show(own, maps_note=str(error))
 
     return Job(
         "maps",
@@ -145,9 +142,9 @@ class MapMaker:
         before = self._cases.get(settings.method)
         if before is not None and before.job.has_same_losses(job):
             return before
-        own = job.document
-        view = reference_view(job.anchor, own.active, own.at)
-        scene = case_of(job.anchor, own.active, view, settings, self._renderer)
+        own, anchor = job.request.document, job.request.anchor
+        view = reference_view(anchor, own.active, own.at)
+        scene = case_of(anchor, own.active, view, settings, self._renderer)
         if job.search is not None and job.search.settings == settings:
             scene = scene.comparing(job.search.problem, self._renderer)
         numbers = own.numbers_in(scene.problem)
@@ -179,11 +176,12 @@ def maps(
     """The maps of a case by a problem, which is its own or on coarser photos, whenever a row of one
     is known. Maps that are ``shown`` already stay until the first grid of the new one is known.
     """
-    centre, width = job.document.numbers_in(problem), job.half_width
+    own, width = job.request.document, job.half_width
+    centre = own.numbers_in(problem)
     seen = {(piece.first, piece.second): piece for piece in shown}
     first = strides(size)[0]
     for piece in landscape(problem, pool, centre, half_width=width, size=size, smooth=True):
         pair = piece.first, piece.second
         if pair not in seen or bool(np.isfinite(piece.losses[::first, ::first]).all()):
             seen[pair] = piece
-        yield LandscapeUpdate(job.document, case, centre, width, tuple(seen.values()))
+        yield LandscapeUpdate(own, case, centre, width, tuple(seen.values()))
