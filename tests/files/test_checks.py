@@ -15,9 +15,7 @@ from poseviewer.errors import (
     printable,
     sentence_of,
 )
-from poseviewer.files.checks import LARGEST_PX, Reading, kind_of
-from poseviewer.files.structs import checked_camera
-from poseviewer.geometry.camera import Parallel, Perspective
+from poseviewer.files.checks import Reading, kind_of
 
 NASTY = "a\x1b[2Jb\x07\u202ec\udce4\n d\x9b31m"
 
@@ -83,17 +81,3 @@ def test_values_are_quoted_in_short() -> None:
     for value in ("x" * 100_000, 10**5000, [1] * 100_000, {"a": 1}, NASTY):
         assert len(kind_of(value)) < 100
         assert kind_of(value).isprintable()
-
-
-@pytest.mark.parametrize(
-    "camera",
-    [
-        Perspective(2 * LARGEST_PX, 300.0, 80.0, 60.0, 160, 120),
-        Perspective(300.0, 1e-9, 80.0, 60.0, 160, 120),
-        Perspective(300.0, 300.0, -2 * LARGEST_PX, 60.0, 160, 120),
-        Parallel(1.0, 80.0, float("nan"), 160, 120),
-    ],
-)
-def test_cameras_of_no_picture_are_refused(camera: Perspective | Parallel) -> None:
-    with pytest.raises(PoseFileError, match=r"^p: camera\.(fx|fy|cx|cy) is .*; wanted a number"):
-        checked_camera(Reading(Path("p")), camera)

@@ -17,13 +17,8 @@ from msgspec import structs
 
 from poseviewer.errors import AutosaveError
 from poseviewer.files.masks import mask_text
-from poseviewer.files.pose import ChartParameters, PoseRecord
 from poseviewer.files.scene_file import (
     InViewRecord,
-    ObjectRecord,
-    Place,
-    SceneRecord,
-    ViewRecord,
 )
 from poseviewer.files.state.autosave import (
     AutosavedSession,
@@ -33,49 +28,23 @@ from poseviewer.files.state.autosave import (
     left_behind,
     load_autosave,
 )
-from poseviewer.files.structs import CameraNumbers
-from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.mask import Mask
-from poseviewer.geometry.transform import RigidTransform
 
-PARALLEL = Parallel(123.45678901234567, 300.1, 200.2, 640, 480)
-SHA = "0123456789abcdef" * 4
+OLD = Path(__file__).parents[2] / "fixtures" / "v0_1_0" / "autosaved_three.json"
 ODD = os.fsdecode("/photos/Straße 道".encode() + b"\xff\xfe.jpg")
 """A path that is no text."""
 
 
-PERSPECTIVE = Perspective(1.0 / 3.0, 502.0, 320.1, 240.7, 640, 480)
-
-
-def transform(turn: float = 0.3) -> RigidTransform:
-    return RigidTransform.from_rotation_vector([turn, -1.1, 2.0], [0.1, -2.5, 1.0 / 3.0])
-
-
-def scene(camera: Camera = PARALLEL) -> SceneRecord:
-    """Two objects in a photo with a mask."""
-    mask = Mask.of(np.tri(480, 640))
-    view = ViewRecord.of(Path(ODD), camera, SHA, mask=mask)
-    record = PoseRecord.of(
-        Pose(camera, transform()),
-        chart=ChartParameters("vehicle", ("x", "y"), (1.0 / 7.0, -2e-17)),
-        loss=0.1 + 0.2,
-        settings={"restarts": 8},
-    )
-    first = structs.replace(
-        ObjectRecord.of("1", Path("car.glb"), record, view),
-        start=Place.of(transform(0.4)),
-        start_cameras=(CameraNumbers.of(PERSPECTIVE),),
-        settings={"restarts": 8, "loss": "invariant", "limits": [0.1, 0.2]},
-        in_views=(InViewRecord(mask_text(mask), (1.0, 2.0, 3.0, 4.5), False),),
-        locked=True,
-    )
-    second = ObjectRecord.of("7", Path("/models/a.ply"), record, view, "Straße")
-    return SceneRecord(views=(view,), objects=(first, structs.replace(second, hidden=True)))
-
-
 def session(**changes: Any) -> AutosavedSession:
-    named = {"saved_at": 1.7e9 + 1.0 / 3.0, "active_object": "7", "photo_names": ("Straße 道.jpg",)}
-    return AutosavedSession(**{**named, "scene": scene(), **changes})
+    """A session of version 0.1.0 with a mask and a photo that is oddly called."""
+    kept = load_autosave(OLD)
+    (view,), first = kept.scene.views, kept.scene.objects[0]
+    mask = mask_text(Mask.of(np.tri(view.photo.height, view.photo.width)))
+    view = structs.replace(view, mask=mask, photo=structs.replace(view.photo, file=ODD))
+    own = InViewRecord(mask, (1.0, 2.0, 3.0, 4.5), False)
+    objects = (structs.replace(first, in_views=(own,), locked=True), *kept.scene.objects[1:])
+    scene = structs.replace(kept.scene, views=(view,), objects=objects)
+    return structs.replace(kept, saved_at=1.7e9 + 1.0 / 3.0, scene=scene, **changes)
 
 
 def saved(folder: Path, session: AutosavedSession) -> Path:
@@ -86,12 +55,12 @@ def saved(folder: Path, session: AutosavedSession) -> Path:
     return file.path
 
 
-@pytest.mark.parametrize("camera", [PARALLEL, PERSPECTIVE])
-def test_sessions_come_back_to_the_last_digit(tmp_path: Path, camera: Camera) -> None:
-    whole = session(scene=scene(camera))
+def test_sessions_come_back_to_the_last_digit(tmp_path: Path) -> None:
+    whole = session(active_object="2")
     assert load_autosave(saved(tmp_path, whole)) == whole
-    assert (whole.photo_name, whole.model_name) == ("Straße 道.jpg", "a.ply")
-    assert files_of_sessions(tmp_path) == {*(Path(ODD), Path("car.glb"), Path("/models/a.ply"))}
+    assert (whole.photo_name, whole.model_name) == ("three.png", "front.ply")
+    models = {Path(f"/photos/three/{name}.ply") for name in ("ball", "front", "apart")}
+    assert files_of_sessions(tmp_path) == {Path(ODD), *models}
 
 
 CHILD = """
@@ -128,7 +97,9 @@ def test_a_killed_process_leaves_its_session_behind(tmp_path: Path) -> None:
 
 
 def test_the_newest_is_the_one_left_behind(tmp_path: Path) -> None:
-    paths = [saved(tmp_path, session(saved_at=1.7e9 - age)) for age in (2.0, 1.0, 3.0)]
+    paths = [
+        saved(tmp_path, structs.replace(session(), saved_at=1.7e9 - age)) for age in (2.0, 1.0, 3.0)
+    ]
     assert (left_behind(tmp_path) or (None,))[0] == paths[1]
     os.utime(paths[1], (0.0, 0.0))
     assert (left_behind(tmp_path) or (None,))[0] == paths[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 import zipfile
@@ -17,9 +18,6 @@ from hypothesis import strategies as st
 from poseviewer.errors import FileSetError
 from poseviewer.files.file_set import MOST_FILES
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene_file import ObjectRecord, SceneRecord, ViewRecord
-from poseviewer.files.state.autosave import AutosavedSession, SessionFile
 from poseviewer.files.state.uploads import (
     LARGEST_UPLOAD,
     display_name,
@@ -30,7 +28,8 @@ from poseviewer.files.state.uploads import (
     why_not_sent,
     why_unfit,
 )
-from tests.several import CAMERA, STARTS
+
+OLD = Path(__file__).parents[2] / "fixtures" / "v0_1_0" / "autosaved_three.json"
 
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 ODD_NAMES = (
@@ -187,12 +186,10 @@ def test_of_old_and_broken_uploads_those_that_a_session_names_stay(
     monkeypatch.setattr("poseviewer.files.state.uploads.KEPT", 0)
     uploads = tmp_path / "uploads"
     used, other = (keep(uploads, {"maps/a.png": data}) for data in (b"used", b"other"))
-    view = ViewRecord.of(used / "maps" / "a.png", CAMERA)
-    one = ObjectRecord.of("1", Path("a.ply"), PoseRecord.of(STARTS[0].pose), view)
-    scene = SceneRecord(views=(view,), objects=(one,))
-    file = SessionFile(tmp_path / "sessions")
-    file.save(AutosavedSession(saved_at=1.0, active_object="1", scene=scene))
-    file.close()
+    (tmp_path / "sessions").mkdir()
+    name = json.dumps(str(used / "maps" / "a.png"))
+    kept = OLD.read_text().replace('"/photos/three/three.png"', name)
+    (tmp_path / "sessions" / "session-1.json").write_text(kept)
     left, under_way = uploads / "new-a", uploads / "new-b"
     for place in (left, under_way):
         (place / "set").mkdir(parents=True)
