@@ -239,7 +239,8 @@ def time_maps(demo: Scene, truth: Pose, size: int) -> Timing:
     problem, _ = make_problem(demo.with_pose(0, truth))
     with RendererPool(SoftwareRenderer(demo.objects[0].mesh)) as pool:
         # A thread's first picture of a size takes its buffers.
-        pool.moments_of([truth] * (2 * CHUNK * pool.threads), problem.photo)
+        count = 2 * CHUNK * pool.threads
+        list(pool.map(lambda own, _: own.moments(truth, problem.photo), range(count)))
         began = perf_counter()
         pieces = list(landscape(problem, pool, problem.start, size=size, smooth=True))
         seconds = perf_counter() - began

@@ -1,7 +1,4 @@
-"""Many poses at once: clones of a renderer on a few threads, or a GPU that takes them together.
-
-Threads are enough, as the kernels let go of the interpreter while they run.
-"""
+"""Many poses at once: clones of a renderer on a few threads, or a GPU that takes them together."""
 
 from __future__ import annotations
 
@@ -11,8 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, TypeVar
 
-from poseviewer.geometry.camera import Pose
-from poseviewer.render.types import Moments, PhotoAttributes, Renderer
+from poseviewer.render.types import Renderer
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -86,10 +82,6 @@ class RendererPool:
     def start(self, work: Callable[[], Result]) -> Callable[[], Result]:
         """Begin ``work`` in a thread; the returned function gives its result, or does it."""
         return work if self._executor is None else self._executor.submit(work).result
-
-    def moments_of(self, poses: Sequence[Pose], photo: PhotoAttributes) -> list[Moments]:
-        """The moments at every pose, in their order."""
-        return list(self.map(lambda renderer, pose: renderer.moments(pose, photo), poses))
 
     def close(self) -> None:
         """End the threads, after the chunks that they are at."""

@@ -5,9 +5,8 @@ around, a level of ``width x height`` texels is read bilinearly at
 ``x = (u - floor(u)) width - 0.5``, ``y = (1 - v + floor(v)) height - 0.5``, in which texel (0, 0)
 is the picture's upper left one and neighbours are taken modulo the size.
 
-Level of a face: the texels under one of its pixels are ``r = texel area / pixel area``, both of
-the whole face; the level is ``log2(sqrt(r))``, rounded, so that a texel of that level is about as
-large as a pixel (L. Williams, *Pyramidal parametrics*, 1983, with one level a face).
+Level of a face: ``log2(sqrt(texel area / pixel area))`` of the whole face, rounded, so that a
+texel is about as large as a pixel (L. Williams, *Pyramidal parametrics*, 1983).
 """
 
 from __future__ import annotations

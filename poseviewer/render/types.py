@@ -34,9 +34,8 @@ class PhotoAttributes:
     weights: NDArray[np.float32]
     """(height, width): weight of each pixel, 0 outside the region."""
     clipped: bool = True
-    """True: P is the part of the region that the model covers. False: the whole region. Beside
-    the model all its attributes are 0, and one more tells the two apart: 1 on the model. Without
-    it, the surroundings would have to look like a black part of the model."""
+    """True: P is the part of the region that the model covers. False: the whole region; beside the
+    model all its attributes are 0, and one more tells the two apart: 1 on the model."""
     colour_reflectance: bool = False
     """False: grey reflectance, k and k n (4 attributes). True: the same for R, G and B (12). Where
     there is a ``structure``, False is in between: the three colours and k n of their grey (6)."""
@@ -47,13 +46,9 @@ class PhotoAttributes:
     """Side of the photo that poses are of over that of ``channels``."""
 
     def __post_init__(self) -> None:
-        values = np.asarray(self.channels)
-        if values.ndim != 3:
-            raise ValueError(
-                f"channels of shape {values.shape} where (height, width, n) was wanted"
-            )
         # One channel after the other in memory, as the kernels read them.
-        planar = frozen_array(np.moveaxis(values, 2, 0), (-1, -1, -1), np.float32)
+        planar = np.moveaxis(np.asarray(self.channels), -1, 0)
+        planar = frozen_array(planar, (-1, -1, -1), np.float32)
         _, height, width = planar.shape
         object.__setattr__(self, "channels", np.moveaxis(planar, 0, 2))
         object.__setattr__(self, "weights", frozen_array(self.weights, (height, width), np.float32))

@@ -36,7 +36,7 @@ def make_photo() -> PhotoAttributes:
 def test_moments_are_those_of_one_renderer_in_order(threads, count):
     poses, photo = make_poses(count), make_photo()
     with RendererPool(RENDERER, threads) as pool:
-        found = pool.moments_of(poses, photo)
+        found = list(pool.map(lambda own, pose: own.moments(pose, photo), poses))
     wanted = [RENDERER.moments(pose, photo) for pose in poses]
     assert len(found) == count
     for ours, theirs in zip(found, wanted, strict=True):
@@ -87,7 +87,7 @@ def test_who_stops_asking_stops_the_work():
 def test_each_thread_begins_as_told():
     begun = []
     with RendererPool(RENDERER, 2, begin=lambda: begun.append(True)) as pool:
-        pool.moments_of(make_poses(40), make_photo())
+        list(pool.map(lambda own, pose: own.covers(pose), make_poses(40)))
     assert 1 <= len(begun) <= 2
 
 

@@ -320,9 +320,16 @@ var<workgroup> labels: array<u32, PIXELS>;
 var<workgroup> origin: array<f32, 6>;
 var<workgroup> told: array<u32, PIXELS>; // a pixel that counts; SHOWN: none here; NOTHING is shown
 
-fn show(place: u32, id: u32, seen: Surface) {
-    shown[place] = select(vec4<f32>(0.0), vec4<f32>(seen.normal, dot(GREY, seen.colour)), id != 0u);
+// What a pixel shows, also into a place of the tile.
+fn show(pose: u32, place: u32, at: vec2<i32>) -> Surface {
+    let id = id_at(pose, at.x, at.y);
+    var seen: Surface;
+    if id != 0u {
+        seen = shaded(pose, ~id, at.x, at.y);
+    }
+    shown[place] = vec4<f32>(seen.normal, dot(GREY, seen.colour));
     covered[place] = select(0.0, 1.0, id != 0u);
+    return seen;
 }
 
 fn model_value(seen: Surface, index: u32) -> f32 {
@@ -365,17 +372,12 @@ fn shade(
         let first = vec2<i32>((*p).left, (*p).top) + TILE * vec2<i32>(tile % tiles.x, tile / tiles.x);
         workgroupBarrier();
         let at = first + vec2<i32>(local.xy);
-        let id = id_at(pose, at.x, at.y);
-        var seen: Surface;
-        if id != 0u {
-            seen = shaded(pose, ~id, at.x, at.y);
-        }
-        show(place, id, seen);
+        let seen = show(pose, place, at);
         let pixel = STRIDE * (u32(at.y) * params.photo_width + u32(at.x));
         let mine = SLOTS * lane;
         var weight = 0.0;
         told[lane] = NOTHING;
-        if id != 0u {
+        if covered[place] > 0.0 {
             weight = photo[pixel + 3u];
             told[lane] = select(SHOWN, lane, weight > 0.0);
         }
@@ -385,14 +387,9 @@ fn shade(
                 let k = lane - 2u * SPAN;
                 rim = vec2<u32>(select(0u, SPAN - 1u, k >= 8u), 1u + k % 8u);
             }
-            let other = first + vec2<i32>(rim) - 1;
-            let rim_id = id_at(pose, other.x, other.y);
-            var rim_seen: Surface;
-            if rim_id != 0u {
-                rim_seen = shaded(pose, ~rim_id, other.x, other.y);
-            }
-            show(rim.y * SPAN + rim.x, rim_id, rim_seen);
-            told[lane] = min(told[lane], select(NOTHING, SHOWN, rim_id != 0u));
+            let other = rim.y * SPAN + rim.x;
+            show(pose, other, first + vec2<i32>(rim) - 1);
+            told[lane] = min(told[lane], select(NOTHING, SHOWN, covered[other] > 0.0));
         }
         for (var half = PIXELS / 2u; half > 0u; half /= 2u) {
             workgroupBarrier();

@@ -28,12 +28,12 @@ GOLDEN = np.array([0.7548776662466927, 0.5698402909980532])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceSamples:
-    """Points spread evenly over a surface, and what it is like about each."""
+    """N points spread evenly over a surface."""
 
     tree: KDTree
     """Tree of their positions (N, 3)."""
-    faces: NDArray[np.int64]
-    """(N,): the face that each is on."""
+    parts: NDArray[np.int32]
+    """(N,): the part of the mesh that each is on."""
     areas: FloatArray
     """(N,): the area that each stands for; 0 on faces without any."""
     colours: FloatArray
@@ -58,14 +58,13 @@ def simplify(mesh: Mesh, faces: int) -> Mesh:
     if not 0 < len(triangles) < len(mesh.faces):
         return mesh
     area = face_normals_and_areas(vertices, triangles)[1].mean()
-    # Equilateral faces of this area have edges of this length.
-    edge = float(np.sqrt(4.0 * area / np.sqrt(3.0)))
+    edge = float(np.sqrt(4.0 * area / np.sqrt(3.0)))  # of equilateral faces of this area
     samples = _surface_samples(mesh, area)
-    parts = _nearest_parts(mesh, samples, vertices, triangles)
+    parts = _nearest_parts(samples, vertices, triangles)
     source, corners, normals = _split_at_parts(*crease_normals(vertices, triangles), parts)
     owners = np.zeros(len(source), np.int32)
     owners[corners.reshape(-1)] = np.repeat(parts, 3)
-    colours, normals = _averaged(mesh, samples, vertices[source], normals, owners, REACH * edge)
+    colours, normals = _averaged(samples, vertices[source], normals, owners, REACH * edge)
     return replace(
         mesh,
         vertices=vertices[source],
@@ -103,8 +102,10 @@ def _surface_samples(mesh: Mesh, new_area: float) -> SurfaceSamples:
     each = np.maximum(np.ceil(areas * (count / areas.sum())), 1.0).astype(np.int64)
     faces = np.repeat(np.arange(len(each)), each)
     step = np.arange(len(faces)) - np.repeat(np.cumsum(each) - each, each)
-    shares = _spread(step)
-    corners = mesh.faces[faces]
+    u, v = np.moveaxis((1.0 / 3.0 + step[:, None] * GOLDEN) % 1.0, -1, 0)
+    beyond = u + v > 1.0  # the other half of the square, folded over
+    u, v = np.where(beyond, 1.0 - u, u), np.where(beyond, 1.0 - v, v)
+    shares, corners = np.stack([u, v, 1.0 - u - v], axis=-1), mesh.faces[faces]
     places = _blend(shares, mesh.vertices[corners])
     normals = _blend(shares, mesh.normals[corners])
     length = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -112,19 +113,14 @@ def _surface_samples(mesh: Mesh, new_area: float) -> SurfaceSamples:
     colours = _blend(shares, mesh.colours[corners].astype(float))
     textured = np.flatnonzero(mesh.face_texture[faces] >= 0)
     if len(textured):
-        uv = _blend(shares[textured], mesh.uvs[corners[textured]].astype(float))
-        colours[textured] *= _textures(mesh, areas / new_area, faces[textured], uv)
-    return SurfaceSamples(
-        KDTree(places), faces, (areas / each)[faces], colours, normals, flat[faces]
-    )
-
-
-def _spread(step: NDArray[np.int64]) -> FloatArray:
-    """(N, 3): barycentrics of the points of a sequence that fills a triangle evenly."""
-    u, v = np.moveaxis((1.0 / 3.0 + step[:, None] * GOLDEN) % 1.0, -1, 0)
-    beyond = u + v > 1.0
-    u, v = np.where(beyond, 1.0 - u, u), np.where(beyond, 1.0 - v, v)
-    return np.stack([u, v, 1.0 - u - v], axis=-1)
+        uv, of_samples = _blend(shares[textured], mesh.uvs[corners[textured]]), faces[textured]
+        pyramid = TexturePyramid(*flatten_textures(mesh.textures))
+        # Averaged over two texels along the side of a new face.
+        new_faces, count = 4.0 * (areas / new_area), pyramid.table.shape[1]
+        levels = mip_levels(pyramid.texel_areas(mesh), new_faces, count)[of_samples]
+        colours[textured] *= pyramid.sample(mesh.face_texture[of_samples], levels, uv)
+    parts, share = mesh.face_part[faces], (areas / each)[faces]
+    return SurfaceSamples(KDTree(places), parts, share, colours, normals, flat[faces])
 
 
 def _blend(shares: FloatArray, corners: NDArray) -> FloatArray:
@@ -132,23 +128,16 @@ def _blend(shares: FloatArray, corners: NDArray) -> FloatArray:
     return np.einsum("ni,nik->nk", shares, corners)
 
 
-def _textures(mesh: Mesh, new_faces: FloatArray, faces: NDArray, uv: FloatArray) -> FloatArray:
-    """RGB (N, 3) at ``uv`` (N, 2), averaged over two texels along the side of a new face."""
-    pyramid = TexturePyramid(*flatten_textures(mesh.textures))
-    levels = mip_levels(pyramid.texel_areas(mesh), 4.0 * new_faces, pyramid.table.shape[1])
-    return pyramid.sample(mesh.face_texture[faces], levels[faces], uv)
-
-
 def _nearest_parts(
-    mesh: Mesh, samples: SurfaceSamples, vertices: FloatArray, triangles: NDArray[np.int32]
+    samples: SurfaceSamples, vertices: FloatArray, triangles: NDArray[np.int32]
 ) -> NDArray[np.int32]:
     """(F,): the part of the original nearest to each new face, and looking its way."""
     middles = vertices[triangles].mean(axis=1)
     flat, _ = face_normals_and_areas(vertices, triangles)
-    distance, found = samples.tree.query(middles, k=8)
-    away = np.einsum("fki,fi->fk", samples.flat_normals[found], flat) <= 0.0
+    distance, near = samples.tree.query(middles, k=8)
+    away = np.einsum("fki,fi->fk", samples.flat_normals[near], flat) <= 0.0
     best = np.argmin(np.where(away, np.inf, distance), axis=1)
-    return mesh.face_part[samples.faces[found[np.arange(len(found)), best]]]
+    return samples.parts[near[np.arange(len(near)), best]]
 
 
 def _split_at_parts(
@@ -166,7 +155,6 @@ def _split_at_parts(
 
 
 def _averaged(
-    mesh: Mesh,
     samples: SurfaceSamples,
     places: FloatArray,
     normals: FloatArray,
@@ -174,18 +162,17 @@ def _averaged(
     reach: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Mean reflectance (V, 3) and unit normals (V, 3) about ``places``, of their part and side."""
-    distance, found = samples.tree.query(places, k=NEIGHBOURS)
-    same_part = mesh.face_part[samples.faces[found]] == parts[:, None]
-    alike = np.einsum("vki,vi->vk", samples.flat_normals[found], normals) > 0.5
-    alike &= same_part
+    distance, near = samples.tree.query(places, k=NEIGHBOURS)
+    same_part = samples.parts[near] == parts[:, None]
+    alike = same_part & (np.einsum("vki,vi->vk", samples.flat_normals[near], normals) > 0.5)
     none = ~alike.any(axis=1)
     alike[none, np.argmax(same_part[none], axis=1)] = True
     nearest = np.min(np.where(alike, distance, np.inf), axis=1, keepdims=True)
     counts = alike & (distance <= np.maximum(nearest, reach))
-    weights = np.where(counts, np.maximum(samples.areas[found], 1e-300), 0.0)
+    weights = np.where(counts, np.maximum(samples.areas[near], 1e-300), 0.0)
     weights = weights / weights.sum(axis=1, keepdims=True)
-    colours = np.einsum("vk,vki->vi", weights, samples.colours[found])
-    mean = np.einsum("vk,vki->vi", weights, samples.normals[found])
+    colours = np.einsum("vk,vki->vi", weights, samples.colours[near])
+    mean = np.einsum("vk,vki->vi", weights, samples.normals[near])
     length = np.linalg.norm(mean, axis=1, keepdims=True)
     # Where the neighbourhood cancels out, or nothing of it fits, the new surface's own normal.
     keep = none[:, None] | (length < 1e-6)

@@ -30,9 +30,14 @@ LOOK_S = 0.2
 """Between two looks at how far the others are."""
 
 
+def compiled_share() -> float:
+    """Share of this version's kernels whose machine code earlier runs left, in [0, 1]."""
+    return sum(map(is_compiled, KERNELS)) / len(KERNELS)
+
+
 def kernels_are_compiled() -> bool:
     """Whether an earlier run left machine code for this version of the kernels."""
-    return all(map(is_compiled, KERNELS))
+    return compiled_share() == 1.0
 
 
 def compile_kernels() -> None:
@@ -43,13 +48,12 @@ def compile_kernels() -> None:
 
 def compiling() -> Iterator[float]:
     """Compile what is not compiled yet, and load it all; yields the compiled share, at last 1."""
-    share = _compiled_share()
     helpers: list[subprocess.Popen[bytes]] = []
     try:
-        if share < 1.0 and sys.executable:
+        if sys.executable and not kernels_are_compiled():
             helpers = [_helper(work) for work in HELPERS]
         while any(helper.poll() is None for helper in helpers):
-            yield _compiled_share()
+            yield compiled_share()
             time.sleep(LOOK_S)
     finally:
         for helper in helpers:
@@ -83,10 +87,6 @@ def _helper(work: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet)
 
 
-def _compiled_share() -> float:
-    return sum(map(is_compiled, KERNELS)) / len(KERNELS)
-
-
 class _Blank(SoftwareRenderer):
     """A renderer that draws nothing, and so needs no rasteriser."""
 
@@ -96,15 +96,9 @@ class _Blank(SoftwareRenderer):
 
 
 def _triangle() -> Mesh:
-    return Mesh(
-        vertices=np.eye(3),
-        faces=np.array([[0, 1, 2]], np.int32),
-        normals=np.tile((0.0, 0.0, 1.0), (3, 1)),
-        colours=np.ones((3, 3), np.float32),
-        uvs=np.zeros((3, 2), np.float32),
-        face_texture=np.array([-1], np.int32),
-        face_part=np.array([0], np.int32),
-    )
+    none, colours = np.array([-1], np.int32), np.ones((3, 3), np.float32)
+    uvs, faces = np.zeros((3, 2), np.float32), np.array([[0, 1, 2]], np.int32)
+    return Mesh(np.eye(3), faces, np.tile((0.0, 0.0, 1.0), (3, 1)), colours, uvs, none, none + 1)
 
 
 def _pose() -> Pose:

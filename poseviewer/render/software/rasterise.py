@@ -5,11 +5,10 @@ parallel algorithm for polygon rasterization*, 1988), so that a pixel centre on 
 belongs to exactly one face. A depth value is 1/z under perspective, -z in parallel projection:
 linear in the picture, and the greater the nearer. Of two faces at the same depth the first is seen.
 
-With each face that is seen goes its *plane*, a row of ``planes`` (F + 1, PLANE) float32: the normal
-at a pixel, of any length, is linear in the picture. Entries 0 to 2 are the normal at the pixel
-(column, row) of entries COLUMN_OF and ROW_OF, 4 to 6 and 8 to 10 what a column and a row more add;
-3, 7 and 11 are of no account. Its *paint* (PAINT,) is the like, of R, G, B or u, v, 0, and of a
-fourth number that these are divided by. The last row, of no face, is zeros.
+Each face that is seen has a *plane* (PLANE,) float32: entries 0 to 2 are the normal, of any length,
+at the pixel of entries COLUMN_OF and ROW_OF, 4 to 6 and 8 to 10 what a column and a row more add.
+Its *paint* (PAINT,) is the like, of R, G, B or u, v, 0, and of a fourth number that these are
+divided by. The last row, of no face, is zeros.
 
 Faces up to SMALL are drawn a CHUNK at a time in 32 bits, larger ones and those that reach behind
 the camera are cut into triangles that are drawn in 64 bits.
@@ -114,45 +113,42 @@ def rasterise(drawn, surface, camera, width, workspace, picture):
 @_jit_lanes
 def _project(vertices, camera, screen, depths, width, height):
     """Set ``screen`` (2, V), 1/256 px, and ``depths`` (V,); returns the box of pixels touched."""
-    x, y, z = vertices[0], vertices[1], vertices[2]
-    u, v, d = screen[0], screen[1], depths
-    r00, r01, r02 = np.float32(camera[0]), np.float32(camera[1]), np.float32(camera[2])
-    r10, r11, r12 = np.float32(camera[3]), np.float32(camera[4]), np.float32(camera[5])
-    r20, r21, r22 = np.float32(camera[6]), np.float32(camera[7]), np.float32(camera[8])
-    tx, ty, tz = np.float32(camera[9]), np.float32(camera[10]), np.float32(camera[11])
-    fx, fy, near = np.float32(camera[12]), np.float32(camera[13]), np.float32(camera[16])
-    cx, cy = np.float32(camera[14]), np.float32(camera[15])
-    perspective = near > _ZERO
-    nearest = _ONE / near if perspective else np.float32(np.inf)
+    x, y, z, near = vertices[0], vertices[1], vertices[2], np.float32(camera[16])
+    r0, r1, r2 = np.float32(camera[6]), np.float32(camera[7]), np.float32(camera[8])
+    shift, perspective = np.float32(camera[11]), near > _ZERO
     for i in range(x.shape[0]):
-        distance = r20 * x[i] + r21 * y[i] + r22 * z[i] + tz
-        d[i] = _ONE / max(distance, near) if perspective else -distance
-    most = np.int32(2**31 - 1)
-    left, right, off = most, -most, np.int32(0)
-    for i in range(x.shape[0]):
-        across = fx * (r00 * x[i] + r01 * y[i] + r02 * z[i] + tx)
-        place = across * (d[i] if perspective else _ONE) + cx
-        outside = (abs(place) > np.float32(GUARD_PX)) | (d[i] >= nearest)
-        snapped = np.int32(np.floor((_ZERO if outside else place) * np.float32(SUBPIXELS) + _HALF))
-        off |= np.int32(1) if outside else np.int32(0)
-        left, right = min(left, snapped), max(right, snapped)
-        u[i] = OFF_SCREEN if outside else snapped
-    top, bottom = most, -most
-    for i in range(x.shape[0]):
-        down = fy * (r10 * x[i] + r11 * y[i] + r12 * z[i] + ty)
-        place = down * (d[i] if perspective else _ONE) + cy
-        outside = abs(place) > np.float32(GUARD_PX)
-        snapped = np.int32(np.floor((_ZERO if outside else place) * np.float32(SUBPIXELS) + _HALF))
-        off |= np.int32(1) if outside else np.int32(0)
-        top, bottom = min(top, snapped), max(bottom, snapped)
-        v[i] = OFF_SCREEN if outside else snapped
-    if off > 0:
+        distance = r0 * x[i] + r1 * y[i] + r2 * z[i] + shift
+        depths[i] = _ONE / max(distance, near) if perspective else -distance
+    left, right, off = _snap(0, vertices, camera, depths, screen[0])
+    top, bottom, also_off = _snap(1, vertices, camera, depths, screen[1])
+    if off | also_off > 0:
         return 0, 0, width, height
     if left > right:
         return 0, 0, 0, 0
     first, upper = min(max((left >> 8) - 1, 0), width), min(max((top >> 8) - 1, 0), height)
     last, lower = min((right >> 8) + 2, width), min((bottom >> 8) + 2, height)
     return first, upper, max(last, first), max(lower, upper)
+
+
+@_jit_lanes
+def _snap(axis, vertices, camera, depths, out):
+    """Set coordinates ``out`` (V,), 1/256 px; returns least, greatest, whether any is off."""
+    x, y, z, near = vertices[0], vertices[1], vertices[2], np.float32(camera[16])
+    r0, r1 = np.float32(camera[3 * axis]), np.float32(camera[3 * axis + 1])
+    r2, shift = np.float32(camera[3 * axis + 2]), np.float32(camera[9 + axis])
+    focal, centre = np.float32(camera[12 + axis]), np.float32(camera[14 + axis])
+    perspective = near > _ZERO
+    nearest = _ONE / near if perspective else np.float32(np.inf)
+    least, most, off = np.int32(2**31 - 1), -np.int32(2**31 - 1), np.int32(0)
+    for i in range(x.shape[0]):
+        along = focal * (r0 * x[i] + r1 * y[i] + r2 * z[i] + shift)
+        place = along * (depths[i] if perspective else _ONE) + centre
+        outside = (abs(place) > np.float32(GUARD_PX)) | (depths[i] >= nearest)
+        snapped = np.int32(np.floor((_ZERO if outside else place) * np.float32(SUBPIXELS) + _HALF))
+        off |= np.int32(1) if outside else np.int32(0)
+        least, most = min(least, snapped), max(most, snapped)
+        out[i] = OFF_SCREEN if outside else snapped
+    return least, most, off
 
 
 @_jit
@@ -233,16 +229,13 @@ def _edge_at(xa, ya, xb, yb, px, py, sign):
 @_jit
 def _find_boxes(size, width, height, corners, boxes):
     """The pixels whose centres the faces' boxes hold: left, top, right, bottom, ends included."""
-    x0, x1, x2 = corners[0, :size], corners[1, :size], corners[2, :size]
-    y0, y1, y2 = corners[3, :size], corners[4, :size], corners[5, :size]
-    left, top, right, bottom = boxes[0, :size], boxes[1, :size], boxes[2, :size], boxes[3, :size]
-    columns, rows = _i32(width - 1), _i32(height - 1)
-    for i in range(size):
-        left[i] = max(_i32(_i32(min(x0[i], x1[i], x2[i]) + _HALF_LESS) >> _BITS), _i32(0))
-        right[i] = min(_i32(_i32(max(x0[i], x1[i], x2[i]) - _HALF_SUB) >> _BITS), columns)
-    for i in range(size):
-        top[i] = max(_i32(_i32(min(y0[i], y1[i], y2[i]) + _HALF_LESS) >> _BITS), _i32(0))
-        bottom[i] = min(_i32(_i32(max(y0[i], y1[i], y2[i]) - _HALF_SUB) >> _BITS), rows)
+    for axis, length in enumerate((width, height)):
+        at, end = 3 * axis, _i32(length - 1)
+        a, b, c = corners[at, :size], corners[at + 1, :size], corners[at + 2, :size]
+        first, last = boxes[axis, :size], boxes[2 + axis, :size]
+        for i in range(size):
+            first[i] = max(_i32(_i32(min(a[i], b[i], c[i]) + _HALF_LESS) >> _BITS), _i32(0))
+            last[i] = min(_i32(_i32(max(a[i], b[i], c[i]) - _HALF_SUB) >> _BITS), end)
 
 
 @_jit

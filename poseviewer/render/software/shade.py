@@ -6,8 +6,7 @@ pixel needs no corners.
 Arguments that kernels share: ``of_faces`` is (planes, colours (F + 1, 3), whether any reflectance
 varies within a face, paints, levels of the faces' textures); ``textures`` is (tints (F + 1, 3) that
 a face's texture is multiplied by, the texture of each face (F,), texels and table as
-``flatten_textures`` gives them); ``workspace`` is for a row of pixels, float32 (rows, width) for
-each of ``ROWS``: normals, what is added up (n + 6, n being 1 or 3), paint.
+``flatten_textures`` gives them); ``workspace`` is made by ``make_row``.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.render.software.kernel import kernel
 from poseviewer.render.software.rasterise import COLUMN_OF, GREY, MAPPED, ROW_OF
 
-ROWS = 3, 9, 3
 NO_WEIGHT = np.float32(1e-20)
 """A paint's fourth number that is no greater is that of no face, or of one seen edge-on."""
 TINY = np.float32(1e-30)
@@ -31,6 +29,13 @@ _RED, _GREEN, _BLUE = (np.float32(weight) for weight in GREY_WEIGHTS)
 _jit: Any = kernel()
 # Sums alone may be taken in another order (lanes of a vector); rows are short, so it costs nothing.
 _jit_sums: Any = kernel(fastmath={"reassoc", "contract", "nsz", "nnan"})
+
+
+@_jit
+def make_row(width, rows):
+    """The workspace for a row of pixels: normals, ``rows`` of what is added up, paint."""
+    normals, paint = np.empty((3, width), np.float32), np.empty((3, width), np.float32)
+    return normals, np.empty((rows, width), np.float32), paint
 
 
 @_jit
@@ -82,10 +87,10 @@ def span(ids, row, left, right):
 
 
 @_jit
-def shade(box, ids, of_faces, textures, rotation, workspace, reflectance, normals):
+def shade(box, ids, of_faces, textures, rotation, reflectance, normals):
     """Write the attributes of all pixels inside ``box``, normals turned by ``rotation`` (3, 3)."""
     left, top, right, bottom = box
-    of_row, run, _ = workspace
+    workspace = of_row, run, _ = make_row(ids.shape[1], 3)
     nx, ny, nz = of_row[0], of_row[1], of_row[2]
     for row in range(top, bottom):
         begin, end = span(ids, row, left, right)
@@ -166,13 +171,13 @@ def _fill_varied(row, first, faces, of_faces, textures, count, workspace, at):
 
 
 @_jit
-def fill_planes(box, ids, of_faces, textures, workspace, spans, out):
+def fill_planes(box, ids, of_faces, textures, spans, out):
     """Attributes of all visible pixels inside ``box`` as planes, normals in the model's frame.
 
     ``out`` (8, height + 2, width + 2): unit normals, grey, coverage, R, G, B. ``spans`` (height,
     2): columns of each row that hold all of it. Both are given as the last call left them.
     """
-    normals, run, _ = workspace
+    workspace = normals, run, _ = make_row(ids.shape[1], 3)
     nx, ny, nz = normals[0], normals[1], normals[2]
     left, top, right, bottom = box
     for row in range(spans.shape[0]):

@@ -66,19 +66,10 @@ class SoftwareRenderer(Renderer):
 
     def render(self, pose: Pose) -> AttributeImage:
         """Visibility, reflectance and normals at every pixel centre."""
-        size = pose.camera.height, pose.camera.width
-        box = left, top, right, bottom = self._rasterise(pose)
+        size, rotation = (pose.camera.height, pose.camera.width), pose.camera_from_model.rotation
         reflectance, normals = np.zeros((*size, 3), np.float32), np.zeros((*size, 3), np.float32)
-        shade.shade(
-            box,
-            self._ids,
-            self._of_faces,
-            self._of_textures,
-            pose.camera_from_model.rotation,
-            self._row,
-            reflectance,
-            normals,
-        )
+        shade.shade(*self._rasterised(pose), rotation, reflectance, normals)
+        left, top, right, bottom = self._drawn
         face_ids = np.full(size, -1, np.int32)
         ids = self._ids[top:bottom, left:right]
         face_ids[top:bottom, left:right] = np.where(ids >= 0, self._surface.order[ids], -1)
@@ -104,21 +95,11 @@ class SoftwareRenderer(Renderer):
             return moments_of_images(self.render(pose), photo)
         if photo.structure is not None:
             return self._structure_moments(pose, photo, photo.structure)
-        box = self._rasterise(pose)
-        n, region = photo.channels.shape[2], NO_REGION
-        if not photo.clipped:
-            region = True, *photo.photo_sums
+        region = NO_REGION if photo.clipped else (True, *photo.photo_sums)
+        of_photo = (photo.planar, photo.weights), photo.origin, photo.model_channels
+        rotation, n = pose.camera_from_model.rotation, photo.channels.shape[2]
         pixels, weight, mean, covariance = sums.moments(
-            box,
-            self._ids,
-            self._of_faces,
-            self._of_textures,
-            (photo.planar, photo.weights),
-            photo.origin,
-            photo.model_channels,
-            (self._row, self._weighted),
-            region,
-            pose.camera_from_model.rotation,
+            *self._rasterised(pose), *of_photo, region, rotation
         )
         # They are ours alone: to freeze them here saves two copies for every pose.
         mean.flags.writeable = covariance.flags.writeable = False
@@ -127,21 +108,16 @@ class SoftwareRenderer(Renderer):
     def _structure_moments(
         self, pose: Pose, photo: PhotoAttributes, structure: PhotoStructure
     ) -> Moments:
-        box, fixed = self._rasterise(pose), photo.photo_moments
-        workspace = self._structure_workspace(photo)
-        pixels, dot, square = sums.structure_sums(
-            box,
-            self._ids,
-            self._of_faces,
-            self._of_textures,
-            (photo.planar, structure.labels, photo.weights),
-            photo.edge_target,
-            pose.camera_from_model.rotation,
-            MODEL_NOISE,
-            BLUR_TAPS,
-            (self._row, *workspace),
-        )
-        _, joint, second = workspace[1]
+        fixed, rotation = photo.photo_moments, pose.camera_from_model.rotation
+        of_photo = photo.planar, structure.labels, len(structure.shares), photo.weights
+        visible = self._rasterised(pose)
+        if self._kept is None:
+            height, width = photo.weights.shape
+            planes = np.zeros((sums.PLANES, height + 2, width + 2), np.float32)
+            across = np.empty((2, height, width), np.float32)
+            self._kept = np.zeros((height, 2), np.int64), planes, across
+        edges = photo.edge_target, rotation, MODEL_NOISE, BLUR_TAPS, self._kept
+        pixels, joint, second, dot, square = sums.structure_sums(*visible, of_photo, *edges)
         (n, m), share = joint.shape, 1.0 / fixed.weight if fixed.weight > 0.0 else 0.0
         mean, covariance = np.empty(n + m), np.empty((n + m, n + m))
         # The last attribute of M is 1 on the model, so its row of ``M M^T`` is the sum of M.
@@ -207,23 +183,14 @@ class SoftwareRenderer(Renderer):
         self._size = width, height
         self._depth = _aligned(height, width, np.float32, -np.inf)
         self._ids = _aligned(height, width, np.int32, -1)
-        self._row = tuple(np.empty((rows, width), np.float32) for rows in shade.ROWS)
-        self._weighted = np.empty(width)
         self._drawn: Box = (0, 0, 0, 0)
-        self._of_structure: dict[tuple[int, int], tuple[Any, ...]] = {}
+        self._kept: tuple[NDArray[Any], ...] | None = None
+        """Workspace of ``structure_sums``, kept from pose to pose."""
 
-    def _structure_workspace(self, photo: PhotoAttributes) -> tuple[Any, ...]:
-        """(spans, planes), (run, joint, second), (rows, across), kept from pose to pose."""
-        (height, width), m, n = photo.weights.shape, photo.model_channels, photo.photo_channels
-        if (n, m) not in self._of_structure:
-            planes = np.zeros((sums.PLANES, height + 2, width + 2), np.float32)
-            rows = np.empty((5, width + 2 * (len(BLUR_TAPS) - 1)), np.float32)
-            self._of_structure[n, m] = (
-                (np.zeros((height, 2), np.int64), planes),
-                (np.empty((n + m + 1, width)), np.empty((n, m)), np.empty((m, m))),
-                (rows, np.empty((2, height, width), np.float32)),
-            )
-        return self._of_structure[n, m]
+    def _rasterised(self, pose: Pose) -> tuple[Any, ...]:
+        """Draw a pose; returns the first arguments of kernels that read the picture."""
+        self._rasterise(pose)
+        return self._drawn, self._ids, self._of_faces, self._of_textures
 
     def _rasterise(self, pose: Pose) -> Box:
         """Fill the id buffer; returns the box outside which it is empty."""

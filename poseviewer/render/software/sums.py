@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from poseviewer.render.software.kernel import kernel
-from poseviewer.render.software.shade import TINY, fill_planes, fill_row, span
+from poseviewer.render.software.shade import TINY, fill_planes, fill_row, make_row, span
 
 GREY, COVERAGE, RED, PLANES = 3, 4, 5, 8  # planes; 0 to 2 are the normal
 EDGE_PLANES = 5  # edges are found in the first five
@@ -29,21 +29,19 @@ _jit_fast: Any = kernel(fastmath=True)
 
 
 @_jit
-def moments(box, ids, of_faces, textures, photo, photo_origin, model, workspace, region, rotation):
+def moments(box, ids, of_faces, textures, photo, photo_origin, model, region, rotation):
     """The moments of photo and model: pixels, their weight, mean (n + m,) and covariance.
 
     ``photo`` is F (n, height, width), about ``photo_origin`` (n,), and weights; ``model`` is m,
-    with 5 the last attribute being 1 on the model; ``workspace`` that of ``shade`` and (width,)
-    float64; ``region`` whether P is the whole of it, and its ``PhotoSums``.
+    with 5 the last attribute being 1 on the model; ``region`` whether P is the whole of it, and its
+    ``PhotoSums``.
     """
     n = photo_origin.shape[0]
     size = n + model
     first, second, origin = np.zeros(size), np.zeros((size, size)), np.zeros(size)
     for i in range(n):  # a slice's size is looked at first, which takes long to compile
         origin[i] = photo_origin[i]
-    pixels, weight = _accumulate(
-        box, ids, of_faces, textures, photo, origin, model, workspace, first, second
-    )
+    pixels, weight = _accumulate(box, ids, of_faces, textures, photo, origin, model, first, second)
     is_whole, region_weight, region_first, region_second = region
     if is_whole:
         _add_surroundings(n, weight, first, second, origin, region_first, region_second)
@@ -55,16 +53,15 @@ def moments(box, ids, of_faces, textures, photo, photo_origin, model, workspace,
 
 
 @_jit
-def _accumulate(box, ids, of_faces, textures, photo, origin, model, workspace, first, second):
+def _accumulate(box, ids, of_faces, textures, photo, origin, model, first, second):
     """Add up ``w``, ``w x`` and the lower half of ``w x x^T``; returns pixels and their weight.
 
     x = (F, M) - ``origin`` (n + m,), which is given for F and set for M; products of F with F are
     left out where P is not the model's.
     """
-    of_row, weighted = workspace
-    normals, run, _ = of_row
     planar, weights = photo
-    n = planar.shape[0]
+    n, weighted = planar.shape[0], np.empty(ids.shape[1])
+    of_row = normals, run, _ = make_row(ids.shape[1], n + 6)
     whole, at_model = model == 5, 1 + n
     left, top, right, bottom = box
     pixels, total = 0, 0.0
@@ -223,31 +220,31 @@ def _add_surroundings(n, weight, first, second, origin, region_first, region_sec
 
 @_jit
 def structure_sums(box, ids, of_faces, textures, photo, target, rotation, noise, taps, workspace):
-    """Sums where classes and edges are compared: pixels that count, ``e target`` and ``w e^2``.
+    """Sums where classes and edges are compared.
 
-    e is the model's orientation field, blurred by ``taps`` (r + 1,), the kernel's right half.
-    ``joint`` and ``second`` of the workspace become sums of ``F M^T`` and ``M M^T``. ``photo`` is
-    (channels (n, height, width), labels, weights), ``target`` (2, height, width) its weighted
-    field. Gradients below ``noise`` are no edges.
+    ``photo`` is (channels (n, height, width), labels, number of classes, weights), ``target`` (2,
+    height, width) its weighted field. The model's orientation field e, 0 for gradients below
+    ``noise``, is blurred by ``taps`` (r + 1,), the kernel's right half. ``workspace`` is spans and
+    planes as the last call left them, and (2, height, width) float32.
+
+    Returns:
+        Pixels that count; sums of ``F M^T`` (n + classes, 7) and ``M M^T`` (7, 7), F the channels
+        and memberships, M the colours, grey times normal, and 1; of ``e target`` and ``w e^2``.
     """
-    of_row, (spans, planes), (run, joint, second), (rows, across) = workspace
-    channels, labels, weights = photo
-    fill_planes(box, ids, of_faces, textures, of_row, spans, planes)
-    pixels = _class_sums(spans, planes, weights, channels, labels, rotation, run, joint, second)
-    dot, square = _edge_sums(spans, planes, noise, taps, weights, target, rows, across)
-    return pixels, dot, square
+    spans, planes, across = workspace
+    channels, labels, classes, weights = photo
+    fill_planes(box, ids, of_faces, textures, spans, planes)
+    joint, second = np.zeros((channels.shape[0] + classes, 7)), np.zeros((7, 7))
+    pixels = _class_sums(spans, planes, weights, channels, labels, rotation, joint, second)
+    dot, square = _edge_sums(spans, planes, noise, taps, weights, target, across)
+    return pixels, joint, second, dot, square
 
 
 @_jit
-def _class_sums(spans, planes, weights, photo, labels, rotation, run, joint, second):
-    """Sums of ``F M^T`` (n + classes, m) and ``M M^T`` (m, m); returns how many pixels count.
-
-    F is ``photo`` (n, height, width) and the memberships; M (7,) the colours, grey times normal,
-    and 1. ``run`` (n + m + 1, width) float64 is the workspace for a row.
-    """
-    channels, size = photo.shape[0], second.shape[0]
-    joint[:], second[:] = 0.0, 0.0
-    pixels = 0
+def _class_sums(spans, planes, weights, photo, labels, rotation, joint, second):
+    """Add up ``F M^T`` and ``M M^T``; returns how many pixels count."""
+    channels, size, pixels = photo.shape[0], second.shape[0], 0
+    run = np.empty((joint.shape[0] + size + 1, weights.shape[1]))
     for row in range(spans.shape[0]):
         begin, end = spans[row, 0], spans[row, 1]
         if begin == end:
@@ -332,13 +329,11 @@ def _add_classes(labels, channels, size, run, joint):
 
 
 @_jit
-def _edge_sums(spans, planes, noise, taps, weights, target, workspace, across):
-    """Sums over P of ``e target`` and of ``w e^2``, of the model's orientation field e, blurred.
-
-    Workspaces (5, width + 2 r) and ``across`` (2, height, width) are float32.
-    """
+def _edge_sums(spans, planes, noise, taps, weights, target, across):
+    """Sums over P of ``e target`` and of ``w e^2``, of the model's orientation field e, blurred."""
     height, width = weights.shape
     reach = taps.shape[0] - 1
+    workspace = np.empty((5, width + 2 * reach), np.float32)
     first, last, left, right = _span_of_all(spans, width)
     if first >= last:
         return 0.0, 0.0

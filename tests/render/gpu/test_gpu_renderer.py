@@ -101,7 +101,7 @@ def test_a_pool_judges_together_what_threads_ask_meanwhile(monkeypatch):
     photo = smaller(make_photo("region", np.random.default_rng(1)), 2)
     poses = make_poses(60)
     with RendererPool(GpuRenderer(MESHES["box"]), 2) as pool:
-        found = [moments.weight for moments in pool.moments_of(poses, photo)]
+        found = list(pool.map(lambda own, pose: own.moments(pose, photo).weight, poses))
     assert sum(sizes) == 60
     assert max(sizes) > 4
     software = SoftwareRenderer(MESHES["box"])
@@ -117,7 +117,7 @@ def test_a_lost_gpu_is_said_once_and_nothing_is_lost(caplog, monkeypatch):
     before = renderer.moments_at(poses, photo)
     device._device.destroy()
     with RendererPool(renderer) as pool:
-        after = pool.moments_of(poses, photo)
+        after = list(pool.map(lambda own, pose: own.moments(pose, photo), poses))
     for one, other in zip(before, after, strict=True):
         assert disagreement(one, other) < AGREEMENT
     renderer.moments_at(poses, photo)
