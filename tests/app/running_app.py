@@ -13,7 +13,6 @@ from poseviewer.app.app import App
 from poseviewer.app.below_viser.guard import serve
 from poseviewer.app.workers.opening import open_files
 from poseviewer.geometry.camera import Pose
-from tests.app.below_viser.socket_page import SocketPage
 from tests.scene import Scene
 
 
@@ -31,13 +30,10 @@ class RunningApp:
         """The pose at hand."""
         return self.app.session.document.pose
 
-    @contextmanager
-    def page(self) -> Iterator[SocketPage]:
-        """A page whose panels are there."""
-        with SocketPage(self.url) as page:
-            # The last of the controls gets its label last.
-            page.wait_until(lambda: page.has("Save pose (S)"))
-            yield page
+    def uuid(self, label: str) -> str:
+        """Name of the input with this label in viser's messages."""
+        handles = self.app._page._server.gui._gui_input_handle_from_uuid
+        return next(uuid for uuid, one in handles.items() if getattr(one, "label", "") == label)
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from tests.app.below_viser.socket_page import SocketPage
 from tests.app.running_app import running_app
 from tests.scene import Scene
 
@@ -47,7 +48,7 @@ def test_a_failure_while_showing_is_told_once_and_ends_nothing(
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    with running_app(scene, tmp_path) as running, running.page() as page:
+    with running_app(scene, tmp_path) as running, SocketPage(running.url) as page:
         show, failures = running.app._page.show, [1, 2]
 
         def fail_twice(*shown: Any) -> None:
@@ -58,8 +59,8 @@ def test_a_failure_while_showing_is_told_once_and_ends_nothing(
         with monkeypatch.context() as patch:
             patch.setattr(running.app._page, "show", fail_twice)
             before = running.pose
-            page.key("KeyL")
+            page.change(running.uuid("report"), '{"kind": "key", "code": "KeyL"}')
             page.wait_until(lambda: running.pose is not before)
             page.wait_until(lambda: not failures)
-        page.wait_until(lambda: any("Undo or save" in text for _, text in page.shown.notices))
+        page.wait_until(lambda: any("Undo or save" in text for text in page.notices()))
     assert caplog.text.count("fail_twice") == 1

@@ -1,4 +1,4 @@
-"""What the panel says of what is hidden, and which reports of the page hide something."""
+"""What the panel says of what is hidden."""
 
 from __future__ import annotations
 
@@ -6,14 +6,10 @@ import json
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from lxml import html
 
 from poseviewer.app.page.hide_panel import HINTS, hidden_text, parts_left_out
-from poseviewer.app.page.reports import meaning_of
 from poseviewer.app.state import hiding as h
-from poseviewer.app.state.edits import Edit
-from poseviewer.app.workers.tasks import Task
 from tests.app.state.documents import after, make_session
 from tests.meshes import make_two_boxes
 
@@ -37,33 +33,3 @@ def test_names_of_parts_are_text():
 
 def test_every_tool_has_its_hint():
     assert set(HINTS) == set(h.HIDING)
-
-
-@pytest.mark.parametrize("shape", h.SHAPES)
-def test_a_stroke_is_painted_or_grown(shape: str):
-    points = [1.0, 2.0, 30.0, 4.0, 30.0, 40.0]
-    report = {"kind": "stroke", "shape": shape, "points": points, "radius": 4.0, "erase": True}
-    asked = meaning_of(json.dumps(report))
-    if shape == "scribble":
-        assert isinstance(asked, Task)
-        return
-    assert isinstance(asked, Edit)
-    (stroke,) = asked.arguments
-    assert stroke.points.tolist() == [[1.0, 2.0], [30.0, 4.0], [30.0, 40.0]]
-    assert stroke.erase
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"shape": "spiral"},
-        {"points": []},
-        {"points": [1.0]},
-        {"points": [1.0, float("nan")]},
-        {"points": "here"},
-        {"radius": None},
-    ],
-)
-def test_a_stroke_that_makes_no_sense_is_dropped(change: dict):
-    report = {"kind": "stroke", "shape": "brush", "points": [1.0, 2.0], "radius": 4.0}
-    assert meaning_of(json.dumps(report | {"erase": False} | change)) is None
