@@ -25,6 +25,7 @@ from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.starts.loading import load_model
+from tests.commands import run
 from tests.several import make_three
 from tests.view_sets import DISTANCE, MESH, START, TRUTH, make_views
 
@@ -64,17 +65,14 @@ def test_importing_costs_nothing_until_a_name_is_asked_for():
 
 
 def test_a_fit_improves_on_its_start_and_is_the_command_lines_own(scene, tmp_path):
-    from poseviewer.cli import main as cli
-
     found = poseviewer.load(scene.photo, scene.model, scene.start).fit(evaluations=200)
     assert found.loss < found.start.loss
     moved = found.at(found.start.pose)
     assert (moved.record.verdict, moved.loss > found.loss) == (None, True)
     assert found.settings == found.start.settings  # the limit was that of the one search
     found.save(tmp_path / "library.json")
-    assert cli.main([str(word) for word in (
-        "fit", scene.photo, scene.model, "--pose", scene.start, "--out", tmp_path / "cli.json",
-        "--evaluations", 200, "--quiet")]) == 0  # fmt: skip
+    line = ("fit", scene.photo, scene.model, "--pose", scene.start, "--evaluations", 200)
+    assert run(*line, "--out", tmp_path / "cli.json", "--quiet") == 0
     ours, theirs = (load_pose(tmp_path / f"{n}.json", 160, 120) for n in ("library", "cli"))
     np.testing.assert_array_equal(
         ours.pose.camera_from_model.rotation, theirs.pose.camera_from_model.rotation
@@ -144,23 +142,28 @@ def test_settings_are_given_by_name_and_kept_in_the_record(scene):
     assert poseviewer.load(scene.photo, scene.model, scene.start, given).settings.seed == 3
 
 
-def test_mistakes_are_one_sentence(scene, tmp_path):
-    with pytest.raises(poseviewer.PoseViewerError, match="no setting 'gray'"):
-        poseviewer.load(scene.photo, scene.model, scene.start, gray=True)
-    with pytest.raises(poseviewer.PoseViewerError, match="no such file"):
-        poseviewer.load(tmp_path / "no.jpg", scene.model, scene.start)
-    with pytest.raises(poseviewer.PoseViewerError, match="take one of near, whole, clip"):
-        poseviewer.load(scene.photo, scene.model, scene.start, pixels="some")
-    with pytest.raises(poseviewer.PoseViewerError, match='start="auto"'):
-        poseviewer.load(scene.photo, scene.model, scene.start, box=(0, 0, 5, 5))
-    with pytest.raises(poseviewer.PoseViewerError, match="left, top, width, height"):
-        poseviewer.load(scene.photo, scene.model, "auto", box=(0, 0, 5))  # pyright: ignore[reportArgumentType]
-    with pytest.raises(poseviewer.PoseViewerError, match=r"cam.yml: no such file"):
-        poseviewer.load(scene.photo, scene.model, scene.start, calibration=tmp_path / "cam.yml")
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"gray": True}, "no setting 'gray'"),
+        ({"photo": "no.jpg"}, "no such file"),
+        ({"pixels": "some"}, "take one of near, whole, clip"),
+        ({"box": (0, 0, 5, 5)}, 'start="auto"'),
+        ({"start": "auto", "box": (0, 0, 5)}, "left, top, width, height"),
+        ({"calibration": "cam.yml"}, "cam.yml: no such file"),
+        ({"start": "small"}, "80x60 px, and p.png has 160x120"),
+    ],
+)
+def test_mistakes_are_one_sentence(scene, changes, said):
+    given = {"photo": scene.photo, "model": scene.model, "start": scene.start} | changes
+    if given["start"] == "small":
+        given["start"] = load_pose(scene.start, 160, 120).pose.scaled(0.5)
+    with pytest.raises(poseviewer.PoseViewerError, match=said):
+        poseviewer.load(**given)
+
+
+def test_what_cannot_be_drawn_is_one_sentence(scene, tmp_path):
     case = poseviewer.load(scene.photo, scene.model, scene.start)
-    small = case.pose.scaled(0.5)
-    with pytest.raises(poseviewer.PoseViewerError, match=r"80x60 px, and p.png has 160x120"):
-        poseviewer.load(scene.photo, scene.model, small)
     with pytest.raises(poseviewer.PoseViewerError, match="no look 'fancy'"):
         case.draw(tmp_path / "x.png", look="fancy")
     with pytest.raises(poseviewer.PoseViewerError, match="cannot be written as"):

@@ -1,5 +1,5 @@
-"""A mask and parts that are left out mean the same in the library, on the command line, in a batch
-and in the app, and are kept with the pose.
+"""A mask and parts that are left out mean the same in the library, on the command line and in the
+app, and are kept with the pose.
 """
 
 from __future__ import annotations
@@ -11,35 +11,24 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-import poseviewer
+from poseviewer.api import load
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import Autosaver
-from poseviewer.app.workers.opening import (
-    open_autosaved,
-    open_files,
-    open_scene,
-)
-from poseviewer.cli.main import main
+from poseviewer.app.workers.opening import open_autosaved, open_files, open_scene
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.files.masks import mask_as_png
-from poseviewer.files.pose import (
-    load_pose,
-)
+from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_file import ObjectRecord, SceneRecord, ViewRecord, save_scene
 from poseviewer.files.state.autosave import load_autosave
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.mask import Mask
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.starts.loading import load_model
+from tests.commands import run
 from tests.scene import Scene
 
 QUICK = FitSettings(limits=Limits(60))
-
-
-def half_hidden() -> Mask:
-    counts = np.ones((120, 160), bool)
-    counts[:, :70] = False
-    return Mask.of(counts)
+HALF_HIDDEN = Mask.of(np.broadcast_to(np.arange(160) >= 70, (120, 160)))
 
 
 @pytest.fixture
@@ -58,16 +47,16 @@ def halves(scene: Scene, tmp_path: Path) -> Path:
 @pytest.fixture
 def mask(tmp_path: Path) -> Path:
     path = tmp_path / "hidden.png"
-    path.write_bytes(mask_as_png(half_hidden()))
+    path.write_bytes(mask_as_png(HALF_HIDDEN))
     return path
 
 
 def test_a_picture_an_array_and_a_pose_file_hide_alike(scene, mask, tmp_path):
-    by_file = poseviewer.load(scene.photo, scene.model, scene.start, QUICK, mask=mask)
-    by_array = poseviewer.load(scene.photo, scene.model, scene.start, QUICK, mask=half_hidden())
+    everything = load(scene.photo, scene.model, scene.start, QUICK)
+    by_file = load(scene.photo, scene.model, scene.start, QUICK, mask=mask)
+    by_array = load(scene.photo, scene.model, scene.start, QUICK, mask=HALF_HIDDEN)
     by_array.save(tmp_path / "a.pose.json")
-    by_pose = poseviewer.load(scene.photo, scene.model, tmp_path / "a.pose.json", QUICK)
-    everything = poseviewer.load(scene.photo, scene.model, scene.start, QUICK)
+    by_pose = load(scene.photo, scene.model, tmp_path / "a.pose.json", QUICK)
     for case in (by_file, by_pose):
         assert np.array_equal(case.problem.photo.weights, by_array.problem.photo.weights)
         assert case.loss == by_array.loss
@@ -77,70 +66,52 @@ def test_a_picture_an_array_and_a_pose_file_hide_alike(scene, mask, tmp_path):
 
 
 def test_parts_are_left_out_by_name_and_by_the_pose_file(scene, halves, tmp_path):
-    case = poseviewer.load(scene.photo, halves, scene.start, QUICK, without=("left",))
+    model = load_model(halves)
+    renderer = SoftwareRenderer(model.mesh)
+    more = {"without": ("left",), "renderer": renderer}  # which draws the whole model
+    case = load(scene.photo, model, scene.start, QUICK, **more)
     assert case.mesh.part_names == ("right",)
+    assert case.renderer.covers(case.pose).sum() < 0.8 * renderer.covers(case.pose).sum()
     case.save(tmp_path / "a.json")
-    again = poseviewer.load(scene.photo, halves, tmp_path / "a.json", QUICK)
+    again = load(scene.photo, halves, tmp_path / "a.json", QUICK)
     assert again.mesh.left_out == ("left",)
     assert again.loss == case.loss
     # A model that has no such part is read all the same, and it is said.
-    other = poseviewer.load(scene.photo, scene.model, tmp_path / "a.json", QUICK)
+    other = load(scene.photo, scene.model, tmp_path / "a.json", QUICK)
     assert any("leaves out the part 'left', which m.ply has not" in note for note in other.notes)
-
-
-def test_a_renderer_of_the_whole_model_does_not_draw_what_is_left_out(scene, halves):
-    model = load_model(halves)
-    renderer = SoftwareRenderer(model.mesh)
-    case = poseviewer.load(
-        scene.photo, model, scene.start, QUICK, without=("left",), renderer=renderer
-    )
-    pose = case.pose
-    assert case.renderer.covers(pose).sum() < 0.8 * renderer.covers(pose).sum()
 
 
 def test_the_command_line_leaves_out_hides_and_says_what_there_is(scene, halves, mask, capsys):
     out = halves.with_name("out.pose.json")
-
-    def fit(*more: object) -> int:
-        words = ("fit", scene.photo, halves, "--pose", scene.start, "--out", out, "--quiet")
-        return main([str(word) for word in (*words, "--evaluations", 60, *more)])
-
-    assert fit("--without", "left", "--mask", mask) == 0
+    line = ("fit", scene.photo, halves, "--pose", scene.start, "--out", out, "--quiet")
+    assert run(*line, "--evaluations", 60, "--without", "left", "--mask", mask) == 0
     record = load_pose(out, 160, 120)
-    assert record.without == ("left",)
-    assert record.mask == "out.mask.png"
+    assert (record.without, record.mask) == (("left",), "out.mask.png")
     assert out.with_name("out.mask.png").read_bytes() == mask.read_bytes()
-    capsys.readouterr()
-    assert fit("--without", "antenna") == 2
+    assert run(*line, "--without", "antenna") == 2
     assert "the model has no part 'antenna'; it has left, right." in capsys.readouterr().err
-    assert fit("--without", "left", "--without", "right") == 2
+    assert run(*line, "--without", "left", "--without", "right") == 2
     assert "nothing would be left of the model" in capsys.readouterr().err
 
 
-def opened(scene: Scene, model: Path | None = None) -> Session:
-    document = open_files(scene.photo, model or scene.model, scene.start)
-    return Session(document, saved=document)
-
-
 def test_a_crash_loses_nothing_that_is_hidden(scene, halves, tmp_path):
-    session = opened(scene, halves)
-    document = session.document.with_mask(half_hidden())
+    saved = open_files(scene.photo, halves, scene.start)
+    document = saved.with_mask(HALF_HIDDEN)
     document = document.with_mesh(document.mesh.without(["right"]))
     # An end with unsaved changes leaves what a crash leaves.
-    Autosaver(tmp_path / "state").close(replace(session, document=document))
+    Autosaver(tmp_path / "state").close(replace(Session(saved, saved=saved), document=document))
     (path,) = (tmp_path / "state" / "sessions").iterdir()
-    back = open_autosaved(load_autosave(path))
-    found = back
-    assert found.mesh.left_out == ("right",)
-    assert found.own.mask is not None
-    assert np.array_equal(found.own.mask.weights, half_hidden().weights)
+    again = open_autosaved(load_autosave(path))
+    assert again.mesh.left_out == ("right",)
+    assert again.own.mask is not None
+    assert np.array_equal(again.own.mask.weights, HALF_HIDDEN.weights)
 
 
 def test_parts_of_a_scene_s_objects_are_left_out_by_the_object_s_id(scene, halves, tmp_path):
     start = load_pose(scene.start, 160, 120)
     view = ViewRecord.of(scene.photo, start.pose.camera)
-    found = structs.replace(start, loss=0.2, verdict=Verdict("found", 0.99))
-    objects = tuple(ObjectRecord.of(name, halves, found, view) for name in ("a", "a:b"))
+    fitted = structs.replace(start, loss=0.2, verdict=Verdict("found", 0.99))
+    objects = tuple(ObjectRecord.of(name, halves, fitted, view) for name in ("a", "a:b"))
     path = tmp_path / "two.scene.json"
     save_scene(path, SceneRecord(views=(view,), objects=objects))
     opened = open_scene(path, ("a:b:left",)).scene.objects
