@@ -14,11 +14,9 @@ from poseviewer.app.state.document import Document, verdict_of
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.objects import add_object, pick_object
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import run_search
-from poseviewer.app.workers.opening import open_autosaved, open_files, open_scene
+from poseviewer.app.workers.opening import open_files
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.state.autosave import load_autosave
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.mask import Mask
 from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -170,34 +168,3 @@ def test_what_is_saved_as_seen_is_what_the_mask_leaves(scene):
     painted = after(session, c.accept_search(), brush((150.0, 10.0)))
     assert record_of(painted).seen is None
     assert verdict_of(painted.document.object) == "not searched"
-
-
-def test_each_object_keeps_what_is_hidden_of_it(scene, tmp_path):
-    found = after(ended_search(scene), c.accept_search())
-    session = after(found, add_object(), c.nudge("move", 9.0), brush((80.0, 60.0), radius=9.0))
-    other, own = (session.document.scene.mask(index) for index in range(2))
-    assert own is not None
-    assert other is not None
-    in_front = h.found_hidden(found)
-    assert in_front is not None
-    assert np.array_equal(other.weights == 0.0, in_front)
-
-    def same(one: Mask | None, another: Mask) -> bool:
-        return one is not None and np.array_equal(one.weights, another.weights)
-
-    # After a crash, and in a scene file, whichever is active.
-    for name, now in (("own", session), ("other", after(session, pick_object(1)))):
-        state = tmp_path / name
-        autosaver = Autosaver(state)
-        autosaver.close(now)
-        (path,) = (state / "sessions").iterdir()
-        opened = open_autosaved(load_autosave(path))
-        assert opened.active == now.document.active
-        saved = open_scene(autosaver.save(now))
-        for document in (opened, saved):
-            assert same(document.scene.mask(0), other)
-            assert same(document.scene.mask(1), own)
-            kept, result = (one.scene.objects[0].result for one in (document, session.document))
-            assert kept is not None
-            assert result is not None
-            assert kept.seen == pytest.approx(result.seen)

@@ -24,7 +24,6 @@ from poseviewer.fit.scene import LoadedModel, SearchResult
 from poseviewer.geometry.camera import Parallel, Pose
 from tests.app.state.documents import (
     CAR,
-    PARALLEL,
     PERSPECTIVE,
     after,
     asked_of,
@@ -179,13 +178,6 @@ def test_one_camera_sees_all_and_each_keeps_its_place(command):
     assert poses_of(after(seen, c.undo())) == poses_of(session)
 
 
-def test_under_parallel_projection_each_has_its_own_size():
-    session = after(make_session(PARALLEL), add_object(BOX))
-    larger = after(session, c.nudge("scale", 10.0))
-    assert pose_of(larger, 1) is pose_of(session, 1)
-    assert pose_of(larger, 2).camera != pose_of(session, 2).camera
-
-
 def test_the_active_one_is_compared_among_those_that_stand_firm():
     def firm(session: Session) -> int:
         own = session.document
@@ -201,16 +193,6 @@ def test_the_active_one_is_compared_among_those_that_stand_firm():
     assert compared(searched.document.scene, 1) != compared(session.document.scene, 1)
     named = after(searched, alter_object(1, name="ball"))
     assert compared(searched.document.scene, 1) == compared(named.document.scene, 1)
-
-
-def test_a_name_is_one_step_however_many_letters():
-    session = with_two()
-    named = session
-    for letters in ("t", "ta", "tax", "taxi"):
-        named = after(named, alter_object(2, name=letters))
-    assert label_of(named.document.object) == "taxi"
-    assert after(named, c.undo()).document is session.document
-    assert label_of(after(named, alter_object(2, name="")).document.object) == "box.ply"
 
 
 def test_removing_picks_the_next_and_never_the_last():

@@ -63,9 +63,3 @@ def test_a_scribble_beside_the_photo_is_refused():
     thing = np.zeros((120, 160), bool)
     with pytest.raises(QuickStartError, match="beside the photo"):
         grown(photo_of(thing), Stroke("scribble", np.array([[-50.0, -50.0]]), 2.0))
-
-
-def test_a_scribble_over_everything_takes_everything():
-    thing = np.ones((60, 80), bool)
-    found = grown(photo_of(thing), Stroke("scribble", np.array([[40.0, 30.0]]), 200.0))
-    assert found.all()
