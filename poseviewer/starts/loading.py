@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
+from typing import NamedTuple
 
 from poseviewer.errors import PoseFileError, SettingsError, printable
 from poseviewer.files.cameras import Calibration
@@ -78,8 +79,7 @@ class StartCamera:
         return self.focal_px is not None or photo.focal_length_35mm is not None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Start:
+class Start(NamedTuple):
     """A start pose, and what is to be said about it."""
 
     pose: Pose
@@ -133,23 +133,23 @@ def open_photo(
     settings = settings or FitSettings()
     opened = load_calibrated_photo(photo, calibration)
     loaded = model_without(model, settings.without or ())
+    notes: tuple[str, ...] = ()
     if isinstance(start, str | Path):
         record = load_pose(start, opened.width, opened.height)
         opened, record, of_camera = matched(opened, record)
         checks = check_against(record.photo, opened.sha256)
         checks += check_against(record.model, loaded.sha256)
         loaded, of_parts = _as_recorded(loaded, record.without)
+        notes = (*record.warnings, *checks, *of_camera, *of_parts)
         if mask is None:
             mask, of_mask = mask_beside(start, record, opened.width, opened.height)
-            of_parts = (*of_parts, *of_mask)
-        found = Start(record.pose, (*record.warnings, *checks, *of_camera, *of_parts))
+            notes += of_mask
+        start = record.pose
     if mask is not None and not isinstance(mask, Mask):
         mask = load_mask(mask, opened.width, opened.height)
-    if isinstance(start, Pose):
-        found = Start(start, ())
-    elif not isinstance(start, str | Path):
-        found = start(StartInputs(opened, loaded.mesh, loaded.keypoints, mask))
-    camera = found.pose.camera
+    if not isinstance(start, Pose):
+        start, notes = start(StartInputs(opened, loaded.mesh, loaded.keypoints, mask))
+    camera = start.camera
     if (camera.width, camera.height) != (opened.width, opened.height):
         raise SettingsError(
             f"a start for photos of {camera.width}x{camera.height} px, and {opened.name} has "
@@ -157,8 +157,8 @@ def open_photo(
             "smaller or larger."
         )
     view = View(opened.name, opened, camera, mask=mask, path=Path(photo))
-    scene = scene_at(view, loaded, found.pose, settings)
-    notes = (*notes_of(opened), *notes_of(loaded), *found.notes)
+    scene = scene_at(view, loaded, start, settings)
+    notes = (*notes_of(opened), *notes_of(loaded), *notes)
     return replace(scene, name=opened.name, notes=notes)
 
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -70,16 +70,12 @@ def start_from_pairs(inputs: StartInputs, pairs: PointPairs, known: StartCamera)
     return Start(fit.pose, tuple(notes))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PairFit:
+class PairFit(NamedTuple):
     """A pose, and how well it shows the pairs."""
 
     pose: Pose
     errors_px: FloatArray
     """(n,): distance of each pair's photo point from where the pose shows its model point."""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "errors_px", frozen_array(self.errors_px, (-1,)))
 
     @property
     def rms_px(self) -> float:
@@ -141,17 +137,13 @@ def _checked(points: ArrayLike, pixels: ArrayLike, fewest: int) -> tuple[FloatAr
             f"needs at least {fewest}: add {fewest - count}."
         )
     for places, where in ((points, "model"), (pixels, "photo")):
-        _require_beside_line(places, where)
+        extents = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
+        if extents[1] <= LEAST_SPREAD * extents[0]:
+            raise QuickStartError(
+                f"The {len(places)} point pairs lie on a line in the {where}, about which the "
+                "model could turn; add one beside the line."
+            )
     return points, pixels
-
-
-def _require_beside_line(places: FloatArray, where: str) -> None:
-    extents = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
-    if extents[1] <= LEAST_SPREAD * extents[0]:
-        raise QuickStartError(
-            f"The {len(places)} point pairs lie on a line in the {where}, about which the "
-            "model could turn; add one beside the line."
-        )
 
 
 def _perspective_poses(points: FloatArray, pixels: FloatArray, camera: Perspective) -> list[Pose]:
@@ -212,7 +204,11 @@ def focal_from_pairs(
             f"{len(points)} point pairs; the focal length needs at least {FEWEST_FOR_FOCAL}: add "
             f"{FEWEST_FOR_FOCAL - len(points)}, or give the focal length."
         )
-    tried = [fit for focal in FOCALS for fit in _at(points, pixels, camera, focal)]
+    tried: list[PairFit] = []
+    for focal in FOCALS:
+        known = with_focal(camera, focal * max(camera.width, camera.height))
+        with suppress(QuickStartError):
+            tried += poses_from_pairs(points, pixels, known)
     if not tried:
         poses_from_pairs(points, pixels, camera)  # says why there is none
     found, doubt = _refined(points, pixels, min(tried, key=lambda fit: fit.rms_px).pose)
@@ -222,17 +218,6 @@ def focal_from_pairs(
             "nearer and farther away, or give the focal length."
         )
     return found, doubt
-
-
-def _at(
-    points: FloatArray, pixels: FloatArray, camera: Perspective, focal: float
-) -> tuple[PairFit, ...]:
-    """The poses with a focal length in longer sides of the photo; none where that gives none."""
-    fx = focal * max(camera.width, camera.height)
-    try:
-        return poses_from_pairs(points, pixels, with_focal(camera, fx))
-    except QuickStartError:
-        return ()
 
 
 def with_focal(camera: Perspective, fx: float) -> Perspective:
@@ -288,12 +273,10 @@ def likeliest(
 def _seen(pose: Pose, points: FloatArray, mesh: Mesh) -> int:
     """Number of the points (n, 3) that no other part of the surface hides."""
     depths = pose.camera_from_model.apply(points)[:, 2]
-    count = 0
+    count, reach = 0, HIDDEN_BEHIND * mesh.diameter
     for pixel, depth in zip(pose.project(points), depths, strict=True):
         nearest = surface_point(mesh, pose, pixel)
-        if nearest is None:
-            count += 1  # at the outline, just beside it
-            continue
-        before = depth - pose.camera_from_model.apply(nearest)[2]
-        count += bool(before <= HIDDEN_BEHIND * mesh.diameter)
+        # None: at the outline, just beside it.
+        is_seen = nearest is None or depth - pose.camera_from_model.apply(nearest)[2] <= reach
+        count += bool(is_seen)
     return count

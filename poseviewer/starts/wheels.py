@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple
 
@@ -52,13 +52,11 @@ STEPS = 150
 FieldImage = NDArray[np.complex64]
 
 
-@dataclass(frozen=True, slots=True)
-class Supported:
-    """An ellipse, and how much of its outline the picture shows."""
+class Supported(NamedTuple):
+    """An ellipse, and the mean agreement of the picture along its outline, in [-1, 1]."""
 
     ellipse: Ellipse
     support: float
-    """Mean agreement along the outline, in [-1, 1]."""
 
 
 def find_ellipses(grey: NDArray[np.float32]) -> list[Supported]:
@@ -93,26 +91,19 @@ def _resized(grey: NDArray[np.float32], factor: float) -> NDArray[np.float32]:
     return np.asarray(cv2.resize(grey, None, fx=factor, fy=factor, interpolation=how), np.float32)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Outline:
-    """Outline of an ellipse about the origin."""
-
-    points: FloatArray
-    """(n, 2), px."""
-    doubled: NDArray[np.complex128]
-    """(n,): unit length, angle twice the normal's."""
-    shares: FloatArray
-    """(n,): of its length, one in all."""
-
-
-def _outline(longer: float, shorter: float, tilt: float, count: int) -> _Outline:
+def _outline(
+    longer: float, shorter: float, tilt: float, count: int
+) -> tuple[FloatArray, NDArray[np.complex128], FloatArray]:
+    """Points (n, 2) of an ellipse about the origin, px; (n,) of unit length, angle twice the
+    normal's; and the points' shares (n,) of its length.
+    """
     t = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     turn = np.exp(1j * tilt)
     points = (shorter * np.cos(t) + 1j * longer * np.sin(t)) * turn
     normals = (np.cos(t) / shorter + 1j * np.sin(t) / longer) * turn
     lengths = np.hypot(shorter * np.sin(t), longer * np.cos(t))
     places = np.column_stack([points.real, points.imag])
-    return _Outline(places, (normals / np.abs(normals)) ** 2, lengths / lengths.sum())
+    return places, (normals / np.abs(normals)) ** 2, lengths / lengths.sum()
 
 
 def _shapes(width: int) -> Iterator[tuple[float, float, float]]:
@@ -135,10 +126,11 @@ def _tried_everywhere(field: FieldImage) -> list[FloatArray]:
     best = np.full(field.shape, -1.0, np.float32)
     which = np.zeros(field.shape, np.intp)
     for index, (longer, shorter, tilt) in enumerate(shapes):
-        outline = _outline(longer, shorter, tilt, max(int(2.0 * np.pi * longer), FEWEST_POINTS))
+        count = max(int(2.0 * np.pi * longer), FEWEST_POINTS)
+        points, doubled, shares = _outline(longer, shorter, tilt, count)
         pattern[:] = 0.0
-        x, y = np.rint(outline.points.T).astype(int)  # of those left and above: from the far ends
-        np.add.at(pattern, (y, x), outline.shares * outline.doubled)
+        x, y = np.rint(points.T).astype(int)  # of those left and above: from the far ends
+        np.add.at(pattern, (y, x), shares * doubled)
         product = spectrum * np.conj(np.asarray(fft.fft2(pattern)))
         matched = np.real(np.asarray(fft.ifft2(product))[:height, :width])
         better = matched > best
@@ -171,12 +163,12 @@ def _improved(field: FieldImage, start: FloatArray) -> FloatArray:
 
 
 def _support(field: FieldImage, parameters: FloatArray) -> float:
-    outline = _outline(np.exp(parameters[2]), np.exp(parameters[3]), parameters[4], OUTLINE)
-    columns, rows = (outline.points + parameters[:2] - 0.5).T
+    longer, shorter = np.exp(parameters[2:4])
+    points, doubled, shares = _outline(longer, shorter, parameters[4], OUTLINE)
+    columns, rows = (points + parameters[:2] - 0.5).T
     parts = field.real, field.imag
     real, imaginary = (ndimage.map_coordinates(part, (rows, columns), order=1) for part in parts)
-    agreement = real * outline.doubled.real + imaginary * outline.doubled.imag
-    return float(np.sum(outline.shares * agreement))
+    return float(np.sum(shares * (real * doubled.real + imaginary * doubled.imag)))
 
 
 def _scaled(parameters: FloatArray, factor: float) -> FloatArray:
@@ -206,56 +198,39 @@ MOST_PAIRS = 10
 SMALLEST_SIDE_PX = 16
 
 
-@dataclass(frozen=True, slots=True)
-class FoundPair:
-    """Two ellipses that may be the wheels of one side, the left one in the photo first."""
-
-    left: Ellipse
-    right: Ellipse
-    score: float
-    """Mean support of both, less what sets them apart."""
-
-
-def find_wheel_pairs(grey: NDArray[np.float32], rectangle: Rectangle) -> tuple[FoundPair, ...]:
-    """The likeliest pairs in a rectangle (left, top, width, height) of a photo in [0, 1].
+def find_wheel_pairs(
+    grey: NDArray[np.float32], rectangle: Rectangle
+) -> list[tuple[Ellipse, Ellipse]]:
+    """The likeliest wheels of one side in a rectangle (left, top, width, height) of a photo in
+    [0, 1], the left one in the photo first.
 
     Raises ``QuickStartError`` where it is not in the photo, or shows no two such ellipses.
     """
     left, top, width, height = (int(value) for value in rectangle)
-    corner = max(left, 0), max(top, 0)
-    inside = grey[corner[1] : max(top + height, 0), corner[0] : max(left + width, 0)]
+    x, y = max(left, 0), max(top, 0)
+    inside = grey[y : max(top + height, 0), x : max(left + width, 0)]
     if min(inside.shape) < SMALLEST_SIDE_PX:
         raise QuickStartError(
             f"The rectangle {left},{top},{width},{height} has no 16x16 px in the photo of "
             f"{grey.shape[1]}x{grey.shape[0]} px; give left,top,width,height around the car."
         )
-    ellipses = [
-        replace(one, ellipse=replace(e, cx=e.cx + corner[0], cy=e.cy + corner[1]))
-        for one in find_ellipses(inside)
-        for e in (one.ellipse,)
-    ]
-    pairs = [pair for two in combinations(ellipses, 2) if (pair := _pair(*two)) is not None]
-    if not pairs:
+    scored: list[tuple[float, tuple[Ellipse, Ellipse]]] = []
+    for two in combinations(find_ellipses(inside), 2):
+        (a, support_a), (b, support_b) = sorted(two, key=lambda one: one.ellipse.cx)
+        across, down = b.cx - a.cx, abs(b.cy - a.cy)
+        taller = abs(float(np.log((a.a * a.b) / (b.a * b.b)))) / 2.0
+        flatter = abs(a.b / a.a - b.b / b.a)
+        base = float(np.hypot(across, down)) / (0.5 * (a.a + b.a))
+        if 2.5 <= base <= 14.0 and down <= 0.6 * across and taller <= 0.6 and flatter <= 0.35:
+            score = 0.5 * (support_a + support_b) - 0.3 * taller - 0.3 * flatter
+            a, b = (replace(one, cx=one.cx + x, cy=one.cy + y) for one in (a, b))
+            scored.append((score, (a, b)))
+    if not scored:
         raise QuickStartError(
             f"No two wheels were found in {left},{top},{width},{height}; lay the rectangle closer "
             "about the car, or outline the wheels yourself (--wheels)."
         )
-    return tuple(sorted(pairs, key=lambda pair: -pair.score)[:MOST_PAIRS])
-
-
-def _pair(one: Supported, other: Supported) -> FoundPair | None:
-    """Two ellipses as a pair of wheels; None for two that no car has."""
-    (a, support_a), (b, support_b) = sorted(
-        ((found.ellipse, found.support) for found in (one, other)), key=lambda found: found[0].cx
-    )
-    across, down = b.cx - a.cx, abs(b.cy - a.cy)
-    size = 0.5 * (a.a + b.a)
-    taller = abs(float(np.log((a.a * a.b) / (b.a * b.b)))) / 2.0
-    flatter = abs(a.b / a.a - b.b / b.a)
-    base = float(np.hypot(across, down)) / size
-    if not 2.5 <= base <= 14.0 or down > 0.6 * across or taller > 0.6 or flatter > 0.35:
-        return None
-    return FoundPair(a, b, 0.5 * (support_a + support_b) - 0.3 * taller - 0.3 * flatter)
+    return [pair for _, pair in sorted(scored, key=lambda one: -one[0])[:MOST_PAIRS]]
 
 
 def start_from_wheels(inputs: StartInputs, wheels: Wheels, known: StartCamera) -> Start:
@@ -308,8 +283,8 @@ def likely_wheels(
     if is_guess and isinstance(camera, Perspective):
         cameras += [replace(camera, fx=k * camera.fx, fy=k * camera.fy) for k in LONGER_FOCALS]
     found: list[FoundWheels] = []
-    for pair in find_wheel_pairs(inputs.photo.grey(), rectangle):
-        for wheels in (Wheels(pair.left, pair.right), Wheels(pair.right, pair.left)):
+    for left, right in find_wheel_pairs(inputs.photo.grey(), rectangle):
+        for wheels in (Wheels(left, right), Wheels(right, left)):
             for seen_by in cameras:
                 with suppress(QuickStartError):  # a pair that this car has not
                     fits = poses_from_wheels(wheels, keypoints, seen_by)

@@ -16,6 +16,7 @@ from poseviewer.files.marks import wheels_from_text
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
+from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.starts.loading import StartCamera, StartInputs
 from poseviewer.starts.wheels import find_wheel_pairs, likely_wheels, start_from_wheels
@@ -78,13 +79,17 @@ def test_marks_that_give_no_start_are_one_sentence(
     assert not out.exists()
 
 
+def opened(photo: Path, model: Path) -> StartInputs:
+    mesh = load_mesh(model)
+    return StartInputs(load_photo(photo), mesh, load_keypoints(model, mesh))
+
+
 def test_wheels_laid_by_eye_place_the_demo():
     case = demo_case()
-    photo, mesh = load_photo(case.photo), load_mesh(case.model)
-    inputs = StartInputs(photo, mesh, load_keypoints(case.model, mesh))
+    inputs = opened(case.photo, case.model)
     start = start_from_wheels(inputs, wheels_from_text(WHEELS), StartCamera())
-    truth = load_pose(case.truth, photo.width, photo.height).pose
-    assert pose_error(mesh, start.pose, truth).percent < 4.0
+    truth = load_pose(case.truth, inputs.photo.width, inputs.photo.height).pose
+    assert pose_error(inputs.mesh, start.pose, truth).percent < 4.0
 
 
 @pytest.mark.slow
@@ -92,13 +97,9 @@ def test_wheels_laid_by_eye_place_the_demo():
 @pytest.mark.parametrize("projection", ["perspective", "parallel"])
 def test_wheels_in_a_careless_rectangle_place_the_demo(projection: str, is_guess: bool):
     case = demo_case(projection)
-    photo, mesh = load_photo(case.photo), load_mesh(case.model)
-    truth = load_pose(case.truth, photo.width, photo.height).pose
-    camera = photo.default_camera() if is_guess else truth.camera
-    material = StartInputs(photo, mesh, load_keypoints(case.model, mesh))
-    found = likely_wheels(material, careless_box(projection, mesh, truth), camera, is_guess)[0]
-    assert pose_error(mesh, found.fit.pose, truth).percent < 2.0
-    assert found.fit.from_above
+    inputs = opened(case.photo, case.model)
+    truth = load_pose(case.truth, inputs.photo.width, inputs.photo.height).pose
+    require_placed(inputs, projection, truth, is_guess, 2.0)
 
 
 @pytest.mark.slow
@@ -107,11 +108,15 @@ def test_wheels_in_a_careless_rectangle_place_the_demo(projection: str, is_guess
 )
 def test_wheels_place_other_cars(shared_data: Path, name: str, is_guess: bool):
     (case,) = load_cases(shared_data, name)
-    photo, mesh = load_photo(case.photo), load_mesh(case.mesh)
-    camera = photo.default_camera() if is_guess else case.truth.camera
-    inputs = StartInputs(photo, mesh, load_keypoints(case.mesh, mesh))
-    found = likely_wheels(inputs, careless_box(name, mesh, case.truth), camera, is_guess)[0]
-    assert pose_error(mesh, found.fit.pose, case.truth).percent < 15.0
+    require_placed(opened(case.photo, case.mesh), name, case.truth, is_guess, 15.0)
+
+
+def require_placed(inputs: StartInputs, name: str, truth: Pose, is_guess: bool, percent: float):
+    """The wheels found in a careless rectangle give the pose, to some per cent."""
+    camera = inputs.photo.default_camera() if is_guess else truth.camera
+    found = likely_wheels(inputs, careless_box(name, inputs.mesh, truth), camera, is_guess)[0]
+    assert pose_error(inputs.mesh, found.fit.pose, truth).percent < percent
+    assert found.fit.from_above
 
 
 @pytest.mark.parametrize(

@@ -61,35 +61,25 @@ def test_every_side_shows_the_whole_model_in_the_photo(camera, name, side):
 
 
 @CAMERAS
-def test_sides_of_a_vehicle_are_those_of_its_wheels(camera):
+@pytest.mark.parametrize(
+    ("side", "near", "axis", "low", "high"),
+    [  # wheels: left rear, left front, right rear, right front
+        ("front", (1, 3), 0, 3, 1),  # face to face, its left is on our right
+        ("back", (0, 2), 0, 0, 2),
+        ("left", (0, 1), 0, 1, 0),  # it drives to the left of the photo
+        ("right", (2, 3), 0, 2, 3),
+        ("three-quarter", (1,), 0, 1, 0),
+        ("top", (), 1, 1, 0),  # its front at the upper edge
+    ],
+)
+def test_sides_of_a_vehicle_are_those_of_its_wheels(camera, side, near, axis, low, high):
     car = make_car()
-
-    def depths_and_places(side: str):
-        pose = look_from(side, CAR_MESH, car, camera)
-        wheels = [
-            car.left.rear_wheel,
-            car.left.front_wheel,
-            car.right.rear_wheel,
-            car.right.front_wheel,
-        ]
-        return pose.camera_from_model.apply(wheels)[:, 2], pose.project(wheels)
-
-    depth, at = depths_and_places("front")
-    assert max(depth[[1, 3]]) < min(depth[[0, 2]])
-    assert at[1, 0] > at[3, 0]  # face to face, its left is on our right
-    depth, at = depths_and_places("back")
-    assert max(depth[[0, 2]]) < min(depth[[1, 3]])
-    assert at[0, 0] < at[2, 0]
-    depth, at = depths_and_places("left")
-    assert max(depth[[0, 1]]) < min(depth[[2, 3]])
-    assert at[1, 0] < at[0, 0]  # it drives to the left of the photo
-    depth, at = depths_and_places("right")
-    assert max(depth[[2, 3]]) < min(depth[[0, 1]])
-    assert at[3, 0] > at[2, 0]
-    depth, at = depths_and_places("three-quarter")
-    assert np.argmin(depth) == 1  # the left front wheel is the nearest
-    _, at = depths_and_places("top")
-    assert max(at[[1, 3], 1]) < min(at[[0, 2], 1])  # its front at the upper edge
+    wheels = [getattr(s, w) for s in (car.left, car.right) for w in ("rear_wheel", "front_wheel")]
+    pose = look_from(side, CAR_MESH, car, camera)
+    depths = pose.camera_from_model.apply(wheels)[:, 2]
+    assert set(np.argsort(depths)[: len(near)]) == set(near)
+    at = pose.project(wheels)
+    assert at[low, axis] < at[high, axis]
 
 
 def test_a_model_stands_on_the_face_that_it_would_rest_on():
