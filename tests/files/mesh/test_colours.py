@@ -8,131 +8,111 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
-from trimesh.visual import TextureVisuals
-from trimesh.visual.material import PBRMaterial
 
 from poseviewer.files.mesh.load import load_mesh, srgb_from_linear
 from poseviewer.geometry.mesh import Mesh
+from tests.textured import CORNERS, write_gltf, write_obj, write_ply
 
+PICTURE = "a picture.png"
 TEXTURE = np.arange(4 * 4 * 3, dtype=np.uint8).reshape(4, 4, 3) * 5
-CORNERS = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 255, 0]] * 2, np.uint8)
-QUAD = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 
 
-def sampled(mesh: Mesh, face: int, weights: np.ndarray) -> np.ndarray:
-    """Colour (3,) of the nearest texel at a place of a face, as a renderer looks it up."""
-    texture = mesh.textures[mesh.face_texture[face]]
-    u, v = weights @ mesh.uvs[mesh.faces[face]]
-    height, width = texture.shape[:2]
-    return texture[int((1.0 - v) * height) % height, int(u * width) % width]
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    Image.fromarray(TEXTURE).save(tmp_path / PICTURE)
+    return tmp_path
 
 
 def assert_is_textured_quad(mesh: Mesh) -> None:
+    """A renderer that looks the texture up sees it spread over the quad."""
     assert mesh.faces.shape == (2, 3)
     assert mesh.has_reflectance
     np.testing.assert_array_equal(mesh.textures[0], TEXTURE)
     np.testing.assert_array_equal(mesh.colours, 1.0)
-    for face in range(2):
-        place = mesh.vertices[mesh.faces[face]].mean(axis=0)
-        row, column = int((1.0 - place[1]) * 4), int(place[0] * 4)
-        np.testing.assert_array_equal(sampled(mesh, face, np.full(3, 1 / 3)), TEXTURE[row, column])
+    low, high = np.min(CORNERS, axis=0)[:2], np.max(CORNERS, axis=0)[:2]
+    for face in mesh.faces:
+        right, up = (mesh.vertices[face].mean(axis=0)[:2] - low) / (high - low)
+        u, v = mesh.uvs[face].mean(axis=0)
+        assert (int(4 * u), int(4 * (1.0 - v))) == (int(4 * right), int(4 * (1.0 - up)))
 
 
-def write_texture(path: Path) -> Image.Image:
-    image = Image.fromarray(TEXTURE)
-    image.save(path)
-    return image
-
-
-QUAD_OBJ = (
-    "mtllib quad.mtl\nusemtl paint\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
-    "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\n"
-)
-
-
-@pytest.mark.parametrize(
-    "named", ["a picture.png", "-s 1 1 1 -clamp on a picture.png", "C:\\old place\\a picture.png"]
-)
-def test_texture_of_an_obj(tmp_path: Path, named: str) -> None:
-    write_texture(tmp_path / "a picture.png")
-    (tmp_path / "quad.obj").write_text(QUAD_OBJ)
-    (tmp_path / "quad.mtl").write_text(f"newmtl paint\nKd 0 0 0\nmap_Kd {named}\n")
-    assert_is_textured_quad(load_mesh(tmp_path / "quad.obj"))
-
-
-def test_a_missing_texture_is_noted_and_the_material_colour_used(tmp_path: Path) -> None:
-    (tmp_path / "quad.obj").write_text(QUAD_OBJ)
-    (tmp_path / "quad.mtl").write_text("newmtl paint\nKd 0.5 0.25 0\nmap_Kd gone.png\n")
-    mesh = load_mesh(tmp_path / "quad.obj")
+@pytest.mark.parametrize("write", [write_obj, write_ply, write_gltf])
+def test_a_texture_is_laid_on_the_model(folder: Path, write) -> None:
+    path = write(folder, PICTURE)
+    mesh = load_mesh(path)
+    assert_is_textured_quad(mesh)
+    assert mesh.unit == ("m" if path.suffix == ".gltf" else None)
+    (folder / PICTURE).unlink()
+    mesh = load_mesh(path)
     assert mesh.textures == ()
     assert np.all(mesh.face_texture == -1)
-    np.testing.assert_allclose(mesh.colours, np.tile([0.5, 0.25, 0.0], (4, 1)))
-    assert mesh.notes == ("Texture left out: gone.png is not there.",)
+    assert mesh.notes == (f"Texture left out: {PICTURE} is not there.",)
 
 
-@pytest.mark.parametrize("content", [b"", b"Dear all,\n", b"\x89PNG\r\n\x1a\n"])
+@pytest.mark.parametrize("named", [f"-s 1 1 1 -clamp on {PICTURE}", f"C:\\old place\\{PICTURE}"])
+def test_names_of_textures_in_an_mtl_file(folder: Path, named: str) -> None:
+    assert_is_textured_quad(load_mesh(write_obj(folder, named)))
+
+
+def test_a_texture_takes_the_place_of_the_material_colour_where_it_is_there(folder: Path) -> None:
+    path = write_obj(folder, PICTURE)
+    (folder / "quad.mtl").write_text(f"newmtl paint\nKd 0.5 0.25 0\nmap_Kd {PICTURE}\n")
+    assert_is_textured_quad(load_mesh(path))
+    (folder / PICTURE).unlink()
+    np.testing.assert_allclose(load_mesh(path).colours, np.tile([0.5, 0.25, 0.0], (4, 1)))
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89PNG\r\n\x1a\n"])
 def test_a_damaged_texture_is_noted(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "quad.obj").write_text(QUAD_OBJ)
-    (tmp_path / "quad.mtl").write_text("newmtl paint\nmap_Kd bad.png\n")
     (tmp_path / "bad.png").write_bytes(content)
-    mesh = load_mesh(tmp_path / "quad.obj")
+    mesh = load_mesh(write_obj(tmp_path, "bad.png"))
     assert not mesh.has_reflectance
     assert mesh.notes[0].startswith("Texture left out: ")
 
 
-def test_missing_materials_are_noted(tmp_path: Path) -> None:
-    (tmp_path / "quad.obj").write_text(QUAD_OBJ)
-    assert load_mesh(tmp_path / "quad.obj").notes == (
-        "Material file left out: quad.mtl is not there.",
-    )
-    (tmp_path / "quad.mtl").write_text("newmtl other\nKd 1 0 0\n")
-    assert load_mesh(tmp_path / "quad.obj").notes == ("Materials not in the MTL file: paint.",)
+def test_missing_materials_are_noted(folder: Path) -> None:
+    path = write_obj(folder, PICTURE)
+    (folder / "quad.mtl").write_text("newmtl other\nKd 1 0 0\n")
+    assert load_mesh(path).notes == ("Materials not in the MTL file: paint.",)
+    (folder / "quad.mtl").unlink()
+    assert load_mesh(path).notes == ("Material file left out: quad.mtl is not there.",)
 
 
-QUAD_PLY = (
-    "ply\nformat ascii 1.0\ncomment TextureFile a picture.png\nelement vertex 4\n"
-    "property float x\nproperty float y\nproperty float z\n{vertex}element face 1\n"
-    "property list uchar int vertex_indices\n{face}end_header\n"
-)
+@pytest.mark.parametrize("names", [("u", "v"), ("texture_u", "texture_v")])
+def test_other_names_of_texture_coordinates_of_a_ply(folder: Path, names: tuple[str, str]) -> None:
+    path = write_ply(folder, PICTURE)
+    text = path.read_text()
+    for old, new in zip("st", names, strict=True):
+        text = text.replace(f"float {old}\n", f"float {new}\n")
+    path.write_text(text)
+    assert_is_textured_quad(load_mesh(path))
 
 
-@pytest.mark.parametrize("names", [("s", "t"), ("u", "v"), ("texture_u", "texture_v")])
-def test_texture_of_a_ply_by_vertex(tmp_path: Path, names: tuple[str, str]) -> None:
-    write_texture(tmp_path / "a picture.png")
-    columns = "".join(f"property float {name}\n" for name in names)
-    rows = "".join(f"{x} {y} {z} {x} {y}\n" for x, y, z in QUAD)
-    text = QUAD_PLY.format(vertex=columns, face="") + rows + "4 0 1 2 3\n"
-    (tmp_path / "quad.ply").write_text(text)
-    assert_is_textured_quad(load_mesh(tmp_path / "quad.ply"))
-
-
-def test_texture_of_a_ply_by_face(tmp_path: Path) -> None:
-    write_texture(tmp_path / "a picture.png")
-    rows = "".join(f"{x} {y} {z}\n" for x, y, z in QUAD)
-    text = QUAD_PLY.format(vertex="", face="property list uchar float texcoord\n")
-    (tmp_path / "quad.ply").write_text(text + rows + "4 0 1 2 3 8 0 0 1 0 1 1 0 1\n")
-    assert_is_textured_quad(load_mesh(tmp_path / "quad.ply"))
-    (tmp_path / "a picture.png").unlink()
-    assert load_mesh(tmp_path / "quad.ply").notes == (
-        "Texture left out: a picture.png is not there.",
-    )
-
-
-def test_texture_of_a_glb(tmp_path: Path) -> None:
-    image = write_texture(tmp_path / "unused.png")
-    material = PBRMaterial(baseColorTexture=image)
-    visual = TextureVisuals(uv=QUAD[:, :2], material=material)
-    faces = [[0, 1, 2], [0, 2, 3]]
-    trimesh.Trimesh(QUAD, faces, visual=visual, process=False).export(tmp_path / "quad.glb")
-    mesh = load_mesh(tmp_path / "quad.glb")
-    assert_is_textured_quad(mesh)
-    assert mesh.unit == "m"
+def test_textures_of_a_ply_by_face(folder: Path) -> None:
+    """``texnumber`` tells which of several; a number of none of them, that there is none."""
+    text = write_ply(folder, "other.png").read_text()
+    Image.fromarray(TEXTURE[::-1]).save(folder / "other.png")
+    header, _, rows = text.partition("end_header\n")
+    header = header.replace("float s", "float a").replace("float t", "float b")
+    header = header.replace("comment", f"comment TextureFile {PICTURE}\ncomment", 1)
+    corners = "".join(f"{row}\n" for row in rows.splitlines()[:4])
+    faces = "3 0 1 2 6 0 0 1 0 1 1 {}\n3 0 2 3 6 0 0 1 1 0 1 {}\n"
+    header += "property list uchar float texcoord\nproperty int texnumber\nend_header\n"
+    path = folder / "quad.ply"
+    path.write_text(header + corners + faces.format(0, 0))
+    assert_is_textured_quad(load_mesh(path))
+    path.write_text(header + corners + faces.format(1, 7))
+    mesh = load_mesh(path)
+    assert sorted(mesh.face_texture) == [-1, 0]
+    np.testing.assert_array_equal(mesh.textures[0], TEXTURE[::-1])
 
 
 def test_colours_of_faces_and_mixed_polygons_of_a_ply(tmp_path: Path) -> None:
-    colours = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
-    text = QUAD_PLY.format(vertex="", face=colours).replace("face 1", "face 2")
-    text += "".join(f"{x} {y} {z}\n" for x, y, z in QUAD).replace("0.0 1.0 0.0", "0 1 5")
+    text = "ply\nformat ascii 1.0\nelement vertex 4\n"
+    text += "".join(f"property float {axis}\n" for axis in "xyz")
+    text += "element face 2\nproperty list uchar int vertex_indices\n"
+    text += "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
+    text += "end_header\n0 0 0\n1 0 0\n1 1 0\n0 1 5\n"
     (tmp_path / "mixed.ply").write_text(text + "4 0 1 2 3 255 0 0\n3 0 2 1 0 0 255\n")
     mesh = load_mesh(tmp_path / "mixed.ply")
     assert {tuple(c) for c in mesh.colours.tolist()} <= {(1.0, 0.0, 0.0), (0.0, 0.0, 1.0)}
@@ -140,8 +120,9 @@ def test_colours_of_faces_and_mixed_polygons_of_a_ply(tmp_path: Path) -> None:
 
 
 def test_gltf_is_linear_but_what_trimesh_writes_is_not(tmp_path: Path) -> None:
+    colours = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255], [128, 255, 0]] * 2, np.uint8)
     box = trimesh.creation.box()
-    trimesh.Trimesh(box.vertices, box.faces, vertex_colors=CORNERS).export(tmp_path / "cube.glb")
+    trimesh.Trimesh(box.vertices, box.faces, vertex_colors=colours).export(tmp_path / "cube.glb")
     data = (tmp_path / "cube.glb").read_bytes()
     assert b"mikedh/trimesh" in data
     (tmp_path / "other.glb").write_bytes(data.replace(b"mikedh/trimesh", b"somebody/else_"))
@@ -153,17 +134,15 @@ def test_gltf_is_linear_but_what_trimesh_writes_is_not(tmp_path: Path) -> None:
     )
 
 
-def test_a_textured_face_has_one_colour_that_of_its_corners_on_average(tmp_path: Path) -> None:
-    write_texture(tmp_path / "a picture.png")
-    names = ("s", "t", "red", "green", "blue")
-    columns = "".join(
-        f"property {'float' if k < 2 else 'uchar'} {n}\n" for k, n in enumerate(names)
-    )
-    rows = "".join(f"{x} {y} {z} {x} {y} {round(90 * y)} 0 255\n" for x, y, z in QUAD)
-    text = QUAD_PLY.format(vertex=columns, face="") + rows + "4 0 1 2 3\n"
-    (tmp_path / "quad.ply").write_text(text)
-    mesh = load_mesh(tmp_path / "quad.ply")
+def test_a_textured_face_has_one_colour_that_of_its_corners_on_average(folder: Path) -> None:
+    header, _, rows = write_ply(folder, PICTURE).read_text().partition("element face")
+    header += "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
+    head, _, rows = rows.partition("end_header\n")
+    lines = rows.splitlines()
+    lines[:4] = [f"{line} {red} 0 255" for line, red in zip(lines, (0, 0, 90, 90), strict=False)]
+    path = folder / "quad.ply"
+    path.write_text(f"{header}element face{head}end_header\n" + "\n".join(lines) + "\n")
+    mesh = load_mesh(path)
     for face, red in zip(mesh.faces, (30, 60), strict=True):
         np.testing.assert_allclose(255.0 * mesh.colours[face], [[red, 0, 255]] * 3, rtol=1e-5)
-        np.testing.assert_array_equal(mesh.uvs[face], mesh.vertices[face, :2])
     assert "shown in the mean of these: 2." in mesh.notes[0]

@@ -20,17 +20,13 @@ def cube() -> trimesh.Trimesh:
     return trimesh.Trimesh(box.vertices, box.faces, vertex_colors=COLOURS, process=False)
 
 
-def write_big_endian_ply(path: Path, mesh: trimesh.Trimesh) -> None:
-    vertex = np.zeros(8, [("xyz", ">f4", 3), ("rgb", "u1", 3)])
-    vertex["xyz"], vertex["rgb"] = mesh.vertices, COLOURS
-    face = np.zeros(12, [("n", "u1"), ("i", ">i4", 3)])
-    face["n"], face["i"] = 3, mesh.faces
-    head = (
-        "ply\nformat binary_big_endian 1.0\nelement vertex 8\nproperty float x\nproperty float y\n"
-        "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
-        "element face 12\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    path.write_bytes(head.encode() + vertex.tobytes() + face.tobytes())
+def as_big_endian(data: bytes) -> bytes:
+    """The PLY of ``cube()`` as trimesh writes it, with its numbers the other way round."""
+    head, _, body = data.partition(b"end_header\n")
+    vertex, face = [("xyz", "<f4", 3), ("rgba", "u1", 4)], [("count", "u1"), ("indices", "<i4", 3)]
+    tables = np.frombuffer(body, vertex, 8), np.frombuffer(body, face, 12, 8 * 16)
+    swapped = b"".join(table.astype(table.dtype.newbyteorder(">")).tobytes() for table in tables)
+    return head.replace(b"little", b"big") + b"end_header\n" + swapped
 
 
 def write_3ds(path: Path, mesh: trimesh.Trimesh, colour: tuple[int, int, int]) -> None:
@@ -85,11 +81,10 @@ def test_a_coloured_cube_comes_back(tmp_path: Path, suffix: str) -> None:
 
 
 def test_a_coloured_cube_comes_back_from_text_and_big_endian_ply(tmp_path: Path) -> None:
-    text: Any = cube().export(file_type="ply", encoding="ascii")
-    (tmp_path / "text.ply").write_bytes(text)
-    write_big_endian_ply(tmp_path / "big.ply", cube())
-    for name in ("text.ply", "big.ply"):
-        mesh = load_mesh(tmp_path / name)
+    binary: Any = cube().export(file_type="ply")
+    for data in (cube().export(file_type="ply", encoding="ascii"), as_big_endian(binary)):
+        (tmp_path / "cube.ply").write_bytes(data)
+        mesh = load_mesh(tmp_path / "cube.ply")
         assert_is_cube(mesh)
         assert_has_colours(mesh)
 
@@ -113,10 +108,9 @@ def test_a_cube_comes_back_from_3ds(tmp_path: Path) -> None:
     np.testing.assert_allclose(mesh.colours, np.full((24, 3), [200, 30, 40]) / 255.0, atol=1e-6)
 
 
-@pytest.mark.parametrize("suffix", [".ply", ".stl"])
-def test_a_sphere_is_smooth(tmp_path: Path, suffix: str) -> None:
-    trimesh.creation.icosphere(subdivisions=3).export(tmp_path / f"sphere{suffix}")
-    mesh = load_mesh(tmp_path / f"sphere{suffix}")
+def test_a_sphere_is_smooth(tmp_path: Path) -> None:
+    trimesh.creation.icosphere(subdivisions=3).export(tmp_path / "sphere.stl")
+    mesh = load_mesh(tmp_path / "sphere.stl")
     assert mesh.vertices.shape == (642, 3)
     np.testing.assert_allclose(mesh.normals, mesh.vertices, atol=0.01)
 
@@ -136,9 +130,8 @@ def test_normals_of_the_file_are_kept(tmp_path: Path, suffix: str) -> None:
 
 def test_normals_that_contradict_the_faces_are_computed_anew(tmp_path: Path) -> None:
     sphere = trimesh.creation.icosphere(subdivisions=2)
-    same = np.tile([0.0, 0.0, 1.0], (len(sphere.vertices), 1))
-    shape = trimesh.Trimesh(sphere.vertices, sphere.faces, vertex_normals=same, process=False)
-    shape.export(tmp_path / "sphere.ply")
+    sphere.vertex_normals = np.tile([0.0, 0.0, 1.0], (len(sphere.vertices), 1))
+    sphere.export(tmp_path / "sphere.ply")
     mesh = load_mesh(tmp_path / "sphere.ply")
     np.testing.assert_allclose(mesh.normals, mesh.vertices, atol=0.03)
     assert "contradict" in mesh.notes[0]
@@ -146,11 +139,9 @@ def test_normals_that_contradict_the_faces_are_computed_anew(tmp_path: Path) -> 
 
 def test_faces_are_turned_to_the_side_of_the_files_normals(tmp_path: Path) -> None:
     sphere = trimesh.creation.icosphere(subdivisions=2)
-    faces = np.array(sphere.faces)
+    faces, normals = np.array(sphere.faces), sphere.vertices.copy()
     faces[::3] = faces[::3, ::-1]
-    shape = trimesh.Trimesh(
-        sphere.vertices, faces, vertex_normals=sphere.vertices.copy(), process=False
-    )
+    shape = trimesh.Trimesh(sphere.vertices, faces, vertex_normals=normals, process=False)
     shape.export(tmp_path / "sphere.ply")
     mesh = load_mesh(tmp_path / "sphere.ply")
     normals, _ = face_normals_and_areas(mesh.vertices, mesh.faces)
@@ -222,28 +213,3 @@ def test_libraries_do_not_talk_to_the_user(
     assert_is_cube(load_mesh(tmp_path / "cube.stl"))
     assert not caplog.records
     assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.parametrize(
-    ("name", "triangles", "textures", "coloured"),
-    [
-        ("hope/AlphabetSoup.ply", 13860, 1, True),
-        ("hope/bbq_sauce.ply", 1608, 1, True),
-        ("lmo/obj_000005.ply", 45666, 0, True),
-        ("m3t_shampoo/schauma.obj", 20950, 0, False),
-        ("visp_dragon/dragon.obj", 14897, 0, True),
-        ("car_audi_tts/model.obj", 29226, 0, True),
-        ("mesh_bmw_e34/car.glb", 127603, 0, True),
-    ],
-)
-def test_real_models_load(
-    shared_data: Path, name: str, triangles: int, textures: int, coloured: bool
-) -> None:
-    mesh = load_mesh(shared_data / name)
-    assert len(mesh.faces) == triangles
-    assert len(mesh.textures) == textures
-    assert mesh.has_reflectance is coloured
-    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-9)
-    normals, areas = face_normals_and_areas(mesh.vertices, mesh.faces)
-    agree = np.einsum("fij,fj->fi", mesh.normals[mesh.faces], normals) > 0.0
-    assert areas[agree.all(axis=1)].sum() > 0.97 * areas.sum()
