@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
 from xml.etree import ElementTree
 
 import cv2
@@ -16,9 +15,8 @@ from poseviewer.cli.main import main
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.gltf import write_gltf
 from poseviewer.files.formats.meshlab import read_meshlab, write_meshlab
-from poseviewer.files.formats.reconstructions import write_colmap, write_nerfstudio
+from poseviewer.files.formats.reconstructions import write_nerfstudio
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_file import load_scene, scene_of_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -30,70 +28,30 @@ from tests.files.formats.cases import (
     write_files,
 )
 from tests.files.formats.foreign import read_with
-from tests.meshes import make_bumpy
 from tests.several import make_three
 
 HALF_A_PIXEL_SHOWS = 0.1
 """px: a slip between conventions moves everything by 0.5."""
 
 
-def test_colmap_projects_the_same_and_counts_pixels_the_same(tmp_path):
-    mesh, request = write_files(tmp_path)
-    record = perspective_record()
-    write_colmap(scene_of_pose(tmp_path, record), tmp_path / "model", request)
-    points, spots = tmp_path / "points.json", tmp_path / "spots.png"
-    points.write_text(json.dumps(mesh.vertices[:50].tolist()))
-    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
-    spot = 200.0 * np.exp(-((rows - 60) ** 2 + (columns - 90) ** 2) / 32.0)
-    cv2.imwrite(str(spots), spot.astype(np.uint8))
-    answer = read_with("pycolmap", tmp_path / "model", points, spots, out=tmp_path / "out.json")
-    np.testing.assert_allclose(
-        answer["points"], record.pose.project(mesh.vertices[:50]), rtol=0.0, atol=1e-9
-    )
-    # A spot in the middle of pixel (90, 60) is for COLMAP where it is inside poseviewer.
-    np.testing.assert_allclose(answer["features"][0], [90.5, 60.5], atol=0.01)
-    assert answer["size"] == [WIDTH, HEIGHT]
-    assert answer["name"] == "000003.png"
-
-
-@pytest.fixture(scope="module")
-def in_meshlab(tmp_path_factory) -> dict:
-    folder = tmp_path_factory.mktemp("meshlab")
-    _, request = write_files(folder)
-    write_meshlab(scene_of_pose(folder, perspective_record()), folder / "project.mlp", request)
-    return read_with("pymeshlab", folder / "project.mlp", out=folder / "out.json")
-
-
-def test_meshlab_has_the_same_camera(in_meshlab):
+def test_meshlab_has_the_same_camera(tmp_path):
     """MeshLab's own words for it, Bundler's and Agisoft's, have six digits."""
-    assert in_meshlab["rasters"] == 1
-    numbers = np.array(" ".join(in_meshlab["bundler"].splitlines()[2:7]).split(), float)
+    _, request = write_files(tmp_path)
+    project = tmp_path / "project.mlp"
+    write_meshlab(scene_of_pose(tmp_path, perspective_record()), project, request)
+    answer = read_with("pymeshlab", project, out=tmp_path / "out.json")
+    assert answer["rasters"] == 1
+    numbers = np.array(" ".join(answer["bundler"].splitlines()[2:7]).split(), float)
     focal, rotation, translation = numbers[0], numbers[3:12].reshape(3, 3), numbers[12:]
-    lens = ElementTree.fromstring(in_meshlab["agisoft"]).find(".//calibration")
+    lens = ElementTree.fromstring(answer["agisoft"]).find(".//calibration")
     assert lens is not None
     fx, fy, cx, cy = (float(lens.findtext(name) or "nan") for name in ("fx", "fy", "cx", "cy"))
-    points = some_points() @ rotation.T + translation  # Bundler: x right, y up, z backward
+    some = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 3))
+    points = some @ rotation.T + translation  # Bundler: x right, y up, z backward
     flat = -points[:, :2] / points[:, 2:]
     seen = np.column_stack([fx * flat[:, 0] + cx, (HEIGHT - cy) - fy * flat[:, 1]])
-    np.testing.assert_allclose(seen, perspective_record().pose.project(some_points()), atol=1e-3)
+    np.testing.assert_allclose(seen, perspective_record().pose.project(some), atol=1e-3)
     assert focal == fx
-
-
-def some_points() -> np.ndarray:
-    return np.random.default_rng(0).uniform(-1.0, 1.0, (50, 3))
-
-
-def test_meshlab_finds_the_same_pixel_for_every_vertex(in_meshlab):
-    if in_meshlab["seen"] is None:
-        pytest.skip("MeshLab fetches colours only with a display and Qt's platform plugins")
-    vertices = np.array(in_meshlab["seen"]["vertices"])
-    assert len(vertices) == len(make_bumpy(3).vertices)
-    seen = perspective_record().pose.project(vertices)
-    assert np.all((seen > 0) & (seen < (WIDTH, HEIGHT)))
-    clear = np.all(np.abs(seen - np.rint(seen)) > 1e-3, axis=1)  # of the pixels' borders
-    assert np.mean(clear) > 0.9
-    pixels = np.array(in_meshlab["seen"]["colours"])[:, :2]
-    np.testing.assert_array_equal(pixels[clear], np.floor(seen[clear]))
 
 
 def test_a_meshlab_project_holds_all_objects_of_a_scene(tmp_path):
@@ -122,42 +80,22 @@ def test_a_meshlab_project_holds_all_objects_of_a_scene(tmp_path):
 def test_blender_sees_the_same_through_gltf(tmp_path, make_record, unit):
     """glTF has no principal point off the middle: the view is wider, and the photo a part of it."""
     mesh, request = write_files(tmp_path)
-    record, wide = make_record(), (224, 168)
-    write_gltf(scene_of_pose(tmp_path, record), tmp_path / "scene.glb", replace(request, unit=unit))
-    answer, drawn = draw_in_blender(tmp_path / "scene.glb", *wide, aspect_of(record))
+    record, file, picture = make_record(), tmp_path / "scene.glb", tmp_path / "drawn.png"
+    write_gltf(scene_of_pose(tmp_path, record), file, replace(request, unit=unit))
     # cx = 112 of 200: the wider view is 224 px wide, and begins where the photo does;
     # cy = 66 of 150: it is 168 px high, and begins 18 px above the photo.
-    assert_alike(drawn[18:, :WIDTH], silhouette(mesh, record))
-    assert "photo plane" in answer["objects"]
-
-
-def aspect_of(record: PoseRecord) -> float:
-    """Width by height of that wider view, in the scene: a pixel need not be square."""
-    camera = record.pose.camera
+    camera, (width, height) = record.pose.camera, (224, 168)
     pixel = camera.fx / camera.fy if isinstance(camera, Perspective) else 1.0
-    return 224 / 168 / pixel
-
-
-def draw_in_blender(
-    file: Path, width: int, height: int, aspect: float = 1.0
-) -> tuple[dict, np.ndarray]:
-    """Names that Blender found, and the model's silhouette (height, width) as it draws it."""
-    picture = file.parent / "drawn.png"
-    answer = read_with("bpy", file, width, height, aspect, picture, out=file.parent / "out.json")
+    more = width, height, width / height / pixel, picture
+    answer = read_with("bpy", file, *more, out=tmp_path / "out.json")
     drawn = cv2.imread(str(picture), cv2.IMREAD_UNCHANGED)
     assert drawn is not None
-    assert drawn.shape == (height, width, 4)
-    return answer, drawn[..., 3] > 127
-
-
-def silhouette(mesh, record: PoseRecord) -> np.ndarray:
-    return SoftwareRenderer(mesh).render(record.pose).mask > 0
-
-
-def assert_alike(drawn: np.ndarray, ours: np.ndarray) -> None:
+    drawn = drawn[18:, :WIDTH, 3] > 127
+    ours = SoftwareRenderer(mesh).render(record.pose).mask > 0
     assert (drawn & ours).sum() / (drawn | ours).sum() >= 0.99
     middles = [np.argwhere(mask).mean(axis=0) for mask in (drawn, ours)]
     np.testing.assert_allclose(middles[0], middles[1], rtol=0.0, atol=HALF_A_PIXEL_SHOWS)
+    assert "photo plane" in answer["objects"]
 
 
 def test_the_photo_covers_what_gltf_shows_of_it(tmp_path):

@@ -82,18 +82,22 @@ def test_opencv_sees_the_model_in_the_photo_as_taken(tmp_path, lens, ending):
     np.testing.assert_allclose(seen[:, 0] + 0.5, expected, atol=1e-8)
 
 
-@pytest.mark.parametrize("name", ["four", "eight", "fisheye"])
-def test_colmap_sees_the_model_in_the_photo_as_taken(tmp_path, name):
+@pytest.mark.parametrize("lens", [None, "four", "eight", "fisheye"])
+def test_colmap_sees_the_model_in_the_photo_as_taken(tmp_path, lens):
     mesh, request = write_files(tmp_path)
-    record = record_through(LENSES[name])
+    record = record_through(LENSES[lens] if lens else None)
     write_colmap(scene_of_pose(tmp_path, record), tmp_path / "model", request)
-    points = tmp_path / "points.json"
+    points, spots = tmp_path / "points.json", tmp_path / "spots.png"
     points.write_text(json.dumps(mesh.vertices[:50].tolist()))
-    answer = read_with(
-        "pycolmap", tmp_path / "model", points, request.photo, out=tmp_path / "out.json"
-    )
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+    spot = 200.0 * np.exp(-((rows - 60) ** 2 + (columns - 90) ** 2) / 32.0)
+    cv2.imwrite(str(spots), spot.astype(np.uint8))
+    answer = read_with("pycolmap", tmp_path / "model", points, spots, out=tmp_path / "out.json")
     expected = seen_as_taken(record, mesh.vertices[:50])
     np.testing.assert_allclose(answer["points"], expected, rtol=0.0, atol=1e-8)
+    # A spot in the middle of pixel (90, 60) is for COLMAP where it is inside poseviewer.
+    np.testing.assert_allclose(answer["features"][0], [90.5, 60.5], atol=0.01)
+    assert answer["size"] == [WIDTH, HEIGHT]
     assert answer["name"] == "000003.png"
 
 
