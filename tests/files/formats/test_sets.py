@@ -134,7 +134,7 @@ def test_a_pose_file_of_version_0_1_0_holds_all_its_photos(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_views(tmp_path)
-    pose = shutil.copy(FIXTURES / "in_set.pose.json", tmp_path)
+    pose = Path(shutil.copy(FIXTURES / "in_set.pose.json", tmp_path))
     words = ["convert", pose, tmp_path / "out.json", "--to", "nerfstudio"]
     assert main([*map(str, words)]) == 0
     frames = json.loads((tmp_path / "out.json").read_text())["frames"]

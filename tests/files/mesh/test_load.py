@@ -82,7 +82,8 @@ def test_a_coloured_cube_comes_back(tmp_path: Path, suffix: str) -> None:
 
 def test_a_coloured_cube_comes_back_from_text_and_big_endian_ply(tmp_path: Path) -> None:
     binary: Any = cube().export(file_type="ply")
-    for data in (cube().export(file_type="ply", encoding="ascii"), as_big_endian(binary)):
+    text: Any = cube().export(file_type="ply", encoding="ascii")
+    for data in (text, as_big_endian(binary)):
         (tmp_path / "cube.ply").write_bytes(data)
         mesh = load_mesh(tmp_path / "cube.ply")
         assert_is_cube(mesh)
