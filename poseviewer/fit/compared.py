@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -14,6 +15,7 @@ from poseviewer.fit.scene import Scene
 from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.visibility import Hiding
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.charts import Chart
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh, hull_in_photo
 from poseviewer.geometry.rectangle import Rectangle
@@ -33,22 +35,65 @@ FINE_PIXELS = 150_000
 truth."""
 
 
-def compared_levels(
+@dataclass(frozen=True, slots=True, eq=False)
+class ComparedView:
+    """A photo that the pose is judged by."""
+
+    photo: PhotoAttributes
+    chart: Chart
+    """The pose in this view, by the problem's parameters."""
+    fine_photo: PhotoAttributes | None = None
+    """Finer pyramid level, without structure, on which a search is refined, if any."""
+    index: int = 0
+    """Number of the view in the scene."""
+    behind: Hiding | None = None
+    """What other objects hide of the photo, and does not count; None: there are none."""
+    hidden: NDArray[np.bool_] | None = None
+    """(height, width): pixels of ``photo`` left out as something else is in front of the model
+    there; None: there was nothing."""
+
+    def without(self, hidden: NDArray[np.bool_] | None) -> ComparedView:
+        """The view without the pixels that are ``hidden``, on both levels; None: as it is."""
+        photo, fine = self.photo, self.fine_photo
+        if hidden is None:
+            return self
+        assert photo.structure is not None  # something was seen in front of the model by it
+        left = replace(photo, weights=photo.weights * ~hidden)
+        if fine is not None:
+            height, width = fine.weights.shape
+            larger = enlarged(hidden, photo.factor / fine.factor, width, height)
+            fine = replace(fine, weights=fine.weights * ~larger)
+        photo = structured(left, is_steep=photo.structure.is_steep)
+        return replace(self, photo=photo, fine_photo=fine, hidden=hidden)
+
+
+def enlarged(
+    hidden: NDArray[np.bool_], factor: float, width: int, height: int
+) -> NDArray[np.bool_]:
+    """(height, width): a mask on a photo ``factor`` times larger."""
+    rows, columns = (
+        np.minimum(((np.arange(size) + 0.5) / factor).astype(int), most - 1)
+        for size, most in zip((height, width), hidden.shape, strict=True)
+    )
+    return hidden[rows[:, None], columns]
+
+
+def compared_view(
     scene: Scene,
     index: int,
     number: int,
     settings: FitSettings,
-    hidden: Hiding | None,
+    chart: Chart,
+    behind: Hiding | None,
     is_alone: bool,
-) -> tuple[PhotoAttributes, PhotoAttributes | None]:
-    """The level of the view ``number`` that poses of an object are compared on, and the finer one
-    that a search is refined on, if any. Pixels ``hidden`` by other objects do not count.
+) -> ComparedView:
+    """The view ``number`` as poses of an object are compared on it.
 
     Several views tell the pose more exactly than one that ``is_alone``: their search is refined on
     models of less reach even where the photos are no finer. Raises ``SettingsError`` where too few
     pixels count.
     """
-    photo = plain = _plain(scene, index, number, settings, hidden)
+    photo = plain = _plain(scene, index, number, settings, behind)
     counted = np.count_nonzero(plain.weights)
     mesh, pose = scene.objects[index].mesh, scene.pose(index, number)
     factor, finest = (working_factor(mesh, pose, most) for most in (WORKING_PIXELS, FINE_PIXELS))
@@ -61,27 +106,34 @@ def compared_levels(
             f"{fewest}; use a larger photo or region, or hide less of it"
         )
     is_refined = photo.structure is not None and (finest < factor or not is_alone)
-    return photo, smaller(plain, finest) if is_refined else None
+    fine = smaller(plain, finest) if is_refined else None
+    return ComparedView(photo, chart, fine, number, behind)
 
 
 def _plain(
-    scene: Scene, index: int, number: int, settings: FitSettings, hidden: Hiding | None
+    scene: Scene, index: int, number: int, settings: FitSettings, behind: Hiding | None
 ) -> PhotoAttributes:
     """F and P at the photo's own size, without structure."""
     view, own = scene.views[number], scene.in_view(index, number)
-    photo = view.photo
-    weights = np.ones((photo.height, photo.width), np.float32)
+    photo, shape = view.photo, (view.photo.height, view.photo.width)
+    weights = np.ones(shape, np.float32)
     for mask in (view.mask, own.mask):
         weights = weights if mask is None else weights * mask.weights
     if photo.covered is not None:
         weights = weights * photo.covered
-    if hidden is not None:
-        weights = weights * ~hidden.with_margin
-    for rectangle in (settings.region, own.region):
-        weights = weights if rectangle is None else weights * _inside(rectangle, photo)
+    if behind is not None:
+        weights = weights * ~behind.with_margin
+    for rectangle in filter(None, (settings.region, own.region)):
+        inside = rectangle.mask(*shape)
+        if not inside.any():
+            raise SettingsError(
+                f"--region {','.join(map(str, rectangle))} has no pixel in the photo of "
+                f"{photo.width}x{photo.height} px; give left,top,width,height in px"
+            )
+        weights = weights * inside
     if settings.pixels == "near" and np.any(weights > 0.0):
         near = box_near(scene.objects[index].mesh, scene.pose(index, number))
-        weights = weights * near.mask(*weights.shape)
+        weights = weights * near.mask(*shape)
         if not np.any(weights > 0.0):
             raise SettingsError(
                 "no pixel that counts lies near the start pose: bring the start onto the photo "
@@ -91,17 +143,6 @@ def _plain(
     channels = photo.as_float() if coloured else photo.grey()[..., None]
     is_clipped = settings.pixels == "clip"
     return PhotoAttributes(channels, weights, is_clipped, settings.colour_reflectance)
-
-
-def _inside(rectangle: Rectangle, photo: Photo) -> NDArray[np.float32]:
-    region = rectangle.mask(photo.height, photo.width)
-    if not region.any():
-        left, top, width, height = rectangle
-        raise SettingsError(
-            f"--region {left},{top},{width},{height} has no pixel in the photo of "
-            f"{photo.width}x{photo.height} px; give left,top,width,height in px"
-        )
-    return region
 
 
 def _has_colour(photo: Photo, weights: NDArray[np.float32]) -> bool:

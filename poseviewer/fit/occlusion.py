@@ -11,20 +11,15 @@ it, as they tell nothing where the outline is hidden.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.fit.loss import fewest_pixels
 from poseviewer.fit.outline import outline_support
-from poseviewer.fit.problem import ComparedView, FitProblem
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose, level_pose
 from poseviewer.render.moments import model_attributes
-from poseviewer.render.pyramid.levels import structured
 from poseviewer.render.types import PhotoAttributes, Renderer
 
 ROBUST_ROUNDS, ROUNDS = 12, 4
@@ -74,36 +69,6 @@ def find_hidden(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> Hidde
     if not hidden.any() or np.count_nonzero(covered & ~hidden) < LEAST_SEEN * covered.sum():
         return None
     return hidden | (beside & _nearest(hidden, image.mask))
-
-
-def behind(problem: FitProblem, hidden: Sequence[Hidden]) -> FitProblem:
-    """The problem without the pixels ``hidden`` in each of its views."""
-    return replace(problem, views=tuple(map(_behind, problem.views, hidden)))
-
-
-def _behind(view: ComparedView, hidden: Hidden) -> ComparedView:
-    photo, fine = view.photo, view.fine_photo
-    if hidden is None:
-        return view
-    assert photo.structure is not None  # something was seen in front of the model by it
-    left = replace(photo, weights=photo.weights * ~hidden)
-    if fine is not None:
-        height, width = fine.weights.shape
-        larger = enlarged(hidden, photo.factor / fine.factor, width, height)
-        fine = replace(fine, weights=fine.weights * ~larger)
-    photo = structured(left, is_steep=photo.structure.is_steep)
-    return replace(view, photo=photo, fine_photo=fine, hidden=hidden)
-
-
-def enlarged(
-    hidden: NDArray[np.bool_], factor: float, width: int, height: int
-) -> NDArray[np.bool_]:
-    """(height, width): a mask on a photo ``factor`` times larger."""
-    rows, columns = (
-        np.minimum(((np.arange(size) + 0.5) / factor).astype(int), most - 1)
-        for size, most in zip((height, width), hidden.shape, strict=True)
-    )
-    return hidden[rows[:, None], columns]
 
 
 def _odds(

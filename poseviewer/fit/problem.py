@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError, SingularChartError
-from poseviewer.fit.compared import compared_levels
+from poseviewer.fit.compared import ComparedView, compared_view
 from poseviewer.fit.loss import paper_loss, registration_loss, worst_registration_loss
 from poseviewer.fit.scene import Scene
 from poseviewer.fit.settings import ChartName, FitSettings, Method
@@ -26,24 +26,6 @@ from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.render.types import Moments, PhotoAttributes, Renderer
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ComparedView:
-    """A photo that the pose is judged by."""
-
-    photo: PhotoAttributes
-    chart: Chart
-    """The pose in this view, by the problem's parameters."""
-    fine_photo: PhotoAttributes | None = None
-    """Finer pyramid level, without structure, on which a search is refined, if any."""
-    index: int = 0
-    """Number of the view in the scene."""
-    behind: Hiding | None = None
-    """What other objects hide of the photo, and does not count; None: there are none."""
-    hidden: NDArray[np.bool_] | None = None
-    """(height, width): pixels of ``photo`` left out as something else is in front of the model
-    there; None: there was nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,11 +125,6 @@ def loss_of(method: Method, moments: Moments, photo: PhotoAttributes) -> float:
     return paper_loss(moments, photo.clipped) if is_paper else registration_loss(moments)
 
 
-WHOLLY_BEHIND = (
-    "the model stands wholly behind other objects of the photo, so that nothing of it can be "
-    "compared: move it or them, or leave these out"
-)
-
 Hidings = Mapping[int, Hiding | None]
 """Pixels that other objects hide of a model in the views that show it, by the views' numbers; None
 where there are no others."""
@@ -168,7 +145,10 @@ def make_problem(
     hidden = hidings(scene, index, view) if hidden is None else hidden
     order = [number for number, behind in hidden.items() if behind is None or not behind.is_whole]
     if not order:
-        raise SettingsError(WHOLLY_BEHIND)
+        raise SettingsError(
+            "the model stands wholly behind other objects of the photo, so that nothing of it can "
+            "be compared: move it or them, or leave these out"
+        )
     notes = [
         f"{one.name} does not see the model where it starts, and is left out."
         for number, one in enumerate(scene.views)
@@ -188,27 +168,14 @@ def make_problem(
     else:
         charts = _view_charts(scene, index, order, settings)
         start = np.zeros(len(charts[0].names))
-    levels = _levels(scene, index, hidden, order, settings)
-    if len({LossScale.of(photo) for photo, _ in levels}) > 1:  # one is grey: then all are
-        levels = _levels(scene, index, hidden, order, replace(settings, grey=True))
-    views = tuple(
-        ComparedView(photo, chart, fine, number, hidden[number])
-        for (photo, fine), chart, number in zip(levels, charts, order, strict=True)
-    )
+    for chosen in (settings, replace(settings, grey=True)):  # if one photo is grey, then all are
+        views = tuple(
+            compared_view(scene, index, number, chosen, chart, hidden[number], len(order) == 1)
+            for number, chart in zip(order, charts, strict=True)
+        )
+        if len({LossScale.of(view.photo) for view in views}) == 1:
+            break
     return FitProblem(views, start, settings, model.symmetry), tuple(notes)
-
-
-def make_photo_attributes(scene: Scene) -> PhotoAttributes:
-    """F and P of the first view's photo, for poses of the first object about its place.
-
-    Raises:
-        SettingsError: the region lies outside the photo, has no pixel near the object, or fewer
-            than a fit needs; or it stands wholly behind others.
-    """
-    behind = hidings(scene, 0)[0]
-    if behind is not None and behind.is_whole:
-        raise SettingsError(WHOLLY_BEHIND)
-    return compared_levels(scene, 0, 0, scene.objects[0].settings, behind, is_alone=True)[0]
 
 
 def numbers_of(chart: Chart, pose: Pose, scale: float = 1.0) -> FloatArray:
@@ -248,16 +215,6 @@ def is_seen(mesh: Mesh, pose: Pose) -> bool:
     points = hull_in_photo(mesh, pose)
     inside = np.all((points >= 0.0) & (points < [pose.camera.width, pose.camera.height]), axis=1)
     return bool(pose.camera_from_model.apply(mesh.centre)[2] > 0.0 and inside.any())
-
-
-def _levels(
-    scene: Scene, index: int, hidden: Hidings, order: Sequence[int], settings: FitSettings
-) -> list[tuple[PhotoAttributes, PhotoAttributes | None]]:
-    """The photo of each view that poses are compared on, and the finer one."""
-    return [
-        compared_levels(scene, index, number, settings, hidden[number], len(order) == 1)
-        for number in order
-    ]
 
 
 def _view_charts(

@@ -29,10 +29,10 @@ from poseviewer.confidence.verdict import (
     TURNED_THRESHOLD,
     Verdict,
 )
+from poseviewer.fit.compared import ComparedView, enlarged
 from poseviewer.fit.judge import better_turn, judge_end
-from poseviewer.fit.occlusion import Hidden, behind, enlarged, find_hidden
+from poseviewer.fit.occlusion import Hidden, find_hidden
 from poseviewer.fit.problem import (
-    ComparedView,
     FitProblem,
     Hidings,
     hidings,
@@ -269,7 +269,8 @@ class Search:
                 hidden.append(old.hidden if new is None else new)
             if all(map(_is_same, views, hidden, whole.views)):
                 break
-            before = self._on(behind(whole, hidden), best)
+            left = map(ComparedView.without, whole.views, hidden)
+            before = self._on(replace(whole, views=tuple(left)), best)
             best, gain = (yield from self._run(before.problem, before, is_shown=False)), math.inf
         best = self._judged(best)
         for is_turned in (*(False,) * MOST_CONTINUED, True):

@@ -15,7 +15,7 @@ import numpy as np
 
 from poseviewer.errors import QuickStartError, SettingsError
 from poseviewer.fit.loss import registration_loss, worst_registration_loss
-from poseviewer.fit.problem import make_photo_attributes, make_problem
+from poseviewer.fit.problem import make_problem
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.arrays import FloatArray
@@ -108,9 +108,15 @@ class StartQuery:
         if self.settings.region is not None:
             both = region.intersection(Rectangle(*self.settings.region))
             region = both if both.area > 0.0 else region
-        settings = replace(self.settings, method="default", pixels="whole", region=region)
+        settings = FitSettings(
+            chart="free-body",
+            pixels="whole",
+            region=region,
+            grey=self.settings.grey,
+            colour_reflectance=self.settings.colour_reflectance,
+        )
         pose = self.views(rectangle, 1).poses[0]
-        return make_photo_attributes(self.inputs.scene(pose, settings))
+        return make_problem(self.inputs.scene(pose, settings))[0].photo
 
 
 @dataclass(frozen=True, slots=True, eq=False)

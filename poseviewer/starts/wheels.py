@@ -21,7 +21,7 @@ from scipy import fft, ndimage, optimize
 
 from poseviewer.errors import QuickStartError
 from poseviewer.fit.loss import lighting_loss, registration_loss
-from poseviewer.fit.problem import make_photo_attributes
+from poseviewer.fit.problem import make_problem
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Perspective
@@ -306,6 +306,6 @@ def likely_wheels(
 def _moments(
     inputs: StartInputs, fits: Sequence[WheelFit], settings: FitSettings
 ) -> Iterator[Moments]:
-    photo = make_photo_attributes(inputs.scene(fits[0].pose, settings))
+    photo = make_problem(inputs.scene(fits[0].pose, settings))[0].photo
     renderer = make_renderer(inputs.mesh)
     return (renderer.moments(fit.pose, photo) for fit in fits)

@@ -12,7 +12,8 @@ from poseviewer.evaluation.study import real_tasks
 from poseviewer.files.demo import demo_case
 from poseviewer.files.pose import load_pose
 from poseviewer.fit import search as searching
-from poseviewer.fit.occlusion import behind, enlarged, find_hidden
+from poseviewer.fit.compared import enlarged
+from poseviewer.fit.occlusion import find_hidden
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.pose_error import pose_error
 
@@ -63,10 +64,10 @@ def test_what_is_hidden_does_not_count_on_any_level(demo, behind_slab):
     problem = behind_slab.problem
     hidden = find_hidden(problem.photo, behind_slab.renderer, truth)
     assert hidden is not None
-    rest = behind(problem, (hidden,))
+    rest = problem.views[0].without(hidden)
     assert not np.any(rest.photo.weights[hidden])
     assert np.array_equal(rest.photo.weights[~hidden], problem.photo.weights[~hidden])
-    fine = rest.views[0].fine_photo
+    fine = rest.fine_photo
     assert fine is not None
     height, width = fine.weights.shape
     larger = enlarged(hidden, problem.photo.factor / fine.factor, width, height)

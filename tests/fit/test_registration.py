@@ -10,8 +10,7 @@ import pytest
 from poseviewer.api import load
 from poseviewer.errors import SettingsError
 from poseviewer.files.demo import demo_case
-from poseviewer.fit.occlusion import behind
-from poseviewer.fit.problem import make_photo_attributes, make_problem
+from poseviewer.fit.problem import make_problem
 from poseviewer.fit.scene import Scene as FitScene
 from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
 from poseviewer.geometry.camera import Perspective, Pose
@@ -43,7 +42,7 @@ def opened(photo: Photo, mask: Mask | None = None, settings: FitSettings | None 
 
 
 def compared(photo: Photo, settings: FitSettings) -> PhotoAttributes:
-    return make_photo_attributes(opened(photo, settings=settings))
+    return make_problem(opened(photo, settings=settings))[0].photo
 
 
 @pytest.mark.parametrize(("chroma", "channels"), [(2.0, 1), (10.0, 3)])
@@ -94,7 +93,7 @@ def test_what_a_mask_hides_does_not_count():
     weights[:, :80], weights[50, 100] = 0.0, 0.25
     registration = opened(make_photo(30.0), Mask.of(weights))
     for pixels in ("whole", "clip"):
-        made = make_photo_attributes(by(registration, pixels=pixels))
+        made = make_problem(by(registration, pixels=pixels))[0].photo
         assert np.array_equal(made.weights, weights)
     near = compared(make_photo(30.0), FitSettings()).weights
     problem, _ = make_problem(registration)
@@ -109,7 +108,7 @@ def test_blurred_edges_are_made_steep_on_the_finest_photo():
     assert small.photo.structure.is_steep
     hidden = np.zeros(small.photo.weights.shape, bool)
     hidden[50:60, 70:80] = True
-    rest = behind(small, (hidden,)).photo.structure
+    rest = small.views[0].without(hidden).photo.structure
     assert rest is not None
     assert rest.is_steep
     demo = demo_case()

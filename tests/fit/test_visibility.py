@@ -9,7 +9,7 @@ import pytest
 from scipy.ndimage import distance_transform_edt
 
 from poseviewer.errors import SettingsError
-from poseviewer.fit.problem import make_photo_attributes
+from poseviewer.fit.problem import make_problem
 from poseviewer.fit.scene import PlacedModel
 from poseviewer.fit.visibility import MARGIN_PX, NOTHING, depth_image, hiding, visibility
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
@@ -94,7 +94,7 @@ def attributes(model: PlacedModel, *others: PlacedModel) -> PhotoAttributes:
         )
         for number, one in enumerate(others)
     )
-    return make_photo_attributes(replace(scene, objects=(own, *locked)))
+    return make_problem(replace(scene, objects=(own, *locked)))[0].photo
 
 
 def test_hidden_pixels_do_not_count():

@@ -15,7 +15,7 @@ from poseviewer.app.state.document import product
 from poseviewer.app.state.edits import edit
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
-from poseviewer.fit.occlusion import enlarged
+from poseviewer.fit.compared import enlarged
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
