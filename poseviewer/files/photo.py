@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from contextlib import suppress
 from dataclasses import astuple, replace
 from io import BytesIO
 from pathlib import Path
@@ -33,6 +34,7 @@ LARGEST_FILE = 2_000_000_000
 """Bytes: 100 megapixels of four 16-bit numbers have 8e8, beside what else a file may hold."""
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 """Brands in the file type box (ISO/IEC 23008-12): HEVC pictures, and pictures of any codec."""
+OF_CAMERAS = {ExifTags.Base.Make, ExifTags.Base.ExposureTime, ExifTags.Base.FocalLength}
 MM_PER_RESOLUTION_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 """EXIF FocalPlaneResolutionUnit: inch, cm, mm, um."""
 
@@ -72,18 +74,16 @@ def was_taken_by_a_camera(path: str | Path) -> bool:
     if Path(path).suffix.lower() in (".heic", ".heif"):
         return True
     reading = _reading(path)
-    try:
-        with (
-            reading.naming_errors(),
-            reading.open() as file,
-            quiet_libraries(),
-            Image.open(file, formats=FORMATS) as image,
-        ):
-            exif = image.getexif()
-            tags = {*exif, *exif.get_ifd(ExifTags.IFD.Exif)}
-    except PhotoFileError:
-        return False
-    return bool(tags & {ExifTags.Base.Make, ExifTags.Base.ExposureTime, ExifTags.Base.FocalLength})
+    with (
+        suppress(PhotoFileError),
+        reading.naming_errors(),
+        reading.open() as file,
+        quiet_libraries(),
+        Image.open(file, formats=FORMATS) as image,
+    ):
+        exif = image.getexif()
+        return not OF_CAMERAS.isdisjoint({*exif, *exif.get_ifd(ExifTags.IFD.Exif)})
+    return False
 
 
 def save_image(path: str | Path, rgb: NDArray) -> None:

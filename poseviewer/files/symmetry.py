@@ -76,29 +76,14 @@ def symmetry_path(mesh_path: str | Path) -> Path:
 
 def load_symmetry(mesh_path: str | Path, mesh: Mesh) -> Symmetry:
     """A model's symmetry, from the file beside it or its BOP data set; none where neither is."""
-    mesh_path = Path(mesh_path)
-    beside, info = symmetry_path(mesh_path), mesh_path.parent / MODELS_INFO
-    if beside.exists():
-        return read_symmetry(beside, mesh)
-    if BOP_MODEL.fullmatch(mesh_path.name) and info.is_file():
-        return read_symmetry(info, mesh, mesh_path.name)
-    return NO_SYMMETRY
-
-
-def read_symmetry(path: Path, mesh: Mesh, model_name: str = "") -> Symmetry:
-    """The symmetry that a file says of a model; a ``models_info.json``, of the one so called."""
+    path = symmetry_path(mesh_path)
+    if not path.exists():
+        number, info = BOP_MODEL.fullmatch(Path(mesh_path).name), path.with_name(MODELS_INFO)
+        known = load_bop_models(info).get(int(number[1])) if number and info.is_file() else None
+        return NO_SYMMETRY if known is None else known.symmetry
     reading = Reading(path, error_type=MeshFileError, kind=KIND)
-    if path.name == MODELS_INFO:
-        models, number = load_bop_models(path), BOP_MODEL.fullmatch(model_name)
-        if number is None:
-            found = f"says nothing of {model_name}"
-            raise reading.error(found, "its models are called as obj_000001.ply")
-        known = models.get(int(number[1]))
-        symmetry = NO_SYMMETRY if known is None else known.symmetry
-    else:
-        with reading.naming_errors():
-            data = reading.load_object()
-            reading.require_format(data, FORMAT)
-            reading.require_unit(data, mesh.unit)
-            symmetry = reading.decoded(data, SymmetryTurns).symmetry
-    return symmetry
+    with reading.naming_errors():
+        data = reading.load_object()
+        reading.require_format(data, FORMAT)
+        reading.require_unit(data, mesh.unit)
+        return reading.decoded(data, SymmetryTurns).symmetry

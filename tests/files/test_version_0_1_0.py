@@ -17,7 +17,7 @@ from poseviewer.files.photo_sets import load_views
 from poseviewer.files.pose import load_pose, pose_bytes
 from poseviewer.files.scene_file import load_scene, scene_of_pose
 from poseviewer.files.state.autosave import AutosavedSession, load_autosave
-from poseviewer.files.symmetry import read_symmetry
+from poseviewer.files.symmetry import load_symmetry
 from poseviewer.files.writing import sha256_of
 from poseviewer.fit.settings import settings_from_json
 from poseviewer.geometry.frames import camera_as_integer_centres
@@ -136,7 +136,7 @@ def test_autosaved_sessions_of_several_objects_and_photos_open(tmp_path: Path) -
 
 def test_symmetry_and_key_points_open() -> None:
     tube = make_bumpy(2)
-    assert not read_symmetry(FIXTURES / "can.symmetry.json", tube).is_none
+    assert not load_symmetry(FIXTURES / "can.ply", tube).is_none
     keypoints = load_keypoints(FIXTURES / "car.glb", tube)
     data = json.loads((FIXTURES / "car.keypoints.json").read_text())
     assert keypoints is not None
