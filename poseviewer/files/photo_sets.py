@@ -5,7 +5,7 @@ of earlier versions (``SetFile``).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any
@@ -109,7 +109,8 @@ def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews
     path, choice = Path(path), choice or SetChoice()
     reading = Reading(path, kind=KIND)
     with reading.naming_errors():
-        views, unit, scale = _views(reading, choice)
+        found, unit, scale = _views(reading, choice)
+        views = list(found)
         for wanted in choice.photos:
             if not any(_is_chosen(str(view.path), [wanted]) for view in views):
                 raise reading.error(f"it has no photo {wanted}", "choose others with --photos")
@@ -145,7 +146,7 @@ def open_view(record: ViewRecord) -> tuple[View, tuple[str, ...]]:
     return view, notes
 
 
-def _views(reading: Reading, choice: SetChoice) -> tuple[list[View], str | None, float | None]:
+def _views(reading: Reading, choice: SetChoice) -> tuple[Iterable[View], str | None, float | None]:
     """The chosen photos, the unit of the set's lengths, and its scale."""
     path = reading.path
     if path.is_dir():
@@ -174,8 +175,8 @@ def _views(reading: Reading, choice: SetChoice) -> tuple[list[View], str | None,
     return _of_version_1(reading, said, choice), said.unit, scale
 
 
-def _of_version_1(reading: Reading, said: SetFile, choice: SetChoice) -> list[View]:
-    folder, views = reading.path.parent, []
+def _of_version_1(reading: Reading, said: SetFile, choice: SetChoice) -> Iterator[View]:
+    folder = reading.path.parent
     for one in said.views:
         if _is_chosen(one.photo, choice.photos):
             known, place, camera = one.distortion, one.camera_from_set.rigid, one.camera
@@ -183,8 +184,7 @@ def _of_version_1(reading: Reading, said: SetFile, choice: SetChoice) -> list[Vi
             mask = None if one.mask is None else folder / one.mask
             path = folder / one.photo
             pinhole = camera.perspective(0, 0)
-            views.append(_view(reading, path, load_photo(path), place, pinhole, lens, mask))
-    return views
+            yield _view(reading, path, load_photo(path), place, pinhole, lens, mask)
 
 
 def _of_colmap(reading: Reading, model: Path, choice: SetChoice) -> list[View]:
@@ -207,8 +207,7 @@ def _of_colmap(reading: Reading, model: Path, choice: SetChoice) -> list[View]:
     ]
 
 
-def _of_frames(reading: Reading, data: dict[str, Any], choice: SetChoice) -> list[View]:
-    views = []
+def _of_frames(reading: Reading, data: dict[str, Any], choice: SetChoice) -> Iterator[View]:
     for frame in data["frames"]:
         own = data | reading.object(frame, "a frame")
         name = reading.text(own.get("file_path"), "file_path") or ""
@@ -219,16 +218,14 @@ def _of_frames(reading: Reading, data: dict[str, Any], choice: SetChoice) -> lis
         photo, sizes = load_photo(path), [reading.size(own.get(key), key) for key in ("w", "h")]
         width, height = sizes[0] or photo.width, sizes[1] or photo.height
         _, place, camera, lens = frame_taken(reading, own, width, height)
-        views.append(_view(reading, path, photo, place, camera, lens))
-    return views
+        yield _view(reading, path, photo, place, camera, lens)
 
 
-def _of_bop(reading: Reading, choice: SetChoice) -> list[View]:
+def _of_bop(reading: Reading, choice: SetChoice) -> Iterator[View]:
     """Views by the scene's world; else by where the cameras see one of its objects."""
     folder = reading.path
     cameras, images = load_scene_file(folder / CAMERAS), load_bop_images(folder)
     own = replace(reading, path=folder / CAMERAS)
-    views = []
     for image in images:
         if not _is_chosen(image.photo, choice.photos):
             continue
@@ -254,8 +251,7 @@ def _of_bop(reading: Reading, choice: SetChoice) -> list[View]:
                 "--rig-object",
             )
         path = folder / image.photo
-        views.append(_view(reading, path, load_photo(path), place, image.camera))
-    return views
+        yield _view(reading, path, load_photo(path), place, image.camera)
 
 
 def _is_chosen(name: str, photos: Sequence[str]) -> bool:

@@ -116,52 +116,37 @@ def test_photos_of_16_bits_are_upright(tmp_path: Path, orientation: int) -> None
     np.testing.assert_array_equal(load_photo(tmp_path / "turned.tiff").pixels, DEEP[..., :1])
 
 
-def exif_with(**tags: object) -> Image.Exif:
-    exif = Image.Exif()
-    inner = exif.get_ifd(ExifTags.IFD.Exif)
-    for name, value in tags.items():
-        inner[ExifTags.Base[name]] = value
-    return exif
-
-
-def test_the_camera_follows_exif(tmp_path: Path) -> None:
-    path = tmp_path / "photo.jpg"
-    Image.fromarray(RGB).save(path, exif=exif_with(FocalLengthIn35mmFilm=28))
-    photo = load_photo(path)
-    assert photo.focal_length_35mm == 28.0
-    assert photo.default_camera() == Perspective.from_focal_length_35mm(28.0, 64, 48)
-
-
-def test_the_camera_follows_the_sensors_resolution(tmp_path: Path) -> None:
-    """A full-frame sensor of 36 x 27 mm with a 45 mm lens; the photo was shrunk afterwards."""
-    rational = TiffImagePlugin.IFDRational
-    exif = exif_with(
-        FocalLength=rational(45),
-        FocalPlaneXResolution=rational(6000 * 10, 36),
-        FocalPlaneResolutionUnit=3,
-        ExifImageWidth=6000,
-    )
-    Image.fromarray(RGB).save(tmp_path / "photo.jpg", exif=exif)
-    camera = load_photo(tmp_path / "photo.jpg").default_camera()
-    assert camera.fx == pytest.approx(45.0 / 36.0 * 64, rel=1e-4)
+RATIONAL = TiffImagePlugin.IFDRational
+SENSOR = {
+    "FocalLength": RATIONAL(45),
+    "FocalPlaneXResolution": RATIONAL(6000 * 10, 36),
+    "FocalPlaneResolutionUnit": 3,
+    "ExifImageWidth": 6000,
+}
+"""A full-frame sensor of 36 x 27 mm with a 45 mm lens; the photo was shrunk afterwards."""
+FALLBACK = 32.0 / math.tan(math.radians(25.0))
+"""Focal length at which 64 px are 50 degrees."""
 
 
 @pytest.mark.parametrize(
-    "tags",
+    ("tags", "fx"),
     [
-        {},
-        {"FocalLengthIn35mmFilm": 0},
-        {"FocalLength": TiffImagePlugin.IFDRational(50)},
-        {"FocalLength": TiffImagePlugin.IFDRational(50, 0), "FocalPlaneXResolution": 5},
-        {"FocalPlaneResolutionUnit": 9, "FocalPlaneXResolution": 5},
+        ({"FocalLengthIn35mmFilm": 28}, Perspective.from_focal_length_35mm(28.0, 64, 48).fx),
+        (SENSOR, 45.0 / 36.0 * 64),
+        ({}, FALLBACK),
+        ({"FocalLengthIn35mmFilm": 0}, FALLBACK),
+        ({"FocalLength": RATIONAL(50)}, FALLBACK),
+        ({"FocalLength": RATIONAL(50, 0), "FocalPlaneXResolution": 5}, FALLBACK),
+        ({"FocalPlaneResolutionUnit": 9, "FocalPlaneXResolution": 5}, FALLBACK),
     ],
 )
-def test_without_a_focal_length_the_camera_sees_50_degrees(
-    tmp_path: Path, tags: dict[str, Any]
-) -> None:
-    Image.fromarray(RGB).save(tmp_path / "photo.jpg", exif=exif_with(**tags))
+def test_the_camera_follows_exif(tmp_path: Path, tags: dict[str, Any], fx: float) -> None:
+    exif = Image.Exif()
+    inner = exif.get_ifd(ExifTags.IFD.Exif)
+    inner.update({ExifTags.Base[name]: value for name, value in tags.items()})
+    Image.fromarray(RGB).save(tmp_path / "photo.jpg", exif=exif)
     camera = load_photo(tmp_path / "photo.jpg").default_camera()
-    assert 2.0 * math.atan(32.0 / camera.fx) == pytest.approx(math.radians(50.0))
+    assert camera.fx == pytest.approx(fx, rel=1e-4)
     assert (camera.cx, camera.cy) == (32.0, 24.0)
 
 
