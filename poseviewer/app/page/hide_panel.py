@@ -10,6 +10,7 @@ import numpy as np
 from poseviewer.app.page.controls import Controls, kept, on_press
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import hiding as h
+from poseviewer.app.state.actions import ACTIONS
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.mesh import Mesh
 
@@ -46,7 +47,7 @@ def add_hiding(controls: Controls) -> None:
         return document.own.mask, document.object.result, document.at, ended
 
     controls.button(
-        lambda s: "Done hiding (H)" if is_hiding(s) else "Hide what is in front (H)",
+        lambda s: ACTIONS["hide"].end if is_hiding(s) else ACTIONS["hide"].label,
         c.toggle_hiding(),
         icon="brush",
     )

@@ -24,7 +24,7 @@ from poseviewer.app.page.texts import (
     verdict_text,
 )
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.actions import LOOKS
+from poseviewer.app.state.actions import ACTIONS, LOOKS, buttons
 from poseviewer.app.state.camera_change import NARROWEST_DEG, WIDEST_DEG
 from poseviewer.app.state.document import is_alone
 from poseviewer.app.state.edits import SavePose
@@ -112,9 +112,8 @@ def add_placing(controls: Controls) -> None:
         return c.view_from(side) if side in SIDES else None
 
     controls.field(view, view_from)
-    controls.choices("History", {"Undo (Z)": c.undo(), "Redo (Y)": c.redo()})
-    start = {"Reset to start (R)": c.reset_to_start(), "Make this the start": c.make_start()}
-    controls.choices("Start", start)
+    controls.choices("History", buttons("undo", "redo"))
+    controls.choices("Start", {**buttons("reset"), "Make this the start": c.make_start()})
     _add_quick_start(controls)
     with gui.add_folder("Numbers", expand_by_default=False):
         for index in range(MOST_PARAMETERS):
@@ -246,7 +245,7 @@ def add_fitting(controls: Controls) -> None:
         "Pixels", PIXELS, with_pixels, lambda s: settings(s).pixels, options=pixels_of
     )
     controls.button(
-        lambda s: "Stop (space)" if s.searching else "Search (space)",
+        lambda s: ACTIONS["search"].end if s.searching else ACTIONS["search"].label,
         c.toggle_search(),
         color="cyan",
         icon=lambda s: "player-stop" if s.searching else "player-play",
@@ -346,7 +345,7 @@ def add_judging(controls: Controls) -> None:
     )
     opacity = gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8)
     controls.bind(opacity, "opacity", visible=lambda s: s.look == "solid")
-    controls.bind(gui.add_checkbox("Photo alone (B)", False), "photo_alone")
+    controls.bind(gui.add_checkbox(ACTIONS["blink"].label, False), "photo_alone")
 
 
 def add_saving(controls: Controls) -> None:
@@ -358,7 +357,7 @@ def add_saving(controls: Controls) -> None:
 
     controls.text(state)
     controls.button(
-        lambda s: "Save pose (S)" if is_alone(s.document) else "Save scene (S)",
+        lambda s: ACTIONS["save"].label if is_alone(s.document) else "Save scene (S)",
         SavePose(),
         color="cyan",
         icon="device-floppy",

@@ -31,11 +31,9 @@ class Action:
     keys: tuple[str, ...] = ()
     """``event.code`` of the keys, some with "shift " before."""
     label: str = ""
-    """Label of the button; "" for none."""
-    step: str = ""
-    """Tab of the left panel where the button is."""
-    hint: str = ""
-    """Tooltip of the button."""
+    """Label of the button or checkbox; "" for none."""
+    end: str = ""
+    """Label of the button while it would end what it began."""
 
 
 ACTIONS: Mapping[str, Action] = {
@@ -50,38 +48,32 @@ ACTIONS: Mapping[str, Action] = {
     "factor": Action("*with* **shift** / **ctrl**", "a tenth / ten times as much"),
     "search": Action(
         "**space**",
-        "start or stop the search",
+        "start and stop the search",
         c.toggle_search(),
         ("Space",),
         "Search (space)",
-        "Fit",
+        "Stop (space)",
     ),
     "looks": Action("**1 2 3 4 5**, **0**", "outline, solid, relit, normals, residual, nothing"),
     **{
         name: Action(asked=c.change(look=name, photo_alone=False), keys=(code,))
         for code, name in LOOKS.items()
     },
-    "blink": Action(
-        "**B**", "blink: photo, model", c.toggle_model(), ("KeyB",), "Photo alone (B)", "Judge"
-    ),
+    "blink": Action("**B**", "blink: photo, model", c.toggle_model(), ("KeyB",), "Photo alone (B)"),
     "hide": Action(
         "**H**",
         "hide what is in front: wheel brush size, **alt** erase",
         c.toggle_hiding(),
         ("KeyH",),
         "Hide what is in front (H)",
-        "Fit",
+        "Done hiding (H)",
     ),
     "reset": Action(
-        "**R**", "back to the start", c.reset_to_start(), ("KeyR",), "Reset to start (R)", "Place"
+        "**R**", "back to the start", c.reset_to_start(), ("KeyR",), "Reset to start (R)"
     ),
-    "undo": Action("**Z**, **ctrl Z**", "undo", c.undo(), ("KeyZ",), "Undo (Z)", "Place"),
-    "redo": Action(
-        "**Y**, **ctrl shift Z**", "redo", c.redo(), ("KeyY", "shift KeyZ"), "Redo (Y)", "Place"
-    ),
-    "save": Action(
-        "**S**, **ctrl S**", "save the pose", SavePose(), ("KeyS",), "Save pose (S)", "Save"
-    ),
+    "undo": Action("**Z**, **ctrl Z**", "undo", c.undo(), ("KeyZ",), "Undo (Z)"),
+    "redo": Action("**Y**, **ctrl shift Z**", "redo", c.redo(), ("KeyY", "shift KeyZ"), "Redo (Y)"),
+    "save": Action("**S**, **ctrl S**", "save the pose", SavePose(), ("KeyS",), "Save pose (S)"),
     "end": Action(
         "**Esc**",
         "let go, leave a tool, stop what is looked for or read",
@@ -91,3 +83,9 @@ ACTIONS: Mapping[str, Action] = {
     "review": Action("**A**, **X**, **N**, **P**", "in a review: accept, reject, next, previous"),
 }
 """All that mouse and keys do, by names; nudges and keys of a review have tables of their own."""
+
+
+def buttons(*names: str) -> dict[str, Edit | SavePose]:
+    """Edits of actions by the labels of their buttons."""
+    actions = [ACTIONS[name] for name in names]
+    return {action.label: action.asked for action in actions if action.asked is not None}

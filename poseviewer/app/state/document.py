@@ -189,11 +189,6 @@ class Document:
         objects = enumerate(self.scene.objects)
         return tuple(i for i, one in objects if i != self.active and stands(one))
 
-    def index_of(self, number: int) -> int | None:
-        """Index of the object of a number; None where there is none."""
-        ids = [one.id for one in self.scene.objects]
-        return ids.index(str(number)) if str(number) in ids else None
-
     def with_active(self, index: int) -> Document:
         """The document with another object active."""
         return self if index == self.active else replace(self, active=index)._in_front

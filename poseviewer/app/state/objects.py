@@ -21,8 +21,7 @@ LONGEST_NAME = 60
 @edit
 def pick_object(session: Session, number: int) -> Session:
     """Make another object active. No step: undo leads to what was done before."""
-    index = session.document.index_of(number)
-    return session if index is None else session.with_active(index)
+    return session.with_active(session.document.scene.index(str(number)))
 
 
 @edit
@@ -60,9 +59,7 @@ def with_added(document: Document, model: LoadedModel) -> Document:
 def remove_object(session: Session, number: int) -> Session:
     """Remove one of several objects."""
     document = session.document
-    index = document.index_of(number)
-    if index is None:
-        return session
+    index = document.scene.index(str(number))
     if len(document.scene.objects) == 1:
         raise SettingsError("this is the only object; open another model in its place")
     return session.with_document(document.without(index))
@@ -71,9 +68,7 @@ def remove_object(session: Session, number: int) -> Session:
 @edit
 def alter_object(session: Session, number: int, **changes: Any) -> Session:
     """Change ``hidden``, ``locked`` or ``name`` of an object."""
-    index = session.document.index_of(number)
-    if index is None:
-        return session
+    index = session.document.scene.index(str(number))
     one = session.document.scene.objects[index]
     if "name" in changes:
         changes["name"] = changes["name"][:LONGEST_NAME]
