@@ -11,14 +11,12 @@ from __future__ import annotations
 
 import hmac
 import ipaddress
-import secrets
 import socket
 from dataclasses import dataclass
 from urllib.parse import parse_qs
 
 from websockets.datastructures import Headers
 
-TOKEN_BYTES = 24
 LOOPBACK_NAMES = ("127.0.0.1", "localhost", "[::1]")
 FOREIGN_SOURCES = frozenset(("websocket", "playbackPath"))
 """Parameters by which a link makes viser's page take its messages, scripts too, from elsewhere."""
@@ -32,12 +30,6 @@ class AccessPolicy:
     port: int
     token: str | None
     """None on loopback, where only programs of this machine come through."""
-
-    @classmethod
-    def for_address(cls, host: str, port: int) -> AccessPolicy:
-        """The policy for an address, with a fresh token unless it is a loopback one."""
-        token = None if is_loopback(host) else secrets.token_urlsafe(TOKEN_BYTES)
-        return cls(host, port, token)
 
     @property
     def url(self) -> str:

@@ -27,7 +27,6 @@ const state = {
   large: -1, // index of the large photo in the strip
   pointer: null, // "drag", "draw" or "pan" while a button is down
   anchor: [0, 0], // the photo's point that is panned with the pointer, px
-  pending: null, // the drag that is sent with the next frame
   sequence: Date.now(), // viser drops a report that equals the last one, of an earlier page too
   sent: "", // the name of the set that was sent last
   step: CONFIG.first, // to be opened as soon as it is there
@@ -149,11 +148,6 @@ addEventListener("pointerdown", (event) => {
   }
 }, true);
 
-function flush() {
-  if (state.pending) send(state.pending);
-  state.pending = null;
-}
-
 addEventListener("pointermove", (event) => {
   hover(event);
   if (!state.pointer) {
@@ -163,18 +157,13 @@ addEventListener("pointermove", (event) => {
   taken(event);
   if (state.pointer === "draw") { goOn(event); return; }
   if (state.pointer === "pan") { showAt(state.anchor, ...place(event)); return; }
-  const first = !state.pending;
-  state.pending = { kind: "drag", ...at(event) };
-  if (first) requestAnimationFrame(flush); // one message a frame
+  send({ kind: "drag", ...at(event) }); // browsers give one move a frame
 }, true);
 
 function ended(event, kind) {
   if (!state.pointer) return;
   taken(event);
-  if (state.pointer === "drag") {
-    flush();
-    send({ kind });
-  }
+  if (state.pointer === "drag") send({ kind });
   if (state.pointer === "draw") lift(kind);
   state.pointer = null;
 }

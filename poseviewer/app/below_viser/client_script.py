@@ -38,7 +38,7 @@ class ClientScript:
         """
         self._server = server
         self._config = config
-        self._told: dict[str, str] = {}
+        self._told: dict[str, tuple[Any, ...]] = {}
         # A page that connects is told everything before it is told of a change.
         self._telling = Lock()
         # Pages report through a text field that nobody sees; viser has no other public way back.
@@ -55,12 +55,11 @@ class ClientScript:
         """Call a function of ``window.poseviewer`` on all pages, unless its last call was the same;
         a page that connects later gets the last call of each function.
         """
-        told = f"window.poseviewer?.{function}({', '.join(map(json.dumps, arguments))});"
         with self._telling:
-            if self._told.get(function) != told:
-                self._told[function] = told
+            if self._told.get(function) != arguments:
+                self._told[function] = arguments
                 for client in self._server.get_clients().values():
-                    _run_on(client, told)
+                    _run_on(client, _call(function, arguments))
 
     async def _greet(self, client: viser.ClientHandle) -> None:
         icon = base64.b64encode(_ICON.read_bytes()).decode()
@@ -72,7 +71,11 @@ class ClientScript:
                 "icon": f"data:image/svg+xml;base64,{icon}",
             }
             source = source.replace("/*CONFIG*/ {}", json.dumps(config), 1)
-            _run_on(client, "\n".join([source, *self._told.values()]))
+            _run_on(client, "\n".join([source, *map(_call, self._told, self._told.values())]))
+
+
+def _call(function: str, arguments: tuple[Any, ...]) -> str:
+    return f"window.poseviewer?.{function}({', '.join(map(json.dumps, arguments))});"
 
 
 def _run_on(client: viser.ClientHandle, source: str) -> None:

@@ -15,6 +15,7 @@ import http
 import io
 import logging
 import os
+import secrets
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
@@ -27,13 +28,14 @@ from viser import _messages
 from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
-from poseviewer.app.below_viser.access import AccessPolicy
+from poseviewer.app.below_viser.access import AccessPolicy, is_loopback
 from poseviewer.app.below_viser.wake_up import wake_in_the_loop
 from poseviewer.errors import SettingsError, printable
 
 VISERS_OWN = "viser.infra._infra"
 """The module whose call of ``serve`` is intercepted."""
 DEFAULT_PORT, PORTS_TRIED = 8080, 100
+TOKEN_BYTES = 24
 LARGEST_MESSAGE = 4_000_000
 """Bytes: pages send parts of uploads of 512 KiB, and nothing larger."""
 SECURITY_HEADERS = {
@@ -93,7 +95,8 @@ def serve(
         SettingsError: the port is taken or not allowed, or the host is no address of this machine.
     """
     listening = _listen(host, port)
-    policy = AccessPolicy.for_address(host, listening.getsockname()[1])
+    token = None if is_loopback(host) else secrets.token_urlsafe(TOKEN_BYTES)
+    policy = AccessPolicy(host, listening.getsockname()[1], token)
     wake_in_the_loop()
     try:
         # viser prints its address, without the token, to the standard output.

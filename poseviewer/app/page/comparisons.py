@@ -46,6 +46,12 @@ def ends_table(ends: Sequence[SearchUpdate], mesh: Mesh) -> str:
         ("restarts", [str(progress.restart) for progress in found]),
         ("verdict", ["-" if p.verdict is None else p.verdict.word for p in found]),
     ]
+    one, other = (progress.pose for progress in found[:2])
+    apart = pose_error(mesh, other, one)
+    said = (
+        f"The ends lie {apart.reprojection_px:.1f} px apart ({apart.percent:.2g} % of the model's "
+        f"size in the photo), turned by {apart.rotation_deg:.2g}°."
+    )
     head = "".join(f"<th>{escape(name)}</th>" for name in ("", *names))
     body = "".join(
         f"<tr><td>{escape(what)}</td>{''.join(f'<td>{value}</td>' for value in values)}</tr>"
@@ -53,15 +59,5 @@ def ends_table(ends: Sequence[SearchUpdate], mesh: Mesh) -> str:
     )
     return (
         f'<div class="pv-ends-table"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody>'
-        f"</table><p>{escape(apart_text(ends, mesh))}</p></div>"
-    )
-
-
-def apart_text(ends: Sequence[SearchUpdate], mesh: Mesh) -> str:
-    """Say in a sentence how far the first two ends are from each other."""
-    one, other = ends[:2]
-    apart = pose_error(mesh, other.progress.pose, one.progress.pose)
-    return (
-        f"The ends lie {apart.reprojection_px:.1f} px apart ({apart.percent:.2g} % of the model's "
-        f"size in the photo), turned by {apart.rotation_deg:.2g}°."
+        f"</table><p>{escape(said)}</p></div>"
     )

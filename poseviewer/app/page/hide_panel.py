@@ -14,12 +14,6 @@ from poseviewer.app.state.actions import ACTIONS
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.mesh import Mesh
 
-TOOLS = {
-    "Brush": c.set_tool("brush"),
-    "Polygon": c.set_tool("polygon"),
-    "Scribble": c.set_tool("scribble"),
-    "Part": c.set_tool("part"),
-}
 ENDS = " &nbsp;·&nbsp; Esc: done"
 DRAWING_ENDS = f" &nbsp;·&nbsp; <b>alt</b> erase{ENDS}"
 HINTS = {
@@ -51,24 +45,15 @@ def add_hiding(controls: Controls) -> None:
         c.toggle_hiding(),
         icon="brush",
     )
-    controls.choices("Tool", TOOLS, lambda s: s.tool.capitalize(), visible=is_hiding)
-    controls.field(
-        controls.gui.add_checkbox("Erase (alt)", False),
-        lambda on: c.change(erasing=on),
-        value=lambda s: s.erasing,
-        visible=lambda s: s.tool in h.SHAPES,
-    )
+    tools = {tool.capitalize(): c.set_tool(tool) for tool in h.HIDING}
+    controls.choices("Tool", tools, lambda s: s.tool.capitalize(), visible=is_hiding)
+    erase = controls.gui.add_checkbox("Erase (alt)", False)
+    controls.bind(erase, "erasing", visible=lambda s: s.tool in h.SHAPES)
     controls.text(kept(hidden, hidden_text))
-    controls.button(
-        "Hide what the search found",
-        h.hide_found(),
-        visible=kept(hidden, lambda s: h.found_hidden(s) is not None),
-    )
-    controls.button(
-        "Clear hidden areas",
-        h.unhide(),
-        visible=lambda s: is_hiding(s) and s.document.own.mask is not None,
-    )
+    has_found = kept(hidden, lambda s: h.found_hidden(s) is not None)
+    controls.button("Hide what the search found", h.hide_found(), visible=has_found)
+    can_clear = {"visible": lambda s: is_hiding(s) and s.document.own.mask is not None}
+    controls.button("Clear hidden areas", h.unhide(), **can_clear)
     controls.html(lambda s: parts_left_out(s.document.mesh))
 
 

@@ -24,7 +24,7 @@ from poseviewer.app.page.panels import (
 from poseviewer.app.page.photo_view import DEPTH, SIDE, PhotoScene
 from poseviewer.app.page.reports import FORWARDED, HELP, LEFT_TO_BROWSER, Theme, meaning_of
 from poseviewer.app.page.rows import add_rows
-from poseviewer.app.page.strip import PhotoStrip
+from poseviewer.app.page.strip import show_strip
 from poseviewer.app.page.texts import hint_of
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.hiding import SHAPES
@@ -96,7 +96,6 @@ class Page:
             add_maps(self._maps)
         maps.dock_right()
         maps.set_width(MAPS_PX)
-        self._strip = PhotoStrip(self._script)
         self._shown: Session | None = None
         self._working: list[viser.NotificationHandle] = []
         self._offer: Any = None
@@ -112,7 +111,7 @@ class Page:
             shape = session.tool if session.tool in SHAPES else ""
             self._script.show("setPen", shape, session.erasing)
             self.scene.show(session)
-            self._strip.show(session)
+            show_strip(self._script, session)
             self._script.show("forgetStrokes", session.strokes)  # their tint is there
         # Together: who answers to one field must not find the next one still to be written.
         with self._server.atomic():

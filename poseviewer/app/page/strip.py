@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import base64
 import math
+from functools import lru_cache
 from html import escape
 
 import cv2
@@ -28,23 +29,17 @@ QUALITY = 80
 """JPEG quality of the small pictures."""
 
 
-class PhotoStrip:
-    """Brings the strip on all pages to the session."""
+def show_strip(script: ClientScript, session: Session) -> None:
+    """Bring the strip on all pages to the session; what has not changed is not sent."""
+    photos = tuple(view.photo for view in session.document.scene.views)
+    photos = photos if len(photos) > 1 else ()
+    script.show("setPictures", _small_pictures(photos))
+    script.show("setStrip", "".join(_cell(session, index) for index in range(len(photos))))
 
-    def __init__(self, script: ClientScript) -> None:
-        self._script = script
-        self._photos: list[Photo] = []
 
-    def show(self, session: Session) -> None:
-        """Bring it to the session; what has not changed is not sent."""
-        photos = [view.photo for view in session.document.scene.views]
-        if len(photos) == 1:
-            photos = []
-        if photos != self._photos:
-            self._photos = photos
-            self._script.show("setPictures", list(map(_small_picture, photos)))
-        cells = "".join(_cell(session, index) for index in range(len(photos)))
-        self._script.show("setStrip", cells)
+@lru_cache(maxsize=1)
+def _small_pictures(photos: tuple[Photo, ...]) -> list[str]:
+    return list(map(_small_picture, photos))
 
 
 def _small_picture(photo: Photo) -> str:
