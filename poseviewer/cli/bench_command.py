@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from dataclasses import asdict
 
 from poseviewer.cli import options as table
 from poseviewer.cli.terminal import ignore, require_writable, say, tell, tell_of_compiling
@@ -20,7 +21,7 @@ OPTIONS = {
 def run(options: Namespace) -> int:
     """Print the tables."""
     from poseviewer.evaluation.speed import measure_speed
-    from poseviewer.files.writing import write_whole
+    from poseviewer.files.writing import write_json
 
     if options.json:
         require_writable(options.json, SettingsError)
@@ -28,6 +29,6 @@ def run(options: Namespace) -> int:
     report = measure_speed(options.quick, ignore if options.quiet else tell)
     say(report.as_markdown())
     if options.json:
-        write_whole(options.json, report.as_json_bytes(), SettingsError)
+        write_json(options.json, asdict(report), SettingsError, indent=1)
         say(f"\nrows: {options.json}")
     return 0

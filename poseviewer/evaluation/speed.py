@@ -7,13 +7,12 @@ same on all cores; f: the GPU, many poses in one submission.
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import platform
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
@@ -83,27 +82,18 @@ class Timing:
     end: str = ""
     """How it ended, in words."""
 
-    @property
-    def cores(self) -> str:
-        """The threads, in words."""
-        return "1 core" if self.threads == 1 else f"{self.threads} cores"
-
 
 @dataclass(frozen=True, slots=True)
 class SpeedReport:
     """All that one run measured."""
 
     machine: str
-    """Processor, cores, mean load over the minute before; adapters of OpenGL and of the GPU."""
-    versions: str
+    """Processor, cores, mean load over the minute before, adapters of OpenGL and of the GPU; and
+    versions of packages."""
     workload: str
     paths: tuple[Timing, ...]
     wholes: tuple[Timing, ...]
     """Fits, and fifteen maps."""
-
-    def as_json_bytes(self) -> bytes:
-        """Encode all of it as a JSON file."""
-        return (json.dumps(asdict(self), indent=1) + "\n").encode()
 
     def as_markdown(self) -> str:
         """Machine, versions and tables."""
@@ -120,10 +110,12 @@ class SpeedReport:
         rows.append(("the paper's own, on its machine of 2010", f"{PAPER_MS:.0f}", "-", "-"))
         title = f"One evaluation, ms: {self.workload}; medians"
         paths = Table(title, ("path", "total", "least to most", "a / this"), tuple(rows))
-        ends = tuple((f"{w.name}, {w.cores}", f"{w.seconds[0]:.3g}", w.end) for w in self.wholes)
+        ends = tuple(
+            (f"{w.name}, {w.threads} core{'s' * (w.threads > 1)}", f"{w.seconds[0]:.3g}", w.end)
+            for w in self.wholes
+        )
         wholes = Table("Searches and maps", ("what", "seconds", "end"), ends)
-        head = f"{self.machine}\n{self.versions}"
-        return "\n\n".join([head, paths.as_markdown(), wholes.as_markdown()])
+        return "\n\n".join([self.machine, paths.as_markdown(), wholes.as_markdown()])
 
 
 def demo_with_truth() -> tuple[Scene, Pose]:
@@ -141,8 +133,8 @@ def measure_speed(
     load = f", load {os.getloadavg()[0]:.1f} at the start" if hasattr(os, "getloadavg") else ""
     opengl, gpu = opengl_renderer_name(), _gpu_name()
     adapters = f"OpenGL: {opengl or 'none'}; GPU: {gpu or 'none'}"
-    machine = f"{_cpu()}, {processors()} cores{load}; {adapters}."
     versions = [f"python {platform.python_version()}", *(f"{p} {version(p)}" for p in PACKAGES)]
+    machine = f"{_cpu()}, {processors()} cores{load}; {adapters}.\n{', '.join(versions)}."
     demo, truth = demo_with_truth()
     tell(f"timing the paths: {TRIANGLES:,} triangles, {WIDTH_PX} px")
     work = make_workload(demo, truth, TRIANGLES, WIDTH_PX)
@@ -157,7 +149,7 @@ def measure_speed(
     camera, covered = work.poses[0].camera, SoftwareRenderer(work.mesh).covers(work.poses[0]).sum()
     size = f"{camera.width}x{camera.height}"
     about = f"{TRIANGLES:,} triangles, {size}, {covered:,} covered pixels"
-    return SpeedReport(machine, f"{', '.join(versions)}.", about, paths, (*fits, maps))
+    return SpeedReport(machine, about, paths, (*fits, maps))
 
 
 def _cpu() -> str:

@@ -1,4 +1,9 @@
-"""A study: its folder, trials on all processors (a row each as soon as it is done)."""
+"""A study: its folder, trials on all processors (a row each as soon as it is done).
+
+Poses of a BOP data set are scored as in Hodan et al., *BOP Challenge 2020 on 6D Object
+Localization* (2020): the average recall over ten thresholds of MSSD and MSPD. Where a fit is not
+sure to be better, its estimate is kept.
+"""
 
 from __future__ import annotations
 
@@ -9,16 +14,16 @@ from pathlib import Path
 from typing import Any
 
 from poseviewer.errors import SettingsError
-from poseviewer.evaluation.bop_estimates import bop_folder, bop_tasks
-from poseviewer.evaluation.cases import CASES, STARTS, load_cases, load_starts
+from poseviewer.evaluation.cases import CASES, STARTS, Case, load_cases, load_starts
 from poseviewer.evaluation.photos import draw_start, make_photos, make_seed
 from poseviewer.evaluation.plan import Plan
 from poseviewer.evaluation.report import bop_table, study_table
-from poseviewer.evaluation.trials import KEY, Task, Trial, open_model, run_all
+from poseviewer.evaluation.trials import KEY, Task, Trial, open_model, open_photo, run_all
 from poseviewer.figures.text_table import Table
 from poseviewer.files.checks import Reading
 from poseviewer.files.demo import demo_case
-from poseviewer.files.formats.bop_models import MODELS_INFO
+from poseviewer.files.formats.bop import MODEL_FILE, load_bop_images
+from poseviewer.files.formats.bop_models import MODELS_INFO, load_bop_estimates, load_bop_models
 from poseviewer.files.table import RowTable
 from poseviewer.files.writing import make_folder, sha256_of, write_json, write_whole
 from poseviewer.fit.settings import FitSettings
@@ -128,6 +133,56 @@ def real_tasks(
     return tasks
 
 
+def bop_folder(table: Path, dataset: Path | None) -> Path:
+    """Find the data set's folder: the one named, or the nearest above the table."""
+    for folder in table.resolve().parents if dataset is None else (dataset,):
+        if (folder / "models" / MODELS_INFO).is_file():
+            return folder
+    raise SettingsError(
+        f"{dataset or table}: no models/{MODELS_INFO} there or above; name a BOP data set with "
+        "--dataset FOLDER"
+    )
+
+
+def bop_tasks(table: Path, folder: Path, settings: FitSettings) -> tuple[list[Task], int]:
+    """Make the fits of all targets from their best estimates by score; and count the targets."""
+    models, tasks, targets = load_bop_models(folder / "models" / MODELS_INFO), [], 0
+    estimates = sorted(load_bop_estimates(table), key=lambda estimate: estimate.score)
+    best = {(one.scene, one.image, one.object_id): one.place for one in estimates}
+    for scene in sorted({key[0] for key in best}):
+        place = folder / "test" / f"{scene:06d}"
+        for image in load_bop_images(place):
+            numbers = [target.object_id for target in image.objects]
+            if len(set(numbers)) < len(numbers):
+                raise SettingsError(
+                    f"{place}: image {image.number} has an object more than once; `study --bop` "
+                    "tells no such objects apart"
+                )
+            if unknown := set(numbers) - set(models):
+                raise SettingsError(
+                    f"{folder / 'models' / MODELS_INFO}: no object {min(unknown)}, which image "
+                    f"{image.number} has"
+                )
+            targets += len(numbers)
+            for target in image.objects:
+                number = target.object_id
+                if (start := best.get((scene, image.number, number))) is None:
+                    continue
+                path = place / image.photo
+                photo = open_photo(path)
+                camera = replace(image.camera, width=photo.width, height=photo.height)
+                name, mesh = f"object {number}", folder / "models" / MODEL_FILE.format(number)
+                case = Case(
+                    f"{scene}/{image.number}/{number}", name, path, mesh,
+                    Pose(camera, target.place), bop=models[number],
+                )  # fmt: skip
+                tasks.append(Task(case, Pose(camera, start), settings))
+    if not tasks:
+        raise SettingsError(f"{table}: no estimate of a target in {folder / 'test'}")
+    tasks.sort(key=lambda task: task.case.mesh)  # what a process has loaded serves again
+    return tasks, targets
+
+
 def _open_folder(plan: Plan) -> None:
     """Make the folder, or see that its rows were made in the same way."""
     about: dict[str, Any] = {"evaluations": plan.limits.evaluations, "study": plan.kind}
@@ -142,14 +197,10 @@ def _open_folder(plan: Plan) -> None:
     about["files"] = {path.name: sha256_of(path) for path in files}
     make_folder(plan.out, SettingsError)
     path = plan.out / ABOUT
-    before = Reading(path).load_json() if path.exists() else about
-    if before == about:
-        write_json(path, about, SettingsError)
-        return
-    differs = [
-        key for key in about if not isinstance(before, dict) or before.get(key) != about[key]
-    ]
-    raise SettingsError(
-        f"{plan.out}: holds trials of another study ({', '.join(differs)} differs, see {ABOUT}); "
-        "name another folder"
-    )
+    before = Reading(path).load_object() if path.exists() else about
+    if differs := [key for key, value in about.items() if before.get(key) != value]:
+        raise SettingsError(
+            f"{plan.out}: holds trials of another study ({', '.join(differs)} differs, see "
+            f"{ABOUT}); name another folder"
+        )
+    write_json(path, about, SettingsError)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
 
 from poseviewer.evaluation.speed import (
@@ -43,7 +41,6 @@ def test_a_report_has_each_path_both_methods_and_the_maps(report):
     text = report.as_markdown()
     for words in ("| a  pyrender", "software, all cores", "machine of 2010", "numba", "15 maps of"):
         assert words in text, words
-    assert set(json.loads(report.as_json_bytes())) >= {"machine", "paths", "wholes"}
 
 
 @pytest.mark.slow
