@@ -26,8 +26,6 @@ from poseviewer.files.formats.conversion import (
     Written,
     metres_per_unit,
     perspective_of,
-    size_of,
-    unit_of,
 )
 from poseviewer.files.masks import mask_as_png
 from poseviewer.files.photo import load_photo
@@ -128,9 +126,8 @@ def save_masks(
     for name, masks in ((MASKS, silhouettes), (VISIBLE_MASKS, visible)):
         make_folder(folder / name)
         for number, mask in enumerate(masks):
-            data = mask_as_png(Mask.of(mask))
             path = folder / name / f"{image:06d}_{number:06d}.png"
-            write_whole(path, data, PoseFileError)
+            write_whole(path, mask_as_png(Mask.of(mask)), PoseFileError)
 
 
 def read_bop(path: Path, request: ConvertOptions) -> SceneRecord:
@@ -142,7 +139,7 @@ def read_bop(path: Path, request: ConvertOptions) -> SceneRecord:
     reading, photo = Reading(path / POSES), request.photo or path / image.photo
     opened = load_photo(photo) if photo.is_file() else None
     sides = (opened.width, opened.height) if opened else (None, None)
-    width, height = size_of(Reading(path / CAMERAS), request, *sides)
+    width, height = request.size_of(Reading(path / CAMERAS), *sides)
     camera = replace(image.camera, width=width, height=height)
     unit, view, objects = request.unit or UNIT, ViewRecord.of(photo, camera), []
     factor = metres_per_unit(UNIT) / metres_per_unit(unit)
@@ -220,7 +217,7 @@ def same_intrinsics(one: Perspective, other: Perspective) -> bool:
 
 
 def _entry(scene: SceneRecord, index: int, view: int, options: ConvertOptions) -> dict[str, Any]:
-    unit, place = unit_of(scene, options), scene.pose(index, view).camera_from_model
+    unit, place = options.unit_of(scene), scene.pose(index, view).camera_from_model
     if unit is None:
         raise PoseFileError(
             "The pose file does not say the model's unit, and BOP wants mm; add --unit, such as "

@@ -66,6 +66,52 @@ class ConvertOptions:
             return self.image
         return str(int(self.image) + view) if self.image.isdecimal() else None
 
+    def unit_of(self, scene: SceneRecord) -> str | None:
+        """The models' unit: what the user says, else what the scene says."""
+        return self.unit or next((o.model.unit for o in scene.objects if o.model.unit), None)
+
+    def size_of(self, reading: Reading, width: Any = None, height: Any = None) -> tuple[int, int]:
+        """Width and height of the photo in px, as the file says (unchecked), else as the user."""
+        found = reading.size(width, "the photo's width"), reading.size(height, "the photo's height")
+        if found[0] is None or found[1] is None:
+            if self.photo_size is None:
+                wanted = "add --photo-size WIDTHxHEIGHT"
+                raise reading.error("it does not say how large the photo is", wanted)
+            return self.photo_size
+        if self.photo_size not in (None, found):
+            asked = "x".join(map(str, self.photo_size or ()))
+            said = f"it is for a photo of {found[0]}x{found[1]} px"
+            raise reading.error(said, f"not of {asked} px")
+        return found[0], found[1]
+
+    def the_one(self, reading: Reading, kind: str, entries: Iterable[tuple[str, Entry]]) -> Entry:
+        """The entry that ``image`` names, with or without folders, or the only one."""
+        image, known = self.image, list(entries)
+        chosen = [one for name, one in known if image is None or image in (name, Path(name).name)]
+        if len(chosen) != 1:
+            found = (
+                f"{len(chosen)} of its {len(known)} {kind} are {repr(image) if image else 'meant'}"
+            )
+            raise reading.error(found, "wanted one, choose it with --image NAME")
+        return chosen[0]
+
+    def refuse_existing(self, paths: Iterable[Path]) -> None:
+        """Raise PoseFileError where a path is taken, unless the user wants it overwritten."""
+        for path in paths:
+            if path.is_dir():
+                raise PoseFileError(f"{path}: is a folder; name a file in it.")
+            if path.exists() and not self.overwrite:
+                found = "is there already and was not touched"
+                raise PoseFileError(f"{path}: {found}; name another, or add --overwrite.")
+
+    def write(self, contents: Mapping[Path, str | bytes], *notes: str) -> Written:
+        """Write files that are not there yet, or that the user wants overwritten; all or none."""
+        self.refuse_existing(contents)
+        for path, content in contents.items():
+            data = content if isinstance(content, bytes) else content.encode()
+            write_whole(path, data, PoseFileError)
+        return Written(tuple(contents), notes)
+
 
 @dataclass(frozen=True, slots=True)
 class Written:
@@ -189,29 +235,6 @@ def _of_undistorted(view: ViewRecord, path: Path, options: ConvertOptions) -> Vi
     return ViewRecord.of(path, view.camera, place=view.place.rigid)
 
 
-def refuse_existing(request: ConvertOptions, *paths: Path) -> None:
-    """Raise PoseFileError where a path is taken, unless the user wants it overwritten."""
-    for path in paths:
-        if path.is_dir():
-            raise PoseFileError(f"{path}: is a folder; name a file in it.")
-        if path.exists() and not request.overwrite:
-            raise PoseFileError(
-                f"{path}: is there already and was not touched; name another, or add --overwrite."
-            )
-
-
-def write_new(
-    request: ConvertOptions, contents: Mapping[Path, str | bytes], *notes: str
-) -> Written:
-    """Write files that are not there yet, or that the user wants overwritten; all or none."""
-    refuse_existing(request, *contents)
-    for path, content in contents.items():
-        write_whole(
-            path, content if isinstance(content, bytes) else content.encode(), PoseFileError
-        )
-    return Written(tuple(contents), notes)
-
-
 def from_4x4(reading: Reading, rows: Any, what: str) -> RigidTransform:
     """The rigid transform in 4 rows of 4 numbers (or 3, without the last)."""
     if not isinstance(rows, list) or len(rows) not in (3, 4):
@@ -267,42 +290,6 @@ def metres_per_unit(unit: str) -> float:
             f"The model's unit is {unit!r}; wanted one of {', '.join(METRES)}, say it with --unit."
         )
     return METRES[unit]
-
-
-def unit_of(scene: SceneRecord, options: ConvertOptions) -> str | None:
-    """The models' unit: what the user says, else what the scene says."""
-    return options.unit or next((o.model.unit for o in scene.objects if o.model.unit), None)
-
-
-def size_of(
-    reading: Reading, request: ConvertOptions, width: Any = None, height: Any = None
-) -> tuple[int, int]:
-    """Width and height of the photo in px, as the file says (unchecked), else as the user says."""
-    found = reading.size(width, "the photo's width"), reading.size(height, "the photo's height")
-    if found[0] is None or found[1] is None:
-        if request.photo_size is None:
-            wanted = "add --photo-size WIDTHxHEIGHT"
-            raise reading.error("it does not say how large the photo is", wanted)
-        return request.photo_size
-    if request.photo_size not in (None, found):
-        asked = "x".join(map(str, request.photo_size or ()))
-        raise reading.error(f"it is for a photo of {found[0]}x{found[1]} px", f"not of {asked} px")
-    return found[0], found[1]
-
-
-def the_one(
-    reading: Reading, request: ConvertOptions, kind: str, entries: Iterable[tuple[str, Entry]]
-) -> Entry:
-    """The entry that ``request.image`` names, with or without folders, or the only one."""
-    image, known = request.image, list(entries)
-    chosen = [one for name, one in known if image is None or image in (name, Path(name).name)]
-    if len(chosen) != 1:
-        meant = repr(image) if image else "meant"
-        raise reading.error(
-            f"{len(chosen)} of its {len(known)} {kind} are {meant}",
-            "wanted one, choose it with --image NAME",
-        )
-    return chosen[0]
 
 
 def make_scene(

@@ -35,10 +35,6 @@ from poseviewer.files.formats.conversion import (
     make_scene,
     metres_per_unit,
     require_file,
-    size_of,
-    the_one,
-    unit_of,
-    write_new,
 )
 from poseviewer.files.mesh.load import LARGEST_FILE, gltf_header, linear_from_srgb, load_mesh
 from poseviewer.files.scene_file import SceneRecord
@@ -51,7 +47,7 @@ from poseviewer.geometry.transform import RigidTransform, Similarity
 PLANE_BEHIND = 1.05
 """Distance of the photo's plane, in those of the model's furthest point."""
 NEAREST = 1e-3
-"""The near plane, in the models' diameters at the least: for cameras inside a model."""
+"""Distance of the near plane, in those of the model's furthest point."""
 FLOAT, UNSIGNED, VERTICES, INDICES = 5126, 5125, 34962, 34963
 """OpenGL's numbers of what a buffer holds and is for."""
 
@@ -62,7 +58,7 @@ def write_gltf(scene: SceneRecord, out: Path, options: ConvertOptions) -> Writte
     """
     if out.suffix.lower() != ".glb":
         raise PoseFileError(f"{out.name}: binary glTF files end in .glb; name it so.")
-    unit, (places, poses) = unit_of(scene, options), in_one_world(scene)
+    unit, (places, poses) = options.unit_of(scene), in_one_world(scene)
     scale = 1.0 if unit is None else metres_per_unit(unit)
     paths = [require_file(one.path, "model", "glTF") for one in scene.objects]
     meshes = {path: load_mesh(path) for path in dict.fromkeys(paths)}
@@ -80,22 +76,21 @@ def write_gltf(scene: SceneRecord, out: Path, options: ConvertOptions) -> Writte
     poses = [_in_front(pose, points) for pose in poses]
     names = ["photo", *(view.path.name or "another photo" for view in scene.views[1:])]
     for name, pose in zip(names, poses, strict=True):
-        nodes.append(file.add_camera(name, pose, _depths(pose, points), scale))
+        nodes.append(file.add_camera(name, pose, _furthest(pose, points), scale))
     if not scene.views[0].path.is_file():
         note = "No photo is known: the file has no plane with it; add --photo FILE."
-        return write_new(options, {out: file.as_bytes(nodes)}, note)
-    photo, (_, far) = load_photo_of(scene.views[0]), _depths(poses[0], points)
+        return options.write({out: file.as_bytes(nodes)}, note)
+    photo, depth = load_photo_of(scene.views[0]), PLANE_BEHIND * _furthest(poses[0], points)
     rgb = photo.as_rgb8(photo.width, photo.height)
-    plane = file.add_mesh(_photo_plane(poses[0], PLANE_BEHIND * far, scale, rgb), "photo")
+    plane = file.add_mesh(_photo_plane(poses[0], depth, scale, rgb), "photo")
     nodes.append(file.add("nodes", name="photo plane", mesh=plane))
-    return write_new(options, {out: file.as_bytes(nodes)})
+    return options.write({out: file.as_bytes(nodes)})
 
 
-def _depths(pose: Pose, points: FloatArray) -> tuple[float, float]:
-    """Depths of a plane before the points and of the furthest of them."""
+def _furthest(pose: Pose, points: FloatArray) -> float:
+    """Depth of the furthest of the points, or a little where all are behind the camera."""
     depths = pose.camera_from_model.apply(points)[:, 2]
-    least = NEAREST * _size(points)
-    return max(0.5 * float(depths.min()), least), max(float(depths.max()), 2.0 * least)
+    return max(float(depths.max()), NEAREST * _size(points))
 
 
 def _in_front(pose: Pose, points: FloatArray) -> Pose:
@@ -182,9 +177,9 @@ class _Glb:
             )
         return self.add("meshes", name=unlit or "model", primitives=primitives)
 
-    def add_camera(self, name: str, pose: Pose, depths: tuple[float, float], scale: float) -> int:
-        """The camera of a pose that sees what is at some depths; returns the index of its node."""
-        camera, (near, far) = pose.camera, depths
+    def add_camera(self, name: str, pose: Pose, far: float, scale: float) -> int:
+        """The camera of a pose that sees up to a depth; returns the index of its node."""
+        camera = pose.camera
         half_width, half_height = _half_view(camera.cx, camera.cy, camera.width, camera.height)
         if isinstance(camera, Perspective):
             tangents = half_width / camera.fx, half_height / camera.fy
@@ -193,7 +188,7 @@ class _Glb:
             magnification = scale / camera.scale
             lens = {"xmag": half_width * magnification, "ymag": half_height * magnification}
         kind = "perspective" if isinstance(camera, Perspective) else "orthographic"
-        lens |= {"znear": near * scale, "zfar": PLANE_BEHIND * 2.0 * far * scale}
+        lens |= {"znear": NEAREST * far * scale, "zfar": PLANE_BEHIND * 2.0 * far * scale}
         extras = {"width": camera.width, "height": camera.height,
                   "cx": camera.cx - HALF_PIXEL, "cy": camera.cy - HALF_PIXEL}  # fmt: skip
         entry = {"extras": {"poseviewer": extras}, "type": kind, kind: lens}
@@ -249,7 +244,7 @@ def read_gltf(path: Path, request: ConvertOptions) -> SceneRecord:
         document = gltf_header(path)
         nodes = document.get("nodes", [])
         known = [(str(one.get("name")), i) for i, one in enumerate(nodes) if "camera" in one]
-        index = the_one(reading, request, "cameras", known)
+        index = request.the_one(reading, "cameras", known)
         world_from_camera = _world_matrix(nodes, index)
         entry = document["cameras"][nodes[index]["camera"]]
         metres = metres_per_unit(request.unit or "m")
@@ -289,7 +284,7 @@ def _camera(
     reading: Reading, entry: dict[str, Any], request: ConvertOptions, metres: float
 ) -> Camera:
     extras = entry.get("extras", {}).get("poseviewer", {})
-    width, height = size_of(reading, request, extras.get("width"), extras.get("height"))
+    width, height = request.size_of(reading, extras.get("width"), extras.get("height"))
     cx = reading.number(extras.get("cx", width / 2.0 - HALF_PIXEL), "cx") + HALF_PIXEL
     cy = reading.number(extras.get("cy", height / 2.0 - HALF_PIXEL), "cy") + HALF_PIXEL
     half_width, half_height = _half_view(cx, cy, width, height)

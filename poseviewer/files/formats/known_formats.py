@@ -10,8 +10,6 @@ from poseviewer.files.formats.conversion import (
     ConvertOptions,
     Format,
     Written,
-    refuse_existing,
-    size_of,
 )
 from poseviewer.files.formats.gltf import GLTF
 from poseviewer.files.formats.meshlab import MESHLAB
@@ -24,7 +22,7 @@ from poseviewer.files.scene_file import SceneRecord, load_scene, save_scene, sce
 
 def write_own(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
     """Write a pose file of our own, and its mask beside it."""
-    refuse_existing(options, out)
+    options.refuse_existing([out])
     view, record = scene.views[0], scene.pose_record(0)
     mask = None
     if view.mask and Path(view.mask).is_file():
@@ -39,13 +37,13 @@ def read_own(path: Path, request: ConvertOptions) -> SceneRecord:
     data = reading.load_object()
     photo = data.get("photo")
     photo = photo if isinstance(photo, dict) else {}
-    width, height = size_of(reading, request, photo.get("width"), photo.get("height"))
+    width, height = request.size_of(reading, photo.get("width"), photo.get("height"))
     return scene_of_pose(path, record_from_json(reading, data, width, height))
 
 
 def write_scene(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
     """Write a scene file."""
-    refuse_existing(options, out)
+    options.refuse_existing([out])
     save_scene(out, scene)
     return Written((out,))
 

@@ -24,9 +24,6 @@ from poseviewer.files.formats.conversion import (
     make_scene,
     perspective_of,
     require_file,
-    size_of,
-    the_one,
-    write_new,
 )
 from poseviewer.files.scene_file import SceneRecord
 from poseviewer.geometry.camera import Perspective, Pose
@@ -58,7 +55,7 @@ def write_meshlab(scene: SceneRecord, out: Path, options: ConvertOptions) -> Wri
         add(raster, "Plane", {"semantic": "1", "fileName": _from_folder(out, view.path)})
     ElementTree.indent(root, " ")
     text = "<!DOCTYPE MeshLabDocument>\n" + ElementTree.tostring(root, encoding="unicode") + "\n"
-    return write_new(options, {out: text}, *notes)
+    return options.write({out: text}, *notes)
 
 
 def _shot(pose: Pose) -> dict[str, str]:
@@ -109,7 +106,7 @@ def read_meshlab(path: Path, request: ConvertOptions) -> SceneRecord:
             )
     rasters = list(root.iter("MLRaster"))
     known = [(raster.get("label") or "", raster) for raster in rasters]
-    raster = the_one(reading, request, "rasters", known)
+    raster = request.the_one(reading, "rasters", known)
     shot = raster.find("VCGCamera")
     if shot is None:
         raise reading.error("the raster has no VCGCamera", "wanted a raster with its camera")
@@ -121,7 +118,7 @@ def read_meshlab(path: Path, request: ConvertOptions) -> SceneRecord:
         raise reading.error(
             "its camera has distortion or is not in perspective", "wanted a pinhole camera"
         )
-    width, height = size_of(reading, request, *numbers_of("ViewportPx", 2))
+    width, height = request.size_of(reading, *numbers_of("ViewportPx", 2))
     (focal_mm,), pixel_mm = numbers_of("FocalMm", 1), numbers_of("PixelSizeMm", 2)
     if not min(focal_mm, *pixel_mm) > 0.0:
         raise reading.error("FocalMm or PixelSizeMm is not above 0", "wanted a camera")

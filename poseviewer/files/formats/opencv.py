@@ -21,8 +21,6 @@ from poseviewer.files.formats.conversion import (
     Written,
     cameras_as_taken,
     make_scene,
-    size_of,
-    write_new,
 )
 from poseviewer.files.scene_file import SceneRecord
 from poseviewer.geometry.arrays import FloatArray
@@ -58,7 +56,7 @@ def write_opencv(scene: SceneRecord, out: Path, options: ConvertOptions) -> Writ
         storage.write("fisheye_model", 1)  # as OpenCV's calibration sample says it
     storage.write("rvec", transform.as_rotation_vector().reshape(3, 1))
     storage.write("tvec", np.array(transform.translation).reshape(3, 1))
-    return write_new(options, {out: storage.releaseAndGetString()})
+    return options.write({out: storage.releaseAndGetString()})
 
 
 def read_opencv(path: Path, request: ConvertOptions) -> SceneRecord:
@@ -68,7 +66,7 @@ def read_opencv(path: Path, request: ConvertOptions) -> SceneRecord:
     data = reading.load_object() if is_json else opencv_storage(reading)
     found = opencv_cameras(reading, data, fisheye=False)[0]
     camera, size = found.camera, (found.camera.width or None, found.camera.height or None)
-    width, height = size_of(reading, request, *size)
+    width, height = request.size_of(reading, *size)
     camera = replace(camera, width=width, height=height)
     rotation = _numbers(reading, data, ("rvec", "R"), (3, 9))
     translation = _numbers(reading, data, ("tvec", "t"), (3,))

@@ -35,9 +35,6 @@ from poseviewer.files.formats.conversion import (
     cameras_as_taken,
     from_4x4,
     make_scene,
-    size_of,
-    the_one,
-    write_new,
 )
 from poseviewer.files.scene_file import SceneRecord
 from poseviewer.files.writing import make_folder
@@ -84,7 +81,7 @@ def write_colmap(scene: SceneRecord, out: Path, options: ConvertOptions) -> Writ
         "points3D.txt": "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, "
         "POINT2D_IDX)\n",
     }
-    return write_new(options, {out / name: text for name, text in texts.items()})
+    return options.write({out / name: text for name, text in texts.items()})
 
 
 def read_colmap(path: Path, request: ConvertOptions) -> SceneRecord:
@@ -92,10 +89,10 @@ def read_colmap(path: Path, request: ConvertOptions) -> SceneRecord:
     reading = Reading(model_file(path, "images"))
     images = list(image_rows(reading))
     named = [(" ".join(words[9:]), words) for words in images]
-    words = the_one(reading, request, "images", named)
+    words = request.the_one(reading, "images", named)
     of_cameras = Reading(model_file(path, "cameras"), reading.warnings)
     name, place, camera, lens = _taken(reading, words, of_cameras, list(camera_rows(of_cameras)))
-    size_of(of_cameras, request, camera.width, camera.height)
+    request.size_of(of_cameras, camera.width, camera.height)
     return make_scene(reading, Pose(camera, place), name, request.unit, lens)
 
 
@@ -146,7 +143,7 @@ def write_nerfstudio(scene: SceneRecord, out: Path, options: ConvertOptions) -> 
         other = {key: value for key, value in own.items() if shared.get(key) != value}
         matrix = Similarity(world_from_camera).matrix.tolist()
         frames.append({"file_path": name, **other, "transform_matrix": matrix})
-    return write_new(options, {out: json.dumps({**shared, "frames": frames}, indent=2) + "\n"})
+    return options.write({out: json.dumps({**shared, "frames": frames}, indent=2) + "\n"})
 
 
 def read_nerfstudio(path: Path, request: ConvertOptions) -> SceneRecord:
@@ -156,9 +153,9 @@ def read_nerfstudio(path: Path, request: ConvertOptions) -> SceneRecord:
     frames = data.get("frames")
     frames = [reading.object(f, "a frame") for f in (frames if isinstance(frames, list) else [])]
     named = [(str(frame.get("file_path")), frame) for frame in frames]
-    frame = the_one(reading, request, "frames", named)
+    frame = request.the_one(reading, "frames", named)
     own = data | frame  # a frame's own lens comes first
-    size = size_of(reading, request, own.get("w"), own.get("h"))
+    size = request.size_of(reading, own.get("w"), own.get("h"))
     name, place, camera, lens = frame_taken(reading, own, *size)
     return make_scene(reading, Pose(camera, place), Path(name).name, request.unit, lens)
 
