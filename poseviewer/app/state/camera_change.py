@@ -1,6 +1,4 @@
-"""Another camera for a pose: the model's centre stays in its place of the photo, as large as it
-was.
-"""
+"""Another camera for a pose: the model's centre stays in its place, as large as it was."""
 
 from __future__ import annotations
 

@@ -114,9 +114,7 @@ def _placed(session: Session, point: FloatArray) -> Session:
 
 
 def put(document: Document, pose: Pose) -> Document:
-    """Document at a pose that nothing was known of before; among views of unknown scale, with the
-    scale by which the other ones look there.
-    """
+    """Document at a new pose; among views of unknown scale, at the scale by which they see it."""
     scale = None
     if document.scene.free_scale:
         with suppress(SettingsError):
@@ -445,9 +443,7 @@ def start_search(session: Session) -> Session:
 
 @edit
 def search_all(session: Session) -> Session:
-    """Search for all objects in turn, each from the pose at hand, until none improves; those that
-    are locked stay where they are.
-    """
+    """Search for all objects that are not locked, in turn, until none improves."""
     document = session.document
     objects = enumerate(document.scene.objects)
     free = {i: one for i, one in objects if stands(one) and not one.locked}
@@ -570,9 +566,7 @@ def preparation_advanced(session: Session, preparation: Preparation | None) -> S
 
 @drag_edit
 def show(session: Session, document: Document, **results: Any) -> Session:
-    """Show what a worker has made of a document: fields of the session. Dropped where other photos
-    or another model are at hand by now.
-    """
+    """Show a worker's results (fields), unless another photo or model is at hand by now."""
     return replace(session, **results) if document.shows_same(session.document) else session
 
 

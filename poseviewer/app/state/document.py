@@ -1,6 +1,4 @@
-"""The document: a scene, and which object in which view is worked on, as undo and files see them;
-its history.
-"""
+"""The document: a scene, and the object and view that are worked on; its history."""
 
 from __future__ import annotations
 
@@ -46,7 +44,7 @@ class Marks:
     points: tuple[FloatArray, ...] = ()
     """Points (3,) of the model, in its frame, of point pairs."""
     pixels: tuple[FloatArray, ...] = ()
-    """Where (2,), px, the photo shows them; the last one may still have to be clicked."""
+    """Pixels (2,) that show them; the last one may still have to be clicked."""
     box: Rectangle | None = None
     """Rectangle (left, top, width, height) about the object, px."""
     rims: tuple[FloatArray, ...] = ()
@@ -362,9 +360,7 @@ class Document:
         return self.with_view(reference_view(self.scene, self.active, self.at))
 
     def shows_same(self, other: Document) -> bool:
-        """Whether both have the same photos, the same one large, and the same object active, of
-        the same model.
-        """
+        """Whether photos, large photo, active object and its model are the same."""
         photos = [[view.photo for view in one.scene.views] for one in (self, other)]
         same_photos = photos[0] == photos[1] and self.at == other.at
         return same_photos and self.mesh is other.mesh and self.number == other.number
@@ -405,9 +401,7 @@ def scale_at(chart: Chart, numbers: FloatArray) -> float | None:
 
 
 def reference_view(scene: Scene, index: int, view: int) -> int:
-    """The view whose chart an object is searched by: ``view``, or where that is not compared or
-    does not show it, the first one that is and does.
-    """
+    """The view whose chart an object is searched by: ``view``, or else the first compared one."""
     mesh = scene.objects[index].mesh
     for number in (view, *range(len(scene.views))):
         is_compared = scene.in_view(index, number).is_compared

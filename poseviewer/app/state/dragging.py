@@ -58,9 +58,7 @@ class Drag:
 
 
 def hold_model(held: Document, start: FloatArray, kind: str) -> Drag:
-    """Take hold of the model itself at a point (2,): ``kind`` is "move", "turn" (shift) or "roll"
-    (and scale; ctrl).
-    """
+    """Take hold of the model at a point (2,) to "move", "turn" or "roll" and scale it."""
     pose, mesh = held.pose, held.mesh
 
     def follow(document: Document, point: FloatArray) -> Document:
@@ -203,9 +201,7 @@ def _on_trackball(point: FloatArray) -> FloatArray:
 
 
 def rolled_and_scaled(pose: Pose, centre: ArrayLike, start: ArrayLike, end: ArrayLike) -> Pose:
-    """Rolled about the line of sight, and brought nearer or farther, so that ``start`` is seen at
-    ``end``.
-    """
+    """Rolled about the line of sight, and scaled, so that ``start`` is seen at ``end``."""
     middle = pose.project(centre)
     before, after = np.asarray(start) - middle, np.asarray(end) - middle
     lever, reach = (max(float(np.linalg.norm(v)), LEAST_LEVER) for v in (before, after))
@@ -298,7 +294,5 @@ def with_vehicle_pin(
 
 
 def _axle_length(chart: VehicleChart) -> float:
-    """Px at which a whole unit of psi is drawn: fixed for a photo, so that one pin's place says
-    nothing about another's.
-    """
+    """Px at which a whole unit of psi is drawn; fixed, as each pin is two numbers of its own."""
     return 0.25 * min(chart.camera.width, chart.camera.height)

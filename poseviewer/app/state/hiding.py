@@ -1,6 +1,4 @@
-"""Pixels and parts that do not count: those of the photo where something is in front, painted over;
-and those of the model that the thing in the photo has not.
-"""
+"""Pixels that do not count, painted over, and parts of the model that are left out."""
 
 from __future__ import annotations
 

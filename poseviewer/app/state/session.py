@@ -1,6 +1,4 @@
-"""The session: the document at hand, its history, how it is looked at, and what the workers found
-out about it. Immutable.
-"""
+"""The session: document, history, look, and what workers found out. Immutable."""
 
 from __future__ import annotations
 
@@ -120,7 +118,7 @@ class SearchUpdate(SearchProgress):
     ends: tuple[SearchUpdate, ...] = ()
     """Ends of the methods from one start, in the last update of a search by several."""
     losses: tuple[float, ...] = ()
-    """Of one of these ends: loss by each of the methods, in their order."""
+    """Loss of one of these ends by each of the methods, in their order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -194,9 +192,7 @@ def start_query(document: Document) -> StartQuery:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Preparation:
-    """Preparation before the model at hand can be drawn and compared finely: the kernels,
-    once on a machine, and what draws the model.
-    """
+    """Preparation before the model can be drawn and compared finely: kernels and renderer."""
 
     share: float | None = None
     """Share of compiled kernels, in [0, 1]; None where all were, or before it is known."""
@@ -328,9 +324,7 @@ class Session:
         return self.saved is None or self.saved.placement != self.document.placement
 
     def at(self, history: History, document: Document) -> Session:
-        """At another document of a history, a search ended; what workers made for another photo or
-        object goes.
-        """
+        """At another document of a history, without a search or results of another photo."""
         gone = {} if document.shows_same(self.document) else {**OF_A_PHOTO, "ends": ()}
         state = {"history": history, "document": document, "anchor": document.scene}
         return replace(self, search=None, **state, **gone)

@@ -1,6 +1,4 @@
-"""Write poses beside their photos; and the session, as soon as something in it has changed, in a
-thread of its own.
-"""
+"""Write poses beside their photos, and the session whenever it has changed."""
 
 from __future__ import annotations
 
@@ -67,9 +65,7 @@ class Autosaver:
         """Writes the session as soon as it has changed; says why it cannot, once."""
 
     def take_offer(self, wanted: bool) -> AutosavedSession | None:
-        """The offer, for the last time. One that is ``wanted`` stays on disk until it is adopted:
-        it may turn out that it cannot be opened.
-        """
+        """The offer, for the last time. A ``wanted`` one stays on disk until it has been opened."""
         offer, self.offer = self.offer, None
         if not wanted:
             self._discard_offered()
@@ -134,9 +130,7 @@ class Autosaver:
         return path
 
     def _path(self, document: Document) -> Path:
-        """Beside the photo; for uploads and the demo, which lie in folders of ours, where the
-        program was started.
-        """
+        """Beside the photo; for uploads and the demo in the working directory."""
         view = document.scene.views[filed_view(document)]
         path, ending = view.path, "pose.json" if is_alone(document) else "scene.json"
         if path is None or self._uploads in path.parents:

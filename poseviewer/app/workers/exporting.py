@@ -26,9 +26,7 @@ Export = Literal["pose", "overlay", "sheet", "maps-npz"]
 
 
 def saved_scene(session: Session) -> Scene:
-    """The scene, with what files say of an active object that no search has ended on: its loss, as
-    far as it is known, and its numbers in the chart that is shown.
-    """
+    """The scene, an unsearched active object with its loss, if it is known, and its numbers."""
     own, losses = session.document, session.losses
     if own.object.result is not None:
         return own.scene

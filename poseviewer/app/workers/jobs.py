@@ -44,17 +44,13 @@ COMPILING_FAILED = (
 
 @lru_cache(maxsize=16)
 def _made_for(mesh: Mesh) -> list[SoftwareRenderer]:
-    """A model's renderer, or nothing yet; kept for the models that were at hand lately (renderers
-    fill the memory).
-    """
+    """LRU cache of a model's renderer, or nothing yet: renderers fill the memory."""
     del mesh
     return []
 
 
 def renderer_of(mesh: Mesh) -> SoftwareRenderer:
-    """The renderer of a model, made where there is none; from any thread. Whoever draws in a thread
-    of its own clones it.
-    """
+    """The renderer of a model, from any thread; whoever draws in a thread of its own clones it."""
     from poseviewer.render.software.software_renderer import SoftwareRenderer
 
     made = _made_for(mesh)
@@ -194,9 +190,7 @@ def _search(scene: Scene, indices: tuple[int, ...], view: int) -> Iterator[Searc
 
 
 def ends_of(done: Sequence[SearchUpdate], renderer: Renderer) -> tuple[SearchUpdate, ...]:
-    """The ends of searches by several methods from one start, ours first, each judged by the loss
-    of each.
-    """
+    """The ends of searches by several methods, ours first, each judged by the loss of each."""
     order = list(METHODS)
     done = sorted(done, key=lambda update: order.index(update.settings.method))
     return tuple(

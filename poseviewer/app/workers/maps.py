@@ -111,9 +111,7 @@ class MapMaker:
         self._is_prepared = False
 
     def run(self, job: MapJob) -> Iterator[tuple[LandscapeUpdate, ...]]:
-        """The maps by each loss, coarse to fine, as soon as there is a first grid of each map: what
-        was shown before is to stay until then.
-        """
+        """The maps by each loss, coarse to fine, as soon as there is a first grid of each map."""
         cases = [self._case(job, settings) for settings in job.losses]
         known: dict[Method, LandscapeUpdate] = {}
 

@@ -124,9 +124,7 @@ def with_models(document: Document, paths: Sequence[Path]) -> Document:
 
 
 def open_scene(path: Path, without: Sequence[str] = (), inside: Path | None = None) -> Document:
-    """All objects of a scene file, the first one active; ``without`` further parts of them, each
-    named as ``ID:PART``.
-    """
+    """All objects of a scene file, the first active; ``without``: further parts as ``ID:PART``."""
     settings = FitSettings(without=tuple(without)) if without else None
     return Document.of(
         replace(loading.open_scene(load_scene(path, inside), settings), name=path.name)
@@ -195,9 +193,7 @@ def open_model(now: Document, path: Path) -> Document:
 
 
 def open_pose(now: Document, path: Path) -> Document:
-    """A pose file for the photos and the active object: the start from now on; what it says is
-    hidden, or left out, is.
-    """
+    """A pose file for the active object: its new start, with its mask and parts left out."""
     if len(now.scene.views) > 1:
         return _pose_in_set(now, path)
     photo, model = now.photo, now.model

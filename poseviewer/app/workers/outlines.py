@@ -1,6 +1,4 @@
-"""Outlines beside that of the model at hand: of the objects that are not active, while the active
-one is not dragged, and of all objects in each of several views.
-"""
+"""Outlines of the objects that are not active, and of all objects in each of several views."""
 
 from __future__ import annotations
 
@@ -49,7 +47,7 @@ class OutlineRequest:
 
     @classmethod
     def of(cls, session: Session) -> OutlineRequest:
-        """What is to be drawn by now."""
+        """The outlines that are to be drawn by now."""
         own, scene = session.document, session.document.scene
 
         def placed(index: int, view: int) -> tuple[Mesh, Pose]:

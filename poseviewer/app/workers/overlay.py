@@ -58,9 +58,7 @@ class LossReader:
         self._start = 0.0
 
     def views(self, request: OverlayRequest) -> tuple[ComparedView, ...]:
-        """The views as they are compared about the request's anchor, kept until another is asked
-        for; none where they cannot be compared.
-        """
+        """The views as they are compared about the request's anchor; none where they cannot be."""
         if self._anchored is None or not request.compares_same(self._anchored):
             self._anchored, self._views, self._note = request, (), ""
             own = request.document
@@ -168,9 +166,7 @@ def sketch_of(mesh: Mesh) -> Sketch:
 
 
 def drawing(notify: Callable[[], None]) -> Job[OverlayRequest]:
-    """Draw the model at once, one picture after another: one that is displaced before it is shown
-    helps nobody.
-    """
+    """Draw the model at once, one picture after another: none is displaced before it is shown."""
     drawer = for_one_thread(OverlayDrawer)
 
     def make(request: OverlayRequest) -> Iterator[Edit]:
