@@ -79,7 +79,7 @@ def load_cameras(path: str | Path, fisheye: bool = False) -> list[FileCamera]:
             case kind:
                 wanted = "wanted .yml, .xml, .json, .txt or .bin"
                 raise reading.error(f"its ending is {kind or 'missing'}", wanted)
-        return [replace(one, camera=checked_camera(reading, one.camera)) for one in cameras]
+        return [replace(entry, camera=checked_camera(reading, entry.camera)) for entry in cameras]
 
 
 def opencv_storage(reading: Reading) -> dict[str, Any]:
@@ -149,11 +149,11 @@ def _opencv_camera(reading: Reading, name: str, own: dict[str, Any], fisheye: bo
     if "fisheye" in own:
         model = "fisheye" if reading.number(own["fisheye"], "fisheye_model") else model
     elif isinstance(said := own.get("model"), str) and said:
-        found = LENS_MODELS.get(said.lower().replace("_", ""))
-        if found is None:
+        known = LENS_MODELS.get(said.lower().replace("_", ""))
+        if known is None:
             wanted = "wanted OpenCV's standard or fisheye model"
             raise reading.error(f"its lens model is {said[:40]!r}", wanted)
-        model = "fisheye" if fisheye else found
+        model = "fisheye" if fisheye else known
     return FileCamera(name, camera, lens_of(reading, model, coefficients))
 
 
@@ -249,17 +249,17 @@ def load_calibration(
     choice: Calibration, photo: str, width: int, height: int
 ) -> tuple[FileCamera, tuple[str, ...]]:
     """Load the camera of a photo of this name and size, scaled if need be; notes say so."""
-    found = _chosen(choice, load_cameras(choice.path, choice.fisheye), photo)
-    camera = found.camera
+    chosen = _chosen(choice, load_cameras(choice.path, choice.fisheye), photo)
+    camera = chosen.camera
     if not camera.width:
-        return replace(found, camera=replace(camera, width=width, height=height)), ()
+        return replace(chosen, camera=replace(camera, width=width, height=height)), ()
     if (camera.width, camera.height) == (width, height):
-        return found, ()
+        return chosen, ()
     said = f"the camera is for {camera.width}x{camera.height} px, the photo has {width}x{height} px"
     if not _is_scaling(camera, width, height):
         wanted = "calibrate on pictures of the photo's size and orientation"
         raise Reading(choice.path, error_type=CalibrationFileError).error(said, wanted)
-    scaled = replace(found, camera=camera.resized(width, height))
+    scaled = replace(chosen, camera=camera.resized(width, height))
     return scaled, (f"{choice.path.name}: {said}; it was scaled to the photo's size.",)
 
 

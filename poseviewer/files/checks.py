@@ -108,20 +108,20 @@ class Reading:
         """Raise unless it is a regular file (a pipe blocks) of 1 to ``largest`` bytes."""
         wanted = f"wanted a {self.kind}"
         try:
-            found = self.path.stat()
+            status = self.path.stat()
         except FileNotFoundError:
             raise self.error(f"no such file in {self.path.parent}", "check the path") from None
         except (OSError, ValueError) as error:  # a name that no file can have
             reason = getattr(error, "strerror", None) or str(error)
             raise self.error(f"cannot be read ({reason})", "check the path") from error
-        if stat.S_ISDIR(found.st_mode):
+        if stat.S_ISDIR(status.st_mode):
             raise self.error("is a folder", wanted)
-        if not stat.S_ISREG(found.st_mode):
+        if not stat.S_ISREG(status.st_mode):
             raise self.error("a pipe or a device, not a file", wanted)
-        if found.st_size > self.largest:
+        if status.st_size > self.largest:
             wanted = f"poseviewer takes a {self.kind} of up to {self.largest:,}"
-            raise self.error(f"{found.st_size:,} bytes", wanted)
-        if not found.st_size:
+            raise self.error(f"{status.st_size:,} bytes", wanted)
+        if not status.st_size:
             raise self.error("an empty file", f"{wanted}, copy it again")
 
     def open(self) -> IO[bytes]:

@@ -87,12 +87,12 @@ class FileSet:
 
 def files_below(root: Path) -> tuple[Path, ...]:
     """All files in a folder and below, sorted, without what systems leave there."""
-    found = tuple(islice(_walk(root), MOST_FILES + 1))
-    if len(found) > MOST_FILES:
+    files = tuple(islice(_walk(root), MOST_FILES + 1))
+    if len(files) > MOST_FILES:
         raise FileSetError(
             f"{root}: more than {MOST_FILES:,} files; name a folder inside it, or PHOTO and MODEL."
         )
-    return tuple(sorted(found))
+    return tuple(sorted(files))
 
 
 def is_of_system(name: str) -> bool:
@@ -164,19 +164,19 @@ def model_files(path: Path, others: Sequence[Path]) -> ModelFiles:
         file = waiting.pop()
         for written, is_read in names_in(file).items():
             beside = find_named(file.parent, written)
-            found = beside or _alike(written, by_name)
+            match = beside or _alike(written, by_name)
             is_picture = not written.lower().endswith(NO_PICTURES)
-            names_pictures = names_pictures or (is_picture and (is_read or found is not None))
-            if found is not None and written not in named:
-                named[written] = found
-                scattered = scattered or found is not beside
-                if found.suffix.lower() == ".mtl":
-                    waiting.append(found)
+            names_pictures = names_pictures or (is_picture and (is_read or match is not None))
+            if match is not None and written not in named:
+                named[written] = match
+                scattered = scattered or match is not beside
+                if match.suffix.lower() == ".mtl":
+                    waiting.append(match)
     for own in (keypoints_path(path), symmetry_path(path)):
-        found = own if own.is_file() else _alike(own.name, by_name)
-        if found is not None:
-            named[own.name] = found
-            scattered = scattered or found != own
+        match = own if own.is_file() else _alike(own.name, by_name)
+        if match is not None:
+            named[own.name] = match
+            scattered = scattered or match != own
     return ModelFiles(path, named, names_pictures, scattered)
 
 

@@ -197,11 +197,11 @@ def load_calibrated_photo(path: str | Path, calibration: Calibration | None = No
     photo = load_photo(path)
     if calibration is None:
         return photo
-    found, notes = load_calibration(calibration, photo.name, photo.width, photo.height)
+    chosen, notes = load_calibration(calibration, photo.name, photo.width, photo.height)
     photo = replace(photo, notes=(*photo.notes, *notes))
-    if found.lens is None:
-        return replace(photo, camera=found.camera)
-    return undistorted(photo, Undistortion.of(found.lens, found.camera))
+    if chosen.lens is None:
+        return replace(photo, camera=chosen.camera)
+    return undistorted(photo, Undistortion.of(chosen.lens, chosen.camera))
 
 
 def undistorted(photo: Photo, undistortion: Undistortion) -> Photo:
@@ -257,13 +257,13 @@ def matched(photo: Photo, start: PoseRecord) -> tuple[Photo, PoseRecord, tuple[s
     return photo, start, (note,)
 
 
-def same_undistortion(one: Undistortion | None, other: Undistortion | None) -> bool:
+def same_undistortion(first: Undistortion | None, second: Undistortion | None) -> bool:
     """Whether two give the same picture, up to the rounding of files."""
-    if one is None or other is None:
-        return one is other
-    if one.lens != other.lens:
+    if first is None or second is None:
+        return first is second
+    if first.lens != second.lens:
         return False
-    pairs = ((one.taken, other.taken), (one.camera, other.camera))
+    pairs = ((first.taken, second.taken), (first.camera, second.camera))
     return all(np.allclose(astuple(a), astuple(b), rtol=SAME) for a, b in pairs)
 
 

@@ -109,8 +109,8 @@ def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews
     path, choice = Path(path), choice or SetChoice()
     reading = Reading(path, kind=KIND)
     with reading.naming_errors():
-        found, unit, scale = _views(reading, choice)
-        views = list(found)
+        loaded, unit, scale = _views(reading, choice)
+        views = list(loaded)
         for wanted in choice.photos:
             if not any(_is_chosen(str(view.path), [wanted]) for view in views):
                 raise reading.error(f"it has no photo {wanted}", "choose others with --photos")
@@ -162,9 +162,9 @@ def _views(reading: Reading, choice: SetChoice) -> tuple[Iterable[View], str | N
         return _of_frames(reading, data, choice), None, None
     if data.get("format") == SCENE:
         scene = load_scene(path)
-        chosen = [one for one in scene.views if _is_chosen(one.photo.file, choice.photos)]
+        chosen = [view for view in scene.views if _is_chosen(view.photo.file, choice.photos)]
         scale = None if scene.free_scale or scene.unit else 1.0
-        return [open_view(one)[0] for one in chosen], scene.unit, scale
+        return [open_view(view)[0] for view in chosen], scene.unit, scale
     if data.get("format") != VIEWS:
         found = f"format is {kind_of(data.get('format'))}"
         raise reading.error(found, f"wanted {SCENE!r} or {VIEWS!r}, or nerfstudio's frames")
@@ -177,23 +177,23 @@ def _views(reading: Reading, choice: SetChoice) -> tuple[Iterable[View], str | N
 
 def _of_version_1(reading: Reading, said: SetFile, choice: SetChoice) -> Iterator[View]:
     folder = reading.path.parent
-    for one in said.views:
-        if _is_chosen(one.photo, choice.photos):
-            known, place, camera = one.distortion, one.camera_from_set.rigid, one.camera
+    for entry in said.views:
+        if _is_chosen(entry.photo, choice.photos):
+            known, place, camera = entry.distortion, entry.camera_from_set.rigid, entry.camera
             lens = known.lens if known and any(known.coefficients) else None
-            mask = None if one.mask is None else folder / one.mask
-            path = folder / one.photo
+            mask = None if entry.mask is None else folder / entry.mask
+            path = folder / entry.photo
             pinhole = camera.perspective(0, 0)
             yield _view(reading, path, load_photo(path), place, pinhole, lens, mask)
 
 
 def _of_colmap(reading: Reading, model: Path, choice: SetChoice) -> list[View]:
     taken = colmap_images(model)
-    named = [one for one in taken if _is_chosen(one[0], choice.photos)]
+    named = [image for image in taken if _is_chosen(image[0], choice.photos)]
     folders = [model / name for name in PHOTO_FOLDERS]
     folders = folders if choice.folder is None else [choice.folder]
-    most = max(folders, key=lambda folder: sum(is_there(folder / one[0]) for one in named))
-    missing = [one[0] for one in named if not is_there(most / one[0])]
+    most = max(folders, key=lambda folder: sum(is_there(folder / image[0]) for image in named))
+    missing = [image[0] for image in named if not is_there(most / image[0])]
     if missing:
         where = f"in {most}" if len(missing) < len(named) or choice.folder else "beside it"
         raise reading.error(
@@ -231,15 +231,15 @@ def _of_bop(reading: Reading, choice: SetChoice) -> Iterator[View]:
             continue
         entry = next(v for key, v in cameras.items() if int(key) == image.number)
         if choice.rig_object is not None:
-            places = [one.place for one in image.objects if one.object_id == choice.rig_object]
-            if len(places) != 1:
+            poses = [pose for pose in image.objects if pose.object_id == choice.rig_object]
+            if len(poses) != 1:
                 if not choice.photos:
                     continue  # it is hidden there, or there are several
                 raise own.error(
-                    f"image {image.number} has {len(places)} poses of object {choice.rig_object}",
+                    f"image {image.number} has {len(poses)} poses of object {choice.rig_object}",
                     f"wanted one in {POSES}, choose another with --rig-object",
                 )
-            place = places[0]
+            place = poses[0].place
         elif all(name in entry for name in WORLD):
             rotation = own.flat_numbers(entry[WORLD[0]], WORLD[0], 9)
             rotation = checked_rotation(own, np.reshape(rotation, (3, 3)))

@@ -268,7 +268,7 @@ class SceneRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     def index(self, object_id: str) -> int:
         """Number of the object that has an id."""
-        ids = [one.id for one in self.objects]
+        ids = [item.id for item in self.objects]
         if object_id not in ids:
             raise PoseFileError(
                 f"There is no object {object_id!r} in the scene; there are {', '.join(ids)}."
@@ -277,17 +277,18 @@ class SceneRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     def pose(self, index: int, view: int = 0) -> Pose:
         """The pose of an object in a view, in the model's unit."""
-        own, one = self.views[view], self.objects[index]
-        return pose_in_view(own.camera, own.place.rigid, one.place.similarity)
+        own, item = self.views[view], self.objects[index]
+        return pose_in_view(own.camera, own.place.rigid, item.place.similarity)
 
     def pose_record(self, index: int, view: int = 0) -> PoseRecord:
         """All that a pose file says of an object in a view."""
-        one, own = self.objects[index], self.views[view]
-        result = one.result or Result(settings=one.settings)
+        item, own = self.objects[index], self.views[view]
+        result = item.result or Result(settings=item.settings)
         said = {name: getattr(result, name) for name in AS_IN_POSE}
         if result.view != view:
             said |= {"chart": None, "uncertainty": None}
-        model = ModelReference(printable(one.path.name) or None, one.model.sha256, one.model.unit)
+        file = printable(item.path.name) or None
+        model = ModelReference(file, item.model.sha256, item.model.unit)
         return PoseRecord.of(
             self.pose(index, view),
             own.reference,
@@ -295,9 +296,9 @@ class SceneRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
             **said,
             software=self.software,
             distortion=own.distortion,
-            without=one.without,
+            without=item.without,
             seen=result.seen[view] if view < len(result.seen) else None,
-            turns=one.turns,
+            turns=item.turns,
             warnings=self.warnings,
         )
 
@@ -319,16 +320,16 @@ def load_scene(path: str | Path, inside: Path | None = None) -> SceneRecord:
     reading = Reading(Path(path).absolute(), kind=KIND)
 
     def find(name: str, what: str) -> str:
-        found = reading.path.parent / name
-        if not name or not is_there(found):
+        file = reading.path.parent / name
+        if not name or not is_there(file):
             raise reading.error(
                 f"{what} is {name or 'empty'}, and there is no such file",
                 "put it there, seen from the scene's folder; on a page, drop that folder whole",
             )
-        if inside is not None and inside.resolve() not in found.resolve().parents:
+        if inside is not None and inside.resolve() not in file.resolve().parents:
             wanted = "drop one folder that holds the scene and all its files"
             raise reading.error(f"{what} is {name}, outside of the folder that was dropped", wanted)
-        return str(found)
+        return str(file)
 
     with reading.naming_errors():
         data = reading.load_object()
@@ -350,9 +351,9 @@ def _from_version_1(reading: Reading, data: dict[str, Any], find: Named) -> Scen
     if not isinstance(entries, list) or not entries:
         raise reading.error(f"objects is {kind_of(entries)}", "wanted a list of one or more")
     view, objects = reading.decoded(view_said, ViewRecord, raw=("file",)), []
-    for number, one in enumerate(entries):
+    for number, entry in enumerate(entries):
         what = f"objects[{number}]"
-        pose, mask = reading.object(one, what).get("pose"), one.get("mask")
+        pose, mask = reading.object(entry, what).get("pose"), entry.get("mask")
         if isinstance(pose, str):
             file = Path(find(pose, f"{what}.pose"))
             pose = Reading(file).load_object()
@@ -365,11 +366,11 @@ def _from_version_1(reading: Reading, data: dict[str, Any], find: Named) -> Scen
         record = record_from_json(own, pose, view.photo.width, view.photo.height)
         if not _has_camera_of(record, view):
             raise reading.error(
-                f"the pose of object {one.get('id')!r} is by another camera than the scene's",
+                f"the pose of object {entry.get('id')!r} is by another camera than the scene's",
                 "one photo has one camera, fit the object again with that of the scene",
             )
-        model = reading.decoded(one.get("model"), ModelFile, f"{what}.model", raw=("file",))
-        name, key = (reading.text(one.get(key), f"{what}.{key}") or "" for key in ("name", "id"))
+        model = reading.decoded(entry.get("model"), ModelFile, f"{what}.model", raw=("file",))
+        name, key = (reading.text(entry.get(key), f"{what}.{key}") or "" for key in ("name", "id"))
         made = ObjectRecord.of(key, Path(model.file), record, view, name)
         in_views = (InViewRecord(reading.text(mask, f"{what}.mask")),) if mask else ()
         objects.append(structs.replace(made, model=model, in_views=in_views))
@@ -381,21 +382,21 @@ def scene_of_pose(path: Path, record: PoseRecord) -> SceneRecord:
     views where an earlier version said the pose in several photos.
     """
     model, view = record.model or ModelReference(), _view_of_pose(path, record)
-    one = ObjectRecord.of("1", _beside(path, model.file), record, view, model.file or "")
+    item = ObjectRecord.of("1", _beside(path, model.file), record, view, model.file or "")
     more = {"software": record.software, "warnings": record.warnings}
-    scene, said = SceneRecord(views=(view,), objects=(one,), **more), record.in_set
+    scene, said = SceneRecord(views=(view,), objects=(item,), **more), record.in_set
     if said is None:
         return scene
     place, size, views = said.set_from_model.rigid, said.set_from_model.size, []
-    for seen in said.views:
-        moved = seen.place.rigid
+    for entry in said.views:
+        moved = entry.place.rigid
         moved = RigidTransform(moved.rotation, size * moved.translation) @ place.inverse()
-        views.append(structs.replace(_view_of_pose(path, seen), place=Transform.of(moved)))
-    result = structs.replace(one.result or Result(), seen=())
-    one = structs.replace(one, place=place_of(Similarity(place, size)), result=result)
+        views.append(structs.replace(_view_of_pose(path, entry), place=Transform.of(moved)))
+    result = structs.replace(item.result or Result(), seen=())
+    item = structs.replace(item, place=place_of(Similarity(place, size)), result=result)
     is_free = said.set_from_model.size_was_free
     return structs.replace(
-        scene, views=tuple(views), objects=(one,), unit=said.unit, free_scale=is_free
+        scene, views=tuple(views), objects=(item,), unit=said.unit, free_scale=is_free
     )
 
 
@@ -485,13 +486,13 @@ def scene_files(path: Path, scene: SceneRecord) -> dict[Path, bytes]:
 
 def require_whole(reading: Reading, scene: SceneRecord) -> None:
     """Raise the reading's error where parts of a scene do not fit together."""
-    ids = [one.id for one in scene.objects]
-    for number, one in enumerate(scene.objects):
-        if one.id in ids[:number]:
-            raise reading.error(f"two objects have the id {one.id!r}", "give each an id of its own")
-        if len(one.in_views) not in (0, len(scene.views)):
+    ids = [item.id for item in scene.objects]
+    for number, item in enumerate(scene.objects):
+        if item.id in ids[:number]:
+            raise reading.error(f"two objects have the id {item.id!r}", "give each its own")
+        if len(item.in_views) not in (0, len(scene.views)):
             raise reading.error(
-                f"objects[{number}].in_views is a list of {len(one.in_views)}",
+                f"objects[{number}].in_views is a list of {len(item.in_views)}",
                 f"wanted one for each of {len(scene.views)} views, or none",
             )
     if scene.free_scale and len(ids) > 1:

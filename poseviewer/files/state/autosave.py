@@ -149,12 +149,12 @@ def left_behind(folder: Path) -> tuple[Path, AutosavedSession] | None:
 
 def files_of_sessions(folder: Path) -> frozenset[Path]:
     """The photos and models of all sessions in ``folder``: of apps that run, and left behind."""
-    found = set[Path]()
+    paths = set[Path]()
     for path in folder.glob("session-*.json"):
         with suppress(AutosaveError):
             scene = load_autosave(path).scene
-            found |= {one.path for one in (*scene.views, *scene.objects)}
-    return frozenset(found)
+            paths |= {part.path for part in (*scene.views, *scene.objects)}
+    return frozenset(paths)
 
 
 def discard(path: Path) -> None:
@@ -184,7 +184,7 @@ def _from_json(reading: Reading, data: dict[str, Any]) -> AutosavedSession:
         raise reading.error("it has another format", f"wanted {FORMAT} {VERSION}")
     scene = session.scene
     for index, view in enumerate(scene.views):
-        for part in (view, *(one.in_views[index] for one in scene.objects if one.in_views)):
+        for part in (view, *(item.in_views[index] for item in scene.objects if item.in_views)):
             if part.mask is not None:
                 load_mask(part.mask, view.photo.width, view.photo.height)
     scene.index(session.active_object)
@@ -207,30 +207,30 @@ def _from_version_1(reading: Reading, old: dict[str, Any]) -> AutosavedSession:
         views, unit = [view_record(view) for view in loaded.views], loaded.unit
         names, left_out = [view.name for view in loaded.views], kept["left_out"]
         scales = 1.0 / kept["scale"], 1.0 / kept["start_scale"]
-    at, objects = [one.photo.sha256 for one in views].index(sha256), []
-    for one in sorted((old, *old["others"]), key=lambda one: one["number"]):
-        masks = {names[0]: one["mask"]} if kept is None else kept["masks"]
-        poses = (one["pose"]["file"], one["start"]["file"])
+    at, objects = [entry.photo.sha256 for entry in views].index(sha256), []
+    for entry in sorted((old, *old["others"]), key=lambda entry: entry["number"]):
+        masks = {names[0]: entry["mask"]} if kept is None else kept["masks"]
+        poses = (entry["pose"]["file"], entry["start"]["file"])
         record, start = (record_from_json(reading, pose, *size) for pose in poses)
         place, start_place = (
             place_of(world_from_pose(views[at].camera, views[at].place.rigid, said.pose, scale))
             for said, scale in zip((record, start), scales, strict=True)
         )
-        model = Path(one["model"] or one["model_name"])
-        made = ObjectRecord.of(str(one["number"]), model, record, views[at], one["name"])
+        model = Path(entry["model"] or entry["model_name"])
+        made = ObjectRecord.of(str(entry["number"]), model, record, views[at], entry["name"])
         made = structs.replace(
             made,
             result=made.result and structs.replace(made.result, view=at, seen=()),
             place=place,
             start=start_place,
             start_cameras=(start.numbers,) if kept is None and start.numbers.fx else (),
-            settings=one["settings"],
+            settings=entry["settings"],
             in_views=tuple(
                 InViewRecord(masks.get(name) and INLINE + masks[name], None, name not in left_out)
                 for name in names
             ),
-            hidden=one["hidden"],
-            locked=one["locked"],
+            hidden=entry["hidden"],
+            locked=entry["locked"],
         )
         objects.append(made)
     free = kept is not None and kept["free_size"]

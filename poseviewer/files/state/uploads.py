@@ -105,16 +105,16 @@ def taken_out(path: Path, scene: SceneRecord, private: Path) -> SceneRecord:
         if folder not in own.resolve().parents:
             return file
         named = model_files(own, ()).named.values() if own.suffix.lower() in READERS else ()
-        files = [own, *(one for one in named if own.parent in one.parents)]
+        files = [own, *(old for old in named if own.parent in old.parents)]
         for number in count(1):
             place = path.parent if number == 1 else path.with_name(f"{path.stem}.{number}")
-            pairs = [(one, place / one.relative_to(own.parent)) for one in files]
-            if all(not new.exists() or sha256_of(new) == sha256_of(one) for one, new in pairs):
+            pairs = [(old, place / old.relative_to(own.parent)) for old in files]
+            if all(not new.exists() or sha256_of(new) == sha256_of(old) for old, new in pairs):
                 break
-        for one, new in pairs:
+        for old, new in pairs:
             new.parent.mkdir(parents=True, exist_ok=True)
             if not new.exists():
-                shutil.copyfile(one, new)
+                shutil.copyfile(old, new)
         return str(pairs[0][1])
 
     try:
@@ -150,12 +150,12 @@ def why_unfit(name: str, size: int, count: int = 1) -> str:
 
 def why_not_sent(name: str, trouble: Literal["unreadable", "empty", "cut off"]) -> str:
     """Why a page sends nothing, or not all, of a folder or a file that was dropped on it."""
-    found = {
+    words = {
         "cut off": "the upload was cut off; nothing was changed, drop it again",
         "empty": "an empty folder; drop one that holds a photo, a model or a pose",
         "unreadable": "cannot be read any more; is it still there? Drop it again",
     }
-    return f"{display_name(name)}: {found[trouble]}."
+    return f"{display_name(name)}: {words[trouble]}."
 
 
 def display_name(name: str) -> str:
