@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -51,15 +52,21 @@ class SymmetryTurns(Struct, frozen=True):
     @property
     def symmetry(self) -> Symmetry:
         """The symmetry as the program has it."""
-        axes = [np.array(turn.axis) / np.linalg.norm(turn.axis) for turn in self.turns]
-        folds = [0 if turn.fold == ANY else turn.fold for turn in self.turns]
-        return Symmetry.from_turns(self.centre, list(map(Turn, axes, folds)))
+        return _closed(self.centre, self.turns)
 
     @classmethod
     def of(cls, symmetry: Symmetry) -> SymmetryTurns | None:
         """A symmetry as files say it; None where there is none."""
         turns = [TurnsAbout(tuple(axis.tolist()), fold or ANY) for axis, fold in symmetry.turns]
         return None if symmetry.is_none else cls(tuple(symmetry.centre.tolist()), tuple(turns))
+
+
+@lru_cache(maxsize=16)
+def _closed(centre: tuple[float, ...], turns: tuple[TurnsAbout, ...]) -> Symmetry:
+    """The symmetry of these turns; many take 50 ms."""
+    axes = [np.array(turn.axis) / np.linalg.norm(turn.axis) for turn in turns]
+    folds = [0 if turn.fold == ANY else turn.fold for turn in turns]
+    return Symmetry.from_turns(centre, list(map(Turn, axes, folds)))
 
 
 class SymmetryFile(SymmetryTurns, frozen=True, tag_field="format", tag=FORMAT):
