@@ -66,11 +66,8 @@ def assert_right(keypoints: VehicleKeypoints | None, move: RigidTransform | None
     "names",
     [
         ("wheel FL", "wheel FR", "wheel RL", "wheel RR"),
-        ("wheel_fl_tire.001", "wheel_fr_tire", "wheel_rl_tire.002", "wheel_rr_tire.003"),
         ("WheelFrontLeft", "WheelFrontRight", "WheelRearLeft", "WheelRearRight"),
-        ("tyre LF", "tyre RF", "tyre LR", "tyre RR"),
         ("Rad_vorne_links", "Rad_vorne_rechts", "Rad_hinten_links", "Rad_hinten_rechts"),
-        ("Wheel1", "Wheel2", "Wheel3", "Wheel4"),
         ("wheels", "wheels", "wheels", "wheels"),
     ],
 )
@@ -96,13 +93,6 @@ def test_names_of_wheels_outweigh_the_roof_and_lamps_outweigh_names() -> None:
         "rear view mirror": a_box([0.9, -0.1, 1.2], [1.0, 0.1, 1.3]),
     }
     assert_right(find_wheels(a_car(turned, lamps)))
-
-
-@pytest.mark.parametrize("centre", [[0.3, 0.4, 0.8], [-2.3, 0.0, 0.6]])
-def test_steering_and_spare_wheels_are_not_counted(centre: list[float]) -> None:
-    names = ("Wheel1", "Wheel2", "Wheel3", "Wheel4")
-    for other in ("steering wheel", "SteeringWheel", "spare wheel", "wheelhouse", "Lenkrad"):
-        assert_right(find_wheels(a_car(names, {other: a_wheel(np.array(centre))})))
 
 
 def test_anything_but_four_wheels_is_no_car() -> None:

@@ -88,10 +88,3 @@ def test_what_does_not_count_does_not_show_in_a_coarser_pixel():
     assert small.weights[0] == pytest.approx([1.0, 0.5, 0.0, 0.0])
     assert small.channels[:, :2] == pytest.approx(np.full((4, 2, 3), 0.25))
     assert np.all(small.channels[:, 2:] == 0.0)
-
-
-def test_factor_one_is_the_photo_itself_and_less_is_refused():
-    photo = make_photo(make_pose(True))
-    assert smaller(photo, 1) is photo
-    with pytest.raises(ValueError, match="1 time or more, not 0"):
-        smaller(photo, 0)

@@ -125,16 +125,3 @@ def test_small_and_broken_meshes_stay_usable(mesh):
     assert np.isfinite(small.vertices).all()
     assert np.isfinite(small.normals).all()
     assert small.colours.min() >= 0.0
-
-
-def test_faces_without_area_are_left_out():
-    ball = make_sphere(4)
-    flat = np.concatenate([ball.faces, np.repeat(ball.faces[:50, :1], 3, axis=1)])
-    settings = {"face_texture": np.full(len(flat), -1), "face_part": np.zeros(len(flat))}
-    mesh = Mesh(ball.vertices, flat, ball.normals, ball.colours, ball.uvs, **settings)
-    small = simplify(mesh, 1000)
-    corners = small.vertices[small.faces]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    assert np.linalg.norm(cross, axis=1).min() > 0.0
-    point = make_mesh(np.zeros((900, 3)), np.arange(900).reshape(-1, 3))
-    assert simplify(point, 200) is point
