@@ -123,18 +123,19 @@ def scaled_size(width: int, height: int, factor: float) -> tuple[int, int]:
 
 
 def level_pose(pose: Pose, factor: int) -> Pose:
-    """The pose in the picture made smaller by a whole number, a level of its pyramid: sizes are
-    rounded up, coordinates divided exactly.
+    """The pose on a level of the picture's pyramid: sizes are divided and rounded up, coordinates
+    divided exactly.
     """
     if factor == 1:
         return pose
     camera = pose.camera
-    width, height = reduced_size(camera.width, factor), reduced_size(camera.height, factor)
-    cx, cy = camera.cx / factor, camera.cy / factor
+    size = reduced_size(camera.width, factor), reduced_size(camera.height, factor)
+    place = camera.cx / factor, camera.cy / factor, *size
     if isinstance(camera, Perspective):
-        smaller = Perspective(camera.fx / factor, camera.fy / factor, cx, cy, width, height)
-        return Pose(smaller, pose.camera_from_model)
-    return Pose(Parallel(camera.scale / factor, cx, cy, width, height), pose.camera_from_model)
+        smaller = Perspective(camera.fx / factor, camera.fy / factor, *place)
+    else:
+        smaller = Parallel(camera.scale / factor, *place)
+    return Pose(smaller, pose.camera_from_model)
 
 
 def reduced_size(size: int, factor: int) -> int:

@@ -41,11 +41,9 @@ class FreeBodyChart(Chart):
     """Radius of the model about its centre, in its unit."""
     free_focal: bool = False
     _place_px: tuple[float, float] = field(init=False, repr=False, compare=False)
-    """The centre in the picture at the start, px."""
     _depth: float = field(init=False, repr=False, compare=False)
-    """Depth of the centre at the start."""
     _radius_px: tuple[float, float] = field(init=False, repr=False, compare=False)
-    """The model's radius in the picture at the start, px along u and v."""
+    """Centre (px), its depth, and the model's radius (px along u and v) at the start."""
     focal_gain: float = field(init=False, repr=False, compare=False)
     """Depth over radius: a change of the focal length, with the depth to match, moves the picture
     by this factor less than a change of scale does."""

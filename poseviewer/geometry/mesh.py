@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,11 +72,8 @@ class Mesh:
         }
         for name, (shape, dtype) in shapes.items():
             object.__setattr__(self, name, frozen_array(getattr(self, name), shape, dtype))
-        object.__setattr__(
-            self,
-            "textures",
-            tuple(frozen_array(t, (-1, -1, 3), np.uint8) for t in self.textures),
-        )
+        textures = tuple(frozen_array(t, (-1, -1, 3), np.uint8) for t in self.textures)
+        object.__setattr__(self, "textures", textures)
 
     @cached_property
     def bounds(self) -> FloatArray:
@@ -102,14 +100,12 @@ class Mesh:
 
         Raises ``SettingsError``: there is no part of such a name, or no other one.
         """
-        whole, wanted = self.whole, set(names)
+        whole, wanted, parts = self.whole, set(names), self.whole.part_names
         if wanted == set(self.left_out):
             return self
         if not wanted:
             return whole
-        parts = whole.part_names
-        unknown = [name for name in names if name not in parts]
-        if unknown:
+        if unknown := [name for name in names if name not in parts]:
             raise SettingsError(f"the model has no part {unknown[0]!r}; it has {_listed(parts)}.")
         if wanted >= set(parts):
             raise SettingsError(
@@ -121,8 +117,8 @@ class Mesh:
         return replace(
             left,
             face_part=(np.cumsum(stays) - 1)[left.face_part],
-            part_names=tuple(name for name in parts if name not in wanted),
-            left_out=tuple(name for name in parts if name in wanted),
+            part_names=tuple(compress(parts, stays)),
+            left_out=tuple(compress(parts, ~stays)),
             complete=whole,
         )
 

@@ -61,17 +61,15 @@ def find_adjacency(faces: NDArray) -> Adjacency:
     order = np.argsort(key, kind="stable")
     ordered = key[order]
     bounds = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1], [True]]))
-    counts = np.diff(bounds)
-    pairs = bounds[:-1][counts == 2]
+    pairs = bounds[:-1][np.diff(bounds) == 2]
     first, second = order[pairs], order[pairs + 1]
-    has_other = np.zeros(len(key), dtype=bool)
-    has_other[first] = has_other[second] = True
-    return Adjacency(
-        first,
-        second,
+    is_open = np.ones(len(key), dtype=bool)
+    is_open[first] = is_open[second] = False
+    same_direction, open_faces = (
         start[first] == start[second],
-        np.any(~has_other.reshape(-1, 3), axis=1),
+        np.any(is_open.reshape(-1, 3), axis=1),
     )
+    return Adjacency(first, second, same_direction, open_faces)
 
 
 def winding_to_flip(vertices: FloatArray, faces: NDArray) -> NDArray[np.bool_]:
@@ -83,12 +81,21 @@ def winding_to_flip(vertices: FloatArray, faces: NDArray) -> NDArray[np.bool_]:
         return np.zeros(0, dtype=bool)
     adjacency = find_adjacency(weld(vertices)[faces])
     a, b = adjacency.first // 3, adjacency.second // 3
-    links = coo_array((np.ones(len(a)), (a, b)), shape=(len(faces), len(faces)))
-    pieces, piece = connected_components(links, directed=False)
+    pieces, piece = connected_components(_links(a, b, len(faces)), directed=False)
     flip = _parity_from_root(a, b, adjacency.same_direction, piece)
     closed = np.ones(pieces, dtype=bool)
     closed[piece[adjacency.open_faces]] = False
-    return flip ^ _pieces_to_flip(vertices, faces, flip, piece, closed)[piece]
+    # Whole pieces, too: inside-out ones, or where less area is turned.
+    sign = np.where(flip, -1.0, 1.0)
+    a, b, c = (vertices[faces[:, i]] - vertices.mean(axis=0) for i in range(3))
+    volume = np.bincount(piece, sign * np.einsum("ij,ij->i", a, np.cross(b, c)), pieces)
+    area = np.bincount(piece, sign * face_normals_and_areas(vertices, faces)[1], pieces)
+    return flip ^ (np.where(closed, volume, area) < 0.0)[piece]
+
+
+def _links(a: NDArray, b: NDArray, count: int) -> coo_array:
+    """(count, count): the graph whose edges join ``a`` and ``b``."""
+    return coo_array((np.ones(len(a), np.int8), (a, b)), shape=(count, count))
 
 
 def _parity_from_root(a: NDArray, b: NDArray, differs: NDArray, piece: NDArray) -> NDArray:
@@ -96,12 +103,10 @@ def _parity_from_root(a: NDArray, b: NDArray, differs: NDArray, piece: NDArray) 
 
     A root above all pieces makes one tree; ways to it are followed by doubling.
     """
-    count = len(piece)
-    first_of_piece = np.unique(piece, return_index=True)[1]
-    rows = np.concatenate([a, first_of_piece])
-    columns = np.concatenate([b, np.full(len(first_of_piece), count)])
-    tree = coo_array((np.ones(len(rows)), (rows, columns)), shape=(count + 1, count + 1))
-    ancestor = breadth_first_order(tree.tocsr(), count, directed=False)[1]
+    count, first = len(piece), np.unique(piece, return_index=True)[1]
+    to_root = np.concatenate([a, first]), np.concatenate([b, np.full(len(first), count)])
+    tree = _links(*to_root, count + 1).tocsr()
+    ancestor = breadth_first_order(tree, count, directed=False)[1]
     ancestor[count] = count
     parity = np.zeros(count + 1, dtype=bool)
     parity[a[ancestor[a] == b]] = differs[ancestor[a] == b]
@@ -110,18 +115,6 @@ def _parity_from_root(a: NDArray, b: NDArray, differs: NDArray, piece: NDArray) 
         parity ^= parity[ancestor]
         ancestor = ancestor[ancestor]
     return parity[:count]
-
-
-def _pieces_to_flip(
-    vertices: FloatArray, faces: NDArray, flip: NDArray, piece: NDArray, closed: NDArray
-) -> NDArray[np.bool_]:
-    """(P,) whole pieces to turn, after ``flip``: inside-out ones, or where less area is turned."""
-    sign = np.where(flip, -1.0, 1.0)
-    a, b, c = (vertices[faces[:, i]] - vertices.mean(axis=0) for i in range(3))
-    volume = np.bincount(piece, sign * np.einsum("ij,ij->i", a, np.cross(b, c)), len(closed))
-    area = face_normals_and_areas(vertices, faces)[1]
-    unturned = np.bincount(piece, sign * area, len(closed))
-    return np.where(closed, volume < 0.0, unturned < 0.0)
 
 
 def crease_normals(
@@ -136,9 +129,8 @@ def crease_normals(
     face_normals, _ = face_normals_and_areas(vertices, faces)
     fan = _smooth_fans(find_adjacency(weld(vertices)[faces]), face_normals)
     fans = int(fan.max(initial=-1)) + 1
-    weighted = (corner_angles(vertices, faces)[:, :, None] * face_normals[:, None, :]).reshape(
-        -1, 3
-    )
+    weighted = corner_angles(vertices, faces)[:, :, None] * face_normals[:, None, :]
+    weighted = weighted.reshape(-1, 3)
     sums = np.stack([np.bincount(fan, weighted[:, i], fans) for i in range(3)], axis=1)
     key = faces.ravel().astype(np.int64) * fans + fan
     _, corner, new_faces = np.unique(key, return_index=True, return_inverse=True)
@@ -165,12 +157,6 @@ def _smooth_fans(adjacency: Adjacency, face_normals: FloatArray) -> NDArray:
     bend = np.einsum("ij,ij->i", face_normals[a // 3], face_normals[b // 3])
     smooth = (bend >= math.cos(CREASE_ANGLE_RAD)) & ~adjacency.same_direction
     a, b = a[smooth], b[smooth]
-    rows = np.concatenate([a, _next_corner(a)])
-    columns = np.concatenate([_next_corner(b), b])
-    size = 3 * len(face_normals)
-    links = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(size, size))
-    return connected_components(links, directed=False)[1]
-
-
-def _next_corner(corner: NDArray) -> NDArray:
-    return corner - corner % 3 + (corner + 1) % 3
+    next_a, next_b = (corner - corner % 3 + (corner + 1) % 3 for corner in (a, b))
+    ends = np.concatenate([a, next_a]), np.concatenate([next_b, b])
+    return connected_components(_links(*ends, 3 * len(face_normals)), directed=False)[1]

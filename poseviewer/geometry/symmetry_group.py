@@ -27,10 +27,8 @@ ROUNDING = 1e-12
 """Radians: a pose so near to the wanted one is the one, to the last digit."""
 MOST_FOLD = 60
 """Steps of a full turn, six degrees each: finer ones are a continuous symmetry to the eye."""
-MOST_ROTATIONS = 2 * MOST_FOLD
-"""Rotations of a prism with ``MOST_FOLD`` sides; the icosahedron has 60."""
-MOST_NAMED = 3
-"""Turns that a message names."""
+MOST_ROTATIONS, MOST_NAMED = 2 * MOST_FOLD, 3
+"""Rotations of a prism with ``MOST_FOLD`` sides (an icosahedron has 60); turns a message names."""
 APART = 0.01
 """Share of the model's diameter by which motions may differ on the point that they leave."""
 REFERENCE = Rotation.from_rotvec([0.3, 0.5, 0.7]).as_matrix()
@@ -149,9 +147,8 @@ class Symmetry:
         """All symmetries, the identity first, continuous ones in steps of at most ``STEP``."""
         count = math.ceil(math.pi / STEP)
         angles = 2.0 * math.pi / count * np.arange(1, count)
-        turns = [np.eye(3)]
-        for axis in self.axes:
-            turns += list(Rotation.from_rotvec(angles[:, None] * axis).as_matrix())
+        ways = (Rotation.from_rotvec(angles[:, None] * axis).as_matrix() for axis in self.axes)
+        turns = np.concatenate([np.eye(3)[None], *ways])
         return tuple(self.about(one @ turn) for turn in turns for one in self.rotations)
 
     def nearest(self, place: RigidTransform, wanted: RigidTransform) -> RigidTransform:

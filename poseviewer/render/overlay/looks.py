@@ -50,14 +50,6 @@ class ModelInPhoto:
     opacity: float = SOLID_OPACITY
     """Opacity of the look ``solid``, in [0, 1]."""
 
-    def __post_init__(self) -> None:
-        camera = self.pose.camera
-        if self.photo.shape != (camera.height, camera.width, 3):
-            raise ValueError(
-                f"a photo of shape {self.photo.shape} under a camera of "
-                f"{camera.width}x{camera.height} px"
-            )
-
 
 def draw_look(name: str, view: ModelInPhoto) -> Picture:
     """Draw the photo (H, W, 3) with the model in the look ``name``, one of ``overlay.LOOKS``."""

@@ -71,11 +71,8 @@ def smaller(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
     """The photo reduced ``factor`` times along each side by weighted means; it takes the same
     poses.
 
-    Beyond the photo's end pixels have weight 0. The weights are averaged plainly. Raises
-    ``ValueError`` for factors below 1.
+    Beyond the photo's end pixels have weight 0. The weights are averaged plainly.
     """
-    if factor < 1:
-        raise ValueError(f"a photo is reduced 1 time or more, not {factor}")
     if factor == 1:
         return photo
     height, width, n = photo.channels.shape
