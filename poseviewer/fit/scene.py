@@ -75,9 +75,9 @@ class InView:
 class SearchResult:
     """The result of the last search for an object, valid as long as it stays there."""
 
-    verdict: Verdict | None
-    loss: float
-    unexplained: float
+    verdict: Verdict | None = None
+    loss: float | None = None
+    unexplained: float | None = None
     parameters: tuple[float, ...] = ()
     """Numbers of the pose in the chart that was searched."""
     chart: str = ""
@@ -85,8 +85,8 @@ class SearchResult:
     """Names of ``parameters``."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """The settings as JSON holds them, and the photo's channels."""
-    seen: tuple[float, ...] = ()
-    """For each view, the share of the model's pixels that count, in [0, 1]; nan: not compared."""
+    seen: tuple[float | None, ...] = ()
+    """For each view, the share of the model's pixels that count, in [0, 1]; None: not compared."""
     hidden: tuple[NDArray[np.bool_] | None, ...] = ()
     """For each view, (height, width): pixels of its photo taken for something in front."""
     notes: tuple[str, ...] = ()

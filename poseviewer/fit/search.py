@@ -315,7 +315,7 @@ def with_end(scene: Scene, index: int, progress: FitProgress, renderer: Renderer
     """The scene with an object where a search for it has ended, and its result."""
     problem, at = progress.problem, progress.parameters
     scene = moved(scene, index, problem, at)
-    seen: list[float] = [math.nan] * len(scene.views)
+    seen: list[float | None] = [None] * len(scene.views)
     hidden: list[Hidden] = [None] * len(scene.views)
     for view in problem.views:
         seen[view.index] = seen_share(view.photo, renderer, view.chart.to_pose(at))

@@ -4,7 +4,6 @@ file gives, or that is found on the photo.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
@@ -383,23 +382,20 @@ def _search_result(record: SceneRecord, index: int) -> SearchResult | None:
     found = record.objects[index].result
     if found is None:
         return None
-    view = min(found.view, len(record.views) - 1)
-    sure = found.uncertainty
-    covariance = sure and sure.about(record.pose(index, view))
+    view, sure = min(found.view, len(record.views) - 1), found.uncertainty
     chart = found.chart or ChartParameters("", (), ())
-    seen = tuple(math.nan if share is None else share for share in found.seen)
     return SearchResult(
         found.verdict,
-        math.nan if found.loss is None else found.loss,
-        math.nan if found.unexplained is None else found.unexplained,
+        found.loss,
+        found.unexplained,
         chart.parameters,
         chart.name,
         chart.names,
         found.settings or {},
-        seen,
+        found.seen,
         notes=found.notes,
         view=view,
-        covariance=covariance,
+        covariance=sure and sure.about(record.pose(index, view)),
     )
 
 
@@ -440,9 +436,9 @@ def _object_record(scene: Scene, index: int, with_masks: bool, canonical: bool) 
 def _recorded_result(result: SearchResult, pose: Pose, equal: Pose) -> Result:
     sure, chart = result.covariance, ChartParameters(result.chart, result.names, result.parameters)
     return Result(
-        loss=_known(result.loss),
-        unexplained=_known(result.unexplained),
-        seen=tuple(map(_known, result.seen)),
+        loss=result.loss,
+        unexplained=result.unexplained,
+        seen=result.seen,
         verdict=result.verdict,
         view=result.view,
         uncertainty=sure and Uncertainty.of(sure.about(equal)),
@@ -450,10 +446,6 @@ def _recorded_result(result: SearchResult, pose: Pose, equal: Pose) -> Result:
         settings=dict(result.settings),
         notes=result.notes,
     )
-
-
-def _known(value: float) -> float | None:
-    return None if math.isnan(value) else value
 
 
 def _view_of(views: LoadedViews, record: PoseRecord, view: str | None) -> int:

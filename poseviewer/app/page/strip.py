@@ -5,7 +5,6 @@ each says of the active object's pose, and whether it is compared.
 from __future__ import annotations
 
 import base64
-import math
 from functools import lru_cache
 from html import escape
 
@@ -108,6 +107,6 @@ def word_of(scene_object: SceneObject, index: int) -> str:
     result = scene_object.result
     if result is None or result.verdict is None or not result.verdict.views:
         return ""
-    compared = [i for i, seen in enumerate(result.seen) if not math.isnan(seen)]
+    compared = [i for i, seen in enumerate(result.seen) if seen is not None]
     order = sorted(compared, key=lambda i: (i != result.view, i))
     return result.verdict.views[order.index(index)].word if index in order else ""

@@ -34,8 +34,8 @@ def saved_scene(session: Session) -> Scene:
     known = losses.mean if losses is not None and is_current else None
     result = SearchResult(
         None,
-        np.nan if known is None else known.loss,
-        np.nan if known is None else known.total,
+        None if known is None else known.loss,
+        None if known is None else known.total,
         tuple(own.parameters.tolist()),
         own.chart.name,
         own.chart.names,
