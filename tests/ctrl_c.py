@@ -9,8 +9,8 @@ from contextlib import contextmanager
 
 @contextmanager
 def ctrl_c_ends_them() -> Iterator[None]:
-    """What is started in here heeds SIGINT: a shell's background jobs ignore it, and so would
-    whatever the tests start there. In the main thread only.
+    """Let processes that are started inside heed SIGINT, which a shell's background jobs ignore. In
+    the main thread only.
     """
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:

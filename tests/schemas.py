@@ -8,6 +8,6 @@ from typing import Any
 
 
 def json_schema(name: str) -> dict[str, Any]:
-    """Of ``pose``, ``scene``, ``symmetry`` or ``view_set`` files."""
+    """Load that of ``pose``, ``scene`` or ``symmetry`` files."""
     path = files("poseviewer.files").joinpath(f"{name}.schema.json")
     return json.loads(path.read_text(encoding="utf-8"))

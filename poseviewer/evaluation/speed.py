@@ -80,7 +80,7 @@ class Timing:
     threads: int
     seconds: tuple[float, ...]
     end: str = ""
-    """How it ended, in words."""
+    """End of the run, in words."""
 
 
 @dataclass(frozen=True, slots=True)

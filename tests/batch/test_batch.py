@@ -30,6 +30,15 @@ QUICK = ("--evaluations", "40")
 LONG = ("--evaluations", "150")
 
 
+@pytest.fixture
+def one_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows are fitted in this process: how they are handed out to others is tested without this."""
+    monkeypatch.setattr(
+        "poseviewer.batch.run.run_in_processes",
+        lambda function, jobs, _: ((job, function(job)) for job in jobs),
+    )
+
+
 def command(*arguments: object) -> list[str]:
     return [sys.executable, "-m", "poseviewer.cli.main", *(str(argument) for argument in arguments)]
 
@@ -46,7 +55,7 @@ def write_table(scene, folder: Path, rows: int, more: str = "") -> Path:
 
 
 def kept(out: Path) -> dict[str, bytes]:
-    """What each finished row left; the seconds in it differ from fit to fit."""
+    """Files of finished rows; the seconds in it differ from fit to fit."""
     results = {path.name: path.read_bytes() for path in (out / "rows").glob("[!.]*.json")}
     return {name: data for name, data in results.items() if b'"reason": ""' in data}
 

@@ -14,9 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from poseviewer.cli import main as cli
 from tests.batch.test_batch import LONG, command, kept, wait_until, write_table
-from tests.commands import read_rows
+from tests.commands import read_rows, run
 
 needs_dask = pytest.mark.skipif(
     find_spec("distributed") is None, reason="Dask is not installed: pip install '.[cluster]'"
@@ -70,7 +69,7 @@ def test_a_killed_worker_loses_nothing_and_nothing_is_done_twice(scene, tmp_path
     assert [row["row"] for row in results] == [str(number) for number in range(1, 7)]
     assert all(row["reason"] == "" and (out / row["pose"]).is_file() for row in results)
     # One machine gives what the cluster gave: there is nothing left to do.
-    assert cli.main(["batch", str(table), "--out", str(out), "--quiet", *LONG]) == 0
+    assert run("batch", table, "--out", out, "--quiet", *LONG) == 0
     assert kept(out) == after
 
 
@@ -85,8 +84,8 @@ def test_a_scheduler_that_goes_away_is_said(scene, tmp_path, cluster, capsys):
 
     ending = threading.Thread(target=end)
     ending.start()
-    assert cli.main(["batch", str(table), "--out", str(out), "--scheduler", cluster.address,
-                     "--evaluations", "400", "--quiet"]) == 2  # fmt: skip
+    line = ("batch", table, "--out", out, "--scheduler", cluster.address, "--quiet")
+    assert run(*line, "--evaluations", 400) == 2
     ending.join()
     printed = capsys.readouterr().err
     assert "the Dask scheduler went away" in printed.splitlines()[-1]
@@ -97,9 +96,8 @@ def test_a_scheduler_that_goes_away_is_said(scene, tmp_path, cluster, capsys):
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense:://"])
 def test_a_scheduler_that_is_not_there_is_said(scene, tmp_path, address, capsys, monkeypatch):
     monkeypatch.setattr("poseviewer.batch.cluster.CONNECT_SECONDS", 0.5)
-    table = write_table(scene, tmp_path, 1)
-    assert cli.main(["batch", str(table), "--out", str(tmp_path / "out"), "--scheduler", address,
-                     "--quiet"]) == 2  # fmt: skip
+    table, out = write_table(scene, tmp_path, 1), tmp_path / "out"
+    assert run("batch", table, "--out", out, "--scheduler", address, "--quiet") == 2
     printed = capsys.readouterr().err
     assert "no Dask scheduler answers there" in printed
     assert printed.count("\n") == 1, printed
@@ -107,7 +105,6 @@ def test_a_scheduler_that_is_not_there_is_said(scene, tmp_path, address, capsys,
 
 def test_without_dask_its_option_says_what_to_install(scene, tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)  # as if it were not installed
-    table = write_table(scene, tmp_path, 1)
-    assert cli.main(["batch", str(table), "--out", str(tmp_path / "out"), "--scheduler",
-                     "tcp://127.0.0.1:8786", "--quiet"]) == 2  # fmt: skip
+    table, out = write_table(scene, tmp_path, 1), tmp_path / "out"
+    assert run("batch", table, "--out", out, "--scheduler", "tcp://127.0.0.1:8786") == 2
     assert "poseviewer[cluster]" in capsys.readouterr().err

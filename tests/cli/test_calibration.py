@@ -67,7 +67,6 @@ def test_a_fit_through_a_lens_finds_the_pose_and_says_whose_it_is(folder, lens):
 
 
 def test_a_pose_file_undistorts_its_photo_by_itself(folder):
-    """The same loss comes out, with the calibration or with the pose file that was made by it."""
     take(folder, LENSES["opencv"])
     lines = ("--pose true.json --calibration camera.yml --out a.json",
              "--pose a.json --out b.json", "--pose true.json --out c.json")  # fmt: skip

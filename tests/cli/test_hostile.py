@@ -17,7 +17,7 @@ ESCAPES = "\x1b[2J\x1b]0;owned\x07\u202e"
 
 
 def one_line(printed: str) -> str:
-    """What was printed: a line that does no harm."""
+    """Check that what was printed is a line that does no harm."""
     assert printed.endswith("\n")
     line = printed[:-1]
     assert line.isprintable()

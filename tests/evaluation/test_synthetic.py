@@ -43,7 +43,7 @@ def _opengl():
 
 
 def on_border(values):
-    """Where a neighbour has another value: there, a photo's pixel shows a mixture."""
+    """Pixels with a neighbour of another value: there, a photo shows a mixture."""
     moved = [np.roll(values, step, axis) for axis in (0, 1) for step in (-1, 1)]
     return np.any([values != one for one in moved], axis=0)
 
