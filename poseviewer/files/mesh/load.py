@@ -96,8 +96,6 @@ def _read_3ds(path: Path) -> Read:
 
 def _read_gltf(path: Path) -> Read:
     header = gltf_header(path)
-    for name in _missing_files(path, header, "buffers"):
-        raise MeshFileError(f"{path.name}: needs the file {name}; put it beside the model.")
     compressed = {"KHR_draco_mesh_compression", "EXT_meshopt_compression"}
     if used := compressed & set(header.get("extensionsRequired", [])):
         raise MeshFileError(
@@ -106,10 +104,7 @@ def _read_gltf(path: Path) -> Read:
         )
     # glTF's colours are linear by its specification; trimesh writes them as they are.
     linear = "trimesh" not in str(header.get("asset", {}).get("generator", ""))
-    parts, notes = _read_scene(path, linear)
-    # trimesh leaves out missing pictures silently.
-    gone = _missing_files(path, header, "images")
-    return parts, notes + [f"Texture left out: {name} is not there." for name in gone]
+    return _read_scene(path, linear)
 
 
 def gltf_header(path: Path) -> Any:
@@ -131,23 +126,21 @@ def gltf_header(path: Path) -> Any:
         return json.loads(file.read(text))
 
 
-def _missing_files(path: Path, header: dict[str, Any], kind: str) -> list[str]:
-    """Names of the files beside a glTF file that it asks for and that are not there."""
-    names = [unquote(str(entry.get("uri", "data:"))) for entry in header.get(kind, [])]
-    named = [name for name in names if not name.startswith("data:")]
-    return [name[:80] for name in named if find_named(path.parent, name) is None]
-
-
 def _read_scene(path: Path, linear: bool = False) -> Read:
     """All that trimesh finds, each piece moved to its place in the scene."""
     import trimesh  # only now: it takes a third of a second, and OBJ, PLY and 3DS do without
     from trimesh.resolvers import FilePathResolver
 
+    missing: list[str] = []
+
     class Beside(FilePathResolver):
         def get(self, name: str) -> bytes:
-            found = find_named(path.parent, unquote(name))
-            if found is None:
-                raise FileNotFoundError(name)
+            name = unquote(name)
+            found = find_named(path.parent, name)
+            if found is None:  # trimesh does without pictures, and says nothing
+                missing.append(f"Texture left out: {name[:80]} is not there.")
+                wanted = f"needs the file {name[:80]}; put it beside the model"
+                raise MeshFileError(f"{path.name}: {wanted}.")
             return found.read_bytes()
 
     scene = trimesh.load_scene(path, resolver=Beside(str(path)), process=False, maintain_order=True)
@@ -167,7 +160,7 @@ def _read_scene(path: Path, linear: bool = False) -> Read:
         if key in meshes:  # not a cloud of points
             texture = textures.get(id(pictures[key]))
             parts.append(_trimesh_part(name, meshes[key], linear, texture).moved(matrix))
-    return parts, notes
+    return parts, notes + missing
 
 
 def _picture_of(visual: Any) -> Any:

@@ -52,31 +52,21 @@ def _check(name: str, parts: list[Part]) -> None:
         raise MeshFileError(
             f"{name}: {found}; poseviewer needs a surface mesh, not a point cloud or an empty file."
         )
-    for what, count, most in (
-        ("faces", sum(len(part.faces) for part in parts), MOST_FACES),
-        ("parts", len(parts), MOST_PARTS),
-    ):
+    sizes = ("faces", sum(len(part.faces) for part in parts), MOST_FACES)
+    for what, count, most in (sizes, ("parts", len(parts), MOST_PARTS)):
         if count > most:
             wanted = f"poseviewer takes up to {most:,}, simplify the model first"
             raise MeshFileError(f"{name}: {count:,} {what}; {wanted}.")
     for part in parts:
         size, faces = len(part.vertices), np.asarray(part.faces)
-        bad = int(np.sum(~np.isfinite(part.vertices).all(axis=1)))
+        bad = int(np.sum(~(np.abs(part.vertices) <= LARGEST_COORDINATE).all(axis=1)))
         wrong = faces[(faces < 0) | (faces >= size)]
-        if np.shape(part.vertices)[1:] != (3,):
-            found = f"positions of {np.shape(part.vertices)[-1]} numbers; a vertex has 3"
-        elif bad:
-            found = f"coordinates that are not finite numbers (vertices: {bad:,}); repair the model"
-        elif np.abs(part.vertices).max(initial=0.0) > LARGEST_COORDINATE:
-            found = f"coordinates beyond {LARGEST_COORDINATE:g}; the file is damaged"
-        elif wrong.size:
-            found = (
-                f"a face asks for vertex number {wrong[0]} (counted from 0), but there are "
-                f"{size:,}; the file is damaged"
-            )
-        else:
-            continue
-        raise MeshFileError(f"{name}: {found}, export it again.")
+        if bad:
+            found = f"coordinates that are not finite, or beyond {LARGEST_COORDINATE:g}"
+            raise MeshFileError(f"{name}: {found} (vertices: {bad:,}); repair the model.")
+        if wrong.size:
+            found = f"a face asks for vertex number {wrong[0]} (counted from 0) of {size:,}"
+            raise MeshFileError(f"{name}: {found}; the file is damaged, export it again.")
 
 
 def _merged(parts: list[Part], notes: list[str]) -> Mesh:
