@@ -22,7 +22,9 @@ LARGE = (1400, 900)
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AppProcess]:
     with AppProcess(tmp_path_factory.mktemp("demo")) as app:
         yield app
-        assert app.interrupt() == 0
+        assert app.terminate() == 0
+    assert app.leaves_nothing()
+    assert not [line for line in app.lines if "Traceback" in line or "Error" in line]
 
 
 @pytest.fixture(scope="module")

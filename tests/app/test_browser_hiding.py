@@ -22,13 +22,11 @@ from tests.scene import Scene, make_scene
 pytestmark = pytest.mark.slow
 
 PHOTO = (160, 120)
-BAR = slice(50, 62), slice(20, 140)
-"""Rows and columns of what stands in front."""
 
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
-    """The scene with a green bar across the model, which has two parts: by the sign of x."""
+    """The scene with a model of two parts: by the sign of x."""
     whole = make_scene(tmp_path_factory.mktemp("files"))
     scene = replace(whole, model=whole.model.with_name("halves.obj"))
     mesh = load_mesh(whole.model)
@@ -37,10 +35,6 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     for name, faces in (("left", mesh.faces[left]), ("right", mesh.faces[~left])):
         lines += [f"o {name}", *("f {} {} {}".format(*face) for face in faces + 1)]
     scene.model.write_text("\n".join(lines) + "\n")
-    photo = np.asarray(cv2.imread(str(scene.photo)))
-    noise = np.random.default_rng(1).normal(0.0, 4.0, photo[BAR].shape)
-    photo[BAR] = np.clip(np.array([40, 170, 60]) + noise, 0, 255).astype(np.uint8)
-    cv2.imwrite(str(scene.photo), photo)
     return scene
 
 
