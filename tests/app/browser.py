@@ -16,7 +16,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from poseviewer.app.page.page import STEPS
+from poseviewer.app.page.panels import STEPS
 
 FLAGS = (
     "--no-sandbox",

@@ -13,14 +13,7 @@ from poseviewer.app.below_viser.incoming import check_incoming
 from poseviewer.app.page.above_steps import add_preparing, objects_list
 from poseviewer.app.page.controls import Controls, Post, plain
 from poseviewer.app.page.map_panel import add_maps
-from poseviewer.app.page.panels import (
-    add_fitting,
-    add_judging,
-    add_opening,
-    add_placing,
-    add_saving,
-    add_status,
-)
+from poseviewer.app.page.panels import STEPS, add_status
 from poseviewer.app.page.photo_view import DEPTH, SIDE, PhotoScene
 from poseviewer.app.page.reports import FORWARDED, HELP, LEFT_TO_BROWSER, Theme, meaning_of
 from poseviewer.app.page.rows import add_rows
@@ -36,14 +29,6 @@ from poseviewer.files.state.uploads import LARGEST_UPLOAD
 
 PANEL_PX, MAPS_PX = 300, 380
 """Widths of the left panel and of the maps; either border can be dragged."""
-STEPS = {
-    "Open": add_opening,
-    "Place": add_placing,
-    "Fit": add_fitting,
-    "Judge": add_judging,
-    "Save": add_saving,
-}
-"""Tabs of the left panel in the order of the work, and what makes their controls."""
 PANELS_S, MAPS_S = 0.1, 0.2
 """Panels and maps are brought up to date no oftener than this; the photo always is."""
 PAGE_CONFIG = {

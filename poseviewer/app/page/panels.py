@@ -366,6 +366,16 @@ def add_saving(controls: Controls) -> None:
     controls.download("Download overlay", "overlay", icon="photo-down")
 
 
+STEPS = {
+    "Open": add_opening,
+    "Place": add_placing,
+    "Fit": add_fitting,
+    "Judge": add_judging,
+    "Save": add_saving,
+}
+"""Tabs of the left panel in the order of the work, and what makes their controls."""
+
+
 def _altered(settings: Any, name: str, value: Any) -> Any:
     """With another value of the field of this name, or of a field of one: ``limits.seconds``."""
     first, _, rest = name.partition(".")
