@@ -23,12 +23,15 @@ from poseviewer.app.workers.jobs import case_of, run_search
 from poseviewer.app.workers.maps import MapJob, MapMaker, maps
 from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.overlay import LossReader, OverlayDrawer, draw_fine_lines
+from poseviewer.errors import SettingsError
 from poseviewer.fit.problem import make_problem, pose_loss
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
+from tests.app.state.sets import document_of
+from tests.several import TRUTH
 
 SETTINGS = FitSettings(limits=Limits(evaluations=150))
 
@@ -124,6 +127,14 @@ def test_a_search_ends_where_a_fit_ends(document, renderer):
     assert losses == sorted(set(losses), reverse=True)
     assert (losses[0], losses[-1]) == (updates[0].progress.loss, last.loss)
     assert all(item.improvements[-1].loss == item.progress.loss for item in updates)
+
+
+def test_what_stands_wholly_behind_another_is_said():
+    front, place = TRUTH[1].pose, TRUTH[1].pose.camera_from_model
+    far = replace(place, translation=3.0 * place.translation)
+    hidden = document_of([replace(front, camera_from_model=far), front]).with_object(1, locked=True)
+    with pytest.raises(SettingsError, match="stands wholly behind other objects"):
+        searched(hidden)
 
 
 @pytest.mark.parametrize("lock", [(), ("rotation_x", "shift_y", "log_depth", "rotation_z")])

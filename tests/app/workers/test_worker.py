@@ -39,7 +39,6 @@ class Steps:
         self._items, self._error = items, error
         self._go = threading.Semaphore(0)
         self.began = threading.Event()
-        self.ended = threading.Event()
         self.asked = threading.Semaphore(0)
         self.thread = ""
 
@@ -49,15 +48,12 @@ class Steps:
     def __call__(self) -> Iterator[object]:
         self.thread = threading.current_thread().name
         self.began.set()
-        try:
-            for item in self._items:
-                self.asked.release()
-                assert self._go.acquire(timeout=LONG)
-                yield item
-            if self._error is not None:
-                raise self._error
-        finally:
-            self.ended.set()
+        for item in self._items:
+            self.asked.release()
+            assert self._go.acquire(timeout=LONG)
+            yield item
+        if self._error is not None:
+            raise self._error
 
 
 class Bell:
