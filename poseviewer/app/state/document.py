@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -105,17 +105,14 @@ class Document:
         """
         objects, are_numbers = [], all(one.id.isdecimal() for one in scene.objects)
         for index, one in enumerate(scene.objects):
-            in_views = tuple(
-                replace(
-                    scene.in_view(index, number),
-                    mask=product((view.mask, scene.in_view(index, number).mask)),
-                    region=scene.in_view(index, number).region or one.settings.region,
-                )
-                for number, view in enumerate(scene.views)
-            )
+            bare, in_views = scene.with_object(index, result=None), []
+            for number in range(len(scene.views)):
+                own, mask = scene.in_view(index, number), bare.mask(index, number)
+                region = own.region or one.settings.region
+                in_views.append(replace(own, mask=mask, region=region))
             named = {} if are_numbers else {"id": str(index + 1), "name": one.name or one.id}
             settings = replace(one.settings, region=None)
-            objects.append(replace(one, in_views=in_views, settings=settings, **named))
+            objects.append(replace(one, in_views=tuple(in_views), settings=settings, **named))
         views = tuple(replace(view, mask=None) for view in scene.views)
         cameras = tuple(view.camera for view in views)
         states = tuple(ObjectState(one.world_from_model, cameras) for one in objects)
@@ -415,14 +412,6 @@ def compared(scene: Scene, index: int) -> tuple[object, ...]:
     one, objects = scene.objects[index], enumerate(scene.objects)
     firm = ((o.model.mesh, o.world_from_model) for i, o in objects if i != index and o.stands_firm)
     return scene.views, one.model.mesh, one.world_from_model, one.in_views, one.settings, *firm
-
-
-def product(masks: Iterable[Mask | None]) -> Mask | None:
-    """The mask of what all masks let count; None: all."""
-    given = [mask for mask in masks if mask is not None]
-    if len(given) < 2:
-        return given[0] if given else None
-    return Mask.of(np.prod([mask.weights for mask in given], axis=0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.app.state.document import product
 from poseviewer.app.state.edits import edit
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
@@ -123,8 +122,9 @@ def hide_found(session: Session) -> Session:
     if result is not None:  # the same pixels were compared
         hidden = (*result.hidden[:at], None, *result.hidden[at + 1 :])
         document = document.with_object(result=replace(result, hidden=hidden))
-    mask = product((document.own.mask, Mask.of(~found)))
-    return session.with_document(document.with_own(mask=mask))
+    mask = document.own.mask
+    weights = ~found if mask is None else mask.weights * ~found
+    return session.with_document(document.with_own(mask=Mask.of(weights)))
 
 
 def found_hidden(session: Session) -> NDArray[np.bool_] | None:
