@@ -19,7 +19,7 @@ from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.render.moments import moments_of_images
-from poseviewer.render.texture import TexturePyramid, doubled_areas, flatten_textures, mip_levels
+from poseviewer.render.texture import TexturePyramid, doubled_areas, mip_levels
 from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes, Renderer
 
 ADVICE = "install EGL (Debian: libegl1 libgl1-mesa-dri), or use the software renderer"
@@ -115,7 +115,7 @@ class OpenGLRenderer(Renderer):
         if len(mesh.faces) > MAX_FACES:
             raise ValueError(f"{len(mesh.faces)} faces; OpenGL here numbers at most {MAX_FACES}")
         self.mesh = mesh
-        self._textures = TexturePyramid(*flatten_textures(mesh.textures))
+        self._textures = TexturePyramid.of(mesh.textures)
         self._texel_areas = self._textures.texel_areas(mesh)
         # Texture coordinates are read back only where they are needed.
         self._targets = 3 if mesh.textures else 2

@@ -12,7 +12,7 @@ texel is about as large as a pixel (L. Williams, *Pyramidal parametrics*, 1983).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -23,29 +23,6 @@ from poseviewer.geometry.mesh import Mesh
 
 LARGEST_TEXTURE = 2048
 """Longer sides are reduced first (in px): a photo never shows more, and memory stays bounded."""
-
-
-def flatten_textures(
-    textures: Sequence[NDArray[np.uint8]],
-) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """All levels of all textures, each (h, w, 3) RGB, in one array, and where each one lies.
-
-    Returns ``texels`` (N, 3) in [0, 1]; and ``table`` (T, L, 3) of ``(offset, width, height)``, in
-    which smaller textures repeat their last level, of one texel.
-    """
-    pyramids = [_levels(texture) for texture in textures]
-    count = max((len(levels) for levels in pyramids), default=1)
-    table = np.zeros((len(pyramids), count, 3), np.int64)
-    blocks: list[NDArray[np.float32]] = []
-    offset = 0
-    for t, levels in enumerate(pyramids):
-        for k, level in enumerate(levels):
-            height, width = level.shape[:2]
-            table[t, k:] = offset, width, height
-            blocks.append(level.reshape(-1, 3))
-            offset += width * height
-    texels = np.concatenate(blocks) if blocks else np.zeros((0, 3), np.float32)
-    return texels, table
 
 
 def _levels(texture: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
@@ -86,14 +63,29 @@ def doubled_areas(corners: FloatArray) -> FloatArray:
     return np.abs(x1 * y2 - x2 * y1)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TexturePyramid:
+class TexturePyramid(NamedTuple):
     """The textures of a mesh, ready to be sampled at many points at once."""
 
     texels: NDArray[np.float32]
-    """(N, 3), from ``flatten_textures``."""
+    """(N, 3) in [0, 1]: all levels of all textures."""
     table: NDArray[np.int64]
-    """(T, L, 3), from ``flatten_textures``."""
+    """(T, L, 3): ``(offset, width, height)`` of each level; smaller textures repeat their last one,
+    of one texel."""
+
+    @classmethod
+    def of(cls, textures: Sequence[NDArray[np.uint8]]) -> TexturePyramid:
+        """Make the levels of textures, each (h, w, 3) RGB."""
+        pyramids = [_levels(texture) for texture in textures]
+        count = max((len(levels) for levels in pyramids), default=1)
+        table, offset = np.zeros((len(pyramids), count, 3), np.int64), 0
+        blocks = [np.zeros((0, 3), np.float32)]
+        for t, levels in enumerate(pyramids):
+            for k, level in enumerate(levels):
+                height, width = level.shape[:2]
+                table[t, k:] = offset, width, height
+                blocks.append(level.reshape(-1, 3))
+                offset += width * height
+        return cls(np.concatenate(blocks), table)
 
     def texel_areas(self, mesh: Mesh) -> FloatArray:
         """(F,): twice each face's area in texels of level 0; 0 where it has no texture."""

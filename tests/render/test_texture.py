@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from poseviewer.render.texture import LARGEST_TEXTURE, TexturePyramid, flatten_textures, mip_levels
+from poseviewer.render.texture import LARGEST_TEXTURE, TexturePyramid, mip_levels
 from tests.meshes import make_mesh
 
 
@@ -16,7 +16,7 @@ def make_textures(*sizes, seed=0):
 
 def test_every_level_keeps_the_mean_and_halves_the_size():
     textures = make_textures((64, 32), (7, 5), (1, 1))
-    texels, table = flatten_textures(textures)
+    texels, table = TexturePyramid.of(textures)
     assert texels.dtype == np.float32
     assert table.shape == (3, 7, 3)
     for texture, levels in zip(textures, table, strict=True):
@@ -31,7 +31,7 @@ def test_every_level_keeps_the_mean_and_halves_the_size():
 
 
 def test_large_textures_are_reduced_first():
-    _, table = flatten_textures([np.zeros((4, 2 * LARGEST_TEXTURE, 3), np.uint8)])
+    _, table = TexturePyramid.of([np.zeros((4, 2 * LARGEST_TEXTURE, 3), np.uint8)])
     assert table[0, 0].tolist() == [0, LARGEST_TEXTURE, 2]
 
 
@@ -39,7 +39,7 @@ def test_between_texels_is_bilinear_also_across_the_border():
     texture = np.zeros((1, 4, 3), np.uint8)
     texture[0, 0] = 100
     texture[0, 3] = 200
-    pyramid = TexturePyramid(*flatten_textures([texture]))
+    pyramid = TexturePyramid.of([texture])
     value = pyramid.sample([0, 0], [0, 0], [[0.0, 0.3], [0.25, 0.7]])
     assert value[:, 0] * 255 == pytest.approx([150.0, 50.0], abs=1e-4)
 
@@ -65,5 +65,5 @@ def test_texel_areas_count_texels():
         face_texture=[0],
         textures=tuple(make_textures((8, 16))),
     )
-    areas = TexturePyramid(*flatten_textures(mesh.textures)).texel_areas(mesh)
+    areas = TexturePyramid.of(mesh.textures).texel_areas(mesh)
     assert areas == pytest.approx([4 * 16])

@@ -132,7 +132,7 @@ class GpuRenderer(SoftwareRenderer):
         boxes = self._boxes(poses, margin)
         found: dict[int, Moments] = {}
         pixels = self.device.photo(photo, lambda: photo_pixels(photo))
-        levels, width = self._textures[1].shape[1], photo.weights.shape[1]
+        levels, width = self._textures.table.shape[1], photo.weights.shape[1]
         parameters = len(self._surface.faces), levels, width, photo.structure is not None
         for numbers in _batches(boxes):
             given = np.zeros(len(numbers), POSE)

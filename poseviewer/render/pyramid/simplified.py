@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.normals import crease_normals, face_normals_and_areas, weld
-from poseviewer.render.texture import TexturePyramid, flatten_textures, mip_levels
+from poseviewer.render.texture import TexturePyramid, mip_levels
 
 FEWEST = 200
 """Triangles that a reduced model has at least."""
@@ -114,7 +114,7 @@ def _surface_samples(mesh: Mesh, new_area: float) -> SurfaceSamples:
     textured = np.flatnonzero(mesh.face_texture[faces] >= 0)
     if len(textured):
         uv, of_samples = _blend(shares[textured], mesh.uvs[corners[textured]]), faces[textured]
-        pyramid = TexturePyramid(*flatten_textures(mesh.textures))
+        pyramid = TexturePyramid.of(mesh.textures)
         # Averaged over two texels along the side of a new face.
         new_faces, count = 4.0 * (areas / new_area), pyramid.table.shape[1]
         levels = mip_levels(pyramid.texel_areas(mesh), new_faces, count)[of_samples]

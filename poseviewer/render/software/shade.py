@@ -5,8 +5,8 @@ pixel needs no corners.
 
 Arguments that kernels share: ``of_faces`` is (planes, colours (F + 1, 3), whether any reflectance
 varies within a face, paints, levels of the faces' textures); ``textures`` is (tints (F + 1, 3) that
-a face's texture is multiplied by, the texture of each face (F,), texels and table as
-``flatten_textures`` gives them); ``workspace`` is made by ``make_row``.
+a face's texture is multiplied by, the texture of each face (F,), texels and table of a
+``TexturePyramid``); ``workspace`` is made by ``make_row``.
 """
 
 from __future__ import annotations

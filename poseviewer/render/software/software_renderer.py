@@ -23,7 +23,7 @@ from poseviewer.render.software import rasterise, shade, sums
 from poseviewer.render.software.blocks import BLOCK
 from poseviewer.render.software.raster_surface import Surface, face_order, make_surface
 from poseviewer.render.structure import BLUR_TAPS, MODEL_NOISE, PhotoStructure
-from poseviewer.render.texture import TexturePyramid, flatten_textures
+from poseviewer.render.texture import TexturePyramid
 from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes, Renderer
 
 NEAR_PER_DIAMETER = 1e-3
@@ -45,8 +45,8 @@ class SoftwareRenderer(Renderer):
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self._near = NEAR_PER_DIAMETER * mesh.diameter
-        self._textures = flatten_textures(mesh.textures)
-        self._texel_areas = TexturePyramid(*self._textures).texel_areas(mesh)
+        self._textures = TexturePyramid.of(mesh.textures)
+        self._texel_areas = self._textures.texel_areas(mesh)
         self._allocate(make_surface(mesh, face_order(mesh, np.ones(len(mesh.faces), bool))))
         self._allocate(make_surface(mesh, face_order(mesh, self._seen_from_outside())))
 
@@ -157,7 +157,7 @@ class SoftwareRenderer(Renderer):
 
     def _allocate(self, surface: Surface) -> None:
         """Draw this surface from now on."""
-        self._surface, count_of_levels = surface, self._textures[1].shape[1]
+        self._surface, count_of_levels = surface, self._textures.table.shape[1]
         faces, vertices = len(surface.faces), surface.vertices.shape[1]
         planes = np.zeros((faces + 1, rasterise.PLANE), np.float32)
         paints = np.zeros((len(surface.paint), rasterise.PAINT), np.float32)
