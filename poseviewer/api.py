@@ -198,10 +198,8 @@ def make_scene(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """Views times objects; ``scene["id"]`` is the scene about one of its objects.
-
-    What is told of one object (pose, loss, verdict, maps ...) wants a scene that has one alone, or
-    is about one.
+    """Views times objects; ``scene["id"]`` is the scene about one of its objects, which pose, loss,
+    verdict and maps are of.
     """
 
     data: SceneData
@@ -328,9 +326,7 @@ class Scene:
         return numbers_of(problem.chart, self.data.pose(self._at, problem.views[0].index), scale)
 
     def at(self, pose: Pose) -> Scene:
-        """The object at another pose in the view whose chart is used, compared with the same
-        pixels.
-        """
+        """The object at another pose in the chart's view, compared with the same pixels."""
         data = self.data.with_pose(self._at, pose, self.view)
         return replace(self, data=data, placings={}, _problems={self._at: self._made})
 
@@ -409,9 +405,7 @@ class Scene:
 
     @property
     def covariance(self) -> PoseCovariance | None:
-        """Covariance of the pose, if it is right, in the view whose chart is used; None for a pose
-        that was not searched for, or is lost.
-        """
+        """Covariance of the pose, if it is right; None: not searched for, or lost."""
         return None if self.progress is None else self.progress.covariance
 
     @property
@@ -421,9 +415,7 @@ class Scene:
 
     @property
     def loss(self) -> float:
-        """The loss that the search minimised (see ``unexplained``), the mean over the views; an
-        evaluation where it is not yet known.
-        """
+        """The loss that a search minimises, the mean over the views; may take an evaluation."""
         if self.progress is not None:
             return self.progress.loss
         return pose_loss(self.problem, self.renderer, self.parameters)
@@ -435,16 +427,14 @@ class Scene:
 
     @property
     def parts(self) -> Unexplained:
-        """The shares that light, classes and edges leave unexplained in the chart's view; takes an
-        evaluation.
-        """
+        """Shares that light, classes and edges leave unexplained; takes an evaluation."""
         problem = self.problem
         return problem.scale.read(self.loss, self.renderer.moments(self.pose, problem.photo))
 
     @property
     def hidden(self) -> NDArray[np.bool_] | None:
-        """(height, width) of the photo: what the search took for something in front of the object,
-        and beside it where its outline is hidden; None where there was nothing.
+        """(height, width): what the search took for something in front of the object, and beside it
+        where its outline is hidden; None: nothing.
         """
         result = self.object.result
         return result.hidden[self.view] if result is not None and result.hidden else None
@@ -471,9 +461,7 @@ class Scene:
 
     @property
     def visibility(self) -> Visibility:
-        """Which pixels of the view whose chart is used show which object, and how much of each is
-        seen.
-        """
+        """Which pixels of the chart's view show which object, and how much of each is seen."""
         return visibility([self.data.placed(i, self.view) for i in range(len(self.objects))])
 
     @property

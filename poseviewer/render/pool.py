@@ -25,9 +25,7 @@ def processors() -> int:
 
 
 class RendererPool:
-    """A renderer, or a tuple of them that are used together, for each of some threads; one thread
-    alone where they have no clones.
-    """
+    """Threads with a renderer each, or a tuple of them; one thread where they have no clones."""
 
     def __init__(
         self,
@@ -38,16 +36,14 @@ class RendererPool:
         """``threads``: the number of processors by default; each calls ``begin`` first."""
         count = processors() if threads is None else threads
         each = renderer if isinstance(renderer, tuple) else (renderer,)
-        self._renderer = renderer
+        self._renderer, self.threads = renderer, 1
         self._executor: ThreadPoolExecutor | None = None
-        self.threads = 1
         owns: list[Any] = [each] * each[0].callers
         if not owns and count > 1:
             owns = [tuple(one.clone() for one in each) for _ in range(count)]
         if owns and None not in owns[0]:
-            is_one = each is not renderer
-            self._free: deque[Any] = deque(own[0] if is_one else own for own in owns)
-            self.threads = len(owns)
+            is_tuple, self.threads = each is renderer, len(owns)
+            self._free: deque[Any] = deque(own if is_tuple else own[0] for own in owns)
             self._executor = ThreadPoolExecutor(self.threads, "renderer", initializer=begin)
 
     def map(
@@ -56,10 +52,9 @@ class RendererPool:
         items: Sequence[Item],
         at_a_time: int = CHUNK,
     ) -> Iterator[Result]:
-        """Yield ``function(renderer, item)`` of all items in their order.
+        """Yield ``function(renderer, item)`` of all items in their order; raises its first error.
 
-        ``at_a_time`` go to a thread together, two chunks for each at most: to stop, stop asking. An
-        exception of ``function`` is raised for the first item that had one.
+        ``at_a_time`` go to a thread together, two chunks for each at most: to stop, stop asking.
         """
         if self._executor is None:
             for item in items:

@@ -55,7 +55,7 @@ class PhotoAttributes:
 
     @cached_property
     def planar(self) -> NDArray[np.float32]:
-        """(n, height, width): F, one channel after the other, as it lies in memory."""
+        """(n, height, width): F as it lies in memory."""
         return np.moveaxis(self.channels, 2, 0)
 
     @cached_property
@@ -155,16 +155,13 @@ class AttributeImage:
 
     def at(self, pixels: NDArray[np.intp]) -> AttributeImage:
         """Arrays (N,) and (N, 3), of N ``pixels`` as ``np.flatnonzero`` gives them."""
-        reflectance, normals = (
-            image.reshape(-1, 3).take(pixels, axis=0) for image in (self.reflectance, self.normals)
-        )
-        return AttributeImage(self.face_ids.ravel()[pixels], reflectance, normals)
+        images = self.reflectance, self.normals
+        picked = (image.reshape(-1, 3).take(pixels, axis=0) for image in images)
+        return AttributeImage(self.face_ids.ravel()[pixels], *picked)
 
 
 class Renderer:
-    """A mesh, ready to be seen from any pose, by one thread at a time; the picture's size is the
-    camera's. Subclasses define ``render`` and ``level_moments``.
-    """
+    """A mesh, ready to be drawn at any pose, by one thread at a time."""
 
     @property
     def callers(self) -> int:
@@ -194,11 +191,7 @@ class Renderer:
         return self.render(pose).mask
 
     def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
-        """Joint moments of the photo's and the model's attributes.
-
-        ``pose``: on the photo of factor 1. Raises ``ValueError`` if camera and photo differ in
-        size.
-        """
+        """Joint moments of the photo's and the model's attributes, at a pose on the whole photo."""
         pose = level_pose(pose, photo.factor)
         if photo.weights.shape != (pose.camera.height, pose.camera.width):
             raise ValueError("the pose's camera and the photo differ in size")

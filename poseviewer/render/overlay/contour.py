@@ -13,10 +13,8 @@ from poseviewer.geometry.mesh import Mesh, hull_in_photo
 from poseviewer.render.overlay.window import Window, model_window
 from poseviewer.render.types import Renderer
 
-TOLERANCE = 0.2
-"""Points closer than this to the line they lie on are left out, in samples."""
-SMOOTHING = 0.7
-"""Standard deviation, in samples, by which the stairs of the coverage are smoothed."""
+TOLERANCE, SMOOTHING = 0.2, 0.7
+"""Samples: points closer to the line they lie on are left out; blur of the coverage's stairs."""
 SMALLEST_HOLE = 16.0
 """Holes whose outline is shorter than this, in px, are not drawn (wheel spokes)."""
 PIECE, BESIDE = 3.0, 2

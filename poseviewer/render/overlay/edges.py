@@ -30,18 +30,12 @@ MATERIAL_STEP = 0.08
 """Flat colours that differ by more than this in a channel are two materials."""
 DEPTH_STEP = 0.006
 """One surface is in front of another by more than this share of the model's diameter."""
-SHORTEST = 7.0
-"""Feature edges shorter than this, in line widths, are specks."""
-SMALLEST_HOLE = 16.0
-"""Holes in the silhouette shorter than this, in line widths, are not outlined (wheel spokes)."""
-REACH = 10.0
-"""Reach of a line's neighbourhood, in line widths."""
-CROWDED = 0.22
-"""Share of a neighbourhood from which on feature edges, which would cover more, fade."""
-FINEST = 3
-"""Most samples a photo pixel is divided into, along each side."""
-MOST_SAMPLES = 4_000_000
-"""The picture of face ids has no more pixels than this; larger ones are coarser."""
+SHORTEST, SMALLEST_HOLE = 7.0, 16.0
+"""Shorter feature edges, in line widths, are specks; smaller holes (wheel spokes) not outlined."""
+REACH, CROWDED = 10.0, 0.22
+"""Reach of a line's neighbourhood, in line widths, and its share from which on edges fade."""
+FINEST, MOST_SAMPLES = 3, 4_000_000
+"""Most samples along a photo pixel's side, and in the picture of face ids."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -28,13 +28,11 @@ from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes, Re
 
 NEAR_PER_DIAMETER = 1e-3
 """Nearer than this share of the model's diameter, nothing is drawn under perspective."""
-VIEW_PX = 256
-"""Side of the pictures from which the faces seen from outside are told."""
-CULLED_PX = 1
-"""Maximum image motion (px) for which culled faces stay hidden, that of a search's end."""
+VIEW_PX, CULLED_PX = 256, 1
+"""Side of the pictures by which faces are seen from outside, and maximum image motion for which
+culled faces stay hidden, that of a search's end."""
 NO_REGION = (False, 0.0, np.zeros(0), np.zeros((0, 0)))
-CACHE_LINE = 64
-"""Size of a line of the processor's cache, bytes."""
+CACHE_LINE = 64  # bytes
 
 Box = tuple[int, int, int, int]
 
