@@ -178,7 +178,7 @@ class Reviewer:
 
 
 def _task(run: Callable[[Session], Result], draws: bool = False) -> Task:
-    return Task(lambda now, _: iter([run(now)]), draws=draws)
+    return Task(lambda now, _: run(now), draws=draws)
 
 
 def _require_saved(session: Session) -> None:

@@ -67,9 +67,9 @@ class Review(Reviewer):
             if isinstance(request, Edit):
                 self.session = update(self.session, request)
                 continue
-            for result in request.run(self.session, self.queue.batch.folder):
-                self.do(*result.edits)
-                notes = result.notes
+            result = request.run(self.session, self.queue.batch.folder)
+            self.do(*result.edits)
+            notes = result.notes
         return notes
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -48,7 +48,7 @@ class Result:
 class Task:
     """Work that takes a moment."""
 
-    run: Callable[[Session, Path], Iterator[Result]]
+    run: Callable[[Session, Path], Result]
     """Does it, on what is open when it begins; the path is that of the app's state."""
     working: str = ""
     """Sentence on the page meanwhile."""
@@ -108,7 +108,7 @@ class Tasks:
         task = next((task for task in self._waiting if not (task.draws and held)), None)
         if task is not None and not self._worker.busy:
             self._waiting.remove(task)
-            self._worker.start(lambda: task.run(now, self._state))
+            self._worker.start(lambda: iter([task.run(now, self._state)]))
 
     def drop(self) -> bool:
         """Forget all tasks, and what comes of the one that is running; False: there are none."""
@@ -130,20 +130,19 @@ def upload(kind: Kind | None, name: str, data: bytes, adds: bool = False) -> Tas
     as further objects, instead of replacing the active one.
     """
 
-    def run(now: Session, state: Path) -> Iterator[Result]:
+    def run(now: Session, state: Path) -> Result:
         uploads = state / "uploads"
         root = keep_set(uploads, data)
         files = sort_set(files_below(root), kind, None if adds else now.document.model.path)
         models = [gathered(uploads, model) for model in files.models]
         if not adds:
             document = open_file_set(now.document, files, models, root)
-            yield Result((open_document(document),), document.scene.notes)
-            return
+            return Result((open_document(document),), document.scene.notes)
         if not models:
             raise FileSetError(f"{display_name(name)}: holds no model; choose one.")
         loaded = [load_model(model) for model in models]
         notes = (note for model in loaded for note in notes_of(model))
-        yield Result(tuple(map(add_object, loaded)), (*notes, *files.notes))
+        return Result(tuple(map(add_object, loaded)), (*notes, *files.notes))
 
     return Task(run, f"Reading {name[:60]} ...", size=len(data))
 
@@ -151,10 +150,10 @@ def upload(kind: Kind | None, name: str, data: bytes, adds: bool = False) -> Tas
 def restore(kept: AutosavedSession) -> Task:
     """Open what an earlier session left."""
 
-    def run(*_: object) -> Iterator[Result]:
+    def run(*_: object) -> Result:
         document = open_autosaved(kept)
         opened = open_document(document, unsaved=True)
-        yield Result((opened,), document.scene.notes, is_restored=True)
+        return Result((opened,), document.scene.notes, is_restored=True)
 
     return Task(run)
 
@@ -163,32 +162,26 @@ def download(what: Export, client: int) -> Task:
     """Make files of the session for a page."""
     drawn = "Drawing ..." if what in ("overlay", "sheet") else ""
 
-    def run(now: Session, _: Path) -> Iterator[Result]:
-        yield Result(files=export(what, now), client=client)
-
-    return Task(run, drawn, draws=what == "overlay")
+    return Task(
+        lambda now, _: Result(files=export(what, now), client=client), drawn, what == "overlay"
+    )
 
 
 def find_wheels() -> Task:
-    """Look for wheels in the region that is drawn."""
-    return Task(find_wheels_in_region, "Looking for wheels ...", draws=True)
+    """Look for wheels in the region that is drawn, for the camera at hand; refused without one."""
 
+    def run(session: Session, _: Path) -> Result:
+        own, region = session.document, session.document.own.region
+        if region is None:
+            raise QuickStartError("Draw a region about the car first; wheels are sought in it.")
+        inputs = StartInputs(own.photo, own.mesh, own.model.keypoints, own.own.mask)
+        photo, camera = own.photo, own.pose.camera
+        is_guess = camera == photo.default_camera() and photo.focal_length_35mm is None
+        found = likely_wheels(inputs, region, camera, is_guess)[0]
+        laid = lay_wheels(photo, own.mesh, found.wheels.rear, found.wheels.front, found.fit.pose)
+        return Result((set_tool("wheels"), laid))
 
-def find_wheels_in_region(session: Session, _: Path) -> Iterator[Result]:
-    """Look for wheels in the region that is drawn, for the camera at hand.
-
-    Raises:
-        QuickStartError: there is no region, or there are no wheels in it.
-    """
-    own, region = session.document, session.document.own.region
-    if region is None:
-        raise QuickStartError("Draw a region about the car first; wheels are sought in it.")
-    inputs = StartInputs(own.photo, own.mesh, own.model.keypoints, own.own.mask)
-    photo, camera = own.photo, own.pose.camera
-    is_guess = camera == photo.default_camera() and photo.focal_length_35mm is None
-    found = likely_wheels(inputs, region, camera, is_guess)[0]
-    laid = lay_wheels(photo, own.mesh, found.wheels.rear, found.wheels.front, found.fit.pose)
-    yield Result((set_tool("wheels"), laid))
+    return Task(run, "Looking for wheels ...", draws=True)
 
 
 REACH = 1.0
@@ -204,9 +197,9 @@ ROUNDS = 5
 def grow(stroke: Stroke) -> Task:
     """Hide the thing below a scribble, to its edge, or bring it back."""
 
-    def run(session: Session, _: Path) -> Iterator[Result]:
+    def run(session: Session, _: Path) -> Result:
         photo = session.document.photo
-        yield Result((paint_found(photo, grown(photo, stroke), stroke.erase),))
+        return Result((paint_found(photo, grown(photo, stroke), stroke.erase),))
 
     return Task(run, "Finding its edge ...")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -20,10 +19,10 @@ def test_a_task_that_is_dropped_brings_nothing(tmp_path: Path):
     begun, ended, told = threading.Event(), threading.Event(), threading.Event()
     tasks, session = Tasks(told.set, tmp_path), make_session()
 
-    def slow(*_: object) -> Iterator[Result]:
+    def slow(*_: object) -> Result:
         begun.set()
         ended.wait(PATIENCE_S)
-        yield Result((c.undo(),))
+        return Result((c.undo(),))
 
     assert not tasks.drop()
     tasks.add(Task(slow))
@@ -33,7 +32,7 @@ def test_a_task_that_is_dropped_brings_nothing(tmp_path: Path):
     assert tasks.drop()
     assert not tasks.drop()
     ended.set()
-    tasks.add(Task(lambda *_: iter([Result((c.redo(),))])))
+    tasks.add(Task(lambda *_: Result((c.redo(),))))
     tasks.follow(session)
     found = None
     while found is None:
