@@ -80,6 +80,11 @@ def outlining(notify: Callable[[], None]) -> Job[OutlineRequest]:
         return outline(mesh, pose) / np.array([pose.camera.width, pose.camera.height])
 
     def make(request: OutlineRequest) -> Iterator[Edit]:
+        drawn = [request.large, *request.small]
+        meshes = {mesh for placed in drawn for mesh, _ in placed.values()}
+        if renderer.cache_info().currsize > len(meshes) + len(request.front):
+            renderer.cache_clear()  # some are of models that are closed: they fill the memory
+            outline.cache_clear()
         lines = {number: outline(*placed) for number, placed in request.large.items()}
         models = [*request.large.values(), *request.front]
         if lines and len(models) > 1:
