@@ -45,12 +45,12 @@ class Photo:
 
     @property
     def width(self) -> int:
-        """Width in px."""
+        """Width, px."""
         return self.pixels.shape[1]
 
     @property
     def height(self) -> int:
-        """Height in px."""
+        """Height, px."""
         return self.pixels.shape[0]
 
     def as_float(self) -> NDArray[np.float32]:
@@ -86,10 +86,10 @@ class Photo:
         """Camera by calibration, else by EXIF, else with 50 degrees along the longer side."""
         if self.camera is not None:
             return self.camera
+        size = self.width, self.height
         if self.focal_length_35mm is not None:
-            focal = self.focal_length_35mm
-            return Perspective.from_focal_length_35mm(focal, self.width, self.height)
-        return Perspective.from_field_of_view(DEFAULT_FIELD_OF_VIEW_DEG, self.width, self.height)
+            return Perspective.from_focal_length_35mm(self.focal_length_35mm, *size)
+        return Perspective.from_field_of_view(DEFAULT_FIELD_OF_VIEW_DEG, *size)
 
     def focal_note(self, camera: Camera) -> str:
         """Sentence on a focal length that was assumed for want of any, else ""."""

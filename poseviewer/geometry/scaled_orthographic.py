@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.transform import RigidTransform, nearest_rotation, rotation_about
 
@@ -39,10 +39,10 @@ def scaled_orthographic_poses(
     size = float(np.abs(about).max())
     poses = []
     for scale, rotation in starts:
-        if not flat:
-            scale, rotation = _refined(about, seen, scale, rotation)
         if not scale > 0.0:
             continue
+        if not flat:
+            scale, rotation = _refined(about, seen, scale, rotation)
         place = [*((centre - [camera.cx, camera.cy]) / scale), DEPTH_PER_SIZE * size]
         transform = RigidTransform(rotation, np.array(place) - rotation @ middle)
         poses.append(Pose(replace(camera, scale=scale), transform))
@@ -62,11 +62,9 @@ def _of_a_plane(about: FloatArray, seen: FloatArray, axes: FloatArray) -> list[T
     scale = float(np.sqrt(values[1]))
     column = np.sqrt(max(values[1] - values[0], 0.0)) * vectors[:, 0]
     normal = np.cross(plane[0], plane[1])
-    if not scale > 0.0:
-        return []
     frame = np.vstack([plane, normal])
     rows = [np.column_stack([b, sign * column]) @ frame for sign in (1.0, -1.0)]
-    return [(scale, _completed(frozen_array(row, (2, 3)))) for row in rows]
+    return [(scale, _completed(row)) for row in rows]
 
 
 def _of_a_solid(about: FloatArray, seen: FloatArray) -> Turned:
@@ -78,14 +76,12 @@ def _of_a_solid(about: FloatArray, seen: FloatArray) -> Turned:
 def _completed(rows: FloatArray) -> FloatArray:
     """The rotation (3, 3) whose first two rows are nearest to ``rows`` (2, 3) but for scale."""
     u, _, vt = np.linalg.svd(rows, full_matrices=False)
-    first, second = frozen_array(u @ vt, (2, 3))
+    first, second = np.asarray(u @ vt, float)
     return nearest_rotation(np.stack([first, second, np.cross(first, second)]))
 
 
 def _refined(about: FloatArray, seen: FloatArray, scale: float, rotation: FloatArray) -> Turned:
     """Levenberg-Marquardt over scale and rotation; the shift stays, both middles being 0."""
-    if not scale > 0.0:
-        return scale, rotation
 
     def placed(x: FloatArray) -> Turned:
         return float(scale * np.exp(x[3])), rotation_about(*x[:3]) @ rotation

@@ -22,16 +22,10 @@ def test_a_shift_is_measured_in_px_and_in_per_cent():
     assert error.percent == pytest.approx(100.0 * 5.0 / np.hypot(100.0, 50.0))
 
 
-def test_a_turn_is_measured_in_degrees():
-    camera = Perspective(100.0, 100.0, 80.0, 60.0, 160, 120)
-    place = np.array([0.0, 0.0, 9.0])
+def test_a_turn_is_measured_in_degrees_and_a_model_behind_the_camera_is_infinitely_far():
+    camera, place = Perspective(100.0, 100.0, 80.0, 60.0, 160, 120), np.array([0.0, 0.0, 9.0])
+    truth = Pose(camera, RigidTransform(np.eye(3), place))
     turned = RigidTransform.from_rotation_vector([0.0, np.radians(30.0), 0.0], place)
-    error = pose_error(MESH, Pose(camera, turned), Pose(camera, RigidTransform(np.eye(3), place)))
-    assert error.rotation_deg == pytest.approx(30.0)
-
-
-def test_a_model_behind_the_camera_is_infinitely_far():
-    camera = Perspective(100.0, 100.0, 80.0, 60.0, 160, 120)
-    truth = Pose(camera, RigidTransform(np.eye(3), np.array([0.0, 0.0, 9.0])))
-    behind = Pose(camera, RigidTransform(np.eye(3), np.array([0.0, 0.0, -9.0])))
+    assert pose_error(MESH, Pose(camera, turned), truth).rotation_deg == pytest.approx(30.0)
+    behind = Pose(camera, RigidTransform(np.eye(3), -place))
     assert pose_error(MESH, behind, truth).reprojection_px == np.inf

@@ -21,11 +21,8 @@ LIGHT = np.array([0.4, -0.7, -0.6])
 
 
 def make_pose(turn: float = 0.0, shift: float = 0.0, parallel: bool = False) -> Pose:
-    camera = (
-        Parallel(60.0, 113.0, 77.0, 220, 160)
-        if parallel
-        else Perspective(400.0, 400.0, 113.0, 77.0, 220, 160)
-    )
+    place = 113.0, 77.0, 220, 160
+    camera = Parallel(60.0, *place) if parallel else Perspective(400.0, 400.0, *place)
     rotation = [0.4 + turn, -0.3, 0.2]
     return Pose(camera, RigidTransform.from_rotation_vector(rotation, [0.1 + shift, 0.05, 7.0]))
 

@@ -20,8 +20,7 @@ from poseviewer.render.structure import BLUR_TAPS, MODEL_NOISE
 
 ADAPTER_VARIABLE = "POSEVIEWER_ADAPTER"
 """Environment variable whose value ``software`` allows the processor as adapter, for tests."""
-KINDS = ("DiscreteGPU", "IntegratedGPU", "VirtualGPU", "Unknown", "CPU")
-"""Kinds of adapters, the best first."""
+KINDS = ("DiscreteGPU", "IntegratedGPU", "VirtualGPU", "Unknown", "CPU")  # the best first
 BACKENDS = ("Vulkan", "Metal", "DX12")
 ADVICE = "use --renderer software, or leave --renderer out"
 LANES = 64
@@ -62,15 +61,14 @@ def find_adapter(software: bool) -> Any:
     with suppress(RuntimeError):  # whoever uses poseviewer uses wgpu as well, and was the first
         # OpenGL is left alone: it has no compute shaders everywhere, and one context a process.
         set_instance_extras(backends=list(BACKENDS))
-    adapters = [
-        one for one in wgpu.gpu.enumerate_adapters_sync() if one.info["backend_type"] in BACKENDS
-    ]
+    every = wgpu.gpu.enumerate_adapters_sync()
+    adapters = [adapter for adapter in every if adapter.info["backend_type"] in BACKENDS]
     if not adapters:
         raise RendererUnavailableError(
             "No GPU here (Vulkan, Metal and Direct3D 12 tried); install the GPU's driver, or "
             f"{ADVICE}."
         )
-    best = min(adapters, key=lambda one: KINDS.index(one.info["adapter_type"]))
+    best = min(adapters, key=lambda adapter: KINDS.index(adapter.info["adapter_type"]))
     if best.info["adapter_type"] == "CPU" and not software:
         raise RendererUnavailableError(
             f"The only adapter here, {best.info['device']}, is the processor itself, on which the "
@@ -92,12 +90,8 @@ class Device:
         """Set where it failed once: then it is left alone."""
         self.errors: tuple[type[Exception], ...] = (wgpu.GPUError, RuntimeError, MemoryError)
         """Errors of a device that is lost, or whose memory is full."""
-        names = (
-            "max-storage-buffer-binding-size",
-            "max-buffer-size",
-            "max-storage-buffers-per-shader-stage",
-        )
-        limits = {name: adapter.limits[name] for name in names}
+        names = "storage-buffer-binding-size", "buffer-size", "storage-buffers-per-shader-stage"
+        limits = {f"max-{name}": adapter.limits[f"max-{name}"] for name in names}
         try:
             self._device = adapter.request_device_sync(required_limits=limits)
             self._layout, self._pipelines = _compiled(self._device)
@@ -201,16 +195,11 @@ def _compiled(device: Any) -> tuple[Any, dict[str, Any]]:
     group = device.create_bind_group_layout(entries=entries)
     layout = device.create_pipeline_layout(bind_group_layouts=[group])
     source = (Path(__file__).parent / "moments.wgsl").read_text()
-    for name, numbers in (
-        ("grey", GREY_WEIGHTS),
-        ("taps", BLUR_TAPS),
-        ("noise", [64.0 * MODEL_NOISE**2]),
-    ):
+    constants = {"grey": GREY_WEIGHTS, "taps": BLUR_TAPS, "noise": [64.0 * MODEL_NOISE**2]}
+    for name, numbers in constants.items():
         source = source.replace(f"{{{name}}}", ", ".join(repr(float(x)) for x in numbers))
-    module = device.create_shader_module(code=source)
-    return group, {
-        entry: device.create_compute_pipeline(
-            layout=layout, compute={"module": module, "entry_point": entry}
-        )
-        for entry in ENTRIES
-    }
+    module, pipelines = device.create_shader_module(code=source), {}
+    for entry in ENTRIES:
+        compute = {"module": module, "entry_point": entry}
+        pipelines[entry] = device.create_compute_pipeline(layout=layout, compute=compute)
+    return group, pipelines

@@ -20,11 +20,8 @@ LIGHT = np.array([0.4, -0.7, -0.6])
 
 
 def make_pose(parallel: bool) -> Pose:
-    camera = (
-        Parallel(90.0, 166.0, 117.0, 320, 240)
-        if parallel
-        else Perspective(600.0, 600.0, 166.0, 117.0, 320, 240)
-    )
+    place = 166.0, 117.0, 320, 240
+    camera = Parallel(90.0, *place) if parallel else Perspective(600.0, 600.0, *place)
     return Pose(camera, RigidTransform.from_rotation_vector([0.4, -0.3, 0.2], [0.1, 0.05, 7.0]))
 
 

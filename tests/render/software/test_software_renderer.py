@@ -78,10 +78,8 @@ def test_fast_path_to_moments_matches_the_plain_one(name, parallel, seed):
 
 @pytest.mark.parametrize("parallel", [False, True])
 def test_a_sphere_is_a_disc_with_its_own_normals(parallel):
-    if parallel:
-        camera = Parallel(50.0, 80.3, 60.7, 160, 120)
-    else:
-        camera = Perspective(200.0, 200.0, 80.3, 60.7, 160, 120)
+    place = 80.3, 60.7, 160, 120
+    camera = Parallel(50.0, *place) if parallel else Perspective(200.0, 200.0, *place)
     pose = Pose(camera, RigidTransform(np.eye(3), np.array([0.0, 0.0, 4.0])))
     image = SoftwareRenderer(make_sphere(6)).render(pose)
     v, u = np.mgrid[0.5:120, 0.5:160]
@@ -95,9 +93,8 @@ def test_a_sphere_is_a_disc_with_its_own_normals(parallel):
         depth = (4.0 - np.sqrt(np.maximum(hit, 0.0))) / square
     assert np.mean(image.mask != (hit > 0.0)) < 1e-3
     inside = image.mask & (hit > 0.05)
-    point = np.stack([x, y, np.ones_like(x)], -1) * depth[..., None]
-    if parallel:
-        point = np.stack([x, y, depth], -1)
+    share = np.ones_like(x) if parallel else depth
+    point = np.stack([x * share, y * share, depth], -1)
     normal = point - np.array([0.0, 0.0, 4.0])
     cosine = np.sum(image.normals[inside] * normal[inside], axis=-1)
     assert np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).max() < 0.2
@@ -145,15 +142,9 @@ def test_faces_behind_the_camera_are_clipped_not_mirrored():
 
 def test_textures_are_sampled_at_their_texels():
     texture = np.random.default_rng(0).integers(0, 256, (6, 8, 3)).astype(np.uint8)
-    vertices = np.array([[0, 0, 0], [8, 0, 0], [8, 6, 0], [0, 6, 0]], float)
-    mesh = make_mesh(
-        vertices,
-        np.array([[0, 1, 2], [0, 2, 3]]),
-        colours=np.ones((4, 3)),
-        uvs=np.array([[0, 1], [1, 1], [1, 0], [0, 0]], float),
-        face_texture=np.zeros(2),
-        textures=(texture,),
-    )
+    vertices, faces = [[0, 0, 0], [8, 0, 0], [8, 6, 0], [0, 6, 0]], [[0, 1, 2], [0, 2, 3]]
+    of_texture = {"uvs": [[0, 1], [1, 1], [1, 0], [0, 0]], "face_texture": np.zeros(2)}
+    mesh = make_mesh(vertices, faces, colours=np.ones((4, 3)), textures=(texture,), **of_texture)
     pose = Pose(Parallel(1.0, 0.0, 0.0, 8, 6), RigidTransform.identity())
     image = SoftwareRenderer(mesh).render(pose)
     assert image.reflectance == pytest.approx(texture / 255.0, abs=1e-6)
