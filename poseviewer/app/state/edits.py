@@ -42,21 +42,18 @@ class SavePose:
     """Request to write the pose beside the photo."""
 
 
-def edit(change: Callable[Concatenate[Session, P], Session]) -> Callable[P, Edit]:
-    """Make a function of a session one that gives the ``Edit``."""
-    return _maker(change, False)
-
-
-def drag_edit(change: Callable[Concatenate[Session, P], Session]) -> Callable[P, Edit]:
-    """Make a function of a session one that gives an ``Edit`` that leaves drags as they are."""
-    return _maker(change, True)
-
-
-def _maker(
-    change: Callable[Concatenate[Session, P], Session], keeps_drag: bool
+def edit(
+    change: Callable[Concatenate[Session, P], Session], keeps_drag: bool = False
 ) -> Callable[P, Edit]:
+    """Make a function of a session one that gives the ``Edit``."""
+
     @wraps(change)
     def make(*arguments: P.args, **named: P.kwargs) -> Edit:
         return Edit(change, arguments, named, keeps_drag)
 
     return make
+
+
+def drag_edit(change: Callable[Concatenate[Session, P], Session]) -> Callable[P, Edit]:
+    """Make a function of a session one that gives an ``Edit`` that leaves drags as they are."""
+    return edit(change, keeps_drag=True)

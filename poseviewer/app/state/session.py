@@ -241,7 +241,7 @@ class Session:
     """The settings as they were before the method was changed last."""
     overlay: Overlay | None = None
     losses: Losses | None = None
-    """Maps about the pose at hand, or one a moment ago: its own will follow."""
+    """Losses of the pose at hand, or of one a moment ago: its own will follow."""
     outlines: Outlines | None = None
     preparation: Preparation | None = None
     """None: all is ready. Until then a search waits, and outlines are sketched."""
