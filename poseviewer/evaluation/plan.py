@@ -63,11 +63,6 @@ class Plan:
     dataset: Path | None = None
     """Folder of ``models`` and ``test``; None: the nearest above the table."""
 
-    @property
-    def kind(self) -> Literal["deviations", "real", "bop"]:
-        """Name of the study."""
-        return "bop" if self.bop else "real" if self.real else "deviations"
-
     def settings(self, kind: Kind | None = None) -> list[FitSettings]:
         """Settings of fits on a kind of photo of a vehicle; None: of models that may be none.
 

@@ -18,7 +18,7 @@ from poseviewer.evaluation.cases import CASES, STARTS, Case, load_cases, load_st
 from poseviewer.evaluation.photos import draw_start, make_photos, make_seed
 from poseviewer.evaluation.plan import Plan
 from poseviewer.evaluation.report import bop_table, study_table
-from poseviewer.evaluation.trials import KEY, Task, Trial, open_model, open_photo, run_all
+from poseviewer.evaluation.trials import KEY, Task, Trial, open_model, open_photo
 from poseviewer.figures.text_table import Table
 from poseviewer.files.checks import Reading
 from poseviewer.files.demo import demo_case
@@ -28,6 +28,7 @@ from poseviewer.files.table import RowTable
 from poseviewer.files.writing import make_folder, sha256_of, write_json, write_whole
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Pose
+from poseviewer.processes import run_in_processes
 
 ABOUT, TRIALS, SUMMARY = "study.json", "trials.csv", "study.md"
 EXPLAINED = (
@@ -53,10 +54,18 @@ class Run:
     """Lines of the report by the names of cases."""
 
     def trials(self, jobs: int) -> Iterator[Trial]:
-        """Run what is left; each row is in the file when it comes."""
-        for row in run_all(self.left, jobs):
-            self.table.append(row)
-            yield row
+        """Run what is left, here where one job is wanted; each row is in the file when it comes."""
+        trials = map(Task.run, self.left)
+        if jobs > 1:
+            trials = (trial for _, trial in run_in_processes(Task.run, self.left, jobs))
+        for trial in trials:
+            if trial is None:
+                raise SettingsError(
+                    "a process of the study was ended from outside, perhaps for want of memory; "
+                    "what was done is kept: run the same again, with fewer --jobs"
+                )
+            self.table.append(trial)
+            yield trial
 
 
 def open_study(plan: Plan, tell: Callable[[str], None]) -> Run:
@@ -185,15 +194,17 @@ def bop_tasks(table: Path, folder: Path, settings: FitSettings) -> tuple[list[Ta
 
 def _open_folder(plan: Plan) -> None:
     """Make the folder, or see that its rows were made in the same way."""
-    about: dict[str, Any] = {"evaluations": plan.limits.evaluations, "study": plan.kind}
-    files = [plan.model or demo_case().model]
+    about: dict[str, Any] = {"evaluations": plan.limits.evaluations}
     if plan.bop:
+        about |= {"study": "bop"}
         files = [plan.bop, bop_folder(plan.bop, plan.dataset) / "models" / MODELS_INFO]
     elif plan.real:
+        about |= {"study": "real", "among_others": plan.among_others}
         files = [plan.real / CASES, plan.real / STARTS]
-        about |= {"among_others": plan.among_others}
     else:
-        about |= {"size": [*plan.size], "photos": plan.photos, "seed": plan.seed}
+        about |= {"study": "deviations", "size": [*plan.size], "photos": plan.photos}
+        about |= {"seed": plan.seed}
+        files = [plan.model or demo_case().model]
     about["files"] = {path.name: sha256_of(path) for path in files}
     make_folder(plan.out, SettingsError)
     path = plan.out / ABOUT

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from poseviewer.api import Scene, make_scene
-from poseviewer.errors import PoseViewerError, SettingsError
+from poseviewer.errors import PoseViewerError
 from poseviewer.evaluation.cases import Case
 from poseviewer.files.photo import load_photo
 from poseviewer.fit.problem import pose_loss
@@ -26,7 +25,6 @@ from poseviewer.geometry.image import Photo
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.symmetry_group import Symmetry
 from poseviewer.geometry.view import View
-from poseviewer.processes import run_in_processes
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import Renderer
 from poseviewer.starts.loading import load_model
@@ -201,17 +199,3 @@ def open_model(path: Path) -> tuple[LoadedModel, Renderer]:
 def open_photo(path: Path) -> Photo:
     """LRU cache of photos; raises what ``load_photo`` raises."""
     return load_photo(path)
-
-
-def run_all(tasks: Sequence[Task], jobs: int) -> Iterator[Trial]:
-    """Run tasks, yielding each row when it is done; one job runs them here, in order."""
-    if jobs == 1:
-        yield from (task.run() for task in tasks)
-        return
-    for _, trial in run_in_processes(Task.run, tasks, jobs):
-        if trial is None:
-            raise SettingsError(
-                "a process of the study was ended from outside, perhaps for want of memory; what "
-                "was done is kept: run the same again, with fewer --jobs"
-            )
-        yield trial
