@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.optimise.state import Objective, State, best_so_far
+from poseviewer.optimise.state import Objective, State
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,15 +35,8 @@ def minimise(
     """Search about ``x0``; a whole generation is asked for at once. Values include the cost of the
     distance; ``axes`` are the distribution's, each as long as its standard deviation.
     """
-    return best_so_far(_generations(objective, x0, scale, options, seed))
-
-
-def _generations(
-    objective: Objective, x0: FloatArray, scale: FloatArray, options: CmaOptions, seed: int
-) -> Iterator[State]:
-    """Minimise as ``minimise`` does, yielding the best of each generation alone."""
     distribution = _Distribution(len(x0), options, np.random.default_rng(seed))
-    state = None
+    state: State | None = None
     for generation in range(options.generations + 1):
         offsets = distribution.ask() if generation else np.zeros((1, len(x0)))
         points = np.array([x0 + scale @ offset for offset in offsets])
@@ -51,8 +44,8 @@ def _generations(
         for i, loss in enumerate(objective(list(points))):
             losses[i] = loss + options.nearness * float(offsets[i] @ offsets[i])
             order = np.argsort(losses)[: len(x0) + 1]
-            best = order[0]
-            state = State(points[best], float(losses[best]), points[order], losses[order], axes)
+            near, values = points[order], losses[order]
+            state = State(near[0], float(values[0]), near, values, axes).since(state)
             yield state
         if generation:
             distribution.tell(offsets[np.argsort(losses)])

@@ -10,7 +10,7 @@ import numpy as np
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.optimise import nelder_mead
 from poseviewer.optimise.restart_options import RestartOptions
-from poseviewer.optimise.state import Objective, State, best_so_far
+from poseviewer.optimise.state import Objective, State
 
 
 def minimise(
@@ -44,8 +44,8 @@ def minimise(
             (options.step * scale) @ turn,
             short if is_short else long,
         )
-        for inner in best_so_far(states, state):
-            state = replace(inner, restart=restart, converged=False)
+        for inner in states:
+            state = replace(inner.since(state), restart=restart, converged=False)
             if not inner.converged:
                 yield state
         if not is_short:

@@ -30,10 +30,8 @@ class State:
     converged: bool = False
     """Whether this is the last one."""
 
-
-def best_so_far(states: Iterator[State], since: State | None = None) -> Iterator[State]:
-    """Yield the states, each with the best point of all up to it, and of ``since``."""
-    for state in states:
-        if since is None or state.value < since.value:
-            since = state
-        yield replace(state, best=since.best, value=since.value)
+    def since(self, before: State | None) -> State:
+        """The state with the best point so far, where ``before`` has that until then."""
+        if before is None or self.value < before.value:
+            return self
+        return replace(self, best=before.best, value=before.value)

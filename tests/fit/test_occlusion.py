@@ -7,14 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.api import Scene, load, make_scene
-from poseviewer.evaluation.study import real_tasks
+from poseviewer.api import load, make_scene
 from poseviewer.files.demo import demo_case
 from poseviewer.files.pose import load_pose
-from poseviewer.fit import search as searching
 from poseviewer.fit.compared import enlarged
 from poseviewer.fit.occlusion import find_hidden
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.pose_error import pose_error
 
 SLAB = (350, 520)
@@ -90,23 +87,3 @@ def test_a_fit_leaves_out_what_it_sees_in_front(demo, behind_slab, tmp_path):
     record = load_pose(tmp_path / "car.pose.json", photo.width, photo.height)
     assert record.seen == found.seen
     assert record.mask == "car.mask.png"
-
-
-@pytest.mark.slow
-def test_a_toy_behind_others_is_found_by_leaving_them_out(shared_data, monkeypatch):
-    folder, name = shared_data / "clutter", "tight-5-cat"
-    if not folder.is_dir():
-        pytest.skip(f"no {folder}")
-    settings = FitSettings(chart="free-body")
-    (task,) = real_tasks(folder, [15], 1, name, settings)
-    scene, renderer = task.open()
-
-    def off(found: Scene) -> float:
-        return pose_error(scene.objects[0].mesh, found.pose, task.case.truth).percent
-
-    toy = make_scene(scene, renderer, 0)
-    found = toy.fit()
-    assert off(found) < 2.0
-    assert found.progress is not None
-    monkeypatch.setattr(searching, "find_hidden", lambda *_: None)
-    assert off(toy.fit(evaluations=found.progress.evaluations)) > 3.0

@@ -12,20 +12,12 @@ from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
 from poseviewer.fit.progress import Status
 from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.stages import PAPER_PATIENCE, fit_pose
-from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
-from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.moments import model_attributes
-from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes
-from tests.meshes import make_bumpy
+from tests.fit.test_problem import MESH, RENDERER, true_pose
 
-MESH = make_bumpy(4)
-RENDERER = SoftwareRenderer(MESH)
-POSE = Pose(
-    Perspective(640.0, 640.0, 166.0, 118.0, 320, 240),
-    RigidTransform.from_rotation_vector([0.4, -0.3, 0.2], [0.1, 0.05, 7.0]),
-)
+POSE = true_pose(320)
 LIGHT = np.array([0.5, 0.4, -0.7, -0.6])
 
 

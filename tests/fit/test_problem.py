@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -154,14 +153,6 @@ def test_small_models_are_searched_on_the_photo_alone():
     (stage,) = make_stages(problem, RENDERER)
     assert stage.levels[0].photo is problem.photo
     assert stage.options is problem.settings.options
-
-
-def test_populations_are_judged_on_a_lighter_model_where_no_level_is_coarser():
-    wide, population, last = make_stages(make_structured(160, 2), RENDERER)
-    assert [stage.levels[0].factor for stage in (wide, population, last)] == [1, 1, 1]
-    renderers: list[Any] = [stage.levels[0].renderer for stage in (wide, population, last)]
-    faces = [len(renderer.mesh.faces) for renderer in renderers]
-    assert faces[0] == faces[1] < faces[2] == len(MESH.faces)
 
 
 def test_a_search_ends_without_what_is_hidden_there():

@@ -14,7 +14,7 @@ from poseviewer.fit.progress import Status
 from poseviewer.fit.scene import LoadedModel, PlacedModel, Scene, SceneObject
 from poseviewer.fit.search import CHANGED, MOST_ROUNDS, Search
 from poseviewer.fit.settings import FitSettings, Limits
-from poseviewer.fit.visibility import hiding, visibility
+from poseviewer.fit.visibility import hiding
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.view import View
 from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -49,17 +49,6 @@ def share_off(index: int, pose: Pose) -> float:
     truth = TRUTH[index].pose.project(MESHES[index].vertices)
     apart = np.linalg.norm(pose.project(MESHES[index].vertices) - truth, axis=1)
     return float(apart.mean() / np.linalg.norm(np.ptp(truth, axis=0)))
-
-
-@pytest.mark.slow
-def test_what_another_hides_is_found_right_with_it_and_not_without():
-    assert 0.3 < visibility(TRUTH).shares[0] < 0.5
-    among, alone = (
-        searched(scene_of(STARTS[0], TRUTH[1], TRUTH[2], locked=locked), 0)
-        for locked in ((1, 2), ())
-    )
-    ends = [share_off(0, [*one.run()][-1].progress.pose) for one in (among, alone)]
-    assert ends[0] < 0.01 < ends[1]
 
 
 @pytest.mark.slow

@@ -13,9 +13,8 @@ from poseviewer.fit.judge import judge_end
 from poseviewer.fit.problem import FitProblem, make_problem, pose_loss
 from poseviewer.fit.scene import InView, LoadedModel, Scene
 from poseviewer.fit.search import Search
-from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.slices import landscape
-from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -131,13 +130,6 @@ def test_an_unknown_scale_is_found_with_the_pose(renderer):
         off[6] = scale / 2.5 - 1.0
         units = np.outer(also.scales, also.scales)
         assert off @ np.linalg.solve(also.matrix / units, off) < region_reach(7) ** 2
-
-
-def test_threads_change_nothing(problem, renderer):
-    few = replace(problem, settings=FitSettings(limits=Limits(120)))
-    ends = [[*fit_pose(few, renderer, threads)][-1] for threads in (1, 3)]
-    assert ends[0].loss == ends[1].loss
-    np.testing.assert_array_equal(ends[0].parameters, ends[1].parameters)
 
 
 def test_a_grey_photo_makes_all_of_them_grey():

@@ -79,13 +79,6 @@ def test_a_loss_that_is_the_same_everywhere_ends_the_search_where_it_began_or_ne
     assert np.max(np.abs(end.best - 1.0)) < 1.0
 
 
-def test_the_same_arguments_give_the_same_search():
-    _, _, losses, units = valley(5)
-    one, other = (list(minimise(losses, np.zeros(5), units, OPTIONS, seed=3)) for _ in range(2))
-    assert len(one) == len(other)
-    np.testing.assert_array_equal(one[-1].best, other[-1].best)
-
-
 def test_rounds_end_when_nothing_is_gained():
     _, _, losses, units = valley(6)
     states = list(minimise(losses, np.zeros(6), units, OPTIONS, seed=0))
