@@ -40,11 +40,9 @@ def test_what_is_saved_comes_back():
     assert str(arrays["photo"]) == "p.jpg, undistorted"
     assert np.array_equal(arrays["centre"], [1.0, 2.0, 3.0])
     assert np.array_equal(arrays["spans"], [0.1, 0.2, 1.0])
-    for i, piece in enumerate(slices):
-        assert tuple(arrays["pairs"][i]) == (piece.first, piece.second)
-        assert np.array_equal(arrays["first_values"][i], piece.first_values)
-        assert np.array_equal(arrays["second_values"][i], piece.second_values)
-        assert np.array_equal(arrays["losses"][i], piece.losses, equal_nan=True)
+    assert arrays["pairs"].tolist() == [[piece.first, piece.second] for piece in slices]
+    for name in ("first_values", "second_values", "losses"):
+        assert np.array_equal(arrays[name], [getattr(p, name) for p in slices], equal_nan=True)
 
 
 def test_slices_that_are_known_on_coarser_grids_are_among_the_others():
@@ -55,9 +53,5 @@ def test_slices_that_are_known_on_coarser_grids_are_among_the_others():
     assert np.array_equal(arrays["losses"][0][::2, ::2], coarse.losses, equal_nan=True)
     assert np.isnan(arrays["losses"][0][1::2]).all()
     assert np.array_equal(arrays["losses"][1], fine[0].losses, equal_nan=True)
-    one = make_slices(1)[:1]
-    assert load(landscape_npz_bytes(NAMES, np.zeros(3), np.ones(3), one))["losses"].shape == (
-        1,
-        1,
-        1,
-    )
+    arrays = load(landscape_npz_bytes(NAMES, np.zeros(3), np.ones(3), make_slices(1)[:1]))
+    assert arrays["losses"].shape == (1, 1, 1)
