@@ -451,18 +451,14 @@ def with_files(scene: SceneRecord, name: Named) -> SceneRecord:
 
 
 def save_scene(path: str | Path, scene: SceneRecord) -> None:
-    """Write ``scene_files``, each whole or not at all."""
-    for file, content in scene_files(Path(path), scene).items():
-        write_whole(file, content, PoseFileError)
-
-
-def scene_files(path: Path, scene: SceneRecord) -> dict[Path, bytes]:
-    """Content of a scene file at ``path`` and, beside it, the masks that the scene has itself.
+    """Write a scene file and, beside it, the masks that the scene has itself; each whole or not.
 
     Raises:
-        PoseFileError: as of ``load_scene``; a photo or a model is no file; a number is not finite.
+        PoseFileError: as of ``load_scene``; a photo or a model is no file; a number is not finite;
+            a file cannot be written.
     """
-    reading, masks = Reading(path, kind=KIND), dict[Path, bytes]()
+    path, contents = Path(path), dict[Path, bytes]()
+    reading = Reading(path, kind=KIND)
     require_whole(reading, scene)
 
     def name(file: str, where: str) -> str:
@@ -476,12 +472,14 @@ def scene_files(path: Path, scene: SceneRecord) -> dict[Path, bytes]:
     def beside(key: str, value: Any, _: str) -> Any:
         if key != "mask" or not value.startswith(INLINE):
             return value
-        file = path.with_name(f"{path.stem}.{len(masks) + 1}.mask.png")
-        masks[file] = b64decode(value.removeprefix(INLINE))
+        file = path.with_name(f"{path.stem}.{len(contents) + 1}.mask.png")
+        contents[file] = b64decode(value.removeprefix(INLINE))
         return file.name
 
     data = _each(msgspec.to_builtins(with_files(structs.replace(scene, warnings=()), name)), beside)
-    return {**masks, path: json_bytes(path, data, PoseFileError, format=SCENE, version=2)}
+    contents[path] = json_bytes(path, data, PoseFileError, format=SCENE, version=2)
+    for file, content in contents.items():
+        write_whole(file, content, PoseFileError)
 
 
 def require_whole(reading: Reading, scene: SceneRecord) -> None:
