@@ -8,7 +8,6 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, TypeVar
 
-from poseviewer import api
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.document import Document, reference_view
 from poseviewer.app.state.edits import Edit
@@ -25,7 +24,7 @@ from poseviewer.fit import search as fit
 from poseviewer.fit.problem import make_problem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.scene import Scene, SearchResult
-from poseviewer.fit.settings import METHODS, FitSettings
+from poseviewer.fit.settings import METHODS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.pool import processors
 from poseviewer.render.types import Renderer
@@ -130,14 +129,6 @@ def proposing(notify: Callable[[], None]) -> Job[Document]:
 
     job = Job("proposals", asked, make, notify, failed=lambda *_: c.stop_proposing())
     return job
-
-
-def case_of(
-    scene: Scene, index: int, view: int, settings: FitSettings, renderer: Renderer
-) -> api.Scene:
-    """An object of a scene as it is compared by these settings, by the chart of a view."""
-    scene = scene.with_object(index, settings=settings)
-    return api.Scene(scene, {scene.objects[index].mesh: renderer}, index, view)
 
 
 def run_search(asked: SearchRequest) -> Iterator[SearchUpdate]:

@@ -14,7 +14,7 @@ from poseviewer.app.state.commands import show
 from poseviewer.app.state.document import reference_view
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import LandscapeUpdate, OverlayRequest, SearchUpdate, Session
-from poseviewer.app.workers.jobs import case_of, for_one_thread
+from poseviewer.app.workers.jobs import for_one_thread
 from poseviewer.app.workers.worker import Job, lower_priority
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.problem import FitProblem
@@ -142,7 +142,8 @@ class MapMaker:
             return before
         own, anchor = job.request.document, job.request.anchor
         view = reference_view(anchor, own.active, own.at)
-        scene = case_of(anchor, own.active, view, settings, self._renderer)
+        anchor = anchor.with_object(own.active, settings=settings)
+        scene = api.Scene(anchor, {own.mesh: self._renderer}, own.active, view)
         if job.search is not None and job.search.settings == settings:
             scene = scene.comparing(job.search.problem, self._renderer)
         numbers = own.numbers_in(scene.problem)

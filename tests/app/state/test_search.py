@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from poseviewer import api
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import (
@@ -11,7 +12,7 @@ from poseviewer.app.state.session import (
     SearchUpdate,
     Session,
 )
-from poseviewer.app.workers.jobs import case_of, run_search
+from poseviewer.app.workers.jobs import run_search
 from poseviewer.app.workers.maps import MapJob, maps
 from poseviewer.app.workers.opening import open_files
 from poseviewer.fit.settings import FitSettings, Limits
@@ -46,7 +47,7 @@ def landscape(session) -> tuple[LandscapeUpdate, ...]:
     """The whole of small maps about the start."""
     document = session.document
     renderer = SoftwareRenderer(document.mesh)
-    case = case_of(document.scene, 0, 0, SETTINGS, renderer)
+    case = api.Scene(document.scene, {document.mesh: renderer}, 0, 0)
     with RendererPool(renderer) as pool:
         *_, last = maps(case, MapJob.wanted(session), case.problem, pool, 5)
     return (last,)

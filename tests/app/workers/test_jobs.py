@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from poseviewer import api
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.session import (
@@ -19,7 +20,7 @@ from poseviewer.app.state.session import (
     Session,
 )
 from poseviewer.app.state.update import update
-from poseviewer.app.workers.jobs import case_of, run_search
+from poseviewer.app.workers.jobs import run_search
 from poseviewer.app.workers.maps import MapJob, MapMaker, maps
 from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.overlay import LossReader, OverlayDrawer, draw_fine_lines
@@ -140,7 +141,7 @@ def test_what_stands_wholly_behind_another_is_said():
 @pytest.mark.parametrize("lock", [(), ("rotation_x", "shift_y", "log_depth", "rotation_z")])
 def test_maps_become_known_until_they_are_complete(document, renderer, lock):
     settings = replace(SETTINGS, lock=lock)
-    case = case_of(document.scene, 0, 0, settings, renderer)
+    case = api.Scene(compared_by(document, settings).scene, {document.mesh: renderer}, 0, 0)
     problem = case.problem
     with RendererPool(renderer) as pool:
         updates = list(maps(case, MapJob.wanted(Session(document)), problem, pool, 5))
