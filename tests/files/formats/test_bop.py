@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,42 +14,39 @@ from msgspec import structs
 from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.bop import load_bop_images, read_bop, write_bop
 from poseviewer.files.formats.conversion import ConvertOptions
+from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_file import scene_of_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.transform import RigidTransform
 from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record
 
-SIZE = (WIDTH, HEIGHT)
+
+def write(record: PoseRecord, folder: Path, **options: Any) -> None:
+    write_bop(scene_of_pose(folder, record), folder, ConvertOptions(**options))
 
 
 def load_scene(folder: Path) -> tuple[dict, dict]:
-    """A reader after docs/bop_datasets_format.md: images by whole number, arrays row by row."""
-
-    def by_image(name: str) -> dict:
-        return {int(key): value for key, value in json.loads((folder / name).read_text()).items()}
-
-    cameras, poses = by_image("scene_camera.json"), by_image("scene_gt.json")
-    for camera in cameras.values():
-        camera["cam_K"] = np.array(camera["cam_K"], float).reshape(3, 3)
-    for pose in (pose for of_image in poses.values() for pose in of_image):
-        pose["cam_R_m2c"] = np.array(pose["cam_R_m2c"], float).reshape(3, 3)
-        pose["cam_t_m2c"] = np.array(pose["cam_t_m2c"], float).reshape(3, 1)
-    return cameras, poses
+    return (
+        json.loads((folder / "scene_camera.json").read_text()),
+        json.loads((folder / "scene_gt.json").read_text()),
+    )
 
 
 @pytest.mark.parametrize(("unit", "millimetres"), [("m", 1000.0), ("mm", 1.0), ("in", 25.4)])
 def test_the_scene_projects_the_model_the_same(tmp_path, unit, millimetres):
+    """As docs/bop_datasets_format.md has it: images by whole number, arrays row by row."""
     record = perspective_record(unit)
-    write_bop(scene_of_pose(tmp_path, record), tmp_path / "scene", ConvertOptions())
-    cameras, poses = load_scene(tmp_path / "scene")
-    camera, (pose,) = cameras[3]["cam_K"], poses[3]
+    write(record, tmp_path)
+    cameras, poses = load_scene(tmp_path)
+    camera, (pose,) = np.reshape(cameras["3"]["cam_K"], (3, 3)), poses["3"]
     points = np.random.default_rng(0).uniform(-1.0, 1.0, (20, 3))
-    in_camera = pose["cam_R_m2c"] @ (points * millimetres).T + pose["cam_t_m2c"]
+    in_camera = np.reshape(pose["cam_R_m2c"], (3, 3)) @ (points * millimetres).T
+    in_camera += np.reshape(pose["cam_t_m2c"], (3, 1))
     seen = (camera @ in_camera / in_camera[2])[:2].T
     # BOP's pixels are OpenCV's: (0, 0) is the centre of the first one.
     np.testing.assert_allclose(seen + 0.5, record.pose.project(points), rtol=0.0, atol=1e-9)
     assert pose["obj_id"] == 5
-    assert cameras[3]["depth_scale"] == 1.0
+    assert cameras["3"]["depth_scale"] == 1.0
 
 
 def test_what_is_there_stays(tmp_path):
@@ -57,60 +55,49 @@ def test_what_is_there_stays(tmp_path):
     (tmp_path / "scene_camera.json").write_text(json.dumps(old_camera))
     (tmp_path / "scene_gt.json").write_text(json.dumps({"0": [old_pose]}))
     record = perspective_record()
-    write_bop(scene_of_pose(tmp_path, record), tmp_path, ConvertOptions())
-    write_bop(scene_of_pose(tmp_path, record), tmp_path, ConvertOptions(object_id=6))
-    write_bop(scene_of_pose(tmp_path, record), tmp_path, ConvertOptions())
-    cameras, poses = (
-        json.loads((tmp_path / name).read_text()) for name in ("scene_camera.json", "scene_gt.json")
-    )
+    for number in (None, 6, None):
+        write(record, tmp_path, object_id=number)
+    cameras, poses = load_scene(tmp_path)
     assert cameras["0"] == old_camera["0"]
     assert poses["0"] == [old_pose]
     assert [pose["obj_id"] for pose in poses["3"]] == [5, 6]
-
-
-def test_an_image_keeps_its_camera(tmp_path):
-    record = perspective_record()
-    write_bop(scene_of_pose(tmp_path, record), tmp_path, ConvertOptions())
-    before = (tmp_path / "scene_gt.json").read_bytes()
     camera = record.pose.camera
     assert isinstance(camera, Perspective)
     other = record.with_pose(replace(record.pose, camera=replace(camera, fx=999.0)))
     with pytest.raises(PoseFileError, match="another camera"):
-        write_bop(scene_of_pose(tmp_path, other), tmp_path, ConvertOptions())
-    assert (tmp_path / "scene_gt.json").read_bytes() == before
-
-
-def test_damaged_files_are_not_written_over(tmp_path):
-    (tmp_path / "scene_gt.json").write_text('{"0": [')
-    with pytest.raises(PoseFileError, match=r"scene_gt\.json: not JSON"):
-        write_bop(scene_of_pose(tmp_path, perspective_record()), tmp_path, ConvertOptions())
-    assert (tmp_path / "scene_gt.json").read_text() == '{"0": ['
-    assert not (tmp_path / "scene_camera.json").exists()
+        write(other, tmp_path)
+    assert load_scene(tmp_path) == (cameras, poses)
 
 
 @pytest.mark.parametrize(
-    "entry", ["[]", '{"cam_K": 3}', "7", '{"cam_K": [[], 0, 0, 0, 0, 0, 0, 0, 0]}']
+    ("cameras", "poses", "said"),
+    [
+        (None, '{"0": [', r"scene_gt\.json: not JSON"),
+        (None, '{"3": {}}', "image 3"),
+        ('{"3": []}', None, "image 3"),
+        ('{"3": {"cam_K": [[], 0, 0, 0, 0, 0, 0, 0, 0]}}', None, r"3\.cam_K"),
+    ],
 )
-def test_an_image_that_is_no_image_is_said(tmp_path, entry):
-    (tmp_path / "scene_camera.json").write_text(f'{{"3": {entry}}}')
-    with pytest.raises(PoseFileError, match=r"image 3|3\.cam_K"):
-        write_bop(scene_of_pose(tmp_path, perspective_record()), tmp_path, ConvertOptions())
-    (tmp_path / "scene_camera.json").unlink()
-    (tmp_path / "scene_gt.json").write_text('{"3": {}}')
-    with pytest.raises(PoseFileError, match="image 3"):
-        write_bop(scene_of_pose(tmp_path, perspective_record()), tmp_path, ConvertOptions())
+def test_damaged_files_are_said_and_not_written_over(tmp_path, cameras, poses, said):
+    contents = {"scene_camera.json": cameras, "scene_gt.json": poses}
+    for name, text in contents.items():
+        if text is not None:
+            (tmp_path / name).write_text(text)
+    with pytest.raises(PoseFileError, match=said):
+        write(perspective_record(), tmp_path)
+    there = {path.name: path.read_text() for path in tmp_path.iterdir()}
+    assert there == {name: text for name, text in contents.items() if text is not None}
 
 
 def test_what_is_not_known_is_asked_for(tmp_path):
-    record = perspective_record(unit=None)
-    with pytest.raises(PoseFileError, match="--unit mm"):
-        write_bop(scene_of_pose(tmp_path, record), tmp_path, ConvertOptions())
-    nameless = structs.replace(perspective_record(), photo=None)
-    with pytest.raises(PoseFileError, match="--image NUMBER"):
-        write_bop(scene_of_pose(tmp_path, nameless), tmp_path, ConvertOptions())
-    nameless = structs.replace(perspective_record(), model=None)
-    with pytest.raises(PoseFileError, match="--object NUMBER"):
-        write_bop(scene_of_pose(tmp_path, nameless), tmp_path, ConvertOptions(unit="m"))
+    record = perspective_record()
+    for nameless, unit, wanted in (
+        (perspective_record(unit=None), None, "--unit mm"),
+        (structs.replace(record, photo=None), "m", "--image NUMBER"),
+        (structs.replace(record, model=None), "m", "--object NUMBER"),
+    ):
+        with pytest.raises(PoseFileError, match=wanted):
+            write(nameless, tmp_path, unit=unit)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -120,22 +107,15 @@ def test_one_of_many_poses_is_chosen(tmp_path):
         for number in (5, 6):
             place = RigidTransform(np.eye(3), np.array([int(image), number, 700.0]))
             moved = record.with_pose(replace(record.pose, camera_from_model=place))
-            write_bop(
-                scene_of_pose(tmp_path, moved),
-                tmp_path,
-                ConvertOptions(image=image, object_id=number),
-            )
-    found = read_bop(tmp_path, ConvertOptions(image="000012", object_id=6, photo_size=SIZE))
+            write(moved, tmp_path, image=image, object_id=number)
+    size: Any = {"photo_size": (WIDTH, HEIGHT)}
+    found = read_bop(tmp_path, ConvertOptions(image="000012", object_id=6, **size))
     assert found.pose(0).camera_from_model.translation.tolist() == [12.0, 6.0, 700.0]
-    unclear = (
-        ConvertOptions(),
-        ConvertOptions(image="3", object_id=7),
-        ConvertOptions(image="4", object_id=5),
-        ConvertOptions(object_id=5),
-    )
-    for asked in unclear:
+    found = read_bop(tmp_path, ConvertOptions(image="3", **size))
+    assert [one.id for one in found.objects] == ["5", "6"]
+    for image, number in ((None, None), ("3", 7), ("4", 5), (None, 5)):
         with pytest.raises(PoseFileError, match=r"--image|--object"):
-            read_bop(tmp_path, replace(asked, photo_size=SIZE))
+            read_bop(tmp_path, ConvertOptions(image=image, object_id=number, **size))
 
 
 @pytest.mark.parametrize("name", ["left", "-1", "9" * 5001])

@@ -15,7 +15,6 @@ from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.formats.opencv import write_opencv
 from poseviewer.files.formats.reconstructions import (
-    read_colmap,
     write_colmap,
     write_nerfstudio,
 )
@@ -144,10 +143,10 @@ def test_the_lens_reads_back_where_it_is_held(tmp_path, name, lens):
     assert not any(k[length:])
 
 
-@pytest.mark.parametrize("name", ["bop", "gltf", "meshlab"])
+@pytest.mark.parametrize("name", ["bop", "gltf", "meshlab", "colmap"])
 def test_without_a_lens_the_undistorted_photo_is_written_and_named(tmp_path, capsys, name):
     _, request = write_files(tmp_path)
-    record = record_through(LENSES["five"])
+    record = record_through(LENSES["prism"])
     assert written(name, record, tmp_path) == 0
     said = capsys.readouterr().out
     photo = tmp_path / ("out.scene/rgb/000003.png" if name == "bop" else "000003.undistorted.png")
@@ -157,22 +156,13 @@ def test_without_a_lens_the_undistorted_photo_is_written_and_named(tmp_path, cap
     assert record.undistortion is not None
     expected, _ = undistort(load_photo(request.photo).pixels, record.undistortion)
     np.testing.assert_array_equal(load_photo(photo).pixels, expected)
-    if name == "meshlab":
-        out = (tmp_path / f"out.{ENDINGS[name]}").read_text()
-        assert "000003.undistorted.png" in out
-        assert "000003.png" not in out
+    if name in ("colmap", "meshlab"):
+        found = FORMATS[name].read(tmp_path / f"out.{ENDINGS[name]}", ConvertOptions())
+        assert found.views[0].undistortion is None
+        assert found.views[0].path.name == photo.name
+        assert_same(found, record)
     # The same photo is used again, and the photo as taken is not touched.
     assert written(name, record, tmp_path, "--overwrite" if name != "bop" else "") == 0
-
-
-def test_the_pinhole_written_for_the_undistorted_photo_is_its_camera(tmp_path):
-    write_files(tmp_path)
-    record = record_through(LENSES["prism"])
-    assert written("colmap", record, tmp_path) == 0
-    found = read_colmap(tmp_path / "out.model", ConvertOptions())
-    assert found.views[0].undistortion is None
-    assert_same(found, record)
-    assert found.views[0].path.name == "000003.undistorted.png"
 
 
 def test_a_focal_length_that_was_found_is_no_lens_of_the_photo_as_taken(tmp_path, capsys):
