@@ -1,4 +1,4 @@
-"""Searches and maps in the session, with real updates."""
+"""Searches and maps in the session, with real updates; and what waits until all is ready."""
 
 from __future__ import annotations
 
@@ -7,11 +7,7 @@ import pytest
 from poseviewer import api
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.session import (
-    LandscapeUpdate,
-    SearchUpdate,
-    Session,
-)
+from poseviewer.app.state.session import LandscapeUpdate, Preparation, SearchUpdate, Session
 from poseviewer.app.workers.jobs import run_search
 from poseviewer.app.workers.maps import MapJob, maps
 from poseviewer.app.workers.opening import open_files
@@ -24,6 +20,7 @@ from tests.app.state.documents import (
     assert_same_pose,
     make_document,
     make_photo,
+    refused,
 )
 
 SETTINGS = FitSettings(limits=Limits(evaluations=60))
@@ -137,3 +134,35 @@ def test_maps_of_another_photo_are_not_kept(session, landscape):
     assert again.landscapes == ()
     same = after(with_maps, c.nudge("move", 2.0), c.undo())
     assert same.landscapes is landscape
+
+
+TROUBLE = "No kernels; install numba again."
+
+
+@pytest.fixture
+def compiling() -> Session:
+    return Session(make_document(), preparation=Preparation(0.5))
+
+
+def test_a_search_that_waits_is_there_when_all_is_ready(compiling: Session):
+    waiting = after(compiling, c.start_search(), c.preparation_advanced(Preparation(0.9)))
+    assert waiting.searching
+    ready = after(waiting, c.preparation_advanced(None))
+    assert ready.searching
+    assert ready.preparation is None
+
+
+def test_a_search_that_waits_can_be_stopped_as_if_it_were_never_asked_for(compiling: Session):
+    stopped = after(compiling, c.start_search(), c.stop_search())
+    assert stopped.search is None
+    assert stopped.document is compiling.document
+    assert stopped.history.past == compiling.history.past
+
+
+def test_trouble_ends_what_waits_and_refuses_more(compiling: Session):
+    waiting = after(compiling, c.start_search(), c.propose_starts())
+    failed = after(waiting, c.preparation_advanced(Preparation(trouble=TROUBLE)))
+    assert failed.search is None
+    assert failed.proposals is None
+    assert refused(failed, c.start_search()) == TROUBLE
+    assert after(failed, c.nudge("move", 3.0)).document is not failed.document

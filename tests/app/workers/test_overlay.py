@@ -1,18 +1,25 @@
-"""The model drawn over the photo, among others."""
+"""The model drawn over the photo, among others, and outlines in the strip of a set."""
 
 from __future__ import annotations
+
+from contextlib import closing
+from threading import Event
 
 import cv2
 import numpy as np
 import pytest
 
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.session import OverlayRequest, Session
+from poseviewer.app.state.objects import add_object
+from poseviewer.app.state.session import Outlines, OverlayRequest, Session
 from poseviewer.app.workers.exporting import export
+from poseviewer.app.workers.outlines import outlining
 from poseviewer.app.workers.overlay import OverlayDrawer
 from poseviewer.fit.visibility import visibility
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from tests.app.state.sets import document_of
+from tests import view_sets
+from tests.app.state.documents import after
+from tests.app.state.sets import document_of, make_set_session
 from tests.several import MESHES, TRUTH
 
 
@@ -47,3 +54,30 @@ def test_the_picture_that_is_sent_does_not_either():
     behind = cv2.erode((seen.drawn[0] & ~seen.seen(0)).astype(np.uint8), np.ones((9, 9))) > 0
     assert behind.any()
     assert np.array_equal(picture[behind][:, ::-1], photo[behind])
+
+
+def drawn_in(session: Session) -> Outlines:
+    """The objects in all photos, as the worker draws it."""
+    drawn = Event()
+    with closing(outlining(drawn.set)) as worker:
+        worker.follow(session)
+        while drawn.wait(60.0):
+            drawn.clear()
+            for edit in worker.take():
+                drawn_session = edit(session)
+                assert drawn_session.outlines is not None
+                return drawn_session.outlines
+    raise AssertionError("nothing was drawn")
+
+
+def test_all_objects_are_drawn_in_all_photos():
+    session = after(make_set_session(), add_object())
+    for pose, drawn in zip(view_sets.TRUTH, drawn_in(session).small, strict=True):
+        assert set(drawn) == {1, 2}
+        assert len(drawn[2])
+        lines = drawn[1]
+        seen = pose.project(view_sets.MESH.vertices) / np.array(
+            [pose.camera.width, pose.camera.height]
+        )
+        np.testing.assert_allclose(lines.min((0, 1)), seen.min(axis=0), atol=0.02)
+        np.testing.assert_allclose(lines.max((0, 1)), seen.max(axis=0), atol=0.02)
