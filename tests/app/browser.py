@@ -104,7 +104,7 @@ class AppPage:
         )
 
     def on_screen(self, point: Sequence[float], photo: tuple[int, int]) -> tuple[float, float]:
-        """Where a photo point lies in the window, worked out here from zoom and centre alone."""
+        """Place of a photo point in the window, worked out here from zoom and centre alone."""
         view = self.view()
         left, top, width, height = view["box"]
         scale = min(width / photo[0], height / photo[1]) * view["zoom"]

@@ -1,4 +1,4 @@
-"""What the tests in a browser share."""
+"""Fixtures that tests in a browser share."""
 
 from __future__ import annotations
 

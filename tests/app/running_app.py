@@ -12,7 +12,6 @@ from pathlib import Path
 from poseviewer.app.app import App
 from poseviewer.app.below_viser.guard import serve
 from poseviewer.app.workers.opening import open_files
-from poseviewer.geometry.camera import Pose
 from tests.scene import Scene
 
 
@@ -23,12 +22,6 @@ class RunningApp:
     app: App
     url: str
     scene: Scene
-    state: Path
-
-    @property
-    def pose(self) -> Pose:
-        """The pose at hand."""
-        return self.app.session.document.pose
 
     def uuid(self, label: str) -> str:
         """Name of the input with this label in viser's messages."""
@@ -45,7 +38,7 @@ def running_app(scene: Scene, state: Path) -> Iterator[RunningApp]:
     loop = threading.Thread(target=app.run, name="app")
     loop.start()
     try:
-        yield RunningApp(app, guarded.url, scene, state)
+        yield RunningApp(app, guarded.url, scene)
         assert loop.is_alive()
     finally:
         app.stop()

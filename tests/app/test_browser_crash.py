@@ -1,4 +1,4 @@
-"""In real Chromium, what a crash of the app leaves: the session is offered, the page comes back."""
+"""A crash of the app in real Chromium: the session is offered, the page comes back."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ def is_whole(tab: AppPage) -> bool:
 
 
 def hidden_share(tab: AppPage) -> str:
-    """What the page says is hidden; "" where nothing is."""
+    """Text of the page on what is hidden; "" where nothing is."""
     said = tab.page.get_by_text("of the photo is hidden").filter(visible=True)
     return "".join(said.all_inner_texts()[:1])  # at once: it may be gone the next moment
 

@@ -1,4 +1,4 @@
-"""In real Chromium, model and photo coincide to half a pixel."""
+"""Model and photo coincide to half a pixel in real Chromium."""
 
 from __future__ import annotations
 

@@ -58,9 +58,9 @@ def test_a_failure_while_showing_is_told_once_and_ends_nothing(
 
         with monkeypatch.context() as patch:
             patch.setattr(running.app._page, "show", fail_twice)
-            before = running.pose
+            before = running.app.session.document
             page.change(running.uuid("report"), '{"kind": "key", "code": "KeyL"}')
-            page.wait_until(lambda: running.pose is not before)
+            page.wait_until(lambda: running.app.session.document is not before)
             page.wait_until(lambda: not failures)
         page.wait_until(lambda: any("Undo or save" in text for text in page.notices()))
     assert caplog.text.count("fail_twice") == 1

@@ -350,7 +350,7 @@ def unlike(shown: dict[str, Any], new: dict[str, Any]) -> list[str]:
 def check_files(tab: AppPage, running: RunningApp, folder: Path) -> None:
     """What is saved is the pose at hand; all poses, scenes and sessions can be read."""
     document = running.app.session.document
-    in_pose, in_scene = running.pose.camera_from_model, document.object.world_from_model.rigid
+    in_pose, in_scene = document.pose.camera_from_model, document.object.world_from_model.rigid
 
     def is_saved() -> bool:
         press(tab, "s")

@@ -370,25 +370,20 @@ function noteModifiers(event) {
 // [path, bytes], then the bytes of all files. The browser reads them only as they are sent.
 const packed = new WeakSet();
 
-function pack(files) {
+function give(input, files) {
+  if (!files.length) return;
   const size = files.reduce((sum, [, file]) => sum + file.size, 0);
   const folder = files[0][0].includes("/") ? files[0][0].split("/")[0] : "";
   const name = folder || files[0][1].name;
   if (size > CONFIG.largest || files.length > CONFIG.most) {
     send({ kind: "unfit", name, size, count: files.length });
-    return null;
+    return;
   }
   const head = JSON.stringify(files.map(([path, file]) => [path, file.size])) + "\n";
   const more = files.length > 1 && !folder ? ` and ${files.length - 1} more` : "";
   const set = new File([head, ...files.map(([, file]) => file)], name + more);
   packed.add(set);
   state.sent = set.name;
-  return set;
-}
-
-function give(input, files) {
-  const set = files.length ? pack(files) : null;
-  if (!set) return;
   const held = new DataTransfer();
   held.items.add(set);
   input.files = held.files;

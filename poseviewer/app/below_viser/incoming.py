@@ -1,5 +1,5 @@
-"""What pages send is looked at before viser takes it: uploads that are too large, and values of
-inputs that no page of ours sends, go no farther.
+"""Checks of what pages send before viser takes it: uploads that are too large, and values of inputs
+that no page of ours sends, go no farther.
 
 Why: viser keeps every part of every upload, whatever size was announced, until all are there, and a
 button keeps the last file. It tells every page, those to come too, how far an upload is, and they

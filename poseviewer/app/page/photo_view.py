@@ -77,11 +77,11 @@ class Drawing:
     """(n, 2, 2): line segments, or (2,): where a handle or label is; px of the photo."""
     colour: Colour = LINE_COLOUR
     thickness: float = 2.0
-    """Of lines, px of the screen."""
+    """Width of lines, px of the screen."""
     shape: FloatArray | None = None
     """(m, 2, 3): line segments of a handle about its place, px of the screen."""
     text: str = ""
-    """Of a label."""
+    """Text of a label."""
     anchor: Anchor = "bottom-left"
 
     @property
@@ -103,7 +103,7 @@ class Picture:
     name: str
     depth: float
     key: tuple[Any, ...]
-    """What it shows: it is drawn anew where this is another one."""
+    """Objects that it shows: it is drawn anew where they are others."""
     draw: Callable[[], tuple[NDArray[np.uint8], Rect]]
     """Give its pixels (h, w, 3 or 4), and where they lie."""
 

@@ -63,7 +63,7 @@ class Theme:
 
 
 Answer = Request | Theme | str | None
-"""What a report means: a request, or a sentence for the page that it comes from."""
+"""Meaning of a report: a request, or a sentence for the page that it comes from."""
 
 
 def _object(number: int, what: Literal["hidden", "locked"], on: bool) -> Edit:
@@ -124,7 +124,7 @@ MEANINGS: Mapping[str, Callable[..., Answer]] = {
     "unfit": why_unfit,
     "not sent": why_not_sent,
 }
-"""What a report of each kind means, made of its other fields by their names."""
+"""Meaning of a report of each kind, made of its other fields by their names."""
 
 
 class _Kind(msgspec.Struct):

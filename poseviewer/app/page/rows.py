@@ -41,7 +41,7 @@ def add_rows(controls: Controls, review: Reviewer) -> None:
         return "Undo rejection" if is_rejected else "Undo acceptance"
 
     def written(session: Session) -> str:
-        """What is being typed is not written over: only another row brings another note."""
+        """The note; one that is being typed stays until another row is open."""
         at = review.row_at(session.document)
         if at == noted[0]:
             return note.value

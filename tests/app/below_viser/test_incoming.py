@@ -1,4 +1,4 @@
-"""What pages send: no more is uploaded than is allowed, and only what makes sense goes on."""
+"""Checks of what pages send: no more is uploaded than is allowed, only what makes sense goes on."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ def upload(running: RunningApp, page: SocketPage, name: str, data: bytes, **anno
 
 
 def refusal(page: SocketPage, name: str) -> str:
-    """What the page is told of a file that was not taken."""
+    """Sentence that the page is told of a file that was not taken."""
     return page.wait_until(
         lambda: next((text for text in page.notices() if text.startswith(name)), "")
     )
 
 
 def held(running: RunningApp) -> int:
-    """How many uploads viser is gathering."""
+    """Number of uploads that viser is gathering."""
     return len(running.app._page._server.gui._current_file_upload_states)
 
 

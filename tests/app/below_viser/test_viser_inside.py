@@ -1,4 +1,4 @@
-"""What the app uses of viser's insides is there: fails when viser changes it."""
+"""Viser's insides that the app uses: fails when viser changes them."""
 
 from __future__ import annotations
 

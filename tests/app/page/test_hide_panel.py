@@ -1,4 +1,4 @@
-"""What the panel says of what is hidden."""
+"""Texts of the panel on what is hidden."""
 
 from __future__ import annotations
 

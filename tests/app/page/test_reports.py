@@ -1,4 +1,4 @@
-"""What reports of a page mean."""
+"""Meanings of reports of a page."""
 
 from __future__ import annotations
 

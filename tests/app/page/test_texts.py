@@ -1,4 +1,4 @@
-"""What the panel says of a session."""
+"""Texts of the panel on a session."""
 
 from __future__ import annotations
 
