@@ -537,7 +537,11 @@ window.poseviewer = {
     showAll();
   },
   setHint(html) { bar.innerHTML = html; },
-  setPen, forgetStrokes, setPictures, setStrip, photoFromCanvas, zoomAt, showAll, openStep,
+  openStep(step) {
+    state.step = step; // not the first one any more, if that is still to come
+    return isOpen(step);
+  },
+  setPen, forgetStrokes, setPictures, setStrip, photoFromCanvas, zoomAt, showAll,
   sent: () => state.sent,
 };
 document.title = CONFIG.title;
