@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, get_args
 
 import msgspec
@@ -128,10 +128,7 @@ OLD_NAMES = {
 
 def settings_as_json(settings: FitSettings) -> dict[str, Any]:
     """The settings as JSON holds them; what is not set is left out."""
-    return asdict(
-        settings,
-        dict_factory=lambda pairs: {key: value for key, value in pairs if value is not None},
-    )
+    return {key: value for key, value in msgspec.to_builtins(settings).items() if value is not None}
 
 
 def settings_from_json(data: Mapping[str, Any]) -> FitSettings:
@@ -141,14 +138,13 @@ def settings_from_json(data: Mapping[str, Any]) -> FitSettings:
     Raises:
         SettingsError: a value makes no sense.
     """
-    data = _with_new_names(data)
-    if isinstance(data.get("options"), Mapping):
-        data["options"] = _with_new_names(data["options"])
     try:
-        return msgspec.convert(data, FitSettings)
+        return msgspec.convert(_with_new_names(data), FitSettings)
     except msgspec.ValidationError as error:
         raise SettingsError(f"settings of a file: {error}; take them out of it.") from None
 
 
-def _with_new_names(data: Mapping[str, Any]) -> dict[str, Any]:
-    return {OLD_NAMES.get(key, key): value for key, value in data.items()}
+def _with_new_names(data: Any) -> Any:
+    if not isinstance(data, Mapping):
+        return data
+    return {OLD_NAMES.get(key, key): _with_new_names(value) for key, value in data.items()}

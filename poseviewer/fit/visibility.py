@@ -47,8 +47,8 @@ class Visibility:
         [0, 1]; 0 for one that lies outside.
         """
         whole = np.array([np.count_nonzero(drawn) for drawn in self.drawn], float)
-        seen = np.array([np.count_nonzero(self.seen(i)) for i in range(len(self.drawn))], float)
-        return np.divide(seen, whole, where=whole > 0.0, out=np.zeros_like(seen))
+        seen = [np.count_nonzero(self.seen(index)) for index in range(len(self.drawn))]
+        return np.array(seen) / np.maximum(whole, 1.0)
 
 
 def visibility(models: Sequence[PlacedModel]) -> Visibility:
@@ -101,12 +101,14 @@ def hiding(model: PlacedModel, others: Sequence[PlacedModel]) -> Hiding:
     for other in others:
         depth = depth_image(other)
         anywhere |= np.isfinite(depth)
-        in_front = depth < own
-        shared = drawn & np.isfinite(depth)
+        in_front, shared = depth < own, drawn & np.isfinite(depth)
         if shared.any():
             is_nearer = float(np.mean(in_front[shared])) > 0.5
         else:
-            is_nearer = _depth_of_centre(other) < _depth_of_centre(model)
+            z, own_z = (
+                one.pose.camera_from_model.apply(one.mesh.centre)[2] for one in (other, model)
+            )
+            is_nearer = bool(z < own_z)
         hidden |= in_front if is_nearer else in_front & drawn
     return Hiding(drawn, hidden, anywhere)
 
@@ -122,7 +124,3 @@ def _renderer(mesh: Mesh) -> SoftwareRenderer:
     from poseviewer.render.software.software_renderer import SoftwareRenderer
 
     return SoftwareRenderer(mesh)
-
-
-def _depth_of_centre(model: PlacedModel) -> float:
-    return float(model.pose.camera_from_model.apply(model.mesh.centre)[2])
