@@ -22,11 +22,9 @@ from poseviewer.render.moments import moments_of_images
 from poseviewer.render.texture import TexturePyramid, doubled_areas, mip_levels
 from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes, Renderer
 
+NEAR_PER_DIAMETER = 1e-3  # of the near plane under perspective
 ADVICE = "install EGL (Debian: libegl1 libgl1-mesa-dri), or use the software renderer"
-MAX_FACES = (1 << 24) - 1
-"""Largest number of a face that a float32 holds exactly."""
-NEAR_PER_DIAMETER = 1e-3
-"""Distance of the near plane under perspective, as a share of the model's diameter."""
+MAX_FACES = (1 << 24) - 1  # the largest number of a face that a float32 holds exactly
 VERTEX_SHADER = """#version 330 core
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
@@ -38,8 +36,7 @@ out vec3 seen_normal;
 out vec3 seen_colour;
 out vec2 seen_uv;
 
-void main()
-{
+void main() {
     gl_Position = clip_from_world * vec4(position, 1.0);
     seen_normal = camera_from_world * normal;
     seen_colour = colour;
@@ -54,11 +51,8 @@ layout(location = 0) out vec4 normal_and_face;  // on the side that is seen; 0 w
 layout(location = 1) out vec4 reflectance;
 layout(location = 2) out vec4 uv;
 
-void main()
-{
-    float length_of_normal = length(seen_normal);
-    float scale = length_of_normal > 0.0 ? 1.0 / length_of_normal : 0.0;
-    vec3 normal = (gl_FrontFacing ? scale : -scale) * seen_normal;
+void main() {
+    vec3 normal = seen_normal / max(length(seen_normal), 1e-30) * (gl_FrontFacing ? 1.0 : -1.0);
     normal_and_face = vec4(normal, float(gl_PrimitiveID + 1));
     reflectance = vec4(seen_colour, 1.0);
     uv = vec4(seen_uv, 0.0, 0.0);

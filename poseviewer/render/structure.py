@@ -26,10 +26,9 @@ CLASSES = 16
 SAMPLES, FEW = 20_000, 200
 """Pixels that the classes are found from, and those of them that are looked at first."""
 SMOOTHING_PX, REACH_PX = 1.0, 2.0
-"""Standard deviations: of the photo before gradients are taken, and of both fields after."""
+"""Standard deviations of the blur of the photo, before its gradients, and of both fields."""
 PHOTO_NOISE, MODEL_NOISE = 0.02, 0.1
-"""Gradients below this, per px, are no edges: of RGB in [0, 1] lightened by ``LIGHTENING``, and of
-reflectance and unit normals."""
+"""Gradients below this, per px, of the lightened photo and of model attributes are no edges."""
 BLUR_TAPS = cv2.getGaussianKernel(17, REACH_PX)[8:, 0].astype(np.float32)
 """The right half of the blur of the fields, from its middle: OpenCV's own for that deviation."""
 LIGHTENING = 1.0 / 2.2

@@ -183,15 +183,17 @@ fn put(pose: u32, column: i32, row: i32, d: f32, face: u32) {
     }
 }
 
-// What of a face is in a column.
-fn draw_column(pose: u32, f: Face, box: vec4<i32>, column: i32, face: u32) {
+// What of a face is in every `step`-th column of its box from the `first` on.
+fn draw_columns(pose: u32, face: u32, f: Face, box: vec4<i32>, first: u32, step: u32) {
     let low = min(min(f.z.x, f.z.y), f.z.z);
     let high = max(max(f.z.x, f.z.y), f.z.z);
-    for (var row = box.y; row <= box.w; row++) {
-        let e = edges_at(f, column, row);
-        if e.w > 0.0 {
-            let d = f.z.x + e.y / f.area * (f.z.y - f.z.x) + e.z / f.area * (f.z.z - f.z.x);
-            put(pose, column, row, clamp(d, low, high), face);
+    for (var column = box.x + i32(first); column <= box.z; column += i32(step)) {
+        for (var row = box.y; row <= box.w; row++) {
+            let e = edges_at(f, column, row);
+            if e.w > 0.0 {
+                let d = f.z.x + e.y / f.area * (f.z.y - f.z.x) + e.z / f.area * (f.z.z - f.z.x);
+                put(pose, column, row, clamp(d, low, high), face);
+            }
         }
     }
 }
@@ -209,9 +211,7 @@ fn draw(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         let size = box.zw - box.xy + 1;
         if min(size.x, size.y) > 0 && f.sign != 0 {
             if max(size.x, size.y) <= DRAWN_ALONE && size.x * size.y <= DRAWN_ALONE {
-                for (var column = box.x; column <= box.z; column++) {
-                    draw_column(pose, f, box, column, face);
-                }
+                draw_columns(pose, face, f, box, 0u, 1u);
             } else {
                 is_left[lane] = 1u;
             }
@@ -224,10 +224,7 @@ fn draw(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         }
         let large = LANES * group.x + k;
         let f = face_of(pose, large);
-        let box = box_of(pose, f);
-        for (var column = box.x + i32(lane); column <= box.z; column += i32(LANES)) {
-            draw_column(pose, f, box, column, large);
-        }
+        draw_columns(pose, large, f, box_of(pose, f), lane, LANES);
     }
 }
 
@@ -420,17 +417,17 @@ fn shade(
         values[mine + ONE] = 1.0;
         values[mine + WEIGHT] = weight;
         labels[lane] = 0u;
-        for (var k = 0u; k < FIRST; k++) {
+        for (var k = 0u; k < FIRST + ATTRIBUTES; k++) {
             values[mine + k] = 0.0;
-            if weight > 0.0 {
-                values[mine + k] = photo[pixel + k];
-            }
-        }
-        for (var k = 0u; k < ATTRIBUTES; k++) {
-            values[mine + FIRST + k] = select(0.0, model_value(seen, k) - origin[k], weight > 0.0);
         }
         if weight > 0.0 {
             labels[lane] = u32(photo[pixel + 4u]);
+            for (var k = 0u; k < FIRST; k++) {
+                values[mine + k] = photo[pixel + k];
+            }
+            for (var k = 0u; k < ATTRIBUTES; k++) {
+                values[mine + FIRST + k] = model_value(seen, k) - origin[k];
+            }
         }
         workgroupBarrier();
         for (var k = 0u; k < 2u; k++) {

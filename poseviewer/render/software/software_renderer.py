@@ -227,10 +227,8 @@ def _views_around(mesh: Mesh) -> Iterator[Pose]:
     """The model filling a small picture, from its corners and from its sides."""
     scale = 0.9 * VIEW_PX / max(mesh.diameter, 1e-300)
     camera = Parallel(scale, VIEW_PX / 2, VIEW_PX / 2, VIEW_PX, VIEW_PX)
-    for x, y, z in product((-1.0, 0.0, 1.0), repeat=3):
-        if (x, y, z) == (0.0, 0.0, 0.0):
-            continue
-        rotation = Rotation.align_vectors([(0.0, 0.0, 1.0)], [(x, y, z)])[0].as_matrix()
+    for direction in filter(any, product((-1.0, 0.0, 1.0), repeat=3)):
+        rotation = Rotation.align_vectors([(0.0, 0.0, 1.0)], [direction])[0].as_matrix()
         yield Pose(camera, RigidTransform(rotation, -rotation @ mesh.centre))
 
 
