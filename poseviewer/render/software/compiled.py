@@ -1,7 +1,6 @@
 """Compiling the kernels, which an earlier run on this machine has mostly done.
 
-The compiler works on one kernel at a time in each process, and holds the interpreter while it does:
-so other processes compile, each a part, and this one loads what they keep.
+The compiler holds the interpreter: so other processes compile, each a part, and this one loads.
 """
 
 from __future__ import annotations
@@ -24,10 +23,8 @@ from poseviewer.render.types import PhotoAttributes
 
 HELPERS = ("compile_drawing", "compile_sums")
 """Functions by which other processes compile, in the order of need; they take as long."""
-SIDE = 16
-"""Side of the image that kernels are compiled with, px."""
-LOOK_S = 0.2
-"""Between two looks at how far the others are."""
+SIDE, LOOK_S = 16, 0.2
+"""Side (px) of the image that kernels are compiled with; pause between looks at the helpers."""
 
 
 def compiled_share() -> float:

@@ -20,7 +20,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poseviewer.render.software.blocks import (
     ACROSS,
@@ -68,12 +67,6 @@ _jit_inline: Any = kernel(forceinline=True)
 _jit_lanes: Any = kernel(fastmath={"nsz", "nnan"})
 
 
-def make_chunk() -> tuple[NDArray[Any], ...]:
-    """The workspace for a chunk of faces: corners, boxes, steps and values."""
-    rows = (6, np.int32), (7, np.int32), (STEPS, np.int32), (VALUES, np.float32)
-    return tuple(np.empty((count, CHUNK), kind) for count, kind in rows)
-
-
 @_jit
 def rasterise(drawn, surface, camera, width, workspace, picture):
     """Draw a model; sets the planes and paints of the faces that show.
@@ -84,8 +77,8 @@ def rasterise(drawn, surface, camera, width, workspace, picture):
         camera: (17,): camera_from_model's rotation, row by row, and translation; fx, fy, cx, cy;
             the least z under perspective, 0 for parallel projection.
         width: of the picture; its arrays have whole BLOCKs of columns.
-        workspace: (screen (2, V), depths (V,), large (F,), planes, painting, chunk), with painting
-            = (kinds (F,), paint at corners (F + 1, 12), texel areas (F,), count of texture levels,
+        workspace: (screen (2, V), depths (V,), large (F,), planes, painting), with painting =
+            (kinds (F,), paint at corners (F + 1, 12), texel areas (F,), count of texture levels,
             paints, levels (F + 1,)).
         picture: (depth float32, ids int32), (height, width).
 
@@ -93,7 +86,7 @@ def rasterise(drawn, surface, camera, width, workspace, picture):
         (left, top, right, bottom), whole px, ends excluded: outside the picture is empty.
     """
     vertices, faces, normals = surface
-    screen, depths, large, planes, painting, chunk = workspace
+    screen, depths, large, planes, painting = workspace
     depth, ids = picture
     left, top, right, bottom = drawn
     depth[top:bottom, left:right] = -np.inf
@@ -102,7 +95,7 @@ def rasterise(drawn, surface, camera, width, workspace, picture):
     near, distance = camera[16], camera[11]
     weighs = np.float32(max(distance, near) if near > 0.0 else -1.0)
     shape = faces, screen, depths, normals
-    count = _draw_small(shape, weighs, planes, painting, chunk, width, large, picture)
+    count = _draw_small(shape, weighs, planes, painting, width, large, picture)
     if count > 0:
         owners, places, values = _cut(large[:count], shape, vertices, camera, planes, painting)
         for i in range(owners.shape[0]):
@@ -152,11 +145,12 @@ def _snap(axis, vertices, camera, depths, out):
 
 
 @_jit
-def _draw_small(shape, weighs, planes, painting, chunk, width, large, picture):
+def _draw_small(shape, weighs, planes, painting, width, large, picture):
     """Draw faces with corners' weights ``weighs`` x depth (negative: 1); list the large ones."""
     (faces, screen, depths, normals), (depth, ids) = shape, picture
     kinds, paint, texel_areas, count_of_levels, paints, levels = painting
-    corners, boxes, steps, values = chunk
+    corners, boxes = np.empty((6, CHUNK), np.int32), np.empty((7, CHUNK), np.int32)
+    steps, values = np.empty((STEPS, CHUNK), np.int32), np.empty((VALUES, CHUNK), np.float32)
     is_painted, left_over = paint.shape[0] > 1, 0
     for begin in range(0, faces.shape[0], CHUNK):
         size = min(CHUNK, faces.shape[0] - begin)
@@ -208,7 +202,7 @@ def _texture_level(texels, pixels, count):
 
 @_jit
 def _gather(begin, size, faces, screen, depths, corners, values):
-    """Corners (6, CHUNK) and depth values (6, CHUNK) of the faces from ``begin`` on."""
+    """Set corners and depth values of the faces from ``begin`` on."""
     for i in range(size):
         f = np.uint32(begin + i)
         a, b, c = np.uint32(faces[f, 0]), np.uint32(faces[f, 1]), np.uint32(faces[f, 2])

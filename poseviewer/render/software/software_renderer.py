@@ -171,7 +171,6 @@ class SoftwareRenderer(Renderer):
             np.empty(faces, np.int32),
             planes,
             (*painting, count_of_levels, paints, levels),
-            rasterise.make_chunk(),
         )
         self._of_faces = planes, colours, bool(varied.any()), paints, levels
         self._of_textures = surface.colours, surface.face_texture, *self._textures

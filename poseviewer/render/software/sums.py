@@ -77,9 +77,7 @@ def _accumulate(box, ids, of_faces, textures, photo, origin, model, first, secon
             continue
         fill_row(row, begin, faces, of_faces, textures, 1, of_row, at_model)
         _fill_products(end - begin, normals, run, at_model)
-        if pixels == 0:
-            _find_means(end - begin, weight, n, run, origin)
-        _centre(end - begin, n, run, origin)
+        _centre(end - begin, weight if pixels == 0 else 0.0, n, run, origin)
         _add_row(end - begin, n, whole, weighted, run, first, second)
         pixels += seen
         total += weight
@@ -131,21 +129,18 @@ def _fill_products(size, normals, run, at_model):
 
 
 @_jit_sums
-def _find_means(size, weight, n, run, origin):
-    """Set the model's origin to its means over a row: sums about them keep their digits."""
+def _centre(size, weight, n, run, origin):
+    """Take model attributes about their origin, the means over the first row, of this ``weight``:
+    sums about them keep their digits.
+    """
     used = run[0, :size]
     for j in range(n, n + 4):
         row, total = run[1 + j, :size], np.float32(0.0)
-        for p in range(size):
-            total += used[p] * row[p]
-        origin[j] = np.float32(total / weight)
-
-
-@_jit_sums
-def _centre(size, n, run, origin):
-    """Take model attributes about their origin."""
-    for j in range(n, n + 4):
-        row, mean = run[1 + j, :size], np.float32(origin[j])
+        if weight > 0.0:
+            for p in range(size):
+                total += used[p] * row[p]
+            origin[j] = np.float32(total / weight)
+        mean = np.float32(origin[j])
         for p in range(size):
             row[p] -= mean
 
