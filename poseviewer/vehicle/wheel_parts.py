@@ -36,8 +36,7 @@ REAR_BODY_WORDS = (
 )
 MISLEADING_BODY_WORDS = r"mirrors?|view|spiegel\w*|seats?|doors?"
 """A rear-view mirror is in front; seats and doors lie in the middle."""
-ROOF_SHARE = 0.25
-"""The uppermost share of the height is the roof."""
+ROOF_SHARE = 0.25  # the uppermost share of the height
 
 
 @dataclass(frozen=True, slots=True, eq=False)

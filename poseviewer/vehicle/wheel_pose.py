@@ -1,11 +1,10 @@
 """A vehicle's pose from the ellipses of its two visible wheels (Hutter and Brewer, *Matching 2-D
 ellipses to 3-D circles with application to vehicle pose estimation*, 2009).
 
-One wheel leaves two directions of the axle; the rest is the vehicle chart in closed form. The two
-wheels together have one: least squares over the pose and the wheels' radius, from each of the
-answers, brings both circles onto their ellipses, and only near the true one do they fit, since the
-nearer wheel looks larger. Seen from far away, where that vanishes, the two are mirror images: then
-the car is taken to be seen from above its axles, as nearly all photos show it.
+One wheel leaves two directions of the axle. Least squares over the pose and the wheels' radius,
+from each of them, fits both circles to their ellipses: well near the true one alone, as the nearer
+wheel looks larger. From far away the two are mirror images: then the car is taken to be seen from
+above its axles.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ import math
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import product
+from operator import attrgetter
 from typing import NamedTuple
 
 import cv2
@@ -125,8 +125,7 @@ AS_GOOD, AS_GOOD_PX = 1.5, 0.5
 """An answer is as good as the best one within this factor, or these px, of its error."""
 SAME_TURN = 0.02
 """Answers whose rotations differ by less in every entry are one."""
-OUT_OF_REACH_PX = 1e4
-"""The error of numbers that are no pose."""
+OUT_OF_REACH_PX = 1e4  # the error of numbers that are no pose
 
 
 class Wheels(NamedTuple):
@@ -170,16 +169,13 @@ def poses_from_wheels(
             f"No pose of this model shows its wheels as these two ellipses ({best}); check which "
             "is the rear wheel, and that both outline the same part of a wheel."
         )
+    turn = attrgetter("pose.camera_from_model.rotation")
     worst = max(AS_GOOD * fits[0].error_px, fits[0].error_px + AS_GOOD_PX)
     good = non_maximum_suppression(
         (fit for fit in fits if fit.error_px <= worst),
-        lambda a, b: np.abs(_rotation(a) - _rotation(b)).max() <= SAME_TURN,
+        lambda a, b: np.abs(turn(a) - turn(b)).max() <= SAME_TURN,
     )
     return tuple(sorted(good, key=lambda fit: not fit.from_above))  # stable: then by error
-
-
-def _rotation(fit: WheelFit) -> FloatArray:
-    return fit.pose.camera_from_model.rotation
 
 
 def _axles(wheels: Wheels, camera: Camera) -> list[FloatArray]:
