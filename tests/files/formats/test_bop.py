@@ -34,7 +34,7 @@ def load_scene(folder: Path) -> tuple[dict, dict]:
 
 @pytest.mark.parametrize(("unit", "millimetres"), [("m", 1000.0), ("mm", 1.0), ("in", 25.4)])
 def test_the_scene_projects_the_model_the_same(tmp_path, unit, millimetres):
-    """As docs/bop_datasets_format.md has it: images by whole number, arrays row by row."""
+    """Check it by docs/bop_datasets_format.md: images by whole number, arrays row by row."""
     record = perspective_record(unit)
     write(record, tmp_path)
     cameras, poses = load_scene(tmp_path)
