@@ -12,7 +12,7 @@ this photo stays and the other cameras come nearer.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -23,7 +23,8 @@ from scipy.special import chdtri
 
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
-from poseviewer.geometry.charts import Chart
+from poseviewer.geometry.charts import LOG_FOCAL, Chart, has_focal
+from poseviewer.geometry.free_body_chart import LARGEST_LOGARITHM
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import SIZE, ViewChart
@@ -32,11 +33,6 @@ REGION = 0.9
 """Share of the distribution within its region, an ellipsoid."""
 STEP = 1e-5
 """Share of a number's scale for differences: above rounding, below any curvature."""
-LARGEST_LOGARITHM = 20.0
-"""Greatest logarithm of scale and focal length; beyond it there is no photo."""
-LOG_FOCAL: Literal["log_focal"] = "log_focal"
-FOCAL = (LOG_FOCAL, "width_per_focal")
-"""Charts' names for a free focal length."""
 SPREAD = 0.031
 """Standard deviation at curvature, unexplained and seen share 1, by ``tests.measure.real``."""
 SEEN_POWER = 2.0
@@ -85,9 +81,8 @@ class PoseCovariance:
         """From the covariance (n, n) of a chart's numbers at ``pose``, to first order."""
         at = chart.from_pose(pose)
         plain = cls(pose, mesh.centre, np.zeros((7, 7) if has_focal(chart) else (6, 6)))
-        jacobian = _derivatives(
-            lambda steps: plain.deviation(chart.to_pose(at + steps)), chart.scales(at)
-        )
+        scales = chart.scales(at)
+        jacobian = _derivatives(lambda steps: plain.deviation(chart.to_pose(at + steps)), scales)
         return plain.with_matrix(jacobian @ covariance @ jacobian.T, mesh)
 
     def with_matrix(self, matrix: FloatArray, mesh: Mesh) -> PoseCovariance:
@@ -162,13 +157,10 @@ class PoseCovariance:
         own, its = self.pose.camera, pose.camera
         if isinstance(own, Parallel) and isinstance(its, Parallel):
             return np.array([*turn, *shift[:2], math.log(its.scale / own.scale)])
-        if (
-            self.extra == LOG_FOCAL
-            and isinstance(own, Perspective)
-            and isinstance(its, Perspective)
-        ):
-            return np.array([*turn, *shift, math.log(its.fx / own.fx)])
-        return np.array([*turn, *shift, *([0.0] * bool(self.extra))])
+        if self.extra and isinstance(own, Perspective) and isinstance(its, Perspective):
+            zoom = its.fx / own.fx if self.extra == LOG_FOCAL else 1.0
+            return np.array([*turn, *shift, math.log(zoom)])
+        return np.array([*turn, *shift])
 
     def in_chart(self, chart: Chart) -> FloatArray:
         """(n, n): covariance of a chart's numbers, to first order; nan for an unknown size."""
@@ -216,8 +208,8 @@ class PoseCovariance:
     def words(self, unit: str | None = None) -> str:
         """Standard deviations, such as ``depth ±12 mm, the rest ±0.4 mm, ±0.1°, ...``."""
         unit = f" {unit}" if unit else ""
-        said = ((WORDS[name], short(value)) for name, value in self.deviations.items())
-        return ", ".join(word.format(value, unit=unit) for word, value in said)
+        said = self.deviations.items()
+        return ", ".join(WORDS[name].format(short(value), unit=unit) for name, value in said)
 
 
 def spread(unexplained: float, seen: float) -> float:
@@ -292,12 +284,6 @@ def short(value: float) -> str:
 def _largest(covariance: FloatArray) -> float:
     """The greatest standard deviation over all directions."""
     return math.sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
-
-
-def has_focal(chart: Chart, indices: Iterable[int] | None = None) -> bool:
-    """Whether the focal length is a number of the chart, and among the ``indices`` if given."""
-    names = chart.names if indices is None else [chart.names[index] for index in indices]
-    return any(name.startswith(FOCAL) for name in names)
 
 
 def _derivatives(function: Callable[[FloatArray], FloatArray], scales: FloatArray) -> FloatArray:

@@ -97,10 +97,16 @@ def percent_right(word: str, probability: float) -> int:
 
 
 def judge(features: Features | None) -> Verdict:
-    """Verdict by the features; None: the model is not to be seen at the pose."""
+    """Verdict by logistic regression on the features, of probability 0 where too little of the
+    model is seen; None: it is not to be seen at the pose.
+    """
     if features is None:
         return Verdict("lost", 0.0, ("Hardly anything of the model is to be seen there.",))
-    probability = probability_of(features)
+    score = OFFSET
+    for name, (mean, deviation, weight) in FEATURES.items():
+        away = (scaled(name, getattr(features, name)) - mean) / deviation
+        score += weight * min(max(away, -LARGEST_SCORE), LARGEST_SCORE)
+    probability = 1.0 / (1.0 + math.exp(-score)) if features.seen >= LEAST_SEEN else 0.0
     found_from = FOUND_BEHIND if features.seen < HIDDEN_BELOW else FOUND_FROM
     word = _word(probability >= found_from, probability < LOST_BELOW)
     return Verdict(word, probability, reasons_for(features), asdict(features))
@@ -128,17 +134,6 @@ def judge_together(views: Sequence[Verdict]) -> Verdict:
     said = ", ".join(f"{words.count(w)} {w}" for w in reversed(WORDS) if w in words)
     reasons = (f"By each of the {len(views)} photos alone it is: {said}.",)
     return Verdict(word, probability, reasons, views=tuple(views))
-
-
-def probability_of(features: Features) -> float:
-    """By logistic regression on the features; 0 where too little of the model is seen."""
-    if features.seen < LEAST_SEEN:
-        return 0.0
-    score = OFFSET
-    for name, (mean, deviation, weight) in FEATURES.items():
-        away = (scaled(name, getattr(features, name)) - mean) / deviation
-        score += weight * min(max(away, -LARGEST_SCORE), LARGEST_SCORE)
-    return 1.0 / (1.0 + math.exp(-score))
 
 
 def scaled(name: str, value: float) -> float:

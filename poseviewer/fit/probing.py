@@ -11,14 +11,13 @@ from itertools import islice
 import numpy as np
 from scipy.linalg import orth
 
-from poseviewer.confidence.pose_covariance import has_focal
 from poseviewer.fit.compared import box_near, working_factor
 from poseviewer.fit.loss import registration_loss
 from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.stages import FEWEST_OF_STRUCTURE
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Pose
-from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.charts import OutsideChartError, has_focal
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh, hull_points, principal_axes
 from poseviewer.geometry.symmetry_group import Symmetry

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -45,6 +45,17 @@ class Chart:
         Raises ``SingularChartError``: the pose has no well-defined numbers in this chart.
         """
         raise NotImplementedError
+
+
+LOG_FOCAL: Literal["log_focal"] = "log_focal"
+FOCAL = (LOG_FOCAL, "width_per_focal")
+"""Charts' names for a free focal length."""
+
+
+def has_focal(chart: Chart, indices: Iterable[int] | None = None) -> bool:
+    """Whether the focal length is a number of the chart, and among the ``indices`` if given."""
+    names = chart.names if indices is None else [chart.names[index] for index in indices]
+    return any(name.startswith(FOCAL) for name in names)
 
 
 NAMES: Mapping[str, tuple[str, str]] = MappingProxyType(
