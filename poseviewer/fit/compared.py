@@ -47,7 +47,7 @@ class ComparedView:
     index: int = 0
     """Number of the view in the scene."""
     behind: Hiding | None = None
-    """What other objects hide of the photo, and does not count; None: there are none."""
+    """Pixels that other objects hide, which do not count; None: there are none."""
     hidden: NDArray[np.bool_] | None = None
     """(height, width): pixels of ``photo`` left out as something else is in front of the model
     there; None: there was nothing."""
