@@ -5,7 +5,7 @@ All are seen by one camera, and their lengths are in one unit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -53,15 +53,17 @@ class Visibility:
 
 def visibility(models: Sequence[PlacedModel]) -> Visibility:
     """Which pixel shows which of one or more models."""
-    return visibility_of_depths([depth_image(model) for model in models])
+    return visibility_of_depths(depth_image(model) for model in models)
 
 
-def visibility_of_depths(depths: Sequence[DepthImage]) -> Visibility:
+def visibility_of_depths(depths: Iterable[DepthImage]) -> Visibility:
     """Which pixel shows which model, by their depth images; of two as near, the first is shown."""
-    nearest = np.argmin(depths, axis=0).astype(np.int32)
-    drawn = tuple(np.isfinite(depth) for depth in depths)
-    nearest[~np.logical_or.reduce(drawn)] = NOTHING
-    return Visibility(nearest, drawn)
+    nearest, least, drawn = np.int32(NOTHING), np.float32(np.inf), []
+    for index, depth in enumerate(depths):  # one by one: those of large photos are large
+        nearest = np.where(depth < least, np.int32(index), nearest)
+        least = np.minimum(depth, least)
+        drawn.append(np.isfinite(depth))
+    return Visibility(np.asarray(nearest), tuple(drawn))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
