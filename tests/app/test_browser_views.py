@@ -12,7 +12,18 @@ from poseviewer.files.scene_file import load_scene
 from poseviewer.geometry.pose_error import pose_error
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage
-from tests.view_sets import CAMERA, MESH, NAMES, START, TRUTH, write_views
+from tests.view_sets import (
+    BOX,
+    BOX_SYMMETRY,
+    BOX_TRUTH,
+    CAMERA,
+    MESH,
+    NAMES,
+    START,
+    TRUTH,
+    write_two,
+    write_views,
+)
 
 pytestmark = pytest.mark.slow
 SIZE = (CAMERA.width, CAMERA.height)
@@ -92,3 +103,54 @@ def test_three_photos_are_looked_at_dragged_searched_and_saved(page: AppPage, tm
     assert result is not None
     assert result.verdict is not None
     assert [one.word for one in result.verdict.views] == ["found"] * 3
+
+
+CELLS = "rows => rows.map(row => [...row.cells].slice(1, 3).map(cell => cell.textContent))"
+
+
+def words(tab: AppPage) -> dict[str, str]:
+    """The verdict of every object in the list, by its name."""
+    return dict(tab.page.locator(".pv-objects tr").evaluate_all(CELLS))
+
+
+def lines_in(tab: AppPage) -> list[int]:
+    """How many outlines each small photo has."""
+    drawn = ".pv-small path:not(.pv-halo):not([d=''])"
+    count = f"cells => cells.map(cell => cell.querySelectorAll(`{drawn}`).length)"
+    return photos(tab).evaluate_all(count)
+
+
+def test_two_things_in_three_photos_are_placed_in_one_fitted_in_all_saved_and_opened_again(
+    browser: Browser, tmp_path: Path
+):
+    cameras, ball, box = write_two(tmp_path)
+    with (
+        AppProcess(tmp_path, "--views", cameras, ball) as app,
+        AppPage(browser, app.url) as tab,
+    ):
+        tab.wait_for_text("mean of")
+        tab.fit_to_box(TRUTH[0].project(MESH.vertices), SIZE)
+        tab.add_object(box)
+        tab.until(lambda: words(tab).get("box.ply") == "not placed")
+        tab.fit_to_box(BOX_TRUTH[0].project(BOX.vertices), SIZE)
+        tab.until(lambda: words(tab)["box.ply"] == "not searched")
+        # Placed in one photo, both are drawn in all.
+        tab.until(lambda: lines_in(tab) == [2, 2, 2])
+        tab.open_step(3)
+        tab.page.get_by_role("button", name="Search all", exact=True).click()
+        tab.page.get_by_role("button", name="Keep it").wait_for()
+        assert words(tab) == {"ball.ply": "found", "box.ply": "found"}
+        tab.until(lambda: all("found" in text or "doubtful" in text for text in said(tab)))
+        tab.saved(tmp_path / SAVED)
+    scene = load_scene(tmp_path / SAVED)
+    for view in range(3):
+        assert pose_error(MESH, scene.pose(0, view), TRUTH[view]).percent < 1.0
+        off = pose_error(BOX, scene.pose(1, view), BOX_TRUTH[view], BOX_SYMMETRY)
+        assert off.percent < 1.5
+    (tmp_path / "again").mkdir()
+    with (
+        AppProcess(tmp_path / "again", tmp_path / SAVED) as app,
+        AppPage(browser, app.url) as tab,
+    ):
+        tab.until(lambda: words(tab) == {"ball.ply": "found", "box.ply": "found"})
+        tab.until(lambda: lines_in(tab) == [2, 2, 2])
