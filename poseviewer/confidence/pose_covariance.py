@@ -87,12 +87,12 @@ class PoseCovariance:
 
     def with_matrix(self, matrix: FloatArray, mesh: Mesh) -> PoseCovariance:
         """Another distribution about the same pose of the same model."""
-        found = replace(self, matrix=matrix)
+        other = replace(self, matrix=matrix)
         points = hull_points(mesh)
-        moved = _derivatives(lambda d: found.moved(d).project(points).ravel(), found.scales)
+        moved = _derivatives(lambda d: other.moved(d).project(points).ravel(), other.scales)
         # The trace of J C J^T is the mean square distance of all points, each two rows of J.
-        square = np.einsum("pi,ij,pj->", moved, found.matrix, moved) / len(points)
-        return replace(found, px=math.sqrt(max(square, 0.0)))
+        square = np.einsum("pi,ij,pj->", moved, other.matrix, moved) / len(points)
+        return replace(other, px=math.sqrt(max(square, 0.0)))
 
     def about(self, equal: Pose) -> PoseCovariance:
         """The distribution about an equal pose of a symmetric model, turned about one point."""
@@ -172,10 +172,10 @@ class PoseCovariance:
             return chart.from_pose(pose)
 
         jacobian = _derivatives(numbers, self.scales)
-        found = jacobian @ self.matrix @ jacobian.T
+        covariance = jacobian @ self.matrix @ jacobian.T
         if isinstance(chart, ViewChart) and chart.free_size and self.extra != SIZE:
-            found[-1] = found[:, -1] = np.nan
-        return found
+            covariance[-1] = covariance[:, -1] = np.nan
+        return covariance
 
     @property
     def deviations(self) -> dict[str, float]:
