@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Error, Page, sync_playwright
 
 from poseviewer.app.page.panels import STEPS
 
@@ -44,6 +44,7 @@ NO_NOTICE = """() => {
     document.adoptedStyleSheets.push(sheet);
 }"""
 """viser says that there is no GPU, over the photo's corner."""
+COUNT_DROPS = "() => { window.drops = 0; addEventListener('drop', () => window.drops++, true); }"
 TWO_FRAMES = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
 LOOK_AGAIN_MS = 50
 
@@ -76,6 +77,7 @@ class AppPage:
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.set_default_timeout(PATIENCE_MS)
         self.page.add_init_script(f"({NO_NOTICE})()")
+        self.page.add_init_script(f"({COUNT_DROPS})()")
         # Where frames take long, as without a GPU, viser draws fewer pixels: not for measuring.
         self.page.goto(f"{url}?fixedDpr=1")
         self.page.wait_for_function(READY)
@@ -171,7 +173,11 @@ class AppPage:
 
     def wait_for_text(self, text: str) -> None:
         """Until the page says so where it is seen: a step that is closed may say so as well."""
-        self.page.get_by_text(text).filter(visible=True).first.wait_for()
+        try:
+            self.page.get_by_text(text).filter(visible=True).first.wait_for()
+        except Error:
+            notices = self.page.get_by_role("alert").all_inner_texts()
+            raise AssertionError(f"no {text!r} on the page; its notices: {notices}") from None
 
     def until(self, predicate: Callable[[], Any]) -> None:
         """Until something is true, asked again and again."""
@@ -182,10 +188,21 @@ class AppPage:
         raise AssertionError("in vain")
 
     def drop_files(self, paths: Sequence[Path]) -> None:
-        """Files and folders of the disk, dropped in this order as a hand drops them."""
+        """Drop files and folders of the disk, in this order, as a hand drops them.
+
+        A busy browser may let a drag go before its drop: then it is dropped again.
+        """
+        before = self.page.evaluate("window.drops")
+        for _ in range(5):
+            self._drop([str(path) for path in paths])
+            if self.page.evaluate(f"{TWO_FRAMES}.then(() => window.drops)") > before:
+                return
+        raise AssertionError(f"the browser hands no drop of {paths} to the page")
+
+    def _drop(self, paths: Sequence[str]) -> None:
         session = self.page.context.new_cdp_session(self.page)
         left, top, width, height = self.view()["box"]
-        data = {"items": [], "files": [str(path) for path in paths], "dragOperationsMask": 1}
+        data = {"items": [], "files": paths, "dragOperationsMask": 1}
         for kind in ("dragEnter", "dragOver", "drop"):
             session.send(
                 "Input.dispatchDragEvent",
