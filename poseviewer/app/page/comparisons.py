@@ -12,18 +12,10 @@ from poseviewer.fit.settings import METHODS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
 
-HINT = "Search from the start pose by one method, then by the other, and set the ends side by side."
-
 
 def add_comparison(controls: Controls) -> None:
     """A button that compares the methods, their ends, and which of them to take."""
-    controls.button(
-        "Compare both methods",
-        c.compare_methods(),
-        hint=HINT,
-        icon="arrows-diff",
-        disabled=lambda s: s.searching,
-    )
+    controls.action("compare", icon="arrows-diff", disabled=lambda s: s.searching)
     controls.html(
         kept(lambda s: (s.ends,), lambda s: ends_table(s.ends, s.document.mesh) if s.ends else "")
     )

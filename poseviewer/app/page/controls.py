@@ -17,6 +17,7 @@ import viser
 
 from poseviewer.app.below_viser.incoming import take_upload
 from poseviewer.app.state import commands as c
+from poseviewer.app.state.actions import ACTIONS
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import Export
 from poseviewer.app.workers.tasks import Request, download, upload
@@ -135,6 +136,21 @@ class Controls:
         handle = self.gui.add_button(**{"label": "", **_fixed(options)})
         self._on(handle.on_click, request)
         return self.add(handle, **options)
+
+    def action(
+        self, name: str, ends: Read | None = None, label: Read | None = None, **options: Any
+    ) -> None:
+        """The button of an action; ``ends``: whether it would end by now what it began."""
+        own = ACTIONS[name]
+        if ends is not None:
+            label = lambda s: own.end_label if ends(s) else own.label  # noqa: E731
+        self.button(label or own.label, own.asked, **{"hint": own.tooltip, **options})
+
+    def actions(self, label: str, *names: str) -> None:
+        """The buttons of actions in one line."""
+        chosen = [ACTIONS[name] for name in names]
+        hint = "; ".join(f"{own.name}: {own.tooltip}" for own in chosen)
+        self.choices(label, {own.label: own.asked for own in chosen}, hint=hint)
 
     def choices(
         self, label: str, asked: Mapping[str, Request], selected: Read | None = None, **options: Any

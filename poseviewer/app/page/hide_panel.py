@@ -10,7 +10,6 @@ import numpy as np
 from poseviewer.app.page.controls import Controls, kept, on_press
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import hiding as h
-from poseviewer.app.state.actions import ACTIONS
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.mesh import Mesh
 
@@ -40,20 +39,15 @@ def add_hiding(controls: Controls) -> None:
         ended = None if session.searching else session.search
         return document.own.mask, document.object.result, document.at, ended
 
-    controls.button(
-        lambda s: ACTIONS["hide"].end if is_hiding(s) else ACTIONS["hide"].label,
-        c.toggle_hiding(),
-        icon="brush",
-    )
+    controls.action("hide", is_hiding, icon="brush")
     tools = {tool.capitalize(): c.set_tool(tool) for tool in h.HIDING}
     controls.choices("Tool", tools, lambda s: s.tool.capitalize(), visible=is_hiding)
     erase = controls.gui.add_checkbox("Erase (alt)", False)
     controls.bind(erase, "erasing", visible=lambda s: s.tool in h.SHAPES)
     controls.text(kept(hidden, hidden_text))
     has_found = kept(hidden, lambda s: h.found_hidden(s) is not None)
-    controls.button("Hide what the search found", h.hide_found(), visible=has_found)
-    can_clear = {"visible": lambda s: is_hiding(s) and s.document.own.mask is not None}
-    controls.button("Clear hidden areas", h.unhide(), **can_clear)
+    controls.action("hide found", visible=has_found)
+    controls.action("unhide", visible=lambda s: is_hiding(s) and s.document.own.mask is not None)
     controls.html(lambda s: parts_left_out(s.document.mesh))
 
 

@@ -15,11 +15,12 @@ from poseviewer.app.page.controls import Controls, Post, plain
 from poseviewer.app.page.map_panel import add_maps
 from poseviewer.app.page.panels import STEPS, add_status
 from poseviewer.app.page.photo_view import DEPTH, SIDE, PhotoScene
-from poseviewer.app.page.reports import FORWARDED, HELP, LEFT_TO_BROWSER, Theme, meaning_of
+from poseviewer.app.page.reports import FORWARDED, LEFT_TO_BROWSER, Theme, meaning_of
 from poseviewer.app.page.rows import add_rows
 from poseviewer.app.page.strip import show_strip
 from poseviewer.app.page.texts import hint_of
 from poseviewer.app.reviewing import Reviewer
+from poseviewer.app.state.actions import help_table
 from poseviewer.app.state.hiding import SHAPES
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.tasks import Restore, Result
@@ -152,7 +153,7 @@ class Page:
         """Open the panel with the keys."""
         for tab in self._tabs(client):
             with tab.gui.add_modal("Keys and mouse") as modal:
-                tab.gui.add_markdown(HELP)
+                tab.gui.add_markdown(help_table())
                 tab.gui.add_button("Close").on_click(lambda _, modal=modal: close_modal(modal))
 
     def offer(self, offer: AutosavedSession) -> None:

@@ -24,12 +24,11 @@ from poseviewer.app.page.texts import (
     verdict_text,
 )
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.actions import ACTIONS, LOOKS, buttons
+from poseviewer.app.state.actions import ACTIONS, LOOKS
 from poseviewer.app.state.camera_change import NARROWEST_DEG, WIDEST_DEG
 from poseviewer.app.state.document import is_alone
-from poseviewer.app.state.edits import SavePose
-from poseviewer.app.state.marking import MARKING, clear_marks, remove_mark
-from poseviewer.app.state.objects import add_object, alter_object
+from poseviewer.app.state.marking import MARKING
+from poseviewer.app.state.objects import alter_object
 from poseviewer.app.state.session import SearchUpdate, Session
 from poseviewer.app.workers.tasks import Request, ShowHelp, find_wheels
 from poseviewer.fit.settings import METHODS, FitSettings
@@ -53,10 +52,8 @@ METHODS_HINT = (
     "Default: CMA-ES, then quadratic models, on what light, classes of colour and edges leave "
     "unexplained. Paper (2010): the paper's restarted simplex on its loss of light alone."
 )
-KEEP_HINT, BACK_HINT = "The pose found stays; the search is put away", "To the pose before (Z)"
 WAITING = '<div class="pv-wait"></div>'
 """A moving bar, for work of unknown length."""
-DRAWING, STOP_PROPOSING = "Drag on the photo ...", "Stop looking"
 
 
 def _has_region(session: Session) -> bool:
@@ -93,7 +90,7 @@ def add_opening(controls: Controls) -> None:
     controls.upload("Pose file ...", "pose", "file-import")
     with controls.gui.add_folder("Several objects", expand_by_default=False):
         controls.upload("Add another object ...", "model", "cube-plus", adds=True)
-        controls.button("Add the same model again", add_object(), icon="copy")
+        controls.action("add same", icon="copy")
         controls.field(
             controls.gui.add_text("Name", ""),
             lambda name: alter_object(controls.session.document.number, name=name),
@@ -112,8 +109,8 @@ def add_placing(controls: Controls) -> None:
         return c.view_from(side) if side in SIDES else None
 
     controls.field(view, view_from)
-    controls.choices("History", buttons("undo", "redo"))
-    controls.choices("Start", {**buttons("reset"), "Make this the start": c.make_start()})
+    controls.actions("History", "undo", "redo")
+    controls.actions("Start", "reset", "start")
     _add_quick_start(controls)
     with gui.add_folder("Numbers", expand_by_default=False):
         for index in range(MOST_PARAMETERS):
@@ -126,31 +123,27 @@ def _add_quick_start(controls: Controls) -> None:
     """A pose from marks on the photo, or proposed ones."""
 
     def label(session: Session) -> str:
-        drawing = DRAWING if session.tool == "box" else "Fit to box"
-        return STOP_PROPOSING if session.proposing else drawing
+        own = ACTIONS["box"]
+        drawing = own.end if session.tool == "box" else own.label
+        return ACTIONS["propose"].end if session.proposing else drawing
 
-    controls.button(label, c.toggle_box(), color=None, icon="frame")
+    controls.action("box", label=label, color=None, icon="frame")
     controls.html(lambda s: WAITING if s.proposing else "")
     controls.text(proposals_text)
-    controls.button("Next proposal", c.step_proposals(1), visible=lambda s: proposals_of(s) > 1)
-    take = {"color": None, "icon": "check", "visible": lambda s: proposals_of(s) > 0}
-    controls.button("Start from it", c.take_proposal(), **take)
+    controls.action("next", visible=lambda s: proposals_of(s) > 1)
+    controls.action("take", color=None, icon="check", visible=lambda s: proposals_of(s) > 0)
     with controls.gui.add_folder("Quick start", expand_by_default=False):
-        tools = {"Point pairs": c.set_tool("pairs"), "Wheels": c.set_tool("wheels")}
-        controls.choices("Mark", tools)
+        controls.actions("Mark", "pairs", "wheels")
         # Wheels are looked for in the region; where there is none yet, it is drawn first.
         controls.button(
             lambda s: f"Find wheels{' in the' if _has_region(s) else ': draw a'} region",
             lambda s, _: find_wheels() if _has_region(s) else c.set_tool("region"),
         )
-        controls.button("Draw another region", c.set_tool("region"), visible=_has_region)
-        propose = "Propose starts"
-        controls.button(lambda s: STOP_PROPOSING if s.proposing else propose, c.toggle_proposing())
+        controls.action("region", label=lambda _: "Draw another region", visible=_has_region)
+        controls.action("propose", lambda s: s.proposing)
         controls.text(marks_text)
-        marking = {"visible": lambda s: s.tool in MARKING}
-        controls.button("Remove last mark", remove_mark(), **marking)
-        controls.button("Clear marks", clear_marks(), **marking)
-        controls.button("Done (Esc)", c.set_tool("pose"), **marking)
+        for name in ("unmark", "clear", "done"):
+            controls.action(name, visible=lambda s: s.tool in MARKING)
 
 
 def _add_parameter(controls: Controls, index: int, is_lock: bool = False) -> None:
@@ -244,20 +237,12 @@ def add_fitting(controls: Controls) -> None:
     controls.dropdown(
         "Pixels", PIXELS, with_pixels, lambda s: settings(s).pixels, options=pixels_of
     )
-    controls.button(
-        lambda s: ACTIONS["search"].end if s.searching else ACTIONS["search"].label,
-        c.toggle_search(),
-        color="cyan",
-        icon=lambda s: "player-stop" if s.searching else "player-play",
-    )
-    controls.button(
-        "Search all",
-        c.search_all(),
-        visible=lambda s: len(s.document.scene.objects) > 1 and not s.searching,
-    )
-    keep = {"color": None, "icon": "check", "hint": KEEP_HINT}
-    controls.button("Keep it", c.accept_search(), visible=_has_ended, **keep)
-    controls.button("Go back", c.revert_search(), visible=_has_ended, icon="x", hint=BACK_HINT)
+    icon = {"icon": lambda s: "player-stop" if s.searching else "player-play"}
+    controls.action("search", lambda s: s.searching, color="cyan", **icon)
+    several = {"visible": lambda s: len(s.document.scene.objects) > 1 and not s.searching}
+    controls.action("search all", **several)
+    controls.action("keep", visible=_has_ended, color=None, icon="check")
+    controls.action("revert", visible=_has_ended, icon="x")
     _add_curve(controls)
     add_hiding(controls)
     add_comparison(controls)
@@ -320,9 +305,8 @@ def _add_settings(controls: Controls) -> None:
         controls.field(handle, asked, value=attrgetter(f"document.settings.{name}"), **options)
 
     setting(gui.add_dropdown("Parameters", ("auto", "vehicle", "free-body")), "chart")
-    region = c.set_tool("region")
-    controls.button(lambda s: DRAWING if s.tool == "region" else "Draw a region", region)
-    controls.button("Clear the region", c.clear_region(), visible=_has_region)
+    controls.action("region", lambda s: s.tool == "region")
+    controls.action("clear region", visible=_has_region)
     setting(gui.add_checkbox("Use greyscale", False), "grey", disabled=_is_by_paper)
     setting(gui.add_checkbox("Find the focal length", False), "free_focal")
     evaluations = gui.add_number("Max evaluations", 20_000, min=10, max=1_000_000, step=10)
@@ -356,12 +340,9 @@ def add_saving(controls: Controls) -> None:
         return "  \n".join(filter(None, (text, plain(controls.where), focal_note(session))))
 
     controls.text(state)
-    controls.button(
-        lambda s: ACTIONS["save"].label if is_alone(s.document) else "Save scene (S)",
-        SavePose(),
-        color="cyan",
-        icon="device-floppy",
-    )
+    scene = ACTIONS["save"].label.replace("pose", "scene")
+    label = {"label": lambda s: ACTIONS["save"].label if is_alone(s.document) else scene}
+    controls.action("save", **label, color="cyan", icon="device-floppy")
     controls.download("Download pose", "pose")
     controls.download("Download overlay", "overlay", icon="photo-down")
 

@@ -36,7 +36,7 @@ NUDGES: Mapping[str, tuple[c.NudgeKind, float, float]] = {
     "PageDown": ("scale", -1.0, 0.0),
 }
 KEYS: Mapping[str, Request] = {
-    code: action.asked for action in ACTIONS.values() if action.asked for code in action.keys
+    code: action.asked for action in ACTIONS.values() for code in action.codes
 }
 REVIEW: Mapping[str, Callable[[Reviewer], Task]] = {
     "KeyN": lambda review: review.step(1),
@@ -45,9 +45,6 @@ REVIEW: Mapping[str, Callable[[Reviewer], Task]] = {
     "KeyX": lambda review: review.decide("rejected"),
 }
 """Keys of a review."""
-HELP = "| | |\n|---|---|\n" + "".join(
-    f"| {action.how} | {action.what} |\n" for action in ACTIONS.values() if action.how
-)
 FORWARDED = [*NUDGES, *KEYS, "KeyF", *REVIEW, "?"]
 """``event.code`` (or ``event.key``) of the keys that the page hands on, or heeds itself."""
 LEFT_TO_BROWSER = ["KeyF", "KeyR", "KeyB", "KeyH", *LOOKS, *REVIEW]

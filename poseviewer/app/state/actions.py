@@ -1,12 +1,16 @@
-"""Table of actions: edit, keys, button and row of the help dialog of each."""
+"""Table of actions: each one's edit, keys, button with its tooltip, step, and row of the help."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 from poseviewer.app.state import commands as c
+from poseviewer.app.state import hiding as h
+from poseviewer.app.state import marking as m
 from poseviewer.app.state.edits import Edit, SavePose
+from poseviewer.app.state.objects import add_object
 
 LOOKS = {
     "Digit1": "outline",
@@ -17,75 +21,164 @@ LOOKS = {
     "Digit0": "none",
 }
 """Drawing of the model by each key."""
+CODES = {"space": "Space", "Esc": "Escape"}
+"""``event.code`` of the keys that are neither letters nor digits."""
 
 
 @dataclass(frozen=True, slots=True)
 class Action:
-    """Something that a key or a button asks for, or that the mouse does."""
+    """Something that a key or a button asks for."""
 
-    how: str = ""
-    """Keys or mouse in the help dialog (markdown); "" for no row."""
-    what: str = ""
-    """Sentence of the help dialog on what they do."""
-    asked: Edit | SavePose | None = None
-    keys: tuple[str, ...] = ()
-    """``event.code`` of the keys, some with "shift " before."""
-    label: str = ""
-    """Label of the button or checkbox; "" for none."""
+    asked: Edit | SavePose
+    step: Literal["Open", "Place", "Fit", "Judge", "Save"]
+    """Tab of its button, or of the work in which its keys are used."""
+    name: str
+    """Text of the button or checkbox; "" for none."""
+    tooltip: str
+    """Sentence of the button's tooltip and of the help dialog."""
+    keys: str = ""
+    """As the help dialog names them, with commas between."""
     end: str = ""
-    """Label of the button while it would end what it began."""
+    """Text of the button while it would end what it began."""
+
+    @property
+    def label(self) -> str:
+        """Label of the button, with its first key."""
+        return self._with_key(self.name)
+
+    @property
+    def end_label(self) -> str:
+        """Label of the button while it would end what it began."""
+        return self._with_key(self.end)
+
+    def _with_key(self, text: str) -> str:
+        return f"{text} ({self.keys.split(', ')[0]})" if self.keys else text
+
+    @property
+    def codes(self) -> tuple[str, ...]:
+        """``event.code`` of the keys, some with "shift " before; ctrl makes no difference."""
+        return tuple(map(_code, filter(None, self.keys.split(", "))))
+
+
+def _code(key: str) -> str:
+    *held, last = key.replace("ctrl ", "").split()
+    usual = f"{'Digit' if last.isdigit() else 'Key'}{last}"
+    return " ".join((*held, CODES.get(last, usual)))
 
 
 ACTIONS: Mapping[str, Action] = {
-    "move": Action("**drag**", "move the model; a pin, if you hit one"),
-    "turn": Action("**shift + drag**", "turn it as a ball about its centre"),
-    "roll": Action("**ctrl + drag**", "roll it, and make it larger or smaller"),
-    "pin": Action("**double-click**", "pin the surface there, or take the pin away"),
-    "zoom": Action("**wheel**, **right drag**, **F**", "zoom at the pointer, pan, whole photo"),
-    "nudge": Action("**arrows**", "move by 1 px"),
-    "nudge turn": Action("**J L**, **I K**, **U O**", "turn, tilt, roll by 1 degree"),
-    "nudge scale": Action("**page up / down**", "1 % larger, smaller"),
-    "factor": Action("*with* **shift** / **ctrl**", "a tenth / ten times as much"),
+    "add same": Action(
+        add_object(), "Open", "Add the same model again", "Add an object of the active one's model"
+    ),
+    "undo": Action(c.undo(), "Place", "Undo", "Go one step back", "Z, ctrl Z"),
+    "redo": Action(c.redo(), "Place", "Redo", "Go one step on again", "Y, ctrl shift Z"),
+    "reset": Action(c.reset_to_start(), "Place", "Reset to start", "Go back to the start", "R"),
+    "start": Action(
+        c.make_start(), "Place", "Make this the start", "Make the pose at hand the start pose"
+    ),
+    "box": Action(
+        c.toggle_box(),
+        "Place",
+        "Fit to box",
+        "Draw a rectangle about the object; starting poses are proposed there",
+        end="Drag on the photo ...",
+    ),
+    "propose": Action(
+        c.toggle_proposing(),
+        "Place",
+        "Propose starts",
+        "Look for starting poses, in the region or the whole photo",
+        end="Stop looking",
+    ),
+    "next": Action(
+        c.step_proposals(), "Place", "Next proposal", "Show the next likely starting pose"
+    ),
+    "take": Action(
+        c.take_proposal(), "Place", "Start from it", "Make the proposal shown the start pose"
+    ),
+    "pairs": Action(
+        c.set_tool("pairs"), "Place", "Point pairs", "Click points of the model and of the photo"
+    ),
+    "wheels": Action(c.set_tool("wheels"), "Place", "Wheels", "Click points of a car's two rims"),
+    "unmark": Action(m.remove_mark(), "Place", "Remove last mark", "Take the last mark away"),
+    "clear": Action(
+        m.clear_marks(), "Place", "Clear marks", "Take all marks of this tool away; the pose stays"
+    ),
+    "done": Action(c.set_tool("pose"), "Place", "Done (Esc)", "Drags move the model again"),
     "search": Action(
-        "**space**",
-        "start and stop the search",
-        c.toggle_search(),
-        ("Space",),
-        "Search (space)",
-        "Stop (space)",
+        c.toggle_search(), "Fit", "Search", "Start and stop the search", "space", "Stop"
     ),
-    "looks": Action("**1 2 3 4 5**, **0**", "outline, solid, relit, normals, residual, nothing"),
-    **{
-        name: Action(asked=c.change(look=name, photo_alone=False), keys=(code,))
-        for code, name in LOOKS.items()
-    },
-    "blink": Action("**B**", "blink: photo, model", c.toggle_model(), ("KeyB",), "Photo alone (B)"),
+    "search all": Action(
+        c.search_all(), "Fit", "Search all", "Search for all objects in turn, until none improves"
+    ),
+    "keep": Action(
+        c.accept_search(), "Fit", "Keep it", "The pose found stays; the search is put away"
+    ),
+    "revert": Action(c.revert_search(), "Fit", "Go back", "To the pose before (Z)"),
     "hide": Action(
-        "**H**",
-        "hide what is in front: wheel brush size, **alt** erase",
         c.toggle_hiding(),
-        ("KeyH",),
-        "Hide what is in front (H)",
-        "Done hiding (H)",
+        "Fit",
+        "Hide what is in front",
+        "Hide what is in front: wheel brush size, alt erase",
+        "H",
+        "Done hiding",
     ),
-    "reset": Action(
-        "**R**", "back to the start", c.reset_to_start(), ("KeyR",), "Reset to start (R)"
+    "hide found": Action(
+        h.hide_found(),
+        "Fit",
+        "Hide what the search found",
+        "Hide what the search took for something in front; it can be corrected",
     ),
-    "undo": Action("**Z**, **ctrl Z**", "undo", c.undo(), ("KeyZ",), "Undo (Z)"),
-    "redo": Action("**Y**, **ctrl shift Z**", "redo", c.redo(), ("KeyY", "shift KeyZ"), "Redo (Y)"),
-    "save": Action("**S**, **ctrl S**", "save the pose", SavePose(), ("KeyS",), "Save pose (S)"),
+    "unhide": Action(h.unhide(), "Fit", "Clear hidden areas", "Let all pixels count again"),
+    "compare": Action(
+        c.compare_methods(),
+        "Fit",
+        "Compare both methods",
+        "Search from the start pose by one method, then by the other, and set the ends side by "
+        "side",
+    ),
+    "region": Action(
+        c.set_tool("region"),
+        "Fit",
+        "Draw a region",
+        "Compare what lies in a rectangle alone",
+        end="Drag on the photo ...",
+    ),
+    "clear region": Action(
+        c.clear_region(), "Fit", "Clear the region", "Compare with all of the photo"
+    ),
+    **{
+        look: Action(c.change(look=look, photo_alone=False), "Judge", "", "", code[-1])
+        for code, look in LOOKS.items()
+    },
+    "blink": Action(c.toggle_model(), "Judge", "Photo alone", "Blink: photo, model", "B"),
+    "save": Action(SavePose(), "Save", "Save pose", "Save the pose", "S, ctrl S"),
     "end": Action(
-        "**Esc**",
-        "let go, leave a tool, stop what is looked for or read",
-        c.cancel_drag(),
-        ("Escape",),
+        c.cancel_drag(), "Place", "", "Let go, leave a tool, stop what is looked for or read", "Esc"
     ),
-    "review": Action("**A**, **X**, **N**, **P**", "in a review: accept, reject, next, previous"),
 }
-"""All that mouse and keys do, by names; nudges and keys of a review have tables of their own."""
+"""All that buttons and keys ask for; nudges and keys of a review have tables of their own."""
+GESTURES = {
+    "drag": "Move the model; a pin, if you hit one",
+    "shift + drag": "Turn it as a ball about its centre",
+    "ctrl + drag": "Roll it, and make it larger or smaller",
+    "double-click": "Pin the surface there, or take the pin away",
+    "wheel, right drag, F": "Zoom at the pointer, pan, whole photo",
+    "arrows": "Move by 1 px",
+    "J L, I K, U O": "Turn, tilt, roll by 1 degree",
+    "page up / down": "1 % larger, smaller",
+    "shift / ctrl": "With one of these: a tenth, ten times as much",
+    "1 2 3 4 5, 0": "Outline, solid, relit, normals, residual, nothing",
+    "A, X, N, P": "In a review: accept, reject, next, previous",
+}
+"""What the mouse does, and keys of other tables, in the help dialog."""
 
 
-def buttons(*names: str) -> dict[str, Edit | SavePose]:
-    """Edits of actions by the labels of their buttons."""
-    actions = [ACTIONS[name] for name in names]
-    return {action.label: action.asked for action in actions if action.asked is not None}
+def help_table() -> str:
+    """All that mouse and keys do, and the step that it belongs to (markdown)."""
+    keyed = [(own.keys, own.tooltip, own.step) for own in ACTIONS.values() if own.keys]
+    rows = [*((keys, does, "") for keys, does in GESTURES.items()), *filter(lambda r: r[1], keyed)]
+    head = "| | | |\n|---|---|---|\n"
+    return head + "".join(
+        f"| **{keys.replace(', ', '**, **')}** | {does} | {step} |\n" for keys, does, step in rows
+    )
