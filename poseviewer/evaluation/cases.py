@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-import msgspec
-import numpy as np
 from msgspec import Struct
 
 from poseviewer.errors import SettingsError
@@ -20,7 +18,6 @@ from poseviewer.files.formats.bop_models import BopModel
 from poseviewer.files.photo import load_photo
 from poseviewer.files.structs import CameraNumbers, Positive, Transform
 from poseviewer.geometry.camera import Pose
-from poseviewer.geometry.transform import RigidTransform, nearest_rotation
 
 CASES, STARTS = "cases.json", "starts.json"
 SEEN = {0.9: "seen 90 % and more", 0.5: "seen 50-90 %", 0.0: "seen to less than 50 %"}
@@ -86,25 +83,18 @@ class Start(Struct, frozen=True):
     case: str
     degrees: int
     draw: int
-    transform: Transform = msgspec.field(name="camera_from_model")
-
-    @property
-    def camera_from_model(self) -> RigidTransform:
-        """The start."""
-        return _rigid(self.transform)
+    camera_from_model: Transform
 
 
 def load_cases(folder: Path, pattern: str = "") -> list[Case]:
     """Load the cases whose id contains the pattern, or with ``*`` or ``?`` in it matches whole."""
     reading, cases = Reading(folder / CASES, kind="list of cases"), []
-    with reading.naming_errors():
-        entries = msgspec.convert(reading.load_object().get("cases"), list[Entry])
-    for entry in entries:
+    for entry in reading.decoded(reading.load_object().get("cases"), list[Entry], "cases"):
         if fnmatchcase(entry.id, pattern if set("*?") & set(pattern) else f"*{pattern}*"):
             path = folder / entry.photo
             photo = load_photo(path)
             camera = entry.camera.perspective(photo.width, photo.height)
-            truth = Pose(camera, _rigid(entry.camera_from_model))
+            truth = Pose(camera, entry.camera_from_model.rigid)
             accuracy, mesh = entry.accuracy_percent(reading), folder / entry.mesh
             cases.append(Case(entry.id, entry.set, path, mesh, truth, accuracy, entry.visible))
     if not cases:
@@ -115,8 +105,7 @@ def load_cases(folder: Path, pattern: str = "") -> list[Case]:
 def load_starts(folder: Path, degrees: Sequence[int], draws: int) -> list[Start]:
     """Load the first ``draws`` starts of every case at each of the deviations."""
     reading = Reading(folder / STARTS, kind="list of starts")
-    with reading.naming_errors():
-        starts = msgspec.convert(reading.load_json(), list[Start])
+    starts = reading.decoded(reading.load_json(), list[Start])
     known = sorted({start.degrees for start in starts})
     for wanted in degrees:
         if wanted not in known:
@@ -125,8 +114,3 @@ def load_starts(folder: Path, degrees: Sequence[int], draws: int) -> list[Start]
                 f"{', '.join(map(str, known))} degrees off"
             )
     return [start for start in starts if start.degrees in degrees and start.draw < draws]
-
-
-def _rigid(transform: Transform) -> RigidTransform:
-    rotation = nearest_rotation(np.array(transform.rotation))
-    return RigidTransform(rotation, np.array(transform.translation))

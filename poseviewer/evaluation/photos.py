@@ -10,6 +10,7 @@ from functools import cache
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import SettingsError, SingularChartError
 from poseviewer.evaluation.cases import Case
@@ -21,12 +22,12 @@ from poseviewer.files.photo import load_photo, save_image
 from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.files.writing import make_folder
 from poseviewer.fit.scene import LoadedModel
-from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.starts.views import ground_view
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 
@@ -130,7 +131,12 @@ def random_view(
     mesh: Mesh, keypoints: VehicleKeypoints, size: tuple[int, int], random: np.random.Generator
 ) -> Pose:
     """Draw a pose as people take cars: from a side, somewhat above, filling ``size`` (w, h) px."""
-    rotation = _random_rotation(keypoints, random)
+    side = math.pi * int(random.integers(2))
+    turn = side + math.radians(random.uniform(-TURN_DEG, TURN_DEG))
+    rise = math.radians(random.uniform(LEAST_RISE_DEG, MOST_RISE_DEG))
+    roll = math.radians(random.uniform(-ROLL_DEG, ROLL_DEG))
+    upright = ground_view(keypoints, turn, rise)
+    rotation = Rotation.from_rotvec([0.0, 0.0, roll]).as_matrix() @ upright
     turned = (mesh.vertices - mesh.centre) @ rotation.T
     low, high = turned[:, :2].min(axis=0), turned[:, :2].max(axis=0)
     scale = float(np.min(np.array(size) * LARGEST_SHARE / (high - low))) * random.uniform(0.75, 1.0)
@@ -139,25 +145,6 @@ def random_view(
     camera = Parallel(scale, size[0] / 2.0, size[1] / 2.0, *size)
     centre = np.array([*(middle - (low + high) / 2.0), DEPTH_PER_DIAMETER * mesh.diameter])
     return Pose(camera, RigidTransform(rotation, centre - rotation @ mesh.centre))
-
-
-def _random_rotation(keypoints: VehicleKeypoints, random: np.random.Generator) -> FloatArray:
-    """(3, 3): camera from model."""
-    left = keypoints.left
-    up = np.cross(left.front_wheel - left.rear_wheel, left.axle)
-    up = up / np.linalg.norm(up)
-    side = (keypoints.left, keypoints.right)[int(random.integers(2))]
-    along = (side.front_wheel - side.rear_wheel) / side.wheelbase
-    turn = math.radians(random.uniform(-TURN_DEG, TURN_DEG))
-    rise = math.radians(random.uniform(LEAST_RISE_DEG, MOST_RISE_DEG))
-    level = math.cos(turn) * side.axle + math.sin(turn) * along
-    forward = -(math.cos(rise) * level + math.sin(rise) * up)
-    down = -(up - (up @ forward) * forward)
-    down = down / np.linalg.norm(down)
-    roll = math.radians(random.uniform(-ROLL_DEG, ROLL_DEG))
-    right = np.cross(down, forward)
-    cosine, sine = math.cos(roll), math.sin(roll)
-    return np.stack([cosine * right + sine * down, cosine * down - sine * right, forward])
 
 
 def _piece(

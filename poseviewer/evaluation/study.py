@@ -24,7 +24,7 @@ from poseviewer.files.checks import Reading
 from poseviewer.files.demo import demo_case
 from poseviewer.files.formats.bop import MODEL_FILE, load_bop_images
 from poseviewer.files.formats.bop_models import MODELS_INFO, load_bop_estimates, load_bop_models
-from poseviewer.files.table import RowTable
+from poseviewer.files.table import append_row, load_rows
 from poseviewer.files.writing import make_folder, sha256_of, write_json, write_whole
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Pose
@@ -44,8 +44,8 @@ class Run:
     """A study with its folder open."""
 
     out: Path
-    table: RowTable[Trial]
-    """With the rows of earlier runs."""
+    rows: list[Trial]
+    """Rows of the table; earlier runs' come first."""
     left: Sequence[Task]
     """The tasks that have no row yet."""
     targets: int
@@ -64,7 +64,8 @@ class Run:
                     "a process of the study was ended from outside, perhaps for want of memory; "
                     "what was done is kept: run the same again, with fewer --jobs"
                 )
-            self.table.append(trial)
+            append_row(self.out / TRIALS, trial)
+            self.rows.append(trial)
             yield trial
 
 
@@ -79,19 +80,19 @@ def open_study(plan: Plan, tell: Callable[[str], None]) -> Run:
         tasks = real_tasks(*chosen, settings, plan.among_others)
     _open_folder(plan)  # photos are drawn into it
     tasks = deviation_tasks(plan, tell) if tasks is None else tasks
-    table = RowTable(plan.out / TRIALS, Trial)
-    done = {tuple(getattr(row, name) for name in KEY) for row in table.rows}
+    rows = load_rows(plan.out / TRIALS, Trial)
+    done = {tuple(getattr(row, name) for name in KEY) for row in rows}
     left = [task for task in tasks if tuple(task.identity.values()) not in done]
-    return Run(plan.out, table, left, targets, {task.case.name: task.case.group for task in tasks})
+    return Run(plan.out, rows, left, targets, {task.case.name: task.case.group for task in tasks})
 
 
 def write_report(run: Run) -> Table:
     """Write the summary of all rows in the folder; returns its table."""
-    table, explained = study_table(run.table.rows, run.groups), EXPLAINED
+    table, explained = study_table(run.rows, run.groups), EXPLAINED
     if run.targets:
-        table = bop_table(run.table.rows, run.targets)
+        table = bop_table(run.rows, run.targets)
         explained = "A target without an estimate counts as not found."
-    words = f"{len(run.table.rows):,} trials; `{TRIALS}` has them all. {explained}"
+    words = f"{len(run.rows):,} trials; `{TRIALS}` has them all. {explained}"
     text = f"# Reliability\n\n{table.as_markdown()}\n\n{words}\n"
     write_whole(run.out / SUMMARY, text.encode(), SettingsError)
     return table
@@ -136,7 +137,7 @@ def real_tasks(
         others = tuple(c for c in givers if c.photo == case.photo and c.name != case.name)
         for start in starts:
             if start.case == case.name:
-                pose = Pose(case.truth.camera, start.camera_from_model)
+                pose = Pose(case.truth.camera, start.camera_from_model.rigid)
                 off = start.degrees, start.draw
                 tasks.append(Task(case, pose, settings, "", 0.0, *off, others))
     return tasks

@@ -6,7 +6,7 @@ import csv
 from dataclasses import asdict, fields
 from io import StringIO
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -19,49 +19,31 @@ LARGEST = 1_000_000_000
 """Bytes."""
 
 
-class RowTable(Generic[Row]):
-    """Rows of a dataclass of texts, numbers and truth values, a line each."""
+def load_rows(path: Path, row_type: type[Row]) -> list[Row]:
+    """Read rows of a dataclass of texts, numbers and truth values, a line each. A table that is not
+    there is begun; a last line that was cut off is dropped from the file.
+    """
+    reading = Reading(path, error_type=SettingsError, kind="table of trials", largest=LARGEST)
+    text = reading.load_text() if path.exists() and path.stat().st_size else ""
+    columns = [field.name for field in fields(row_type)]  # type: ignore[arg-type]
+    whole = text[: text.rfind("\n") + 1] or _line(columns)
+    table = csv.DictReader(StringIO(whole))
+    if table.fieldnames != columns:
+        raise reading.error("is not a table of such trials", "name another folder")
+    with reading.naming_errors():
+        rows = msgspec.convert(list(table), list[row_type], strict=False)
+    if whole != text:
+        write_whole(path, whole.encode(), SettingsError)
+    return rows
 
-    def __init__(self, path: Path, row_type: type[Row]) -> None:
-        """Read what is there; a last line that was cut off is dropped."""
-        self._path, self._type = path, row_type
-        self.columns = [field.name for field in fields(row_type)]  # type: ignore[arg-type]
-        reading = Reading(path, error_type=SettingsError, kind="table of trials", largest=LARGEST)
-        text = reading.load_text() if path.exists() and path.stat().st_size else ""
-        whole = text[: text.rfind("\n") + 1]
-        self.rows: list[Row] = self._parse(whole) if whole else []
-        if whole != text or not whole:
-            write_whole(path, (whole or self._line(self.columns)).encode(), SettingsError)
 
-    def append(self, row: Row) -> None:
-        """Add a row, here and in the file."""
-        values = asdict(row)  # type: ignore[call-overload]
-        line = self._line([values[name] for name in self.columns])
-        try:
-            with self._path.open("a", encoding="utf-8", newline="") as file:
-                file.write(line)
-        except OSError as error:
-            raise SettingsError(
-                f"{self._path}: cannot be written to ({error.strerror}); free the place and run "
-                "the same again"
-            ) from None
-        self.rows.append(row)
+def append_row(path: Path, row: Any) -> None:
+    """Add a dataclass as a row to a table that ``load_rows`` has read; raises ``OSError``."""
+    with path.open("a", encoding="utf-8", newline="") as file:
+        file.write(_line(list(asdict(row).values())))
 
-    def _line(self, values: list[Any]) -> str:
-        memory = StringIO()
-        csv.writer(memory, lineterminator="\n").writerow(values)
-        return memory.getvalue()
 
-    def _parse(self, text: str) -> list[Row]:
-        reader = csv.DictReader(StringIO(text))
-        if reader.fieldnames != self.columns:
-            raise SettingsError(
-                f"{self._path}: is not a table of such trials; name another folder, or take it away"
-            )
-        try:
-            return msgspec.convert(list(reader), list[self._type], strict=False)
-        except msgspec.ValidationError as error:
-            raise SettingsError(
-                f"{self._path}: holds a row that cannot be read ({error}); mend it, or name "
-                "another folder"
-            ) from None
+def _line(values: list[Any]) -> str:
+    memory = StringIO()
+    csv.writer(memory, lineterminator="\n").writerow(values)
+    return memory.getvalue()

@@ -7,6 +7,7 @@ improved by short descents, the best of these by longer ones, and a few are prop
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import islice
@@ -22,7 +23,6 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
-from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.rectangle import Rectangle, non_maximum_suppression
 from poseviewer.optimise import nelder_mead
@@ -91,18 +91,40 @@ class StartQuery:
         """(k, 3): vertices that say where the model's outline is, in its frame."""
         return outermost_points(self.inputs.mesh)
 
-    def views(self, rectangle: Rectangle, count: int | None = None) -> ViewPoses:
-        """Poses that fill a rectangle: ``count``, or all. A vehicle's are those on level ground."""
+    @property
+    def box(self) -> Rectangle:
+        """The rectangle.
+
+        Raises ``QuickStartError``: there is none; or it is too small, or not in the photo.
+        """
+        if self.rectangle is None:
+            raise QuickStartError(
+                "A start is looked for in a rectangle about the object, and there is none; draw it "
+                "(Fit to box), or name it with --box LEFT,TOP,WIDTH,HEIGHT."
+            )
+        (left, top, width, height), photo = self.rectangle, self.inputs.photo
+        inside = self.rectangle.intersection(Rectangle(0, 0, photo.width, photo.height))
+        if min(inside.width, inside.height) < SMALLEST_SIDE_PX:
+            raise QuickStartError(
+                f"--box {left},{top},{width},{height}: has no "
+                f"{SMALLEST_SIDE_PX}x{SMALLEST_SIDE_PX} px in the photo of "
+                f"{photo.width}x{photo.height} px; give the object's left,top,width,height."
+            )
+        return Rectangle(*map(float, self.rectangle))
+
+    def views(self, count: int | None = None) -> ViewPoses:
+        """Poses that fill the box: ``count``, or all. A vehicle's are those on level ground."""
         keypoints, centre = self.inputs.keypoints, self.inputs.mesh.centre
         if keypoints is None:
             rotations = even_rotations(count or VIEWS)
         else:
             rotations = ground_views(keypoints)[:count]
-        return poses_filling(rectangle, rotations, self.points, centre, self.camera)
+        return poses_filling(self.box, rotations, self.points, centre, self.camera)
 
-    def photo_about(self, rectangle: Rectangle) -> PhotoAttributes:
-        """The photo as the default method compares it, about a rectangle in its region."""
-        wide = rectangle.grown(2.0 * MARGIN)
+    @property
+    def photo(self) -> PhotoAttributes:
+        """The photo as the default method compares it, about the box in its region."""
+        wide = self.box.grown(2.0 * MARGIN)
         corners = max(int(wide.left), 0), max(int(wide.top), 0)
         region = Rectangle.from_corners(*corners, int(wide.right) + 1, int(wide.bottom) + 1)
         if self.settings.region is not None:
@@ -115,7 +137,7 @@ class StartQuery:
             grey=self.settings.grey,
             colour_reflectance=self.settings.colour_reflectance,
         )
-        pose = self.views(rectangle, 1).poses[0]
+        pose = self.views(1).poses[0]
         return make_problem(self.inputs.scene(pose, settings))[0].photo
 
 
@@ -128,42 +150,28 @@ class Proposal:
     """On the last level: to be compared with other proposals of the same search."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Proposals:
-    """Poses to start from, the best first; there is one at least."""
-
-    found: tuple[Proposal, ...]
-    photo: PhotoAttributes
-    """Photo that they were compared on: the region about the rectangle."""
-
-
 def propose(
     query: StartQuery,
     renderer: Renderer | None = None,
     begin: BeginThread | None = None,
     watch: Callable[[], object] = lambda: None,
-) -> Proposals:
-    """Propose up to ``MOST_PROPOSALS`` start poses by a search over views on all cores.
+) -> list[Proposal]:
+    """Propose 1 to ``MOST_PROPOSALS`` start poses, the best first, by a search over views on all
+    cores.
 
     Some 3,000 evaluations of small pictures, always with the same result. Each thread calls
     ``begin``, each evaluation ``watch``, which may raise to stop it.
 
     Raises ``QuickStartError``: there is no rectangle; or it is too small, or not in the photo.
     """
-    if query.rectangle is None:
-        raise QuickStartError(
-            "A start is looked for in a rectangle about the object, and there is none; draw it "
-            "(Fit to box), or name it with --box LEFT,TOP,WIDTH,HEIGHT."
-        )
     renderer = make_renderer(query.inputs.mesh) if renderer is None else renderer
-    rectangle = _checked(query.rectangle, query.inputs.photo)
-    search = _ViewSearch(query, rectangle, query.photo_about(rectangle), renderer, begin, watch)
-    found = _with_wheels(search, search.best_views(query.views(rectangle)))
-    if not found:
+    search = _ViewSearch(query, query.box, query.photo, renderer, begin, watch)
+    proposals = _with_wheels(search, search.best_views(query.views()))
+    if not proposals:
         raise QuickStartError(
             "No view of the model fits there; lay the rectangle closer about the object."
         )
-    return Proposals(tuple(found), search.photo)
+    return proposals
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,15 +187,14 @@ class _ViewSearch:
 
     def best_views(self, views: ViewPoses) -> list[Proposal]:
         """The best views that differ, improved round by round."""
-        found = self._try_all(views)
+        proposals = self._try_all(views)
         for count, evaluations, edge, side_px in ROUNDS:
-            found = self._descend(self._distinct(found, count), evaluations, edge, side_px)
-        return self._distinct(found, MOST_PROPOSALS)
+            proposals = self._descend(self._distinct(proposals, count), evaluations, edge, side_px)
+        return self._distinct(proposals, MOST_PROPOSALS)
 
     def ranked(self, poses: Sequence[Pose]) -> list[Proposal]:
         """Poses of several searches, scored anew over this one's region; those that differ."""
-        found = self._scored(poses, self._level(SIDE_PX), 1)
-        return self._distinct(found, MOST_PROPOSALS)
+        return self._distinct(self._scored(poses, self._level(SIDE_PX), 1), MOST_PROPOSALS)
 
     def _level(self, side_px: float) -> Level:
         """The level on which the rectangle, made square, has about ``side_px`` along each side."""
@@ -249,18 +256,17 @@ class _ViewSearch:
         share = float(off @ off) / wanted.area
         return share if np.isfinite(share) else BEHIND_CAMERA
 
-    def _distinct(self, found: Sequence[Proposal], most: int) -> list[Proposal]:
+    def _distinct(self, proposals: Sequence[Proposal], most: int) -> list[Proposal]:
         """The best whose pictures of the model differ."""
         reach = DISTANCE * float(np.hypot(*self.rectangle[2:]))
-        ordered = sorted(found, key=lambda one: one.loss)
-        pictures = [(one, one.pose.project(self.query.points)) for one in ordered]
-        seen = ((one, picture) for one, picture in pictures if np.isfinite(picture).all())
+        ordered = sorted(proposals, key=lambda proposal: proposal.loss)
+        pictures = ((proposal, proposal.pose.project(self.query.points)) for proposal in ordered)
         kept = non_maximum_suppression(
-            seen,
+            (pair for pair in pictures if np.isfinite(pair[1]).all()),
             lambda a, b: bool(np.linalg.norm(a[1] - b[1], axis=1).mean() < reach),
             most,
         )
-        return [one for one, _ in kept]
+        return [proposal for proposal, _ in kept]
 
 
 def _with_wheels(search: _ViewSearch, views: list[Proposal]) -> list[Proposal]:
@@ -271,11 +277,11 @@ def _with_wheels(search: _ViewSearch, views: list[Proposal]) -> list[Proposal]:
     if keypoints is None:
         return views
     try:
-        found = likely_wheels(query.inputs, search.rectangle, query.camera)
+        pairs = likely_wheels(query.inputs, search.rectangle, query.camera)
     except QuickStartError:  # no two are seen, as from in front
         return views
-    agreeing = [v.pose for v in views if _shows(v.pose, keypoints, found[0].wheels)]
-    return search.ranked([*agreeing, *(one.fit.pose for one in found[:WHEEL_POSES])])
+    agreeing = [v.pose for v in views if _shows(v.pose, keypoints, pairs[0].wheels)]
+    return search.ranked([*agreeing, *(pair.fit.pose for pair in pairs[:WHEEL_POSES])])
 
 
 def _shows(pose: Pose, keypoints: VehicleKeypoints, wheels: Wheels) -> bool:
@@ -290,29 +296,27 @@ def _shows(pose: Pose, keypoints: VehicleKeypoints, wheels: Wheels) -> bool:
 
 
 def best_start(
-    query: StartQuery, proposals: Proposals, renderer: Renderer, watch: Callable[[], object]
+    query: StartQuery,
+    proposals: Sequence[Proposal],
+    renderer: Renderer,
+    watch: Callable[[], object] = lambda: None,
 ) -> Start:
-    """The least-loss end of a short fit from each proposal; each evaluation calls ``watch``."""
-    poses = [fitted(query, one.pose, renderer, watch) for one in proposals.found]
-    losses = [registration_loss(renderer.moments(pose, proposals.photo)) for pose in poses]
+    """The least-loss end of a short fit from each proposal, or of the proposal where none can be
+    made from it; each evaluation calls ``watch``.
+    """
+    settings = replace(query.settings, method="default", lock=(), limits=TRIAL)
+    poses, photo = [], query.photo
+    for pose in (proposal.pose for proposal in proposals):
+        with suppress(SettingsError):
+            for progress in fit_pose(make_problem(query.inputs.scene(pose, settings))[0], renderer):
+                pose = progress.pose
+                watch()
+        poses.append(pose)
+    losses = [registration_loss(renderer.moments(pose, photo)) for pose in poses]
     best = int(np.argmin(losses))
     note = f"start found: proposal {best + 1} of {len(losses)}, loss {losses[best]:.2f}"
     note += f", the next best {sorted(losses)[1]:.2f}" if len(losses) > 1 else ""
     return Start(poses[best], (f"{note}; look whether it is right.",))
-
-
-def fitted(query: StartQuery, start: Pose, renderer: Renderer, watch: Callable[[], object]) -> Pose:
-    """End of a short fit from ``start``; ``start`` where none can be made from it."""
-    settings = replace(query.settings, method="default", lock=(), limits=TRIAL)
-    try:
-        problem = make_problem(query.inputs.scene(start, settings))[0]
-    except SettingsError:
-        return start
-    pose = start
-    for progress in fit_pose(problem, renderer):
-        pose = progress.pose
-        watch()
-    return pose
 
 
 def find_start(
@@ -323,9 +327,7 @@ def find_start(
     watch: Callable[[], object],
 ) -> Start:
     """Find the best start of the proposals in a rectangle, by default the settings' region."""
-    rectangle = rectangle or settings.region
-    rectangle = None if rectangle is None else Rectangle(*rectangle)
-    query = StartQuery(inputs, camera.of(inputs.photo), rectangle, settings)
+    query = StartQuery(inputs, camera.of(inputs.photo), rectangle or settings.region, settings)
     renderer = make_renderer(inputs.mesh)
     return best_start(query, propose(query, renderer, watch=watch), renderer, watch)
 
@@ -336,15 +338,3 @@ def outermost_points(mesh: Mesh) -> FloatArray:
     corners = hull_points(mesh)
     outermost = np.argmax(corners @ even_rotations(HULL_POINTS)[:, 2].T, axis=0)
     return corners[np.unique(outermost)]
-
-
-def _checked(rectangle: Rectangle, photo: Photo) -> Rectangle:
-    left, top, width, height = rectangle
-    inside = rectangle.intersection(Rectangle(0, 0, photo.width, photo.height))
-    if min(inside.width, inside.height) < SMALLEST_SIDE_PX:
-        raise QuickStartError(
-            f"--box {left},{top},{width},{height}: has no {SMALLEST_SIDE_PX}x{SMALLEST_SIDE_PX} px "
-            f"in the photo of {photo.width}x{photo.height} px; give the object's "
-            "left,top,width,height."
-        )
-    return Rectangle(float(left), float(top), float(width), float(height))

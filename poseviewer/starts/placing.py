@@ -13,6 +13,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Pose
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.starts.views import looking
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints, model_axes
 
 FILLED = 0.6
@@ -49,9 +50,7 @@ def look_from(side: str, mesh: Mesh, keypoints: VehicleKeypoints | None, camera:
     forward = from_camera / np.linalg.norm(from_camera)
     # Looking straight down or up, the front of the model is at the upper edge of the photo.
     upwards = up if abs(forward @ up) < 0.99 else -behind
-    across = np.cross(forward, upwards)
-    across /= np.linalg.norm(across)
-    rotation = np.array([across, np.cross(forward, across), forward])
+    rotation = looking(forward, upwards)
     far = np.array([0.0, 0.0, 2.0 * mesh.diameter])
     pose = Pose(camera, RigidTransform(rotation, far - rotation @ mesh.centre))
     width, height = FILLED * camera.width, FILLED * camera.height

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -33,27 +34,37 @@ def even_rotations(count: int) -> FloatArray:
     """
     step = np.arange(count) + 0.5
     share = step / count
-    one = 2.0 * math.pi * step / math.sqrt(2.0)
-    other = 2.0 * math.pi * step / 1.533751168755204288118041
+    a = 2.0 * math.pi * step / math.sqrt(2.0)
+    b = 2.0 * math.pi * step / 1.533751168755204288118041
     inner, outer = np.sqrt(share), np.sqrt(1.0 - share)
-    parts = inner * np.sin(one), inner * np.cos(one), outer * np.sin(other), outer * np.cos(other)
+    parts = inner * np.sin(a), inner * np.cos(a), outer * np.sin(b), outer * np.cos(b)
     return Rotation.from_quat(np.column_stack(parts)).as_matrix()
 
 
 def ground_views(keypoints: VehicleKeypoints) -> FloatArray:
     """(n, 3, 3): a vehicle on level ground, seen from all around by a camera held nearly level."""
+    turns, rises = np.radians(np.arange(0.0, 360.0, GROUND_STEP_DEG)), np.radians(RISES_DEG)
+    rolls = Rotation.from_rotvec([[0.0, 0.0, roll] for roll in np.radians(ROLLS_DEG)]).as_matrix()
+    pairs = product(turns, rises)
+    return np.concatenate([rolls @ ground_view(keypoints, turn, rise) for turn, rise in pairs])
+
+
+def ground_view(keypoints: VehicleKeypoints, turn: float, rise: float) -> FloatArray:
+    """(3, 3): camera from model of a vehicle seen by an upright camera, ``turn`` radians about it
+    from its right side towards its back, and ``rise`` above the ground.
+    """
     right, behind, up = model_axes(keypoints)
-    found = []
-    for turn in np.radians(np.arange(0.0, 360.0, GROUND_STEP_DEG)):
-        level = math.cos(turn) * right + math.sin(turn) * behind
-        for rise in np.radians(RISES_DEG):
-            forward = -(math.cos(rise) * level + math.sin(rise) * up)
-            down = -(up - (up @ forward) * forward)
-            down = down / np.linalg.norm(down)
-            upright = np.stack([np.cross(down, forward), down, forward])
-            turns = [[0.0, 0.0, roll] for roll in np.radians(ROLLS_DEG)]
-            found.append(Rotation.from_rotvec(turns).as_matrix() @ upright)
-    return np.concatenate(found)
+    level = math.cos(turn) * right + math.sin(turn) * behind
+    return looking(-(math.cos(rise) * level + math.sin(rise) * up), up)
+
+
+def looking(forward: FloatArray, up: FloatArray) -> FloatArray:
+    """(3, 3): a camera's axes from the frame of two unit vectors (3,): it looks along the first,
+    and the second points upwards in the photo.
+    """
+    down = -(up - (up @ forward) * forward)
+    down = down / np.linalg.norm(down)
+    return np.stack([np.cross(down, forward), down, forward])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,34 +115,34 @@ def _place(box: Rectangle, turned: FloatArray, camera: Camera) -> tuple[FloatArr
     depth = np.maximum(np.sqrt(focal.prod()) / scale, nearest)
     pixel = wanted - middle * focal / depth[:, None]
     for _ in range(CORRECTIONS):
-        low, high = _seen(pixel, depth, turned, camera)
+        low, high = _corners(pixel, depth, turned, camera)
         size = high - low
         larger = np.sqrt(size.prod(axis=1) / (box.width * box.height))
         depth = np.maximum(depth * larger, nearest)
         pixel = pixel + wanted - (low + high) / 2.0
-    low, high = _seen(pixel, depth, turned, camera)
+    low, high = _corners(pixel, depth, turned, camera)
     at = (pixel - [camera.cx, camera.cy]) / focal * depth[:, None]
     return np.column_stack([at, depth]), high - low
 
 
-def _seen(
+def _corners(
     pixel: FloatArray, depth: FloatArray, turned: FloatArray, camera: Perspective
 ) -> tuple[FloatArray, FloatArray]:
     """Corners (n, 2) each of outlines of points (n, k, 3) about centres at ``pixel``, ``depth``."""
     focal, principal = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
     at = (pixel - principal) / focal * depth[:, None]
     z = turned[..., 2] + depth[:, None]
-    seen = (turned[..., :2] + at[:, None]) / z[..., None] * focal + principal
-    return seen.min(axis=1), seen.max(axis=1)
+    outlines = (turned[..., :2] + at[:, None]) / z[..., None] * focal + principal
+    return outlines.min(axis=1), outlines.max(axis=1)
 
 
 def _poses(
     rotations: FloatArray, places: FloatArray, centre: FloatArray, camera: Camera, depth: float
 ) -> list[Pose]:
-    found = []
+    poses = []
     for rotation, place in zip(rotations, places, strict=True):
         lens = camera
         if isinstance(camera, Parallel):
             lens, place = replace(camera, scale=float(place[2])), np.array([*place[:2], depth])
-        found.append(Pose(lens, RigidTransform(rotation, place - rotation @ centre)))
-    return found
+        poses.append(Pose(lens, RigidTransform(rotation, place - rotation @ centre)))
+    return poses

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import pytest
 
 from poseviewer.errors import SettingsError
-from poseviewer.files.table import RowTable
+from poseviewer.files.table import append_row, load_rows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,23 +26,23 @@ ROWS = [
 
 @pytest.fixture
 def path(tmp_path):
-    table = RowTable(tmp_path / "t.csv", Row)
+    path = tmp_path / "t.csv"
+    assert load_rows(path, Row) == []
     for row in ROWS:
-        table.append(row)
-    return tmp_path / "t.csv"
+        append_row(path, row)
+    return path
 
 
 def test_rows_read_back_to_the_last_digit(path):
-    assert RowTable(path, Row).rows == ROWS
+    assert load_rows(path, Row) == ROWS
     assert path.read_text().splitlines()[0] == "name,draw,error,found"
 
 
 def test_a_row_that_was_cut_off_is_dropped(path):
     whole = path.read_bytes()
     path.write_bytes(whole[:-4])
-    table = RowTable(path, Row)
-    assert table.rows == ROWS[:1]
-    table.append(ROWS[1])
+    assert load_rows(path, Row) == ROWS[:1]
+    append_row(path, ROWS[1])
     assert path.read_bytes() == whole
 
 
@@ -56,5 +56,5 @@ def test_another_table_is_refused_and_left_as_it_is(tmp_path, content):
     path = tmp_path / "t.csv"
     path.write_text(content)
     with pytest.raises(SettingsError, match=r"t\.csv"):
-        RowTable(path, Row)
+        load_rows(path, Row)
     assert path.read_text() == content

@@ -103,7 +103,7 @@ def real_fits(data: Path) -> Iterator[FrozenFit]:
             for at in np.linspace(0, len(some) - 1, count).round().astype(int):
                 case = some[at]
                 for degrees in (5, 15):
-                    transform = starts[case.name, degrees].camera_from_model
+                    transform = starts[case.name, degrees].camera_from_model.rigid
                     start = Pose(case.truth.camera, transform)
                     settings = FitSettings(chart="free-body")
                     yield FrozenFit(

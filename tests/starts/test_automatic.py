@@ -15,11 +15,7 @@ from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.starts.automatic import (
-    StartQuery,
-    outermost_points,
-    propose,
-)
+from poseviewer.starts.automatic import StartQuery, outermost_points, propose
 from poseviewer.starts.loading import StartInputs, load_model
 from tests.measure.real import careless_box, is_right
 from tests.meshes import box_of
@@ -41,7 +37,7 @@ def box_about(scene: Scene) -> Rectangle:
 @pytest.mark.slow
 def test_the_right_pose_is_among_five_that_differ(scene: Scene):
     asked = wanted(scene, box_about(scene))
-    found = propose(asked).found
+    found = propose(asked)
     truth = load_pose(scene.truth, *SIZE).pose
     assert any(is_right(pose_error(asked.inputs.mesh, one.pose, truth)) for one in found)
     assert 1 <= len(found) <= 5
@@ -62,7 +58,7 @@ def test_a_repainted_car_is_not_turned_round(shared_data: Path):
     box = careless_box(case.name, model.mesh, case.truth)
     found = propose(
         StartQuery(StartInputs(photo, model.mesh, model.keypoints), case.truth.camera, box)
-    ).found
+    )
     assert is_right(pose_error(model.mesh, found[0].pose, case.truth))
 
 

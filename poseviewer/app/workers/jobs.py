@@ -124,7 +124,7 @@ def proposing(notify: Callable[[], None]) -> Job[Document]:
             job.require_asked(document)
 
         renderer = renderer_of(document.mesh).clone()
-        found = propose(start_query(document), renderer, lower_priority, watch).found
+        found = propose(start_query(document), renderer, lower_priority, watch)
         yield c.starts_proposed(document, tuple(proposal.pose for proposal in found))
 
     job = Job("proposals", asked, make, notify, failed=lambda *_: c.stop_proposing())
