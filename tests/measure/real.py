@@ -1,11 +1,10 @@
 """Photos with known poses: ``python -m tests.measure.real [FOLDER ...]``, a line of CSV per trial
 on standard output and one table by set at the end.
 
-Plain: fits from the starts of ``starts.json``. ``--start``: automatic starts, in a careless
-rectangle, and the fits from them. ``--views``: fits by one photo and, from
-the same start, by sets of photos 30 degrees apart or more, where poses are exact. Folders hold
-``cases.json`` and ``starts.json``; by default $POSEVIEWER_DATA or ../shared/data, and its
-``clutter``.
+Trials are automatic starts, in a careless rectangle, and the fits from them. ``--views``: fits by
+one photo and, from the same start, by sets of photos 30 degrees apart or more, where poses are
+exact. Folders hold ``cases.json`` and ``starts.json``; by default $POSEVIEWER_DATA or
+../shared/data, and its ``clutter``. Fits from given starts are ``poseviewer study --real``'s.
 """
 
 from __future__ import annotations
@@ -16,10 +15,9 @@ import hashlib
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
@@ -56,7 +54,6 @@ APART_DEG = 30.0
 """Least angle between photos of a set."""
 MIN_SEEN = 0.5
 """Share of the model seen in each photo of a set with exact poses."""
-Row = TypeVar("Row")
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,15 +89,6 @@ def is_tuning(name: str) -> bool:
     return hashlib.sha256(name.encode()).digest()[0] % 2 == 0
 
 
-def fit_trials(cases: Sequence[Case], folder: Path, degrees: Sequence[int]) -> Iterator[Trial]:
-    """Fits from the first start of each case at each deviation."""
-    starts = {(s.case, s.degrees): s.camera_from_model for s in load_starts(folder, degrees, 1)}
-    for case in cases:
-        for off in degrees:
-            start = Pose(case.truth.camera, starts[case.name, off])
-            yield _fit(case, start, f"{off} deg", FitSettings(chart="free-body"))
-
-
 def start_trials(cases: Sequence[Case]) -> Iterator[Trial]:
     """Automatic starts in a rectangle, and the fits from them."""
     for case in cases:
@@ -111,8 +99,8 @@ def start_trials(cases: Sequence[Case]) -> Iterator[Trial]:
         began = time.perf_counter()
         proposals = propose(query, renderer)
         seconds = time.perf_counter() - began
-        errors = [pose_error(model.mesh, one.pose, case.truth) for one in proposals.found]
-        taken = best_start(query, proposals, renderer, lambda: None).pose
+        errors = [pose_error(model.mesh, proposal.pose, case.truth) for proposal in proposals]
+        taken = best_start(query, proposals, renderer).pose
         yield replace(
             _fit(case, taken, "rectangle", FitSettings()),
             seconds=seconds,
@@ -184,7 +172,7 @@ def view_trials(
     cases: Sequence[Case], folder: Path, counts: Sequence[int], every: int
 ) -> Iterator[Trial]:
     """Fits by so many photos of one model as there are, all from the start 15 degrees off."""
-    starts = {s.case: s.camera_from_model for s in load_starts(folder, (15,), 1)}
+    starts = {s.case: s.camera_from_model.rigid for s in load_starts(folder, (15,), 1)}
     exact = [case for case in cases if case.accuracy_percent == 0.0]
     exact = [case for case in exact if case.visible is None or case.visible >= MIN_SEEN]
     for first in exact[::every]:
@@ -250,36 +238,27 @@ def summary(trials: Sequence[Trial]) -> str:
     )
 
 
-def print_trials(trials: Iterable[Row], summarise: Callable[[Sequence[Row]], str]) -> int:
-    """Print dataclasses as CSV, and their summary on standard error; returns the exit code."""
-    rows: list[Row] = []
-    table = csv.writer(sys.stdout)
-    try:
-        for row in trials:
-            if not rows:
-                table.writerow([field.name for field in fields(row)])  # type: ignore[arg-type]
-            table.writerow(asdict(row).values())  # type: ignore[call-overload]
-            sys.stdout.flush()
-            rows.append(row)
-    except PoseViewerError as error:
-        sys.stderr.write(f"poseviewer: {error}\n")
-        return EXIT_MENDABLE
-    sys.stderr.write(summarise(rows) + "\n")
-    return 0
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folders", type=Path, nargs="*", default=[DATA, DATA / "clutter"])
-    mode = parser.add_mutually_exclusive_group()
-    mode.add_argument("--start", action="store_true", help="automatic starts, and fits from them")
-    mode.add_argument("--views", action="store_true", help="fits by several photos")
-    parser.add_argument("--degrees", type=listed(whole), default=(5, 15), help="of starts (5,15)")
+    parser.add_argument("--views", action="store_true", help="fits by several photos")
     parser.add_argument("--photos", type=listed(whole), default=(1, 2, 3, 4), help="(1,2,3,4)")
     parser.add_argument("--cases", default="", help="only those whose id matches")
     parser.add_argument("--half", choices=("tuning", "other"), help="only this half of the cases")
     parser.add_argument("--every", type=whole, default=1, metavar="N", help="only each N-th case")
-    return print_trials(_trials(parser.parse_args(arguments)), summary)
+    table = csv.DictWriter(sys.stdout, [field.name for field in fields(Trial)])
+    table.writeheader()
+    trials = []
+    try:
+        for trial in _trials(parser.parse_args(arguments)):
+            table.writerow(asdict(trial))
+            sys.stdout.flush()
+            trials.append(trial)
+    except PoseViewerError as error:
+        sys.stderr.write(f"poseviewer: {error}\n")
+        return EXIT_MENDABLE
+    sys.stderr.write(summary(trials) + "\n")
+    return 0
 
 
 def _trials(options: argparse.Namespace) -> Iterator[Trial]:
@@ -291,10 +270,8 @@ def _trials(options: argparse.Namespace) -> Iterator[Trial]:
         ]
         if options.views:
             yield from view_trials(cases, folder, options.photos, options.every)
-        elif options.start:
-            yield from start_trials(cases[:: options.every])
         else:
-            yield from fit_trials(cases[:: options.every], folder, options.degrees)
+            yield from start_trials(cases[:: options.every])
 
 
 if __name__ == "__main__":

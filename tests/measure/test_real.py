@@ -16,13 +16,12 @@ WRONG = replace(RIGHT, percent=30.0, deviations=9.0, is_wrong=True, right_propos
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mode", [["--degrees", "5"], ["--start"]])
-def test_the_scenes_ball_is_found(scene, capsys, mode: list[str]):
+def test_the_scenes_ball_is_found(scene, capsys):
     folder = str(write_real_folder(scene))
-    assert real.main([folder, "--cases", "ball-a", *mode]) == 0
+    assert real.main([folder, "--cases", "ball-a"]) == 0
     out, err = capsys.readouterr()
     rows = list(csv.DictReader(out.splitlines()))
-    assert [row["way"] for row in rows] == (["5 deg"] if mode[1:] else ["rectangle"])
+    assert [row["way"] for row in rows] == ["rectangle"]
     assert all(float(row["percent"]) < 2.0 and row["is_wrong"] == "False" for row in rows)
     assert "scene, " in err
 
