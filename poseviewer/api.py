@@ -36,6 +36,7 @@ from poseviewer.files.photo_sets import LoadedViews, SetChoice
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_file import save_scene
 from poseviewer.fit.lighting import relit
+from poseviewer.fit.loss import LossScale, Unexplained
 from poseviewer.fit.problem import FitProblem, make_problem, numbers_of, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.scene import LoadedModel, SceneObject
@@ -43,7 +44,6 @@ from poseviewer.fit.scene import Scene as SceneData
 from poseviewer.fit.search import Search, SearchProgress, result_of
 from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.slices import Slice, landscape
-from poseviewer.fit.unexplained import LossScale, Unexplained
 from poseviewer.fit.visibility import Visibility, hiding, visibility
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose

@@ -9,8 +9,8 @@ from pathlib import Path
 from poseviewer.errors import SettingsError
 from poseviewer.files.landscape import landscape_npz_bytes
 from poseviewer.files.writing import write_whole
+from poseviewer.fit.loss import LossScale
 from poseviewer.fit.slices import Slice
-from poseviewer.fit.unexplained import LossScale
 from poseviewer.geometry.arrays import FloatArray
 
 

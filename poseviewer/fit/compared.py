@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError
-from poseviewer.fit.loss import fewest_pixels
+from poseviewer.fit.loss import Loss, fewest_pixels, registration_loss, whole_photo_loss
 from poseviewer.fit.scene import Scene
 from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.visibility import Hiding
@@ -42,6 +42,8 @@ class ComparedView:
     photo: PhotoAttributes
     chart: Chart
     """The pose in this view, by the problem's parameters."""
+    loss: Loss = registration_loss
+    """What is minimised, from the moments of a pose on ``photo``."""
     fine_photo: PhotoAttributes | None = None
     """Finer pyramid level, without structure, on which a search is refined, if any."""
     index: int = 0
@@ -107,7 +109,9 @@ def compared_view(
         )
     is_refined = photo.structure is not None and (finest < factor or not is_alone)
     fine = smaller(plain, finest) if is_refined else None
-    return ComparedView(photo, chart, fine, number, behind)
+    is_papers = settings.method == "paper" and not photo.clipped
+    loss = whole_photo_loss if is_papers else registration_loss
+    return ComparedView(photo, chart, loss, fine, number, behind)
 
 
 def _plain(

@@ -13,11 +13,11 @@ import numpy as np
 from poseviewer.confidence.pose_covariance import PoseCovariance, joint_covariance, spread
 from poseviewer.confidence.verdict import Features, judge, judge_together
 from poseviewer.errors import PoseViewerError
+from poseviewer.fit.loss import LossScale
 from poseviewer.fit.outline import outline_support
 from poseviewer.fit.probing import Probe
 from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.progress import FitProgress, Status
-from poseviewer.fit.unexplained import LossScale
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import OutsideChartError

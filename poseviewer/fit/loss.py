@@ -6,12 +6,33 @@ affine change of F or of M alters it::
 
     loss = min(n, m) - tr[ C_FM C_MM^-1 C_MF C_FF^-1 ],    0 <= loss <= min(n, m)
 
-The trace is the sum of the squared canonical correlations between F and M.
+The trace is the sum of the squared canonical correlations r_i^2 between F and M. Where classes and
+edges are compared too, a search minimises::
+
+    loss = sum_i log(1 + (1 - r_i^2) / NOISE) + EDGE_WEIGHT * (1 - edge cosine)
+
+But for NOISE and a constant the sum is minus twice the mutual information of F and M, were they
+normal: the logarithm makes the last per cent of what is explained count as much as the first.
+
+People read that loss as the *unexplained* share, from 0 (all is explained) to 1 (nothing), the
+geometric mean of three shares::
+
+    light   = prod_i (1 - p_i^2)                     Wilks' lambda of the colours with M
+    classes = prod_i (1 - r_i^2) / light             of the classes, beyond what light explains
+    edges   = exp(-EDGE_WEIGHT cos)
+    unexplained = (light * classes * edges)^(1/3) = exp((loss - nothing) / 3)
+
+p_i are the canonical correlations of the photo's colours with M; for 1 - r^2 stands
+(1 - r^2 + NOISE) / (1 + NOISE), and ``nothing`` is the loss where all r_i and the cosine are 0. A
+pose that explains less than nothing (edges across the photo's) has 1.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -25,6 +46,12 @@ NOISE = 1e-3
 """Share of the variance that no pose explains: sensor noise, and what models leave out."""
 PIXELS_PER_ATTRIBUTE = 4
 """With fewer pixels than this for each of the n + m attributes, any lighting fits by chance."""
+PARTS = 3
+"""Light, classes, edges: shares whose geometric mean is taken."""
+
+Loss = Callable[[Moments], float]
+"""What a search minimises, from the moments of a pose on a photo."""
+Losses = TypeVar("Losses", float, FloatArray)
 
 
 def fewest_pixels(attributes: int) -> int:
@@ -33,66 +60,140 @@ def fewest_pixels(attributes: int) -> int:
 
 
 def lighting_loss(moments: Moments) -> float:
-    """The loss in [0, min(n, m)]; never nan.
+    """The paper's loss in [0, min(n, m)]; never nan.
 
     Singular covariances (a constant photo or reflectance, a flat model) are inverted on their
     range only, with ``RANK_TOLERANCE``; what is constant explains nothing. A pose that shows no
     model, or too few pixels of it, costs ``min(n, m)``.
     """
-    worst = float(min(moments.photo_channels, len(moments.mean) - moments.photo_channels))
+    worst = float(_count(moments))
     if moments.pixels < fewest_pixels(len(moments.mean)):
         return worst
-    return min(max(worst - float(canonical_squares(moments).sum()), 0.0), worst)
+    return min(max(worst - float(_canonical_squares(moments).sum()), 0.0), worst)
+
+
+def whole_photo_loss(moments: Moments) -> float:
+    """The paper's loss over the whole photo, in [0, 1]: ``lighting_loss`` without the attribute,
+    the last one, that tells model and surroundings apart.
+    """
+    mean, covariance = moments.mean[:-1], moments.covariance[:-1, :-1]
+    return lighting_loss(replace(moments, mean=mean, covariance=covariance))
 
 
 def registration_loss(moments: Moments) -> float:
-    """The loss that a search minimises: ``lighting_loss``, or where edges are compared::
-
-        loss = sum_i log(1 + (1 - r_i^2) / NOISE) + EDGE_WEIGHT * (1 - edge cosine)
-
-    over the min(n, m) canonical correlations r_i between F and M. But for NOISE and a constant the
-    sum is minus twice the mutual information of F and M, were they normal: the logarithm makes the
-    last per cent of what is explained count as much as the first, so that where the light explains
-    the photo the pose is told exactly, and where it does not, little is made of it.
-    """
+    """The default loss: with classes and edges where these are compared, else ``lighting_loss``."""
     if moments.edge_cosine is None:
         return lighting_loss(moments)
-    worst = min(moments.photo_channels, len(moments.mean) - moments.photo_channels)
     if moments.pixels < fewest_pixels(len(moments.mean)):
-        return _worst_with_edges(worst)
-    squares = np.minimum(canonical_squares(moments), 1.0)
+        return LossScale(_count(moments), 1, has_edges=True).worst
+    squares = np.minimum(_canonical_squares(moments), 1.0)
     unexplained = float(np.log1p((1.0 - squares) / NOISE).sum())
     return unexplained + EDGE_WEIGHT * (1.0 - moments.edge_cosine)
 
 
-def paper_loss(moments: Moments, clipped: bool) -> float:
-    """The paper's loss, in [0, 1], of a grey photo (n = 1) and four attributes of the model.
-
-    ``clipped``: P is what the model covers. If not, P is the whole photo, beside the model all four
-    are 0, and the attribute that tells model and surroundings apart is left out.
-    """
-    if not clipped:  # it is the last one: see ``PhotoAttributes.clipped``
-        mean, covariance = moments.mean[:-1], moments.covariance[:-1, :-1]
-        moments = replace(moments, mean=mean, covariance=covariance)
-    return lighting_loss(moments)
+def _count(moments: Moments) -> int:
+    """min(n, m), the number of canonical correlations."""
+    return min(moments.photo_channels, len(moments.mean) - moments.photo_channels)
 
 
-def worst_registration_loss(photo: PhotoAttributes) -> float:
-    """The loss of a pose that shows nothing of the model."""
-    worst = min(photo.photo_channels, photo.model_channels)
-    return float(worst) if photo.structure is None else _worst_with_edges(worst)
-
-
-def _worst_with_edges(worst: int) -> float:
-    return worst * float(np.log1p(1.0 / NOISE)) + 2.0 * EDGE_WEIGHT
-
-
-def canonical_squares(moments: Moments, colours: int | None = None) -> FloatArray:
-    """(min(n, m),): the squared canonical correlations of F and M; or (min(colours, m),): of the
-    leading channels of F alone.
-    """
+def _canonical_squares(moments: Moments, colours: int | None = None) -> FloatArray:
+    """(min(n, m),): squared canonical correlations of F, or its leading ``colours``, and M."""
     n, mean, covariance = moments.photo_channels, moments.mean, moments.covariance
     if colours is None:
         return squared_correlations(mean, covariance, n, moments.photo_whitening)
     kept = np.r_[:colours, n : len(mean)]
     return squared_correlations(mean[kept], covariance[np.ix_(kept, kept)], colours)
+
+
+@dataclass(frozen=True, slots=True)
+class LossScale:
+    """The scale of the losses of all poses on one photo."""
+
+    most: int
+    """min(n, m), the number of canonical correlations."""
+    colours: int
+    """Channels of the photo's colour, 1 or 3; after them come the classes."""
+    has_edges: bool
+    """Whether classes and edges are compared too; if not, the loss is the paper's, in [0, most]."""
+
+    @classmethod
+    def of(cls, photo: PhotoAttributes) -> LossScale:
+        """The scale of the losses on ``photo``."""
+        most = min(photo.photo_channels, photo.model_channels)
+        return cls(most, photo.channels.shape[2], photo.structure is not None)
+
+    @property
+    def worst(self) -> float:
+        """The loss of a pose that shows nothing of the model."""
+        if not self.has_edges:
+            return float(self.most)
+        return self.most * float(np.log1p(1.0 / NOISE)) + 2.0 * EDGE_WEIGHT
+
+    @property
+    def name(self) -> str:
+        """Name of the shown values: ``unexplained``, or ``loss (of 1)``."""
+        return "unexplained" if self.has_edges else f"loss (of {self.most})"
+
+    def unexplained(self, losses: Losses) -> Losses:
+        """Shares in [0, 1] of losses; nan stays nan."""
+        if not self.has_edges:
+            return losses / self.most
+        nothing = self.most * np.log1p(1.0 / NOISE) + EDGE_WEIGHT
+        kind: Any = np.asarray if isinstance(losses, np.ndarray) else float
+        return kind(np.exp(np.minimum(np.subtract(losses, nothing) / PARTS, 0.0)))
+
+    def shown(self, losses: Losses) -> Losses:
+        """Losses as shown to a person: unexplained, or the paper's own, in [0, min(n, m)]."""
+        return self.unexplained(losses) if self.has_edges else losses
+
+    def text(self, loss: float) -> str:
+        """Text such as ``unexplained 0.170``, or for the paper's loss ``loss 0.378 of 1``."""
+        shown = f"{self.shown(loss):.3f}"
+        return f"unexplained {shown}" if self.has_edges else f"loss {shown} of {self.most}"
+
+    def read(self, loss: float, moments: Moments) -> Unexplained:
+        """The ``loss`` of a pose with these ``moments``, and its parts."""
+        if moments.edge_cosine is None:
+            return Unexplained(self, loss)
+        if moments.pixels < fewest_pixels(len(moments.mean)):
+            return Unexplained(self, loss, (1.0, 1.0, 1.0))
+        light, both = (
+            float(np.prod((1.0 - np.clip(squares, 0.0, 1.0) + NOISE) / (1.0 + NOISE)))
+            for squares in (_canonical_squares(moments, self.colours), _canonical_squares(moments))
+        )
+        edges = min(float(np.exp(-EDGE_WEIGHT * moments.edge_cosine)), 1.0)
+        return Unexplained(self, loss, (light, min(both / light, 1.0), edges))
+
+
+@dataclass(frozen=True, slots=True)
+class Unexplained:
+    """The loss of a pose on its scale."""
+
+    scale: LossScale
+    loss: float
+    parts: tuple[float, ...] = ()
+    """Light, classes and edges, of which the total is the geometric mean; empty where light alone
+    is compared, or the model is behind the camera."""
+
+    @property
+    def total(self) -> float:
+        """Unexplained share, in [0, 1]."""
+        return self.scale.unexplained(self.loss)
+
+    @property
+    def text(self) -> str:
+        """Text such as ``unexplained 0.170``; see ``LossScale.text``."""
+        return self.scale.text(self.loss)
+
+    @property
+    def parts_text(self) -> str:
+        """Text such as ``light 0.09, classes 0.20, edges 0.27``; empty where light is all."""
+        named = zip(("light", "classes", "edges"), self.parts, strict=False)
+        return ", ".join(f"{name} {share:.2f}" for name, share in named)
+
+
+def mean_over(photos: Sequence[Unexplained]) -> Unexplained:
+    """Mean loss over several photos of one scale, and geometric means of its parts."""
+    count, parts = len(photos), zip(*(one.parts for one in photos), strict=False)
+    shares = tuple(math.prod(of_all) ** (1.0 / count) for of_all in parts)
+    return Unexplained(photos[0].scale, sum(one.loss for one in photos) / count, shares)

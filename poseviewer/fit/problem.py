@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError, SingularChartError
 from poseviewer.fit.compared import ComparedView, compared_view
-from poseviewer.fit.loss import paper_loss, registration_loss, worst_registration_loss
+from poseviewer.fit.loss import LossScale
 from poseviewer.fit.scene import Scene
-from poseviewer.fit.settings import ChartName, FitSettings, Method
-from poseviewer.fit.unexplained import LossScale
+from poseviewer.fit.settings import ChartName, FitSettings
 from poseviewer.fit.visibility import Hiding, hiding
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Perspective, Pose
@@ -23,7 +22,7 @@ from poseviewer.geometry.mesh import Mesh, hull_in_photo
 from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import ViewChart
-from poseviewer.render.types import Moments, PhotoAttributes, Renderer
+from poseviewer.render.types import PhotoAttributes, Renderer
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 
@@ -79,7 +78,7 @@ class FitProblem:
     @property
     def worst_loss(self) -> float:
         """The loss of parameters that show nothing of the model, or stand for no pose."""
-        return _mean([worst_registration_loss(view.photo) for view in self.views])
+        return _mean([LossScale.of(view.photo).worst for view in self.views])
 
     @property
     def scale(self) -> LossScale:
@@ -107,22 +106,14 @@ def pose_loss(
         try:
             pose = view.chart.to_pose(parameters)
         except OutsideChartError:
-            losses.append(worst_registration_loss(view.photo))
+            losses.append(LossScale.of(view.photo).worst)
             continue
-        losses.append(
-            loss_of(problem.settings.method, renderer.moments(pose, view.photo), view.photo)
-        )
+        losses.append(view.loss(renderer.moments(pose, view.photo)))
     return _mean(losses)
 
 
 def _mean(losses: Sequence[float]) -> float:
     return sum(losses) / len(losses)
-
-
-def loss_of(method: Method, moments: Moments, photo: PhotoAttributes) -> float:
-    """The loss that a method minimises, from the ``moments`` of a pose on a photo."""
-    is_paper = method == "paper"
-    return paper_loss(moments, photo.clipped) if is_paper else registration_loss(moments)
 
 
 Hidings = Mapping[int, Hiding | None]

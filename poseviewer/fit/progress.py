@@ -9,8 +9,8 @@ import numpy as np
 
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
+from poseviewer.fit.loss import LossScale
 from poseviewer.fit.problem import FitProblem
-from poseviewer.fit.unexplained import LossScale
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 

@@ -15,8 +15,8 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import distance_transform_edt, maximum_filter
 
 from poseviewer.errors import SettingsError
+from poseviewer.fit.loss import LossScale
 from poseviewer.fit.problem import FitProblem, pose_loss
-from poseviewer.fit.unexplained import LossScale
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Pose
 from poseviewer.render.pool import RendererPool

@@ -15,7 +15,7 @@ from itertools import islice
 import numpy as np
 
 from poseviewer.errors import QuickStartError, SettingsError
-from poseviewer.fit.loss import registration_loss, worst_registration_loss
+from poseviewer.fit.loss import LossScale, registration_loss
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.stages import fit_pose
@@ -224,7 +224,7 @@ class _ViewSearch:
     ) -> list[Proposal]:
         """Ends of short descents from the starts."""
         level, mesh = self._level(side_px), self.query.inputs.mesh
-        worst = worst_registration_loss(level.photo)
+        worst = LossScale.of(level.photo).worst
 
         def descend(own: Renderer, start: Proposal) -> Proposal:
             chart = FreeBodyChart(start.pose, mesh.centre, mesh.diameter / 2.0)

@@ -11,8 +11,8 @@ import pytest
 
 from poseviewer.errors import SettingsError
 from poseviewer.figures.loss_maps import LossMaps
+from poseviewer.fit.loss import LossScale
 from poseviewer.fit.slices import Slice
-from poseviewer.fit.unexplained import LossScale
 from poseviewer.geometry.arrays import frozen_array
 
 SCALE = LossScale(most=1, colours=1, has_edges=False)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.fit.loss import lighting_loss, paper_loss
+from poseviewer.fit.loss import lighting_loss, whole_photo_loss
 from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
 from poseviewer.fit.progress import Status
 from poseviewer.fit.settings import FitSettings
@@ -40,21 +40,23 @@ def test_the_loss_is_one_minus_the_squared_correlation_with_the_best_light(clipp
     grey = photo.channels[pixels][:, 0].astype(float)
     known = np.column_stack([model, np.ones(len(model))])
     left = grey - known @ np.linalg.lstsq(known, grey, rcond=None)[0]
-    found = paper_loss(RENDERER.moments(POSE, photo), clipped)
+    loss = lighting_loss if clipped else whole_photo_loss
+    found = loss(RENDERER.moments(POSE, photo))
     assert found == pytest.approx(left.var() / grey.var(), rel=1e-3)
 
 
 def test_beside_the_model_it_has_no_colour_of_its_own():
     photo = make_photo(clipped=False, ground=0.6)
     moments = RENDERER.moments(POSE, photo)
-    assert paper_loss(moments, clipped=False) > lighting_loss(moments) + 0.01
+    assert whole_photo_loss(moments) > lighting_loss(moments) + 0.01
 
 
 @pytest.mark.parametrize("clipped", [True, False])
 def test_it_finds_a_pose_nearby_and_stops_when_restarts_gain_nothing(clipped):
     chart = FreeBodyChart.near(MESH, POSE)
     start = np.array([0.02, -0.02, 0.02, 0.01, -0.01, 0.02])
-    views = (ComparedView(make_photo(clipped, 0.0), chart),)
+    loss = lighting_loss if clipped else whole_photo_loss
+    views = (ComparedView(make_photo(clipped, 0.0), chart, loss),)
     problem = FitProblem(views, start, FitSettings("paper"))
     search = list(fit_pose(problem, RENDERER))
     end = search[-1]

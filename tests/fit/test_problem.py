@@ -51,7 +51,8 @@ def make_structured(width: int, factor: int, is_refined: bool = False, **setting
     lit = make_problem(width, **settings)
     plain = replace(lit.photo, clipped=False, colour_reflectance=False)
     fine = smaller(plain, 1) if is_refined else None
-    return replace(lit, views=(ComparedView(structured(plain, factor), lit.chart, fine),))
+    view = ComparedView(structured(plain, factor), lit.chart, fine_photo=fine)
+    return replace(lit, views=(view,))
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from poseviewer.fit.loss import EDGE_WEIGHT, registration_loss, worst_registration_loss
-from poseviewer.fit.unexplained import LossScale
+from poseviewer.fit.loss import EDGE_WEIGHT, LossScale, registration_loss
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.pyramid.levels import structured
 from poseviewer.render.types import PhotoAttributes
@@ -26,10 +25,9 @@ def test_it_is_the_geometric_mean_of_its_parts(seed, cosine, noise):
     _, photo, model = make_samples(seed, 8, 4, noise)
     moments = replace(make_moments(photo, model), edge_cosine=cosine)
     found = SCALE.read(registration_loss(moments), moments)
-    parts = [part for part in (found.light, found.classes, found.edges) if part is not None]
-    assert len(parts) == 3
-    assert found.total**3 == pytest.approx(float(np.prod(parts)), rel=1e-6)
-    assert all(0.0 <= part <= 1.0 for part in parts)
+    assert len(found.parts) == 3
+    assert found.total**3 == pytest.approx(float(np.prod(found.parts)), rel=1e-6)
+    assert all(0.0 <= part <= 1.0 for part in found.parts)
 
 
 def test_it_keeps_the_order_of_poses():
@@ -63,4 +61,4 @@ def test_it_tells_the_right_pose_from_others():
     assert at == sorted(at)
     assert at[0] < 0.5 * at[-1]
     assert unexplained_at(0.0, shift=100.0) == 1.0
-    assert scale.unexplained(worst_registration_loss(photo)) == 1.0
+    assert scale.unexplained(scale.worst) == 1.0

@@ -17,12 +17,12 @@ from poseviewer.app.state.dragging import Drag, radius_in_photo
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import SettingsError
 from poseviewer.figures.loss_maps import LossMaps
+from poseviewer.fit.loss import Unexplained
 from poseviewer.fit.progress import FitProgress
 from poseviewer.fit.scene import Scene, SearchResult
 from poseviewer.fit.search import SearchProgress
 from poseviewer.fit.settings import METHODS, FitSettings, Method
 from poseviewer.fit.slices import Slice
-from poseviewer.fit.unexplained import Unexplained
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.rectangle import Rectangle

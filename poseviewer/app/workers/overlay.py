@@ -18,10 +18,9 @@ from poseviewer.app.workers.jobs import for_one_thread
 from poseviewer.app.workers.worker import Job
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.lighting import relit
-from poseviewer.fit.loss import worst_registration_loss
-from poseviewer.fit.problem import ComparedView, loss_of, make_problem
+from poseviewer.fit.loss import LossScale, Unexplained, mean_over
+from poseviewer.fit.problem import ComparedView, make_problem
 from poseviewer.fit.scene import PlacedModel, Scene
-from poseviewer.fit.unexplained import LossScale, Unexplained, mean_over
 from poseviewer.fit.visibility import DepthImage, depth_image
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
@@ -29,7 +28,6 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.overlay.contour import Sketch, quick_silhouette, silhouette
 from poseviewer.render.overlay.edges import find_lines
 from poseviewer.render.overlay.looks import ModelInPhoto, Relight, draw_look, edge_layer, line_scale
-from poseviewer.render.types import PhotoAttributes
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -84,16 +82,17 @@ class LossReader:
     def _read_all(self, own: Document, scene: Scene) -> tuple[Unexplained, dict[int, Unexplained]]:
         """Unexplained shares where the active object is in a scene: mean, and of each view."""
         of_views = {
-            view.index: self._read(view.photo, own, scene.pose(own.active, view.index))
+            view.index: self._read(view, own, scene.pose(own.active, view.index))
             for view in self._views
         }
         return mean_over(tuple(of_views.values())), of_views
 
-    def _read(self, photo: PhotoAttributes, own: Document, pose: Pose) -> Unexplained:
+    def _read(self, view: ComparedView, own: Document, pose: Pose) -> Unexplained:
+        scale = LossScale.of(view.photo)
         if not pose.camera_from_model.apply(own.mesh.centre)[2] > 0.0:
-            return Unexplained(LossScale.of(photo), worst_registration_loss(photo))
-        moments = self.renderer.moments(pose, photo)
-        return LossScale.of(photo).read(loss_of(own.settings.method, moments, photo), moments)
+            return Unexplained(scale, scale.worst)
+        moments = self.renderer.moments(pose, view.photo)
+        return scale.read(view.loss(moments), moments)
 
 
 class OverlayDrawer:
