@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import astuple, replace
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import cv2
 import msgspec
@@ -44,35 +45,34 @@ def load_photo(path: str | Path) -> Photo:
 
     What would unpack to more than 100 megapixels is refused before it is decoded.
     """
-    reading, notes = _reading(path), ()
+    reading = _reading(path)
     with reading.naming_errors(), quiet_libraries():
         data = reading.load_bytes()
-        if data[4:8] == b"ftyp" and data[8:12] in HEIC_BRANDS:
-            pixels, focal = _decode_heic(reading, data)
-        else:
-            orientation, focal = _read_exif(reading, data)
-            pixels = _upright(_decode(reading, data), orientation)
+        is_heic = data[4:8] == b"ftyp" and data[8:12] in HEIC_BRANDS
+        decode = _decode_heic if is_heic else _decode
+        pixels, focal, is_transparent = decode(reading, data)
         if pixels.dtype not in (np.uint8, np.uint16):
             raise reading.error(f"pixels of type {pixels.dtype}", "save it with 8 or 16 bits")
-        if pixels.shape[2] in (2, 4):
-            pixels, notes = pixels[..., :-1], ("Its transparency is left out.",)
         pixels = np.ascontiguousarray(pixels)
         pixels.flags.writeable = False
         sha256 = hashlib.sha256(data).hexdigest()
+    notes = ("Its transparency is left out.",) if is_transparent else ()
     return Photo(pixels, printable(reading.path.name), sha256, focal, notes)
 
 
 def is_stored_turned(path: str | Path) -> bool:
     """Whether a photo's EXIF turns or mirrors it: other tools may show it as it is stored."""
-    reading = _reading(path)
-    with reading.naming_errors(), quiet_libraries():
-        return _read_exif(reading, reading.load_bytes())[0] != 1
+    return _exif_tags(path).get(ExifTags.Base.Orientation) in range(2, 9)
 
 
 def was_taken_by_a_camera(path: str | Path) -> bool:
     """Whether a picture's EXIF names camera or exposure, or it is HEIC, from cameras alone."""
-    if Path(path).suffix.lower() in (".heic", ".heif"):
-        return True
+    is_heic = Path(path).suffix.lower() in (".heic", ".heif")
+    return is_heic or not OF_CAMERAS.isdisjoint(_exif_tags(path))
+
+
+def _exif_tags(path: str | Path) -> dict[int, Any]:
+    """EXIF of a picture by tag; {} for a HEIC photo, or a file that cannot be read."""
     reading = _reading(path)
     with (
         suppress(PhotoFileError),
@@ -82,8 +82,8 @@ def was_taken_by_a_camera(path: str | Path) -> bool:
         Image.open(file, formats=FORMATS) as image,
     ):
         exif = image.getexif()
-        return not OF_CAMERAS.isdisjoint({*exif, *exif.get_ifd(ExifTags.IFD.Exif)})
-    return False
+        return {**exif, **exif.get_ifd(ExifTags.IFD.Exif)}
+    return {}
 
 
 def save_image(path: str | Path, rgb: NDArray) -> None:
@@ -103,15 +103,13 @@ def _reading(path: str | Path) -> Reading:
     return Reading(Path(path), [], PhotoFileError, "photo", LARGEST_FILE)
 
 
-def _read_exif(reading: Reading, data: bytes) -> tuple[int, float | None]:
-    """Orientation still to be undone (1 to 8) and 35-mm focal length, from a sound file."""
+def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]:
+    """Pixels (h, w, 1 or 3), 35-mm focal length, and whether there was transparency."""
     try:
         with Image.open(BytesIO(data), formats=FORMATS) as image:
             _refuse_size(reading, *image.size)
-            exif = image.getexif()
-            # OpenCV turns TIFF upright itself, and only TIFF (when nothing is converted).
-            turned = 1 if image.format == "TIFF" else exif.get(ExifTags.Base.Orientation, 1)
-            focal = focal_35mm(exif, image.width, image.height)
+            focal = focal_35mm(image.getexif(), image.width, image.height)
+            is_transparent = image.has_transparency_data
             image.load()  # whether it is whole: OpenCV fills up with grey
     except UnidentifiedImageError:
         wanted = "wanted JPEG, PNG, TIFF, WebP or BMP with 8 or 16 bits"
@@ -119,7 +117,13 @@ def _read_exif(reading: Reading, data: bytes) -> tuple[int, float | None]:
     except Image.DecompressionBombError:
         found = f"more than {MAX_MEGAPIXELS:.0f} megapixels"
         raise reading.error(found, "make it smaller first") from None
-    return turned if turned in range(1, 9) else 1, focal
+    # OpenCV turns it upright, and leaves transparency out.
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
+    if picture is None:
+        found = "OpenCV cannot read this kind of picture"
+        raise reading.error(found, "save it as PNG or JPEG")
+    pixels = picture[..., ::-1] if picture.ndim == 3 else picture[..., None]
+    return pixels, focal, is_transparent
 
 
 def _refuse_size(reading: Reading, width: int, height: int) -> None:
@@ -147,19 +151,8 @@ def focal_35mm(exif: Image.Exif, width: int, height: int) -> float | None:
     return focal if 1.0 < focal < 10000.0 else None
 
 
-def _decode(reading: Reading, data: bytes) -> NDArray:
-    """(h, w, 1 to 4), grey or RGB, not yet turned upright."""
-    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if picture is None:
-        found = "OpenCV cannot read this kind of picture"
-        raise reading.error(found, "save it as PNG or JPEG")
-    picture = picture if picture.ndim == 3 else picture[..., None]
-    order = {3: slice(None, None, -1), 4: [2, 1, 0, 3]}.get(picture.shape[2], slice(None))
-    return picture[..., order]
-
-
-def _decode_heic(reading: Reading, data: bytes) -> tuple[NDArray, float | None]:
-    """Upright (h, w, 1 to 4) of 8 or, in the upper bits, 16 bits; and 35-mm focal length."""
+def _decode_heic(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]:
+    """Values as of ``_decode``; 16 bits hold pixels of more than 8 in the upper ones."""
     try:
         import pillow_heif
     except ImportError:
@@ -168,20 +161,10 @@ def _decode_heic(reading: Reading, data: bytes) -> tuple[NDArray, float | None]:
     picture = pillow_heif.open_heif(data, convert_hdr_to_8bit=False)
     width, height = picture.size
     _refuse_size(reading, width, height)
-    pixels, exif = np.array(picture), Image.Exif()
+    pixels, exif = np.array(picture).reshape(height, width, -1), Image.Exif()
     exif.load(picture.info.get("exif") or b"")
-    return pixels if pixels.ndim == 3 else pixels[..., None], focal_35mm(exif, width, height)
-
-
-def _upright(pixels: NDArray, orientation: int) -> NDArray:
-    """A picture turned as EXIF's orientation (1 to 8) says."""
-    if orientation >= 5:
-        pixels = pixels.transpose(1, 0, 2)
-    if orientation in (2, 3, 6, 7):
-        pixels = pixels[:, ::-1]
-    if orientation in (3, 4, 7, 8):
-        pixels = pixels[::-1]
-    return pixels
+    colours = pixels[..., :-1] if picture.has_alpha else pixels
+    return colours, focal_35mm(exif, width, height), picture.has_alpha
 
 
 SAME = 1e-9
