@@ -26,7 +26,6 @@ from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.starts.loading import load_model
 from tests.commands import run
-from tests.several import make_three
 from tests.view_sets import DISTANCE, MESH, START, TRUTH, make_views
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -162,14 +161,6 @@ def test_mistakes_are_one_sentence(scene, changes, said):
         poseviewer.load(**given)
 
 
-def test_what_cannot_be_drawn_is_one_sentence(scene, tmp_path):
-    case = poseviewer.load(scene.photo, scene.model, scene.start)
-    with pytest.raises(poseviewer.PoseViewerError, match="no look 'fancy'"):
-        case.draw(tmp_path / "x.png", look="fancy")
-    with pytest.raises(poseviewer.PoseViewerError, match="cannot be written as"):
-        case.draw(tmp_path / "x.doc")
-
-
 @pytest.mark.slow
 def test_a_camera_that_contradicts_the_others_is_named_and_does_no_harm():
     good = make_views()
@@ -191,14 +182,3 @@ def test_the_citation_names_this_version():
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert f"\nversion: {project['version']}\n" in citation
     assert "Illumination-Invariant Loss" in citation
-
-
-def test_objects_that_stand_firm_hide_pixels_of_one_that_is_searched_for_alone(tmp_path):
-    scene = poseviewer.load(make_three(tmp_path), limits=Limits(300))
-    firm = scene.data.with_object(1, locked=True).with_object(2, locked=True)
-    locked = replace(scene, data=firm, _problems={})["ball"]
-    weights = [one.problem.photo.weights for one in (scene["ball"], locked)]
-    assert np.count_nonzero(weights[1]) < np.count_nonzero(weights[0])
-    found = locked.fit()
-    assert found.loss < locked.loss
-    assert [found.data.pose(i) is scene.data.pose(i) for i in range(3)] == [False, True, True]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from importlib.resources import files
 from pathlib import Path
 
 import poseviewer
@@ -43,9 +42,3 @@ def test_no_thread_outside_the_workers():
         assert is_worker or path == PACKAGE / "processes.py" or "Thread(" not in path.read_text(), (
             path
         )
-
-
-def test_schemas_are_in_the_package():
-    package = files("poseviewer")
-    assert package.joinpath("files", "pose.schema.json").is_file()
-    assert package.joinpath("files", "symmetry.schema.json").is_file()

@@ -4,7 +4,6 @@ app, and are kept with the pose.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +11,11 @@ import pytest
 from msgspec import structs
 
 from poseviewer.api import load
-from poseviewer.app.state.session import Session
-from poseviewer.app.workers.autosaving import Autosaver
-from poseviewer.app.workers.opening import open_autosaved, open_files, open_scene
+from poseviewer.app.workers.opening import open_scene
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.files.masks import mask_as_png
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_file import ObjectRecord, SceneRecord, ViewRecord, save_scene
-from poseviewer.files.state.autosave import load_autosave
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.mask import Mask
 from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -88,23 +84,8 @@ def test_the_command_line_leaves_out_hides_and_says_what_there_is(scene, halves,
     record = load_pose(out, 160, 120)
     assert (record.without, record.mask) == (("left",), "out.mask.png")
     assert out.with_name("out.mask.png").read_bytes() == mask.read_bytes()
-    assert run(*line, "--without", "antenna") == 2
-    assert "the model has no part 'antenna'; it has left, right." in capsys.readouterr().err
     assert run(*line, "--without", "left", "--without", "right") == 2
     assert "nothing would be left of the model" in capsys.readouterr().err
-
-
-def test_a_crash_loses_nothing_that_is_hidden(scene, halves, tmp_path):
-    saved = open_files(scene.photo, halves, scene.start)
-    document = saved.with_mask(HALF_HIDDEN)
-    document = document.with_mesh(document.mesh.without(["right"]))
-    # An end with unsaved changes leaves what a crash leaves.
-    Autosaver(tmp_path / "state").close(replace(Session(saved, saved=saved), document=document))
-    (path,) = (tmp_path / "state" / "sessions").iterdir()
-    again = open_autosaved(load_autosave(path))
-    assert again.mesh.left_out == ("right",)
-    assert again.own.mask is not None
-    assert np.array_equal(again.own.mask.weights, HALF_HIDDEN.weights)
 
 
 def test_parts_of_a_scene_s_objects_are_left_out_by_the_object_s_id(scene, halves, tmp_path):

@@ -20,15 +20,14 @@ LARGEST = 1_000_000_000
 
 
 def load_rows(path: Path, row_type: type[Row]) -> list[Row]:
-    """Read rows of a dataclass of texts, numbers and truth values, a line each. A table that is not
-    there is begun; a last line that was cut off is dropped from the file.
+    """Read rows of a dataclass of texts, numbers and truth values, a line each; none where there is
+    no table. A last line that was cut off is dropped from the file.
     """
     reading = Reading(path, error_type=SettingsError, kind="table of trials", largest=LARGEST)
     text = reading.load_text() if path.exists() and path.stat().st_size else ""
-    columns = [field.name for field in fields(row_type)]  # type: ignore[arg-type]
-    whole = text[: text.rfind("\n") + 1] or _line(columns)
+    whole = text[: text.rfind("\n") + 1]
     table = csv.DictReader(StringIO(whole))
-    if table.fieldnames != columns:
+    if table.fieldnames not in (None, [field.name for field in fields(row_type)]):  # type: ignore[arg-type]
         raise reading.error("is not a table of such trials", "name another folder")
     with reading.naming_errors():
         rows = msgspec.convert(list(table), list[row_type], strict=False)
@@ -39,11 +38,9 @@ def load_rows(path: Path, row_type: type[Row]) -> list[Row]:
 
 def append_row(path: Path, row: Any) -> None:
     """Add a dataclass as a row to a table that ``load_rows`` has read; raises ``OSError``."""
+    values = asdict(row)
     with path.open("a", encoding="utf-8", newline="") as file:
-        file.write(_line(list(asdict(row).values())))
-
-
-def _line(values: list[Any]) -> str:
-    memory = StringIO()
-    csv.writer(memory, lineterminator="\n").writerow(values)
-    return memory.getvalue()
+        table = csv.DictWriter(file, values, lineterminator="\n")
+        if not file.tell():
+            table.writeheader()
+        table.writerow(values)

@@ -51,19 +51,6 @@ def test_a_symmetry_is_no_error(tmp_path: Path) -> None:
     assert 5.0 < in_picture < 7.0  # 600 * 0.5 / 50, and nearer corners more
 
 
-def test_a_continuous_symmetry_is_every_turn(tmp_path: Path) -> None:
-    axis = {"axis": [0, 0, 2], "offset": [1, 0, 0]}
-    info = write_models(tmp_path / "i.json", symmetries_continuous=[axis])
-    model = load_bop_models(info)[1]
-    truth = Pose(CAMERA, RigidTransform(np.eye(3), np.array([0.0, 0.0, 50.0])))
-    turn = RigidTransform.from_rotation_vector([0.0, 0.0, 1.234], [0.0, 0.0, 0.0])
-    to_axis = RigidTransform(np.eye(3), np.array([1.0, 0.0, 0.0]))
-    about = to_axis @ turn @ to_axis.inverse()
-    turned = Pose(CAMERA, truth.camera_from_model @ about)
-    # Steps of 0.01: at most half of one off, 3 from the axis.
-    assert symmetric_distances(CORNERS, turned, truth, model.symmetry)[0] < 0.016
-
-
 def test_recall_is_a_mean_over_thresholds_and_targets() -> None:
     # Within all ten, within nine of ten, within none; of one no estimate is there.
     expected = (1.0 + 0.9 + 0.0) / 4

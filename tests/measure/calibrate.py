@@ -9,7 +9,6 @@ source says make right fits wrong: ``--accuracy SET PERCENT``.
 from __future__ import annotations
 
 import argparse
-import csv
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,7 +21,9 @@ from sklearn.metrics import roc_auc_score
 from poseviewer.confidence import weights as verdict_weights
 from poseviewer.confidence.verdict import LARGEST_SCORE, scaled
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError, SettingsError
+from poseviewer.evaluation.trials import Trial
 from poseviewer.figures.text_table import Table
+from poseviewer.files.table import load_rows
 from poseviewer.geometry.arrays import FloatArray
 from tests.measure.real import is_tuning
 
@@ -88,27 +89,15 @@ def load_judged(
         SettingsError: a table cannot be read, or is not one of such trials; or has no such set.
     """
     trials, known = [], dict(accuracies or {})
-    for path in tables:
-        try:
-            with path.open(newline="", encoding="utf-8") as file:
-                rows = [row for row in csv.DictReader(file) if row["evidence"]]
-            trials += [_judged(row, known) for row in rows]
-        except (OSError, KeyError, ValueError, TypeError) as error:
-            raise SettingsError(
-                f"{path}: is no table of trials with features ({error}); make one with "
-                "poseviewer study --real"
-            ) from None
+    for row in (row for path in tables for row in load_rows(path, Trial) if row.evidence):
+        features = dict(part.split("=", 1) for part in row.evidence.split())
+        limit = known.get(row.set, row.accuracy_percent) + BEYOND_TRUTH_PERCENT
+        weighed = tuple(scaled(name, float(features[name])) for name in NAMES)
+        trials.append(JudgedTrial(row.case, row.set, row.error_percent_end < limit, weighed))
     sets = sorted({trial.set for trial in trials})
     if unknown := set(known) - set(sets):
         raise SettingsError(f"no trial of set {min(unknown)!r}; the tables' sets: {sets}")
     return trials
-
-
-def _judged(row: dict[str, str], accuracies: Mapping[str, float]) -> JudgedTrial:
-    features = dict(part.split("=", 1) for part in row["evidence"].split())
-    limit = accuracies.get(row["set"], float(row["accuracy_percent"])) + BEYOND_TRUTH_PERCENT
-    weighed = tuple(scaled(name, float(features[name])) for name in NAMES)
-    return JudgedTrial(row["case"], row["set"], float(row["error_percent_end"]) < limit, weighed)
 
 
 def calibrate(trials: Sequence[JudgedTrial]) -> Calibration:

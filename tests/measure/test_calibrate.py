@@ -2,30 +2,35 @@
 
 from __future__ import annotations
 
-import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from poseviewer.confidence import weights
+from poseviewer.evaluation.trials import Trial
+from poseviewer.files.table import append_row
 from tests.measure import calibrate
 from tests.measure.calibrate import NAMES, WEIGHTS, Calibration, load_judged, weights_as_python
+
+TRIAL = Trial(
+    case="", set="s", method="default", pixels="near", accuracy_percent=1.0, found=True, status="",
+    error_percent_start=9.0, error_percent_end=1.0, error_px_start=9.0, error_px_end=1.0, seconds=1,
+)  # fmt: skip
 
 
 def write_table(path: Path, informative: bool) -> Path:
     """Forty trials of twenty cases; right ones show better features, or the same."""
     random = np.random.default_rng(0)
-    with path.open("w", newline="") as file:
-        columns = ("case", "set", "accuracy_percent", "error_percent_end", "evidence")
-        table = csv.writer(file)
-        table.writerow(columns)
-        for index in range(40):
-            right = index % 2 == 0
-            level = (3.0 if right else 0.0) if informative else 0.0
-            features = {name: level + random.normal(0, 0.3) for name in NAMES}
-            text = " ".join(f"{name}={value:.4f}" for name, value in features.items())
-            table.writerow((f"case-{index // 2}", "s", 1.0, 1.0 if right else 9.0, text))
+    for index in range(40):
+        right = index % 2 == 0
+        level = (3.0 if right else 0.0) if informative else 0.0
+        features = {name: level + random.normal(0, 0.3) for name in NAMES}
+        text = " ".join(f"{name}={value:.4f}" for name, value in features.items())
+        error = 1.0 if right else 9.0
+        append_row(path, replace(TRIAL, case=f"case-{index // 2}", error_percent_end=error,
+                                 evidence=text))  # fmt: skip
     return path
 
 

@@ -20,13 +20,7 @@ from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.symmetry_group import Symmetry, Turn
-from poseviewer.starts.loading import (
-    open_photo,
-    open_scene,
-    open_views,
-    pose_record,
-    record_of,
-)
+from poseviewer.starts.loading import open_photo, open_scene, open_views, record_of
 from tests.several import IDS, make_three
 from tests.view_sets import DISTANCE, NAMES, TRUTH, make_views, write_views
 
@@ -122,18 +116,6 @@ def require_near(pose, wanted) -> None:
     place, wanted = pose.camera_from_model, wanted.camera_from_model
     np.testing.assert_allclose(place.rotation, wanted.rotation, atol=1e-9)
     np.testing.assert_allclose(place.translation, wanted.translation, atol=1e-9)
-
-
-def test_a_pose_record_is_that_of_a_pose_file(path):
-    scene = searched(open_scene(path))
-    record = pose_record(scene)
-    assert record.photo is not None
-    assert record.model is not None
-    assert (record.photo.file, record.model.file) == ("three.png", "ball.ply")
-    assert (record.loss, record.unexplained, record.seen) == (0.25, 0.5, 0.5)
-    assert record.chart is not None
-    assert record.chart.parameters == (1.0, 2.0)
-    assert pose_record(scene, 1).loss is None
 
 
 def test_views_begin_with_the_one_of_the_start(tmp_path):
