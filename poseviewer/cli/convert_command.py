@@ -51,12 +51,12 @@ def run(options: Namespace) -> int:
     scene = _with_named(scene, request)
     for warning in scene.warnings:
         say(f"note: {warning}")
-    written = FORMATS[options.out_format].convert(scene, options.out, request)
+    files, notes = FORMATS[options.out_format].convert(scene, options.out, request)
     if options.out_format == "bop" and len(scene.objects) > 1:
         _save_masks(scene, request, options.out)
-    for note in written.notes:
+    for note in notes:
         say(f"note: {note}")
-    for path in written.files:
+    for path in files:
         say(f"{options.out_format}: {path}")
     return 0
 

@@ -18,7 +18,7 @@ import yaml
 
 from poseviewer.errors import CalibrationFileError
 from poseviewer.files.checks import Reading
-from poseviewer.files.colmap_model import MODELS, camera_rows, image_rows
+from poseviewer.files.colmap_model import colmap_cameras, colmap_images
 from poseviewer.files.structs import checked_camera
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import camera_from_integer_centres
@@ -80,6 +80,18 @@ def load_cameras(path: str | Path, fisheye: bool = False) -> list[FileCamera]:
                 wanted = "wanted .yml, .xml, .json, .txt or .bin"
                 raise reading.error(f"its ending is {kind or 'missing'}", wanted)
         return [replace(entry, camera=checked_camera(reading, entry.camera)) for entry in cameras]
+
+
+def _colmap_cameras(reading: Reading) -> list[FileCamera]:
+    """Cameras by their CAMERA_ID; the ``images`` file beside says which photos each took."""
+    photos, beside = defaultdict[str, set[str]](set), reading.path.with_stem("images")
+    if beside.is_file():
+        for name, key, _ in colmap_images(replace(reading, path=beside)):
+            photos[key].add(PurePosixPath(name).name)
+    return [
+        FileCamera(key, *known, frozenset(photos[key]))
+        for key, known in colmap_cameras(reading).items()
+    ]
 
 
 def opencv_storage(reading: Reading) -> dict[str, Any]:
@@ -154,7 +166,11 @@ def _opencv_camera(reading: Reading, name: str, own: dict[str, Any], fisheye: bo
             wanted = "wanted OpenCV's standard or fisheye model"
             raise reading.error(f"its lens model is {said[:40]!r}", wanted)
         model = "fisheye" if fisheye else known
-    return FileCamera(name, camera, lens_of(reading, model, coefficients))
+    if any(coefficients) and len(coefficients) not in COEFFICIENTS[model]:
+        wanted = f"OpenCV's {'fisheye' if model == 'fisheye' else 'standard'} model has "
+        wanted += ", ".join(map(str, COEFFICIENTS[model]))
+        raise reading.error(f"{len(coefficients)} distortion coefficients", wanted)
+    return FileCamera(name, camera, Lens.of(model, coefficients))
 
 
 def camera_of_matrix(
@@ -172,61 +188,6 @@ def camera_of_matrix(
         raise reading.error(f"{what} has a skew of {matrix[0, 1]:g}", "calibrate without skew")
     camera = Perspective(fx, fy, float(matrix[0, 2]), float(matrix[1, 2]), *size)
     return camera_from_integer_centres(camera)
-
-
-def lens_of(reading: Reading, model: LensModel, coefficients: list[float]) -> Lens | None:
-    """The lens with these coefficients; None where they are all 0, and nothing is distorted."""
-    if not any(coefficients):
-        return None
-    if len(coefficients) not in COEFFICIENTS[model]:
-        wanted = ", ".join(str(count) for count in COEFFICIENTS[model])
-        raise reading.error(
-            f"{len(coefficients)} distortion coefficients",
-            f"OpenCV's {'fisheye' if model == 'fisheye' else 'standard'} model has {wanted}",
-        )
-    return Lens(model, tuple(coefficients))
-
-
-def _colmap_cameras(reading: Reading) -> list[FileCamera]:
-    """Cameras by their CAMERA_ID; the ``images`` file beside says which photos each took."""
-    photos: dict[str, set[str]] = defaultdict(set)
-    beside = replace(reading, path=reading.path.with_stem("images"))
-    if beside.path.is_file():
-        for words in image_rows(beside):
-            if len(words) == 10:
-                photos[words[8]].add(PurePosixPath(words[9]).name)
-    cameras = [
-        FileCamera(words[0], *colmap_camera(reading, words), frozenset(photos[words[0]]))
-        for words in camera_rows(reading)
-    ]
-    if not cameras:
-        raise reading.error("holds no camera", "wanted COLMAP's cameras.txt or cameras.bin")
-    return cameras
-
-
-def colmap_camera(reading: Reading, words: list[str]) -> tuple[Perspective, Lens | None]:
-    """Camera and lens of a ``cameras`` file's row: CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]."""
-    if len(words) < 5 or not words[0].isdigit():
-        found = f"a line reads {' '.join(words)[:40]!r}"
-        raise reading.error(found, "wanted COLMAP's CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]")
-    key, model = words[:2]
-    focals, more, lens = MODELS.get(model, (0, 0, None))
-    if lens is None:
-        known = ", ".join(name for name, (_, _, lens) in MODELS.items() if lens)
-        found = f"camera {key} is of model {model[:30]}"
-        undistort = "or undistort the images first (colmap image_undistorter)"
-        raise reading.error(found, f"wanted one of {known}, {undistort}")
-    what = f"the size of camera {key}"
-    sides = reading.flat_numbers(" ".join(words[2:4]), what)
-    width, height = (reading.size(side, what) or 0 for side in sides)
-    values = reading.flat_numbers(" ".join(words[4:]), f"the parameters of camera {key}")
-    if len(values) != focals + 2 + more:
-        found = f"camera {key} has {len(values)} parameters"
-        raise reading.error(found, f"{model} has {focals + 2 + more}")
-    fx, fy = (reading.positive(values[i], f"focal length of {key}") for i in (0, focals - 1))
-    cx, cy, *distortion = values[focals:]
-    distortion += [0.0] * (COEFFICIENTS[lens][:2][-1] - len(distortion))
-    return Perspective(fx, fy, cx, cy, width, height), lens_of(reading, lens, distortion)
 
 
 ROUNDING_PX = 1.0

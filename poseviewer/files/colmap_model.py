@@ -1,5 +1,5 @@
-"""The cameras and images of a COLMAP model, text or binary, as the words of its text files
-(https://colmap.github.io/format.html).
+"""Cameras and images of a COLMAP model, text or binary: https://colmap.github.io/format.html. Pixel
+centres are at i + 0.5, quaternions w first, axes OpenCV's.
 """
 
 from __future__ import annotations
@@ -10,8 +10,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
 from poseviewer.files.checks import Reading
-from poseviewer.geometry.lens import LensModel
+from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
+from poseviewer.geometry.transform import RigidTransform
 
 SUFFIXES = (".bin", ".txt")
 """Endings of a model's files; of both the binary one is read, as COLMAP does."""
@@ -44,7 +49,55 @@ def model_file(folder: Path, stem: str) -> Path:
     return binary if binary.is_file() else text
 
 
-def camera_rows(reading: Reading) -> list[list[str]]:
+def colmap_cameras(reading: Reading) -> dict[str, tuple[Perspective, Lens | None]]:
+    """The cameras in a ``cameras`` file, and their lenses, by CAMERA_ID."""
+    cameras = {}
+    for words in _camera_rows(reading):
+        if len(words) < 5 or not words[0].isdigit():
+            found = f"a line reads {' '.join(words)[:40]!r}"
+            raise reading.error(found, "wanted COLMAP's CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]")
+        key, model = words[:2]
+        focals, more, lens = MODELS.get(model, (0, 0, None))
+        if lens is None:
+            known = ", ".join(name for name, (_, _, lens) in MODELS.items() if lens)
+            undistort = "or undistort the images first (colmap image_undistorter)"
+            found = f"camera {key} is of model {model[:30]}"
+            raise reading.error(found, f"wanted one of {known}, {undistort}")
+        what = f"the size of camera {key}"
+        width, height = (
+            reading.size(side, what) or 0
+            for side in reading.flat_numbers(" ".join(words[2:4]), what)
+        )
+        values = reading.flat_numbers(" ".join(words[4:]), f"the parameters of camera {key}")
+        if len(values) != focals + 2 + more:
+            found = f"camera {key} has {len(values)} parameters"
+            raise reading.error(found, f"{model} has {focals + 2 + more}")
+        fx, fy = (reading.positive(values[i], f"focal length of {key}") for i in (0, focals - 1))
+        cx, cy, *distortion = values[focals:]
+        distortion += [0.0] * (COEFFICIENTS[lens][:2][-1] - len(distortion))
+        cameras[key] = Perspective(fx, fy, cx, cy, width, height), Lens.of(lens, distortion)
+    if not cameras:
+        raise reading.error("holds no camera", "wanted COLMAP's cameras.txt or cameras.bin")
+    return cameras
+
+
+def colmap_images(reading: Reading) -> list[tuple[str, str, RigidTransform]]:
+    """Name, CAMERA_ID and ``camera_from_world`` of each image in an ``images`` file."""
+    images = []
+    for words in _image_rows(reading):
+        if len(words) < 10:
+            raise reading.error(f"an image has {len(words)} entries", "wanted 10")
+        numbers = reading.flat_numbers(" ".join(words[1:8]), "the image's pose", 7)
+        quaternion = np.array(numbers[:4])
+        if not 0.99 < float(np.linalg.norm(quaternion)) < 1.01:
+            found = f"the quaternion is {quaternion.tolist()}"
+            raise reading.error(found, "wanted one of length 1")
+        rotation = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+        images.append((words[9], words[8], RigidTransform(rotation, np.array(numbers[4:]))))
+    return images
+
+
+def _camera_rows(reading: Reading) -> list[list[str]]:
     """CAMERA_ID MODEL WIDTH HEIGHT PARAMS[] of each camera in a ``cameras`` file."""
     with reading.naming_errors(), reading.open() as file:
         if reading.path.suffix != ".bin":
@@ -58,7 +111,7 @@ def camera_rows(reading: Reading) -> list[list[str]]:
         return rows
 
 
-def image_rows(reading: Reading) -> list[list[str]]:
+def _image_rows(reading: Reading) -> list[list[str]]:
     """IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME of each image in an ``images`` file."""
     reading, rows = replace(reading, largest=LARGEST_FILE), []
     with reading.naming_errors(), reading.open() as file:

@@ -20,10 +20,10 @@ from msgspec import Meta, Struct, structs
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseFileError, printable
 from poseviewer.files.checks import Reading, is_there, kind_of
-from poseviewer.files.masks import INLINE, mask_text
+from poseviewer.files.masks import INLINE, load_mask, mask_text
 from poseviewer.files.mesh.named import bare_name
-from poseviewer.files.photo import SAME, same_undistortion
-from poseviewer.files.pose import PoseRecord, record_from_json
+from poseviewer.files.photo import SAME, load_photo, same_undistortion, undistorted
+from poseviewer.files.pose import PoseRecord, check_against, record_from_json
 from poseviewer.files.structs import (
     PROJECTIONS,
     SCENE,
@@ -146,6 +146,11 @@ class ViewRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
         size = self.photo.width, self.photo.height
         return self.distortion and self.distortion.undistortion(*size)
 
+    def resized(self, width: int, height: int) -> ViewRecord:
+        """The view of a photo of another size, in px."""
+        photo = structs.replace(self.photo, width=width, height=height)
+        return structs.replace(self, photo=photo)
+
     @property
     def reference(self) -> PhotoReference:
         """The photo as pose files name it."""
@@ -160,6 +165,25 @@ def view_record(view: View) -> ViewRecord:
     photo, path = view.photo, view.path or Path(view.photo.name)
     more = photo.undistortion, view.camera_from_world, view.mask
     return ViewRecord.of(path, view.camera, photo.sha256, *more)
+
+
+def open_view(record: ViewRecord) -> tuple[View, tuple[str, ...]]:
+    """The view with its photo, undistorted; and what the user should know. The photo may be of any
+    size where the record's is 0x0 px.
+    """
+    photo, size = load_photo(record.path), (record.photo.width, record.photo.height)
+    if size not in ((0, 0), (photo.width, photo.height)):
+        raise PoseFileError(
+            f"{photo.name}: {photo.width}x{photo.height} px, and its camera is one for "
+            f"{size[0]}x{size[1]} px; name the photo that the camera was found with."
+        )
+    record = record.resized(photo.width, photo.height)
+    notes = check_against(record.reference, photo.sha256)
+    if record.undistortion is not None:
+        photo = undistorted(photo, record.undistortion)
+    mask = None if record.mask is None else load_mask(record.mask, photo.width, photo.height)
+    view = View(photo.name, photo, record.camera, record.place.rigid, mask, record.path)
+    return view, notes
 
 
 class InViewRecord(Struct, frozen=True, omit_defaults=True):
@@ -403,7 +427,9 @@ def scene_of_pose(path: Path, record: PoseRecord) -> SceneRecord:
 def _view_of_pose(path: Path, record: PoseRecord) -> ViewRecord:
     photo = record.photo or PhotoReference()
     return ViewRecord(
-        photo=PhotoFile(str(_beside(path, photo.file)), *record.size, photo.sha256),
+        photo=PhotoFile(
+            str(_beside(path, photo.file)), photo.width or 0, photo.height or 0, photo.sha256
+        ),
         projection=record.projection,
         numbers=record.numbers,
         distortion=record.distortion,
@@ -457,8 +483,13 @@ def save_scene(path: str | Path, scene: SceneRecord) -> None:
         PoseFileError: as of ``load_scene``; a photo or a model is no file; a number is not finite;
             a file cannot be written.
     """
-    path, contents = Path(path), dict[Path, bytes]()
-    reading = Reading(path, kind=KIND)
+    for file, content in scene_contents(Path(path), scene).items():
+        write_whole(file, content, PoseFileError)
+
+
+def scene_contents(path: Path, scene: SceneRecord) -> dict[Path, bytes]:
+    """The files that ``save_scene`` writes; raises as that does."""
+    reading, contents = Reading(path, kind=KIND), dict[Path, bytes]()
     require_whole(reading, scene)
 
     def name(file: str, where: str) -> str:
@@ -478,8 +509,7 @@ def save_scene(path: str | Path, scene: SceneRecord) -> None:
 
     data = _each(msgspec.to_builtins(with_files(structs.replace(scene, warnings=()), name)), beside)
     contents[path] = json_bytes(path, data, PoseFileError, format=SCENE, version=2)
-    for file, content in contents.items():
-        write_whole(file, content, PoseFileError)
+    return contents
 
 
 def require_whole(reading: Reading, scene: SceneRecord) -> None:

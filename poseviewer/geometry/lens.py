@@ -7,6 +7,7 @@ https://docs.opencv.org/4.x/db/d58/group__calib3d__fisheye.html.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -39,6 +40,11 @@ class Lens:
     def __post_init__(self) -> None:
         if len(self.coefficients) not in COEFFICIENTS[self.model]:
             raise ValueError(f"{len(self.coefficients)} coefficients")
+
+    @classmethod
+    def of(cls, model: LensModel, coefficients: Sequence[float]) -> Lens | None:
+        """The lens with these coefficients; None where all are 0, and nothing is distorted."""
+        return cls(model, tuple(coefficients)) if any(coefficients) else None
 
     @property
     def array(self) -> FloatArray:

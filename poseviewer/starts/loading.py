@@ -21,7 +21,6 @@ from poseviewer.files.photo_sets import (
     LoadedViews,
     SetChoice,
     load_views,
-    open_view,
     with_names,
 )
 from poseviewer.files.pose import PoseRecord, check_against, load_pose
@@ -33,6 +32,7 @@ from poseviewer.files.scene_file import (
     SceneRecord,
     ViewRecord,
     load_scene,
+    open_view,
     place_of,
     scene_of_pose,
     view_record,

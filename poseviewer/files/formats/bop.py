@@ -28,12 +28,10 @@ from poseviewer.files.formats.conversion import (
     perspective_of,
 )
 from poseviewer.files.masks import mask_as_png
-from poseviewer.files.photo import load_photo
-from poseviewer.files.pose import ModelReference, PoseRecord
-from poseviewer.files.scene_file import ObjectRecord, SceneRecord, ViewRecord
+from poseviewer.files.scene_file import ModelFile, ObjectRecord, Place, SceneRecord, ViewRecord
 from poseviewer.files.structs import checked_camera
 from poseviewer.files.writing import make_folder, write_whole
-from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
@@ -46,6 +44,8 @@ LARGEST_SCENE = 1_000_000_000
 """Bytes: thousands of images of dozens of objects."""
 WORLD = ("cam_R_w2c", "cam_t_w2c")
 """BOP's names of the camera from the scene's world; many scenes do not have it."""
+IN_CAMERA = ("cam_R_m2c", "cam_t_m2c")
+"""BOP's names of the camera from a model."""
 PHOTO_NAME, MODEL_NAME = r"(\d+)\.\w+", r"obj_(\d+)\.\w+"
 MASKS, VISIBLE_MASKS = "mask", "mask_visib"
 PHOTO_FOLDERS = ("rgb", "gray")
@@ -86,6 +86,8 @@ class BopImage:
     camera: Perspective
     """Pixel centres at i + 0.5; 0x0 px, since a scene does not say the size."""
     objects: tuple[BopObject, ...] = ()
+    camera_from_world: RigidTransform | None = None
+    """None: the scene does not say it."""
 
 
 def write_bop(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
@@ -113,7 +115,7 @@ def write_bop(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written
         if not isinstance(of_image, list):
             raise in_poses.error(f"image {image} is not a list", "wanted a list of poses")
         of_image += [entry for entry in entries if entry not in of_image]
-    return Written(_save_scene(out, cameras, poses))
+    return Written(_scene_texts(out, cameras, poses))
 
 
 def save_masks(
@@ -136,24 +138,23 @@ def read_bop(path: Path, request: ConvertOptions) -> SceneRecord:
     Their models lie in the folder ``request.model``, where one is named.
     """
     image, asked = _chosen_image(path, request), request.object_id
-    reading, photo = Reading(path / POSES), request.photo or path / image.photo
-    opened = load_photo(photo) if photo.is_file() else None
-    sides = (opened.width, opened.height) if opened else (None, None)
-    width, height = request.size_of(Reading(path / CAMERAS), *sides)
-    camera = replace(image.camera, width=width, height=height)
-    unit, view, objects = request.unit or UNIT, ViewRecord.of(photo, camera), []
+    reading, unit, objects = Reading(path / POSES), request.unit or UNIT, []
+    view = ViewRecord.of(request.photo or path / image.photo, image.camera)
+    view = request.sized(Reading(path / CAMERAS), view)
     factor = metres_per_unit(UNIT) / metres_per_unit(unit)
     folder = request.model if request.model and request.model.is_dir() else Path()
-    seen: Counter[int] = Counter()
-    for one in image.objects:
-        if asked not in (None, one.object_id):
-            continue
-        seen[one.object_id] += 1
-        again = f"-{seen[one.object_id]}" if seen[one.object_id] > 1 else ""
-        model = folder / MODEL_FILE.format(one.object_id)
-        place = replace(one.place, translation=one.place.translation * factor)
-        record = PoseRecord.of(Pose(camera, place), model=ModelReference(unit=unit))
-        objects.append(ObjectRecord.of(f"{one.object_id}{again}", model, record, view))
+    counts: Counter[int] = Counter()
+    for item in image.objects:
+        number = item.object_id
+        if asked in (None, number):
+            counts[number] += 1
+            place = replace(item.place, translation=item.place.translation * factor)
+            made = ObjectRecord(
+                id=f"{number}-{counts[number]}" if counts[number] > 1 else f"{number}",
+                model=ModelFile(str(folder / MODEL_FILE.format(number)), unit=unit),
+                place=Place.of(place),
+            )
+            objects.append(made)
     if not objects:
         raise reading.error(
             f"image {image.number} has no pose of object {asked}", "choose another with --object"
@@ -178,7 +179,9 @@ def load_bop_images(folder: Path, posed: bool = False) -> tuple[BopImage, ...]:
         camera = checked_camera(reading, camera_of_matrix(reading, matrix, f"cam_K of {name}"))
         photo = photos.get(int(name), f"{PHOTO_FOLDERS[0]}/{int(name):06d}.png")
         there = _objects(objects, poses.get(name, []), name)
-        images.append(BopImage(int(name), photo, camera, there))
+        is_in_world = all(key in entry for key in WORLD)
+        world = _transform(reading, entry, WORLD, f"image {name}") if is_in_world else None
+        images.append(BopImage(int(name), photo, camera, there, world))
     if not images:
         raise reading.error("no image in it", "wanted a camera for each image")
     return tuple(sorted(images, key=lambda image: image.number))
@@ -188,19 +191,20 @@ def save_bop_images(
     folder: Path, cameras: Mapping[str, Any], poses: Mapping[int, Sequence[BopObject]]
 ) -> None:
     """Write a scene's ``cameras`` as they are, and the poses of each image by its number."""
-    entries = {str(number): [o.as_json() for o in found] for number, found in poses.items()}
-    _save_scene(folder, dict(cameras), entries)
-
-
-def _save_scene(folder: Path, cameras: SceneFile, poses: SceneFile) -> tuple[Path, Path]:
-    """Write a scene's two files, an image a line, in order, as the toolkit does; their paths."""
+    entries = {str(number): [o.as_json() for o in objects] for number, objects in poses.items()}
     make_folder(folder)
-    paths = folder / CAMERAS, folder / POSES
-    for path, content in zip(paths, (cameras, poses), strict=True):
-        images = sorted(content, key=lambda name: (len(name), name))
+    for path, text in _scene_texts(folder, dict(cameras), entries).items():
+        write_whole(path, text.encode(), PoseFileError)
+
+
+def _scene_texts(folder: Path, cameras: SceneFile, poses: SceneFile) -> dict[Path, str]:
+    """A scene's two files, an image a line, in order, as the toolkit does."""
+    texts = {}
+    for name, content in ((CAMERAS, cameras), (POSES, poses)):
+        images = sorted(content, key=lambda image: (len(image), image))
         lines = (f"  {json.dumps(image)}: {json.dumps(content[image])}" for image in images)
-        write_whole(path, ("{\n" + ",\n".join(lines) + "\n}\n").encode(), PoseFileError)
-    return paths
+        texts[folder / name] = "{\n" + ",\n".join(lines) + "\n}\n"
+    return texts
 
 
 def load_scene_file(path: Path) -> SceneFile:
@@ -283,16 +287,25 @@ def _photos(folder: Path) -> dict[int, str]:
 def _objects(reading: Reading, entries: Any, image: str) -> tuple[BopObject, ...]:
     if not isinstance(entries, list):
         raise reading.error(f"image {image} is not a list", "wanted a list of poses")
-    found = []
+    objects = []
     for number, entry in enumerate(entries):
         what = f"pose {number} of image {image}"
         said = reading.object(entry, what)
-        rotation = reading.numbers(said.get("cam_R_m2c"), f"{what}.cam_R_m2c", 9)
-        rotation = checked_rotation(reading, np.reshape(rotation, (3, 3)))
-        translation = np.array(reading.numbers(said.get("cam_t_m2c"), f"{what}.cam_t_m2c"))
+        place = _transform(reading, said, IN_CAMERA, what)
         object_id = reading.positive(said.get("obj_id"), f"{what}.obj_id")
-        found.append(BopObject(int(object_id), RigidTransform(rotation, translation)))
-    return tuple(found)
+        objects.append(BopObject(int(object_id), place))
+    return tuple(objects)
 
 
-BOP = Format(write_bop, read_bop, several_objects=True, photos_in="rgb")
+def _transform(
+    reading: Reading, said: dict[str, Any], keys: tuple[str, str], what: str
+) -> RigidTransform:
+    """The rotation, row by row, and the translation behind these keys."""
+    rotation, translation = (
+        np.array(reading.numbers(said.get(key), f"{what}.{key}", length))
+        for key, length in zip(keys, (9, 3), strict=True)
+    )
+    return RigidTransform(checked_rotation(reading, rotation.reshape(3, 3)), translation)
+
+
+BOP = Format(write_bop, read_bop, several_objects=True, appends=True, photos_in="rgb")

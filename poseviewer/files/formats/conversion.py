@@ -9,7 +9,7 @@ undistorted photo, written beside its file, and the pinhole camera of that.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,22 +18,20 @@ from msgspec import structs
 
 from poseviewer.errors import PhotoFileError, PoseFileError
 from poseviewer.files.checks import Reading, checked_rotation, kind_of
-from poseviewer.files.photo import (
-    SAME,
-    is_stored_turned,
-    load_photo,
-    pixels_for,
-    save_image,
-    undistorted,
+from poseviewer.files.photo import SAME, is_stored_turned, load_photo, pixels_for, save_image
+from poseviewer.files.scene_file import (
+    ModelFile,
+    ObjectRecord,
+    Place,
+    SceneRecord,
+    ViewRecord,
+    open_view,
 )
-from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord
-from poseviewer.files.scene_file import SceneRecord, ViewRecord, scene_of_pose
-from poseviewer.files.structs import Distortion, checked_camera
+from poseviewer.files.structs import Transform, checked_camera
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
-from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import Lens, LensModel, Undistortion
 from poseviewer.geometry.transform import RigidTransform, Similarity
 
@@ -70,55 +68,59 @@ class ConvertOptions:
         """The models' unit: what the user says, else what the scene says."""
         return self.unit or next((o.model.unit for o in scene.objects if o.model.unit), None)
 
-    def size_of(self, reading: Reading, width: Any = None, height: Any = None) -> tuple[int, int]:
-        """Width and height of the photo in px, as the file says (unchecked), else as the user."""
-        found = reading.size(width, "the photo's width"), reading.size(height, "the photo's height")
-        if found[0] is None or found[1] is None:
+    def size_of(
+        self, reading: Reading, width: Any, height: Any, photo: Path | None = None
+    ) -> tuple[int, int]:
+        """Width and height of the photo in px, as the file says (unchecked), else as the ``photo``
+        has them, else as the user says.
+        """
+        if (width is None or height is None) and photo is not None and photo.is_file():
+            opened = load_photo(photo)
+            width, height = opened.width, opened.height
+        size = reading.size(width, "the photo's width"), reading.size(height, "the photo's height")
+        if size[0] is None or size[1] is None:
             if self.photo_size is None:
                 wanted = "add --photo-size WIDTHxHEIGHT"
                 raise reading.error("it does not say how large the photo is", wanted)
             return self.photo_size
-        if self.photo_size not in (None, found):
+        if self.photo_size not in (None, size):
             asked = "x".join(map(str, self.photo_size or ()))
-            said = f"it is for a photo of {found[0]}x{found[1]} px"
+            said = f"it is for a photo of {size[0]}x{size[1]} px"
             raise reading.error(said, f"not of {asked} px")
-        return found[0], found[1]
+        return size[0], size[1]
+
+    def sized(self, reading: Reading, view: ViewRecord) -> ViewRecord:
+        """The view with the size of its photo, by ``size_of``."""
+        width, height = view.photo.width or None, view.photo.height or None
+        return view.resized(*self.size_of(reading, width, height, view.path))
 
     def the_one(self, reading: Reading, kind: str, entries: Iterable[tuple[str, Entry]]) -> Entry:
         """The entry that ``image`` names, with or without folders, or the only one."""
         image, known = self.image, list(entries)
-        chosen = [one for name, one in known if image is None or image in (name, Path(name).name)]
+        chosen = [item for name, item in known if image is None or image in (name, Path(name).name)]
         if len(chosen) != 1:
-            found = (
-                f"{len(chosen)} of its {len(known)} {kind} are {repr(image) if image else 'meant'}"
-            )
+            asked = repr(image) if image else "meant"
+            found = f"{len(chosen)} of its {len(known)} {kind} are {asked}"
             raise reading.error(found, "wanted one, choose it with --image NAME")
         return chosen[0]
 
-    def refuse_existing(self, paths: Iterable[Path]) -> None:
-        """Raise PoseFileError where a path is taken, unless the user wants it overwritten."""
-        for path in paths:
-            if path.is_dir():
-                raise PoseFileError(f"{path}: is a folder; name a file in it.")
-            if path.exists() and not self.overwrite:
-                found = "is there already and was not touched"
-                raise PoseFileError(f"{path}: {found}; name another, or add --overwrite.")
-
-    def write(self, contents: Mapping[Path, str | bytes], *notes: str) -> Written:
-        """Write files that are not there yet, or that the user wants overwritten; all or none."""
-        self.refuse_existing(contents)
-        for path, content in contents.items():
-            data = content if isinstance(content, bytes) else content.encode()
-            write_whole(path, data, PoseFileError)
-        return Written(tuple(contents), notes)
+    def scene_of(self, reading: Reading, view: ViewRecord, unit: str | None = None) -> SceneRecord:
+        """The scene of a view whose world is the frame of the model, in the user's ``unit`` or that
+        of the file.
+        """
+        model = ModelFile(str(Path()), unit=self.unit or unit)
+        item = ObjectRecord(id="1", model=model, place=Place.of(view.place.rigid))
+        view = structs.replace(view, place=Transform.of(RigidTransform.identity()))
+        warnings = tuple(reading.warnings)
+        return SceneRecord(views=(self.sized(reading, view),), objects=(item,), warnings=warnings)
 
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """Files that a writer wrote."""
+    """Content of the files that hold a scene."""
 
-    files: tuple[Path, ...]
-    notes: tuple[str, ...] = ()
+    contents: Mapping[Path, str | bytes]
+    notes: Sequence[str] = ()
     """Sentences for the user."""
 
 
@@ -127,24 +129,12 @@ Lenses = Sequence[tuple[str, LensModel, int]]
 that one's coefficients it has."""
 
 
-def lens_in(lenses: Lenses, lens: Lens | None) -> tuple[str, tuple[float, ...]] | None:
-    """The name of the first model that holds a lens (None: a pinhole), and its coefficients there.
-
-    Returns None where a format has no such model.
-    """
-    k: tuple[float, ...] = () if lens is None else lens.coefficients
-    for name, model, count in lenses:
-        if model == (lens.model if lens else "opencv") and not any(k[count:]):
-            return name, (*k, *[0.0] * count)[:count]
-    return None
-
-
 @dataclass(frozen=True, slots=True)
 class Format:
     """A tool's format."""
 
     write: Callable[[SceneRecord, Path, ConvertOptions], Written]
-    """Scene, where to, and what else is known."""
+    """Gives what the files hold, of a scene, where to, and what else is known."""
     read: Callable[[Path, ConvertOptions], SceneRecord]
     lenses: Lenses = ()
     several_photos: bool = True
@@ -154,21 +144,19 @@ class Format:
     """Whether it is our own: it says which photo, undistorted or not, its numbers belong to."""
     is_upright: bool = False
     """Whether its photo is upright whatever its EXIF says."""
+    appends: bool = False
+    """Whether what is written keeps what was there."""
     photos_in: str | None = None
     """Folder, in the output, of undistorted photos; None: beside the file that is written."""
 
-    def lens_name(self, view: ViewRecord) -> str | None:
-        """The format's name for the lens of a view's undistorted photo; None where it has none."""
-        undistortion, camera = view.undistortion, view.camera
-        if undistortion is None or not isinstance(camera, Perspective):
-            return None
-        same = np.allclose(astuple(camera), astuple(undistortion.camera), rtol=SAME)
-        known = lens_in(self.lenses, undistortion.lens) if same else None
-        return None if known is None else known[0]
+    def convert(
+        self, scene: SceneRecord, out: Path, options: ConvertOptions
+    ) -> tuple[list[Path], list[str]]:
+        """Write a scene for the photos as taken, or else the undistorted photos as well.
 
-    def convert(self, scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
-        """Write a scene for the photos as taken, or else the undistorted photos as well."""
-        views, notes, new, ready = scene.views, [], [], []
+        Returns the files that were written, and notes for the user.
+        """
+        views, notes, files, ready = scene.views, [], [], []
         several = len(scene.objects) > 1
         if several and not self.several_objects:
             raise PoseFileError(
@@ -181,8 +169,8 @@ class Format:
         for number, view in enumerate(views):
             name = view.path.name or "the photo"
             if view.distortion is not None and not self.is_own:
-                if (lens := self.lens_name(view)) is not None:
-                    notes.append(f"Camera and lens ({lens}) are those of {name} as taken.")
+                if taken := _as_taken(view, self.lenses):
+                    notes.append(f"Camera and lens ({taken[1]}) are those of {name} as taken.")
                 elif ready and not view.path.is_file():
                     notes.append(f"{name} is not there to be undistorted: left out.")
                     continue
@@ -193,7 +181,7 @@ class Format:
                         path = out / self.photos_in / f"{stem.zfill(6)}.png"
                         make_folder(path.parent)
                     view = _of_undistorted(view, path, options)
-                    new.append(path)
+                    files.append(path)
                     notes.append(
                         f"All numbers of {name} belong to {path.name}, the undistorted photo, "
                         "which is written; not to the photo as taken."
@@ -206,7 +194,18 @@ class Format:
                 "save it upright for tools that do not turn it."
             )
         written = self.write(structs.replace(scene, views=tuple(ready)), out, options)
-        return Written((*new, *written.files), (*notes, *written.notes))
+        for path in () if self.appends else written.contents:
+            if path.is_dir():
+                raise PoseFileError(f"{path}: is a folder; name a file in it.")
+            if path.exists() and not options.overwrite:
+                found = "is there already and was not touched"
+                raise PoseFileError(f"{path}: {found}; name another, or add --overwrite.")
+        for path, content in written.contents.items():
+            if path.parent == out:
+                make_folder(out)
+            data = content if isinstance(content, bytes) else content.encode()
+            write_whole(path, data, PoseFileError)
+        return [*files, *written.contents], [*notes, *written.notes]
 
 
 def _of_undistorted(view: ViewRecord, path: Path, options: ConvertOptions) -> ViewRecord:
@@ -216,18 +215,16 @@ def _of_undistorted(view: ViewRecord, path: Path, options: ConvertOptions) -> Vi
             "The pose is one in the undistorted photo, which has to be written for it, and the "
             "photo as taken is not known; add --photo FILE."
         )
-    taken, known = load_photo_of(view), view.photo.sha256
-    if known and known.lower() != taken.sha256:
+    opened, differences = open_view(structs.replace(view, mask=None))
+    if differences:
         raise PhotoFileError(
-            f"{taken.name}: not the photo that the pose was found on (the fingerprints differ); "
+            f"{opened.name}: not the photo that the pose was found on (the fingerprints differ); "
             "name that one with --photo, or this one if you mean it."
         )
-    assert view.undistortion is not None  # asked for such views alone
-    picture = undistorted(taken, view.undistortion)
     is_taken = path.exists() and path.samefile(view.path)
     if not path.exists() or (options.overwrite and not is_taken):
-        save_image(path, pixels_for(path, picture))
-    elif is_taken or not np.array_equal(load_photo(path).pixels, picture.pixels):
+        save_image(path, pixels_for(path, opened.photo))
+    elif is_taken or not np.array_equal(load_photo(path).pixels, opened.photo.pixels):
         raise PhotoFileError(
             f"{path}: is there already and was not touched; move it away: the undistorted photo "
             "is to be written there."
@@ -292,27 +289,21 @@ def metres_per_unit(unit: str) -> float:
     return METRES[unit]
 
 
-def make_scene(
+def view_as_taken(
     reading: Reading,
-    pose: Pose,
-    photo: str | None = None,
-    unit: str | None = None,
+    photo: Path,
+    camera: Camera,
+    place: RigidTransform,
     lens: Lens | None = None,
-) -> SceneRecord:
-    """A pose from another tool's file; with a ``lens`` its camera is that of the photo as taken."""
-    distortion = None
-    pose = replace(pose, camera=checked_camera(reading, pose.camera))
-    if lens is not None and isinstance(pose.camera, Perspective):
-        undistortion = Undistortion.of(lens, pose.camera)
-        pose, distortion = replace(pose, camera=undistortion.camera), Distortion.of(undistortion)
-    record = PoseRecord.of(
-        pose,
-        PhotoReference(photo),
-        model=ModelReference(unit=unit) if unit else None,
-        distortion=distortion,
-        warnings=tuple(reading.warnings),
-    )
-    return scene_of_pose(reading.path, record)
+    mask: Path | None = None,
+) -> ViewRecord:
+    """The view of a ``camera`` as a file has it, 0x0 px where that does not say the size; with a
+    ``lens`` it is that of the photo as taken. ``place``: ``camera_from_world``.
+    """
+    camera, undistortion = checked_camera(reading, camera), None
+    if lens is not None and isinstance(camera, Perspective):
+        undistortion = Undistortion.of(lens, camera)
+    return ViewRecord.of(photo, camera, None, undistortion, place, mask)
 
 
 def cameras_as_taken(
@@ -322,19 +313,27 @@ def cameras_as_taken(
     centres at i + 0.5), and the tool's name of its lens and coefficients.
     """
     for index, view in enumerate(scene.views):
-        camera, undistortion = perspective_of(view.camera, tool), view.undistortion
-        known = lens_in(lenses, undistortion and undistortion.lens)
-        assert known is not None  # of such lenses the undistorted photo is written
-        camera = undistortion.taken if undistortion else camera
-        yield view.path, scene.pose(0, index).camera_from_model, camera, *known
+        perspective_of(view.camera, tool)
+        taken = _as_taken(view, lenses)
+        assert taken is not None  # of other views the undistorted photo is written
+        yield view.path, scene.pose(0, index).camera_from_model, *taken
 
 
-def load_photo_of(view: ViewRecord) -> Photo:
-    """The photo of a view."""
-    photo, camera = load_photo(view.path), view.camera
-    if (photo.width, photo.height) != (camera.width, camera.height):
-        raise PhotoFileError(
-            f"{photo.name}: {photo.width}x{photo.height} px, and the pose is one for "
-            f"{camera.width}x{camera.height} px; name the photo of the pose with --photo."
-        )
-    return photo
+def _as_taken(
+    view: ViewRecord, lenses: Lenses
+) -> tuple[Perspective, str, tuple[float, ...]] | None:
+    """Camera of a view's photo as taken, and name and coefficients of the first model that holds
+    its lens; None where a format has no such model, or the camera is another by now.
+    """
+    camera, undistortion, model, k = view.camera, view.undistortion, "opencv", ()
+    if not isinstance(camera, Perspective):
+        return None
+    if undistortion is not None:
+        if not np.allclose(astuple(camera), astuple(undistortion.camera), rtol=SAME):
+            return None
+        lens, camera = undistortion.lens, undistortion.taken
+        model, k = lens.model, lens.coefficients
+    for name, known, count in lenses:
+        if known == model and not any(k[count:]):
+            return camera, name, (*k, *[0.0] * count)[:count]
+    return None

@@ -20,6 +20,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -31,13 +32,12 @@ from poseviewer.files.formats.conversion import (
     Written,
     from_4x4,
     in_one_world,
-    load_photo_of,
-    make_scene,
     metres_per_unit,
     require_file,
+    view_as_taken,
 )
 from poseviewer.files.mesh.load import LARGEST_FILE, gltf_header, linear_from_srgb, load_mesh
-from poseviewer.files.scene_file import SceneRecord
+from poseviewer.files.scene_file import SceneRecord, open_view
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import HALF_PIXEL, OPENGL_FROM_OPENCV
@@ -79,12 +79,13 @@ def write_gltf(scene: SceneRecord, out: Path, options: ConvertOptions) -> Writte
         nodes.append(file.add_camera(name, pose, _furthest(pose, points), scale))
     if not scene.views[0].path.is_file():
         note = "No photo is known: the file has no plane with it; add --photo FILE."
-        return options.write({out: file.as_bytes(nodes)}, note)
-    photo, depth = load_photo_of(scene.views[0]), PLANE_BEHIND * _furthest(poses[0], points)
+        return Written({out: file.as_bytes(nodes)}, [note])
+    photo = open_view(structs.replace(scene.views[0], mask=None))[0].photo
+    depth = PLANE_BEHIND * _furthest(poses[0], points)
     rgb = photo.as_rgb8(photo.width, photo.height)
     plane = file.add_mesh(_photo_plane(poses[0], depth, scale, rgb), "photo")
     nodes.append(file.add("nodes", name="photo plane", mesh=plane))
-    return options.write({out: file.as_bytes(nodes)})
+    return Written({out: file.as_bytes(nodes)})
 
 
 def _furthest(pose: Pose, points: FloatArray) -> float:
@@ -254,8 +255,8 @@ def read_gltf(path: Path, request: ConvertOptions) -> SceneRecord:
         world_from_camera[:3, :3] /= lengths  # cameras have no size
     place = from_4x4(reading, world_from_camera.tolist(), "the camera's matrix")
     place = RigidTransform(place.rotation, place.translation / metres)
-    pose = Pose(camera, OPENGL_FROM_OPENCV @ place.inverse())
-    return make_scene(reading, pose, unit=request.unit or "m")
+    view = view_as_taken(reading, Path(), camera, OPENGL_FROM_OPENCV @ place.inverse())
+    return request.scene_of(reading, view, "m")
 
 
 def _world_matrix(nodes: list[dict[str, Any]], index: int) -> FloatArray:

@@ -21,10 +21,11 @@ from poseviewer.files.formats.conversion import (
     Written,
     from_4x4,
     in_one_world,
-    make_scene,
     perspective_of,
     require_file,
+    view_as_taken,
 )
+from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.scene_file import SceneRecord
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_with_rows_from_below
@@ -34,7 +35,7 @@ SENSOR_MM = 36.0
 """Width of the sensor we claim: MeshLab wants mm, of which only ratios count."""
 
 
-def write_meshlab(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
+def write_meshlab(scene: SceneRecord, out: Path, _: ConvertOptions) -> Written:
     """Write a project that names models and photos by their paths from its folder."""
     require_file(scene.views[0].path, "photo", "MeshLab")
     places, poses = in_one_world(scene)
@@ -55,7 +56,7 @@ def write_meshlab(scene: SceneRecord, out: Path, options: ConvertOptions) -> Wri
         add(raster, "Plane", {"semantic": "1", "fileName": _from_folder(out, view.path)})
     ElementTree.indent(root, " ")
     text = "<!DOCTYPE MeshLabDocument>\n" + ElementTree.tostring(root, encoding="unicode") + "\n"
-    return options.write({out: text}, *notes)
+    return Written({out: text}, notes)
 
 
 def _shot(pose: Pose) -> dict[str, str]:
@@ -118,7 +119,7 @@ def read_meshlab(path: Path, request: ConvertOptions) -> SceneRecord:
         raise reading.error(
             "its camera has distortion or is not in perspective", "wanted a pinhole camera"
         )
-    width, height = request.size_of(reading, *numbers_of("ViewportPx", 2))
+    width, height = (reading.size(side, "ViewportPx") or 0 for side in numbers_of("ViewportPx", 2))
     (focal_mm,), pixel_mm = numbers_of("FocalMm", 1), numbers_of("PixelSizeMm", 2)
     if not min(focal_mm, *pixel_mm) > 0.0:
         raise reading.error("FocalMm or PixelSizeMm is not above 0", "wanted a camera")
@@ -129,8 +130,9 @@ def read_meshlab(path: Path, request: ConvertOptions) -> SceneRecord:
     rotation = from_4x4(reading, rows, "RotationMatrix").rotation
     translation = rotation @ np.array(numbers_of("TranslationVector", 4)[:3])
     place = OPENGL_FROM_OPENCV @ RigidTransform(rotation, translation)
-    pose = Pose(camera_with_rows_from_below(camera), place)
-    return make_scene(reading, pose, raster.get("label"), request.unit)
+    photo = path.with_name(bare_name(raster.get("label") or "photo"))
+    view = view_as_taken(reading, photo, camera_with_rows_from_below(camera), place)
+    return request.scene_of(reading, view)
 
 
 MESHLAB = Format(write_meshlab, read_meshlab, several_objects=True)

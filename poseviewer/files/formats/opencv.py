@@ -4,7 +4,6 @@ the names of OpenCV's own calibration sample. Rows first; pixel centres are at i
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +19,10 @@ from poseviewer.files.formats.conversion import (
     Lenses,
     Written,
     cameras_as_taken,
-    make_scene,
+    view_as_taken,
 )
 from poseviewer.files.scene_file import SceneRecord
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.transform import RigidTransform
 
@@ -40,9 +38,9 @@ LENSES: Lenses = (
 )
 
 
-def write_opencv(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
+def write_opencv(scene: SceneRecord, out: Path, _: ConvertOptions) -> Written:
     """Write YAML or JSON, by the ending."""
-    _, transform, camera, lens, k = next(cameras_as_taken(scene, "OpenCV", LENSES))
+    transform, camera, lens, k = next(cameras_as_taken(scene, "OpenCV", LENSES))[1:]
     ending = out.suffix.lower()
     if ending not in STORAGES:
         raise PoseFileError(f"{out.name}: OpenCV files end in {', '.join(STORAGES)}; name one so.")
@@ -56,7 +54,7 @@ def write_opencv(scene: SceneRecord, out: Path, options: ConvertOptions) -> Writ
         storage.write("fisheye_model", 1)  # as OpenCV's calibration sample says it
     storage.write("rvec", transform.as_rotation_vector().reshape(3, 1))
     storage.write("tvec", np.array(transform.translation).reshape(3, 1))
-    return options.write({out: storage.releaseAndGetString()})
+    return Written({out: storage.releaseAndGetString()})
 
 
 def read_opencv(path: Path, request: ConvertOptions) -> SceneRecord:
@@ -64,17 +62,15 @@ def read_opencv(path: Path, request: ConvertOptions) -> SceneRecord:
     reading = Reading(path, numbers_as_text=True)
     is_json = path.suffix.lower() == ".json"
     data = reading.load_object() if is_json else opencv_storage(reading)
-    found = opencv_cameras(reading, data, fisheye=False)[0]
-    camera, size = found.camera, (found.camera.width or None, found.camera.height or None)
-    width, height = request.size_of(reading, *size)
-    camera = replace(camera, width=width, height=height)
+    known = opencv_cameras(reading, data, fisheye=False)[0]
     rotation = _numbers(reading, data, ("rvec", "R"), (3, 9))
     translation = _numbers(reading, data, ("tvec", "t"), (3,))
     if len(rotation) == 9:
         place = RigidTransform(checked_rotation(reading, rotation.reshape(3, 3)), translation)
     else:
         place = RigidTransform.from_rotation_vector(rotation, translation)
-    return make_scene(reading, Pose(camera, place), unit=request.unit, lens=found.lens)
+    view = view_as_taken(reading, Path(), known.camera, place, known.lens)
+    return request.scene_of(reading, view)
 
 
 def _numbers(

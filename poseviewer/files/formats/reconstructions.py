@@ -21,12 +21,10 @@ from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from scipy.spatial.transform import Rotation
 
-from poseviewer.files.cameras import colmap_camera, lens_of
-from poseviewer.files.checks import Reading
-from poseviewer.files.colmap_model import camera_rows, image_rows, model_file
+from poseviewer.files.checks import Reading, is_there
+from poseviewer.files.colmap_model import colmap_cameras, colmap_images, model_file
 from poseviewer.files.formats.conversion import (
     ConvertOptions,
     Format,
@@ -34,15 +32,16 @@ from poseviewer.files.formats.conversion import (
     Written,
     cameras_as_taken,
     from_4x4,
-    make_scene,
+    view_as_taken,
 )
-from poseviewer.files.scene_file import SceneRecord
-from poseviewer.files.writing import make_folder
-from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.files.scene_file import SceneRecord, ViewRecord
+from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.lens import Lens
-from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.geometry.transform import Similarity
 
+PHOTO_ENDINGS = ("", ".png", ".jpg", ".jpeg")
+"""NeRF's own sets leave them out."""
 INTRINSICS = ("fl_x", "fl_y", "cx", "cy")
 """nerfstudio's names."""
 COLMAP_LENSES: Lenses = (
@@ -60,7 +59,7 @@ COEFFICIENTS = {
 """nerfstudio's names."""
 
 
-def write_colmap(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
+def write_colmap(scene: SceneRecord, out: Path, _: ConvertOptions) -> Written:
     """Write a model's cameras and images, without points, into the folder ``out``."""
     cameras: dict[str, int] = {}
     images = ""
@@ -72,7 +71,6 @@ def write_colmap(scene: SceneRecord, out: Path, options: ConvertOptions) -> Writ
         said = f"{model} {camera.width} {camera.height} {numbers}"
         number = cameras.setdefault(said, len(cameras) + 1)
         images += f"{index} {place} {number} {path.name or 'photo'}\n\n"
-    make_folder(out)
     texts = {
         "cameras.txt": "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[] (fx, fy, cx, cy, distortion)\n"
         + "".join(f"{number} {said}\n" for said, number in cameras.items()),
@@ -81,49 +79,32 @@ def write_colmap(scene: SceneRecord, out: Path, options: ConvertOptions) -> Writ
         "points3D.txt": "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, "
         "POINT2D_IDX)\n",
     }
-    return options.write({out / name: text for name, text in texts.items()})
+    return Written({out / name: text for name, text in texts.items()})
 
 
 def read_colmap(path: Path, request: ConvertOptions) -> SceneRecord:
     """Read the image ``request.image``, or the only one; the world is the model's frame."""
     reading = Reading(model_file(path, "images"))
-    images = list(image_rows(reading))
-    named = [(" ".join(words[9:]), words) for words in images]
-    words = request.the_one(reading, "images", named)
-    of_cameras = Reading(model_file(path, "cameras"), reading.warnings)
-    name, place, camera, lens = _taken(reading, words, of_cameras, list(camera_rows(of_cameras)))
-    request.size_of(of_cameras, camera.width, camera.height)
-    return make_scene(reading, Pose(camera, place), name, request.unit, lens)
+    view = request.the_one(reading, "images", colmap_views(path, reading))
+    return request.scene_of(reading, view)
 
 
-Taken = tuple[str, RigidTransform, Perspective, Lens | None]
-"""A photo's name, as its file has it; the camera from the file's world; and camera and lens."""
+def colmap_views(folder: Path, reading: Reading) -> list[tuple[str, ViewRecord]]:
+    """Name and view of each image of the model in a folder, the photo beside the model's files;
+    ``reading``: of its images.
+    """
+    of_cameras, views = Reading(model_file(folder, "cameras"), reading.warnings), []
+    images, cameras = colmap_images(reading), colmap_cameras(of_cameras)
+    for name, key, place in images:
+        if key not in cameras:
+            wanted = "wanted the one that the image names"
+            raise of_cameras.error(f"it has no camera {key}", wanted)
+        camera, lens = cameras[key]
+        views.append((name, view_as_taken(of_cameras, folder / name, camera, place, lens)))
+    return views
 
 
-def colmap_images(path: Path) -> list[Taken]:
-    """All images of the model in a folder."""
-    reading, of_cameras = (Reading(model_file(path, stem)) for stem in ("images", "cameras"))
-    rows = list(camera_rows(of_cameras))
-    return [_taken(reading, words, of_cameras, rows) for words in image_rows(reading)]
-
-
-def _taken(reading: Reading, words: list[str], of_cameras: Reading, rows: list[list[str]]) -> Taken:
-    if len(words) < 10:
-        raise reading.error(f"an image has {len(words)} entries", "wanted 10")
-    numbers = reading.flat_numbers(" ".join(words[1:8]), "the image's pose")
-    quaternion = np.array(numbers[:4])
-    if not 0.99 < float(np.linalg.norm(quaternion)) < 1.01:
-        raise reading.error(f"the quaternion is {quaternion.tolist()}", "wanted one of length 1")
-    rotation = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-    place = RigidTransform(rotation, np.array(numbers[4:]))
-    row = next((row for row in rows if row[:1] == [words[8]]), None)
-    if row is None:
-        wanted = "wanted the one that the image names"
-        raise of_cameras.error(f"it has no camera {words[8]}", wanted)
-    return " ".join(words[9:]), place, *colmap_camera(of_cameras, row)
-
-
-def write_nerfstudio(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
+def write_nerfstudio(scene: SceneRecord, out: Path, _: ConvertOptions) -> Written:
     """Write a file of a frame for each photo; the world is the model's frame."""
     shared, frames = {}, []
     taken = cameras_as_taken(scene, "nerfstudio", NERFSTUDIO_LENSES)
@@ -143,7 +124,7 @@ def write_nerfstudio(scene: SceneRecord, out: Path, options: ConvertOptions) -> 
         other = {key: value for key, value in own.items() if shared.get(key) != value}
         matrix = Similarity(world_from_camera).matrix.tolist()
         frames.append({"file_path": name, **other, "transform_matrix": matrix})
-    return options.write({out: json.dumps({**shared, "frames": frames}, indent=2) + "\n"})
+    return Written({out: json.dumps({**shared, "frames": frames}, indent=2) + "\n"})
 
 
 def read_nerfstudio(path: Path, request: ConvertOptions) -> SceneRecord:
@@ -154,15 +135,17 @@ def read_nerfstudio(path: Path, request: ConvertOptions) -> SceneRecord:
     frames = [reading.object(f, "a frame") for f in (frames if isinstance(frames, list) else [])]
     named = [(str(frame.get("file_path")), frame) for frame in frames]
     frame = request.the_one(reading, "frames", named)
-    own = data | frame  # a frame's own lens comes first
-    size = request.size_of(reading, own.get("w"), own.get("h"))
-    name, place, camera, lens = frame_taken(reading, own, *size)
-    return make_scene(reading, Pose(camera, place), Path(name).name, request.unit, lens)
+    return request.scene_of(reading, frame_view(reading, data | frame, request))
 
 
-def frame_taken(reading: Reading, own: dict[str, Any], width: int, height: int) -> Taken:
-    """Name, pose and camera of a frame together with what the file says of all frames."""
+def frame_view(reading: Reading, own: dict[str, Any], options: ConvertOptions) -> ViewRecord:
+    """The view of a frame together with what the file says of all frames."""
+    name = reading.text(own.get("file_path"), "file_path") or "photo"
+    tried = [reading.path.parent / f"{name}{ending}" for ending in PHOTO_ENDINGS]
+    path = next((path for path in tried if is_there(path)), tried[0])
+    width, height = (reading.size(own.get(key), key) or 0 for key in ("w", "h"))
     if own.get("fl_x") is None and own.get("camera_angle_x") is not None:  # NeRF's own sets
+        width, height = options.size_of(reading, width or None, height or None, path)
         angle = reading.positive(own["camera_angle_x"], "camera_angle_x", math.pi)
         focal = 0.5 * width / math.tan(0.5 * angle)
         own = {"fl_x": focal, "cx": 0.5 * width, "cy": 0.5 * height, **own}
@@ -172,7 +155,7 @@ def frame_taken(reading: Reading, own: dict[str, Any], width: int, height: int) 
     camera, lens = Perspective(fx, fy, cx, cy, width, height), _lens(reading, own)
     world_from_camera = from_4x4(reading, own.get("transform_matrix"), "transform_matrix")
     place = OPENGL_FROM_OPENCV @ world_from_camera.inverse()
-    return reading.text(own.get("file_path"), "file_path") or "photo", place, camera, lens
+    return view_as_taken(reading, path, camera, place, lens)
 
 
 def _lens(reading: Reading, data: dict[str, Any]) -> Lens | None:
@@ -183,7 +166,7 @@ def _lens(reading: Reading, data: dict[str, Any]) -> Lens | None:
     if name == "OPENCV" and k4:
         raise reading.error(f"k4 is {k4}", "OpenCV's lens model has no such term: wanted 0")
     values = [reading.number(data.get(k, 0.0), k) for k in COEFFICIENTS[name]]
-    return lens_of(reading, "opencv" if name == "OPENCV" else "fisheye", values)
+    return Lens.of("opencv" if name == "OPENCV" else "fisheye", values)
 
 
 COLMAP = Format(write_colmap, read_colmap, lenses=COLMAP_LENSES)

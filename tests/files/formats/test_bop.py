@@ -12,7 +12,7 @@ import pytest
 from msgspec import structs
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.formats.bop import load_bop_images, read_bop, write_bop
+from poseviewer.files.formats.bop import BOP, load_bop_images, read_bop
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_file import scene_of_pose
@@ -22,7 +22,7 @@ from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record
 
 
 def write(record: PoseRecord, folder: Path, **options: Any) -> None:
-    write_bop(scene_of_pose(folder, record), folder, ConvertOptions(**options))
+    BOP.convert(scene_of_pose(folder, record), folder, ConvertOptions(**options))
 
 
 def load_scene(folder: Path) -> tuple[dict, dict]:

@@ -13,9 +13,9 @@ import trimesh
 
 from poseviewer.cli.main import main
 from poseviewer.files.formats.conversion import ConvertOptions
-from poseviewer.files.formats.gltf import write_gltf
-from poseviewer.files.formats.meshlab import read_meshlab, write_meshlab
-from poseviewer.files.formats.reconstructions import write_nerfstudio
+from poseviewer.files.formats.gltf import GLTF
+from poseviewer.files.formats.meshlab import MESHLAB, read_meshlab
+from poseviewer.files.formats.reconstructions import NERFSTUDIO
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.scene_file import load_scene, scene_of_pose
 from poseviewer.geometry.camera import Perspective
@@ -38,7 +38,7 @@ def test_meshlab_has_the_same_camera(tmp_path):
     """MeshLab's own words for it, Bundler's and Agisoft's, have six digits."""
     _, request = write_files(tmp_path)
     project = tmp_path / "project.mlp"
-    write_meshlab(scene_of_pose(tmp_path, perspective_record()), project, request)
+    MESHLAB.convert(scene_of_pose(tmp_path, perspective_record()), project, request)
     answer = read_with("pymeshlab", project, out=tmp_path / "out.json")
     assert answer["rasters"] == 1
     numbers = np.array(" ".join(answer["bundler"].splitlines()[2:7]).split(), float)
@@ -81,7 +81,7 @@ def test_blender_sees_the_same_through_gltf(tmp_path, make_record, unit):
     """glTF has no principal point off the middle: the view is wider, and the photo a part of it."""
     mesh, request = write_files(tmp_path)
     record, file, picture = make_record(), tmp_path / "scene.glb", tmp_path / "drawn.png"
-    write_gltf(scene_of_pose(tmp_path, record), file, replace(request, unit=unit))
+    GLTF.convert(scene_of_pose(tmp_path, record), file, replace(request, unit=unit))
     # cx = 112 of 200: the wider view is 224 px wide, and begins where the photo does;
     # cy = 66 of 150: it is 168 px high, and begins 18 px above the photo.
     camera, (width, height) = record.pose.camera, (224, 168)
@@ -102,7 +102,7 @@ def test_the_photo_covers_what_gltf_shows_of_it(tmp_path):
     """The plane's corners are seen at the photo's corners."""
     _, request = write_files(tmp_path)
     record = perspective_record(unit="cm")
-    write_gltf(scene_of_pose(tmp_path, record), tmp_path / "scene.glb", request)
+    GLTF.convert(scene_of_pose(tmp_path, record), tmp_path / "scene.glb", request)
     scene = trimesh.load_scene(tmp_path / "scene.glb", process=False)
     plane = next(one for name, one in scene.geometry.items() if name.startswith("photo"))
     seen = record.pose.project(np.asarray(plane.vertices) * 100.0)
@@ -118,7 +118,7 @@ def test_nerfstudio_looks_through_the_same_pixels(tmp_path):
     """Its published rule (Cameras.generate_rays), as there is no small reader of it."""
     _, request = write_files(tmp_path)
     record = perspective_record()
-    write_nerfstudio(scene_of_pose(tmp_path, record), tmp_path / "transforms.json", request)
+    NERFSTUDIO.convert(scene_of_pose(tmp_path, record), tmp_path / "transforms.json", request)
     data = json.loads((tmp_path / "transforms.json").read_text())
     world_from_camera = np.array(data["frames"][0]["transform_matrix"])
     row, column = 40, 130

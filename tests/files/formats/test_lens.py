@@ -13,11 +13,6 @@ import pytest
 from poseviewer.cli import main as cli
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
-from poseviewer.files.formats.opencv import write_opencv
-from poseviewer.files.formats.reconstructions import (
-    write_colmap,
-    write_nerfstudio,
-)
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import PoseRecord, save_pose
 from poseviewer.files.scene_file import scene_of_pose
@@ -67,7 +62,7 @@ def written(name: str, record: PoseRecord, folder: Path, more: str = "") -> int:
 def test_opencv_sees_the_model_in_the_photo_as_taken(tmp_path, lens, ending):
     mesh, request = write_files(tmp_path)
     record, path = record_through(lens), tmp_path / f"pose{ending}"
-    write_opencv(scene_of_pose(tmp_path, record), path, request)
+    FORMATS["opencv"].convert(scene_of_pose(tmp_path, record), path, request)
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
     fields = ("rvec", "tvec", "camera_matrix", "distortion_coefficients")
     rvec, tvec, camera, distortion = (storage.getNode(field).mat() for field in fields)
@@ -85,7 +80,7 @@ def test_opencv_sees_the_model_in_the_photo_as_taken(tmp_path, lens, ending):
 def test_colmap_sees_the_model_in_the_photo_as_taken(tmp_path, lens):
     mesh, request = write_files(tmp_path)
     record = record_through(LENSES[lens] if lens else None)
-    write_colmap(scene_of_pose(tmp_path, record), tmp_path / "model", request)
+    FORMATS["colmap"].convert(scene_of_pose(tmp_path, record), tmp_path / "model", request)
     points, spots = tmp_path / "points.json", tmp_path / "spots.png"
     points.write_text(json.dumps(mesh.vertices[:50].tolist()))
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
@@ -105,7 +100,9 @@ def test_nerfstudio_undoes_the_same_lens(tmp_path, name):
     """By what its dataloader does: ``k1 k2 p1 p2 k3`` to OpenCV, the centre half a pixel less."""
     _, request = write_files(tmp_path)
     record = record_through(LENSES[name])
-    write_nerfstudio(scene_of_pose(tmp_path, record), tmp_path / "transforms.json", request)
+    FORMATS["nerfstudio"].convert(
+        scene_of_pose(tmp_path, record), tmp_path / "transforms.json", request
+    )
     data = json.loads((tmp_path / "transforms.json").read_text())
     k = {key: data.get(key, 0.0) for key in ("k1", "k2", "k3", "k4", "p1", "p2")}
     camera = np.array([[data["fl_x"], 0, data["cx"] - 0.5], [0, data["fl_y"], data["cy"] - 0.5],

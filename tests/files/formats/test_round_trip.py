@@ -53,7 +53,7 @@ def write(name: str, path: Path, record: PoseRecord, **options: Any) -> ConvertO
     """Write model, photo and pose; returns the options that were used."""
     _, request = write_files(path.parent)
     request = replace(request, **options)
-    FORMATS[name].write(scene_of_pose(path.parent, record), path, request)
+    FORMATS[name].convert(scene_of_pose(path.parent, record), path, request)
     return request
 
 
