@@ -109,11 +109,8 @@ class Reading:
         wanted = f"wanted a {self.kind}"
         try:
             status = self.path.stat()
-        except FileNotFoundError:
+        except (FileNotFoundError, ValueError):  # or a name that no file can have
             raise self.error(f"no such file in {self.path.parent}", "check the path") from None
-        except (OSError, ValueError) as error:  # a name that no file can have
-            reason = getattr(error, "strerror", None) or str(error)
-            raise self.error(f"cannot be read ({reason})", "check the path") from error
         if stat.S_ISDIR(status.st_mode):
             raise self.error("is a folder", wanted)
         if not stat.S_ISREG(status.st_mode):
@@ -125,12 +122,9 @@ class Reading:
             raise self.error("an empty file", f"{wanted}, copy it again")
 
     def open(self) -> IO[bytes]:
-        """The file, once its size is checked, for reading."""
+        """The file, once its size is checked, for reading; raises OSError as well."""
         self.check_size()
-        try:
-            return self.path.open("rb")
-        except OSError as error:
-            raise self.error(f"cannot be read ({error.strerror})", "check the path") from error
+        return self.path.open("rb")
 
     @contextmanager
     def naming_errors(self) -> Iterator[None]:
@@ -205,7 +199,7 @@ class Reading:
 
         Raises the reading's error, which says the place, what is there, and what was wanted.
         """
-        data = _plain(self, data, raw)
+        data = self._plain(data, raw)
         try:
             return msgspec.convert(data, kind)
         except msgspec.ValidationError as error:
@@ -225,6 +219,26 @@ class Reading:
                     wanted = wanted.replace(limit, words)
             found = f"{where or 'its content'} is {kind_of(value)}"
             raise self.error(found, f"wanted {wanted}") from None
+
+    def _plain(self, value: Any, raw: Sequence[str]) -> Any:
+        if isinstance(value, str):
+            value = printable(value)
+            with suppress(ValueError):
+                value = float(value) if self.numbers_as_text else value
+        if isinstance(value, list):
+            return [self._plain(item, raw) for item in value]
+        if isinstance(value, dict):
+            kept = {printable(key): item for key, item in value.items() if item is not None}
+            with suppress(KeyError, msgspec.ValidationError):
+                matrix = np.array(msgspec.convert(kept["rotation"], Rows))
+                kept["rotation"] = checked_rotation(self, matrix).tolist()
+            return {
+                key: item if key in raw and isinstance(item, str) else self._plain(item, raw)
+                for key, item in kept.items()
+            }
+        if isinstance(value, float) and 0.0 < abs(value) < 1e15 and value.is_integer():
+            return int(value)
+        return value
 
     def number(
         self, value: Any, what: str, most: float = LARGEST_NUMBER, least: float | None = None
@@ -265,35 +279,6 @@ class Reading:
 
 def _item(value: Any, key: str) -> Any:
     return value.get(key) if isinstance(value, dict) else value[int(key)]
-
-
-def _plain(reading: Reading, value: Any, raw: Sequence[str]) -> Any:
-    if isinstance(value, str):
-        value = printable(value)
-        with suppress(ValueError):
-            value = float(value) if reading.numbers_as_text else value
-    if isinstance(value, list):
-        return [_plain(reading, item, raw) for item in value]
-    if isinstance(value, dict):
-        kept = {printable(key): item for key, item in value.items() if item is not None}
-        if "rotation" in kept:
-            kept["rotation"] = _mended(reading, kept["rotation"])
-        return {
-            key: item if key in raw and isinstance(item, str) else _plain(reading, item, raw)
-            for key, item in kept.items()
-        }
-    if isinstance(value, float) and 0.0 < abs(value) < 1e15 and value.is_integer():
-        return int(value)
-    return value
-
-
-def _mended(reading: Reading, rows: Any) -> Any:
-    """Make rows of numbers the nearest rotation; other values stay."""
-    try:
-        matrix = np.array(msgspec.convert(rows, Rows))
-    except msgspec.ValidationError:
-        return rows
-    return checked_rotation(reading, matrix).tolist()
 
 
 def _words(types: re.Match[str]) -> str:
