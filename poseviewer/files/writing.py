@@ -7,7 +7,8 @@ import json
 import os
 import secrets
 import sys
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -16,24 +17,32 @@ import msgspec
 from poseviewer.errors import PoseFileError, PoseViewerError
 
 
+@contextmanager
+def writing_to(folder: Path, name: str, error: type[PoseViewerError]) -> Iterator[None]:
+    """Turn an OSError into an ``error`` that says what cannot be written, and where."""
+    try:
+        yield
+    except OSError as problem:
+        raise error(
+            f"{name}: cannot be written to {folder} ({problem.strerror}); "
+            "check that there is room, and that the folder exists and is yours to write to."
+        ) from problem
+
+
 def write_whole(path: Path, data: bytes, error: type[PoseViewerError]) -> None:
     """Write beside ``path`` and then rename, so that no reader sees half a file."""
     if path.exists() and not path.is_file():  # a device would be a file from then on
         raise error(f"{path.name}: is no regular file and was not replaced; name another.")
     temporary = path.with_name(f".{path.name[:40]}.{secrets.token_hex(4)}.part")
     try:
-        with temporary.open("xb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        if path.exists():
-            temporary.chmod(path.stat().st_mode & 0o777)
-        temporary.replace(path)
-    except OSError as problem:
-        raise error(
-            f"{path.name}: cannot be written to {path.parent} ({problem.strerror}); "
-            "check that the folder exists and is yours to write to."
-        ) from problem
+        with writing_to(path.parent, path.name, error):
+            with temporary.open("xb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            if path.exists():
+                temporary.chmod(path.stat().st_mode & 0o777)
+            temporary.replace(path)
     finally:
         with suppress(OSError):
             temporary.unlink()

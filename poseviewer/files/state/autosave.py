@@ -11,7 +11,6 @@ import logging
 import secrets
 import time
 from contextlib import suppress
-from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
 
@@ -33,7 +32,7 @@ from poseviewer.files.scene_file import (
     view_record,
 )
 from poseviewer.files.structs import Number
-from poseviewer.files.writing import lock_file, write_whole
+from poseviewer.files.writing import lock_file, write_whole, writing_to
 from poseviewer.geometry.view import world_from_pose
 
 FORMAT, VERSION = "poseviewer-autosave", 2
@@ -84,16 +83,11 @@ class SessionFile:
     def save(self, session: AutosavedSession) -> None:
         """Write the session, whole or not at all, over the earlier one."""
         folder = self.path.parent
-        try:
+        with writing_to(folder, self.path.name, AutosaveError):
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             if not _lock_path(self.path).exists():  # at first, and where the folder was removed
                 self.close()
                 self._lock = lock_file(_lock_path(self.path))
-        except OSError as error:
-            raise AutosaveError(
-                f"{self.path.name}: cannot be written to {folder} ({error.strerror}); check that "
-                "the folder is yours to write to."
-            ) from error
         data = {"format": FORMAT, "version": VERSION, **msgspec.to_builtins(session)}
         write_whole(self.path, json.dumps(data, allow_nan=False).encode(), AutosaveError)
 
@@ -130,8 +124,7 @@ def left_behind(folder: Path) -> tuple[Path, AutosavedSession] | None:
     newest = None
     for path in sorted(folder.glob("session-*.json")):
         try:
-            lock = _lock_path(path)
-            held = lock_file(lock) if lock.exists() else BytesIO()  # version 0.1.0 made none
+            held = lock_file(_lock_path(path))
             if held is None:
                 continue
             held.close()

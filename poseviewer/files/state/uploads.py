@@ -13,7 +13,10 @@ from collections.abc import Iterable, Sequence
 from io import BytesIO
 from itertools import count
 from pathlib import Path, PurePosixPath
-from typing import Literal
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
 
 from poseviewer.errors import FileSetError, printable
 from poseviewer.files.checks import Reading
@@ -23,7 +26,7 @@ from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.photo import ENDINGS
 from poseviewer.files.scene_file import SceneRecord, with_files
 from poseviewer.files.state.autosave import files_of_sessions
-from poseviewer.files.writing import sha256_of
+from poseviewer.files.writing import sha256_of, writing_to
 
 LARGEST_UPLOAD = 200_000_000
 """Bytes: viser holds an upload in memory."""
@@ -36,6 +39,8 @@ BEGUN = "new-"
 LONGEST_NAME = 80
 LONGEST_PART = 100
 """Characters of a name on disk: file systems take 255 bytes."""
+Entries: Any = Annotated[list[tuple[str, Annotated[int, Meta(ge=0)]]], Meta(min_length=1)]
+"""Names and sizes (bytes) of the files that a page sends."""
 OUR_NAME = re.compile(rf"[0-9a-f]{{16}}|{BEGUN}.*")
 ACCEPTED = {
     "photo": (*ENDINGS, ".json", ".yml", ".yaml", ".xml", ".zip"),
@@ -43,8 +48,6 @@ ACCEPTED = {
     "pose": (".json", ".png"),
 }
 """Endings that a file chooser offers first."""
-LEADS_OUT = re.compile(r"^([/\\]|[A-Za-z]:)|(^|[/\\])\.\.([/\\]|$)")
-"""Paths that are absolute, or have a step up."""
 NO_NAME = re.compile(r'[<>:"|?*]')
 """Characters that names cannot hold on Windows."""
 RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
@@ -70,8 +73,11 @@ def keep_set(folder: Path, data: bytes) -> Path:
 
 def keep_zip(folder: Path, path: Path) -> Path:
     """Unpack a zip of the disk as ``keep_set`` does."""
-    Reading(path, [], FileSetError, "zip", LARGEST_UNPACKED).check_size()
-    return _kept(folder, f"{path.name} {sha256_of(path)}".encode(), [(path.name, path)], path.name)
+    reading = Reading(path, [], FileSetError, "zip", LARGEST_UNPACKED)
+    with reading.naming_errors():
+        reading.check_size()
+        marks = f"{path.name} {sha256_of(path)}".encode()
+    return _kept(folder, marks, [(path.name, path)], path.name)
 
 
 def gathered(folder: Path, model: ModelFiles) -> Path:
@@ -80,13 +86,12 @@ def gathered(folder: Path, model: ModelFiles) -> Path:
         return model.path
     files = {PurePosixPath(model.path.name): model.path}
     for written, path in model.named.items():
+        inside = safe_path(written)
         # Material files lie beside the model: what they name is sought from where they lie.
-        bare = path.suffix.lower() == ".mtl" or LEADS_OUT.search(written)
-        files.setdefault(safe_path(bare_name(written) if bare else written), path)
-    try:
+        is_bare = path.suffix.lower() == ".mtl" or str(inside) != written.replace("\\", "/")
+        files.setdefault(safe_path(bare_name(written)) if is_bare else inside, path)
+    with Reading(model.path, error_type=FileSetError, kind="model").naming_errors():
         marks = "\n".join(f"{name} {sha256_of(path)}" for name, path in files.items())
-    except OSError as error:
-        raise FileSetError(f"{model.path.name}: cannot be read ({error.strerror}).") from error
     copies = [(str(name), path) for name, path in files.items()]
     return _kept(folder, marks.encode(), copies, model.path.name) / model.path.name
 
@@ -117,13 +122,8 @@ def taken_out(path: Path, scene: SceneRecord, private: Path) -> SceneRecord:
                 shutil.copyfile(old, new)
         return str(pairs[0][1])
 
-    try:
+    with writing_to(path.parent, f"{path.name}, with its photos and models", FileSetError):
         return with_files(scene, name)
-    except OSError as error:
-        raise FileSetError(
-            f"{path.name}: its photos and models cannot be copied to {path.parent} "
-            f"({error.strerror}); check that the folder is yours to write to."
-        ) from error
 
 
 def safe_path(name: str) -> PurePosixPath:
@@ -166,14 +166,12 @@ def display_name(name: str) -> str:
 
 def _unpacked(data: bytes) -> list[tuple[str, memoryview]]:
     """Names and contents, which are not copied."""
-    end = data.find(b"\n")
-    rest = memoryview(data)[end + 1 :]
+    head, rest = data.partition(b"\n")[0], memoryview(data)[data.find(b"\n") + 1 :]
     try:
-        entries = [(str(name), int(size)) for name, size in json.loads(data[: max(end, 0)])]
-    except (ValueError, TypeError, OverflowError, RecursionError):
-        entries = []
-    if not entries or any(size < 0 for _, size in entries):
-        raise FileSetError("The upload is no set of files; reload the page and try again.")
+        entries = msgspec.convert(json.loads(head), Entries)
+    except (ValueError, msgspec.ValidationError, RecursionError):
+        found = "The upload is no set of files"
+        raise FileSetError(f"{found}; reload the page and try again.") from None
     if sum(size for _, size in entries) != len(rest):
         raise FileSetError(
             f"{display_name(entries[0][0])}: {len(rest):,} bytes came, and more or fewer were "
@@ -226,7 +224,7 @@ def _kept(
 ) -> Path:
     """The folder of these ``files``, which ``marks`` tell apart; filled whole or not at all."""
     place = folder / hashlib.sha256(marks).hexdigest()[:16]
-    try:
+    with writing_to(folder, shown, FileSetError):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if not place.is_dir():
             with tempfile.TemporaryDirectory(dir=folder, prefix=BEGUN) as new:
@@ -235,11 +233,6 @@ def _kept(
                 (Path(new) / "set").rename(place)
         place.touch()
         _remove_old(folder)
-    except OSError as failed:
-        raise FileSetError(
-            f"{shown}: cannot be kept in {folder} ({failed.strerror}); check that the folder is "
-            "yours to write to, and that there is room."
-        ) from failed
     return place
 
 

@@ -201,5 +201,5 @@ def test_of_old_and_broken_uploads_those_that_a_session_names_stay(
 
 def test_a_folder_that_cannot_be_made_gives_a_sentence(tmp_path: Path) -> None:
     (tmp_path / "uploads").write_text("a file is in the way")
-    with pytest.raises(FileSetError, match=r"^a\.json: cannot be kept in .*yours to write to"):
+    with pytest.raises(FileSetError, match=r"^a\.json: cannot be written to .*yours to write to"):
         keep(tmp_path / "uploads", {"a.json": b"{}"})
