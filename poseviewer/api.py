@@ -340,8 +340,7 @@ class Scene:
         return Search(self.data, renderers, tuple(self.indices), threads, self.view)
 
     def search(self, *, threads: int = 1) -> Iterator[SearchProgress]:
-        """The search from where all is, as it goes: after every evaluation the object that is at
-        its turn and its best pose so far, and at last its end with the verdict. To stop it, stop
+        """The search after every evaluation, with an object's verdict at its end; to stop, stop
         asking. More ``threads`` give the same poses in less time.
         """
         return self._search(threads).run()
@@ -433,9 +432,7 @@ class Scene:
 
     @property
     def hidden(self) -> NDArray[np.bool_] | None:
-        """(height, width): what the search took for something in front of the object, and beside it
-        where its outline is hidden; None: nothing.
-        """
+        """(height, width): what the search took for something in front of it; None: nothing."""
         result = self.object.result
         return result.hidden[self.view] if result is not None and result.hidden else None
 
@@ -471,9 +468,7 @@ class Scene:
 
     @property
     def _told(self) -> SceneData:
-        """The scene with the loss where an object that it is about was not searched for; takes an
-        evaluation.
-        """
+        """The scene with the loss, by an evaluation, of an object that was not searched for."""
         if self.index is None or self.object.result is not None:
             return self.data
         at, known = self._at, (self.problem, self.parameters, self.loss)

@@ -1,7 +1,4 @@
-"""Errors that a user can cause.
-
-Each message says what, what was found, what was wanted and what to do.
-"""
+"""Errors that a user can cause."""
 
 LONGEST_MESSAGE = 1000
 """Characters: sentences take some hundreds, and paths in them some hundreds more."""

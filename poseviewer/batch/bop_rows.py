@@ -35,9 +35,7 @@ STARTS = "starts"
 def load_scene_jobs(
     scene: Path, out: Path, settings: FitSettings, models: Path | None, objects: Sequence[int]
 ) -> tuple[Job, ...]:
-    """The rows of a scene's ``objects`` (empty: all that have poses); their start poses are written
-    into ``out``, where they changed. ``models``: the folder of ``obj_000001.ply`` and so on, in mm.
-    """
+    """The rows of a scene's ``objects`` (empty: all with poses); starts are saved in ``out``."""
     if settings.free_focal:
         raise BatchError("--free-focal with a BOP scene, whose cameras are known; leave it out.")
     if models is None:

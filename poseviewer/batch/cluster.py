@@ -20,9 +20,7 @@ CONNECT_SECONDS = 10.0
 def run_on_cluster(
     function: Callable[[Item], Result], items: Mapping[str, Item], address: str
 ) -> Iterator[tuple[Item, Result | None]]:
-    """Call a function on items, whose names are the same whoever submits them; yield each with its
-    result as it comes, or with None if the workers died at it.
-    """
+    """Call a function on named items; yield each with its result, None if workers died at it."""
     with _connected(address) as client:
         from distributed import (  # pyright: ignore[reportMissingImports] - an extra
             CancelledError,

@@ -57,10 +57,7 @@ class Job:
 
 
 def load_jobs(path: str | Path, settings: FitSettings) -> tuple[Job, ...]:
-    """The rows of a CSV file with the columns ``photo``, ``model`` and ``start``, in their order.
-
-    Other columns than these and ``box`` are ignored; files are opened when the row is fitted.
-    """
+    """The rows of a CSV file by its columns ``photo``, ``model``, ``start`` and perhaps ``box``."""
     path = Path(path)
     folder = str(path.resolve().parent)
     jobs = [

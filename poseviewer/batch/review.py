@@ -1,6 +1,4 @@
-"""A person's words on the rows of a batch: verdict and note in the row's own file (``results``), a
-corrected pose in the row's pose file, beside the one that was found.
-"""
+"""A person's words on a batch's rows, in their files; corrected poses are beside fitted ones."""
 
 from __future__ import annotations
 

@@ -79,9 +79,7 @@ def run_batch(
 
 
 def save_summaries(batch: Batch) -> list[Row]:
-    """Write table and report of all rows that have a result, and for those of a BOP scene its
-    files; returns the rows.
-    """
+    """Write table and report of the rows that have a result, and a BOP scene; return the rows."""
     rows = batch.rows()
     save_table(batch.folder, rows)
     save_report(batch.folder, rows)

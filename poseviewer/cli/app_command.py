@@ -34,9 +34,7 @@ OPTIONS = {
 
 
 def _files_of(options: Namespace) -> tuple[FileSet, list[Path]]:
-    """The files that are named, or lie in a folder or a zip that is; and where their models lie
-    with all that they name.
-    """
+    """The files that are named, or in a folder or zip; and their models with all they name."""
     path: Path | None = options.photo
     if options.views or not (path and (path.is_dir() or path.suffix.lower() == ".zip")):
         files = named_files(options)

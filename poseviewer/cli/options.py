@@ -95,9 +95,7 @@ Options = Mapping[str, Group]
 def option(
     usage: str, text: str | None = None, choices: Iterable[str] | None = None, **more: Any
 ) -> Option:
-    """Make ``--name VALUE``, read as ``READERS`` has it, ``--name`` with choices, the flag
-    ``--name``, or a positional ``name SHOWN``.
-    """
+    """Make ``--name VALUE`` (by ``READERS``), ``--name`` (choices or a flag), or ``name SHOWN``."""
     flag, _, shown = usage.partition(" ")
     if choices is not None:
         more["choices"] = tuple(choices)

@@ -1,6 +1,4 @@
-"""Photos with known poses in a folder of ``cases.json``, ``{"cases": [...]}``, and
-``starts.json``, a list.
-"""
+"""Photos with known poses: folders of ``cases.json``, ``{"cases": [...]}``, and ``starts.json``."""
 
 from __future__ import annotations
 
@@ -20,7 +18,7 @@ from poseviewer.files.structs import CameraNumbers, Positive, Transform
 from poseviewer.geometry.camera import Pose
 
 CASES, STARTS = "cases.json", "starts.json"
-SEEN = {0.9: "seen 90 % and more", 0.5: "seen 50-90 %", 0.0: "seen to less than 50 %"}
+SHARES = {0.9: "seen 90 % and more", 0.5: "seen 50-90 %", 0.0: "seen to less than 50 %"}
 """Label of a visible share, by the least share that it is for."""
 _PIXELS = re.compile(r"^exact|(\d+(?:\.\d+)?) px")
 
@@ -48,7 +46,9 @@ class Case:
         """The set and the class of visibility: the case's line of the report."""
         if self.visible is None:
             return self.set
-        return f"{self.set}, {next(text for least, text in SEEN.items() if self.visible >= least)}"
+        return (
+            f"{self.set}, {next(text for least, text in SHARES.items() if self.visible >= least)}"
+        )
 
 
 class Entry(Struct, frozen=True):
@@ -72,8 +72,8 @@ class Entry(Struct, frozen=True):
         """Largest error of the truth, by the model's size in the photo."""
         match = _PIXELS.search(self.accuracy)
         if match is None:
-            found = f"accuracy of {self.id} is {self.accuracy!r}"
-            raise reading.error(found, "wanted 'exact', or px as in '1-2 px'")
+            accuracy = f"accuracy of {self.id} is {self.accuracy!r}"
+            raise reading.error(accuracy, "wanted 'exact', or px as in '1-2 px'")
         return 100.0 * float(match[1] or 0.0) / self.image_diagonal_px
 
 

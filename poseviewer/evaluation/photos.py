@@ -51,10 +51,7 @@ def make_seed(*words: object) -> int:
 
 
 def make_photos(plan: Plan, kind: Kind, tell: Callable[[str], None]) -> list[Case]:
-    """Load the demo's photo of a kind, or draw the plan's photos, unless they are there already.
-
-    Views, lights and pieces of the background are random, the same for the same seed.
-    """
+    """Load the demo's photo of a kind, or draw the plan's, unless there, at random by its seed."""
     if kind not in DRAWN:
         return [demo_photo(kind)]
     folder, model = plan.out / PHOTOS, plan.model or demo_case().model
@@ -94,10 +91,7 @@ def draw_start(
     share: float,
     seed: int,
 ) -> Pose:
-    """Draw a pose whose parameters in the vehicle chart are each off by up to ``share``.
-
-    Draws that show the vehicle's other side, or are no pose, are drawn again.
-    """
+    """Draw a pose of the same side, each vehicle parameter off by up to ``share``."""
     chart = VehicleChart.near(keypoints, truth, free_focal)
     true = chart.from_pose(truth)
     size = np.abs(true) if reading == "relative" else chart.scales(true)

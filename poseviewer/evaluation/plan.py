@@ -15,10 +15,7 @@ KINDS: dict[Kind, str] = {
     "photo-parallel": "photo, parallel",
     "photo-perspective": "photo, perspective, 7 numbers",
 }
-"""Labels in tables. The first two are drawn by OpenGL, the others are the demo's photos.
-
-``plain`` is black, as the paper's unclipped loss has it: there the ground looks like a black part
-of the model."""
+"""Labels in tables: photos drawn by OpenGL (on black, as the paper's), and the demo's."""
 DRAWN = ("plain", "background")
 Reading = Literal["relative", "absolute"]
 """``relative``: each parameter is off by up to a share of its own value, as in the paper.
@@ -28,9 +25,7 @@ READINGS: tuple[Reading, ...] = get_args(Reading)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """Plan of a study: the paper's deviations of a vehicle's parameters; with ``real`` fixed
-    starts on photos with known poses; with ``bop`` published estimates.
-    """
+    """Plan of a study: of ``real`` photos, of ``bop`` estimates, else the paper's deviations."""
 
     out: Path
     method: Method = "default"

@@ -67,9 +67,7 @@ COLUMNS: Mapping[str, Column] = {
 
 
 def study_table(trials: Sequence[Trial], groups: Mapping[str, str]) -> Table:
-    """Tabulate shares found by deviation, and what all fits come to, a row for each method, reading
-    and group of photos; ``groups`` names that of a case, else its set does.
-    """
+    """Tabulate fits by method, reading and group of photos: that of ``groups``, else the set."""
 
     def line(trial: Trial) -> tuple[str, ...]:
         group = groups.get(trial.case, trial.set)
@@ -78,8 +76,9 @@ def study_table(trials: Sequence[Trial], groups: Mapping[str, str]) -> Table:
     deviations, rows = sorted({_deviation(trial) for trial in trials}), []
     for (method, reading, label, pixels), some in sorted(_grouped(trials, line).items()):
         name = f"{method}: {label}" + ("" if pixels == "near" else f", {pixels}")
-        found = ([trial.found for trial in some if _deviation(trial) == one] for one in deviations)
-        rows.append((name, reading, *map(_interval, found), *(of(some) for of in COLUMNS.values())))
+        at = _grouped(some, _deviation)
+        shares = (_interval(at.get(deviation, ())) for deviation in deviations)
+        rows.append((name, reading, *shares, *(of(some) for of in COLUMNS.values())))
     offs = (f"{degrees}°" if degrees else f"{percent:g} %" for percent, degrees in deviations)
     title = "Fits that found the pose, % (95 % interval), by deviation"
     return Table(title, ("method: photos", "off by", *offs, *COLUMNS), tuple(rows))
@@ -122,10 +121,11 @@ def _grouped(trials: Sequence[Trial], key: Callable[[Trial], Key]) -> dict[Key, 
     return groups
 
 
-def _interval(found: Sequence[bool]) -> str:
-    """Share and its interval (Wilson, 1927), right for few trials and for none or all found."""
-    if not found:
+def _interval(trials: Sequence[Trial]) -> str:
+    """Share found and its interval (Wilson, 1927), right for few trials and for none or all."""
+    if not trials:
         return NONE
-    interval = binomtest(sum(found), len(found)).proportion_ci(method="wilson")
+    count = sum(trial.found for trial in trials)
+    interval = binomtest(count, len(trials)).proportion_ci(method="wilson")
     low, high = 100.0 * interval.low, 100.0 * interval.high
-    return f"{100.0 * np.mean(found):.0f} ({low:.0f} to {high:.0f})"
+    return f"{100.0 * count / len(trials):.0f} ({low:.0f} to {high:.0f})"

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -61,14 +62,12 @@ PAPER_MS = 210.0
 """Jayawardena, Hutter and Brewer on their machine of 2010, in C: OpenGL's 170 ms, the loss's 40."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Workload:
-    """The demo's model in some number of triangles, poses about the true one, and the photo."""
+class Workload(NamedTuple):
+    """The demo's model in some number of triangles, poses about the true one, the grey photo."""
 
     mesh: Mesh
     poses: tuple[Pose, ...]
     photo: PhotoAttributes
-    """Grey, clipped to the model: what the paper compares."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +87,7 @@ class SpeedReport:
     """All that one run measured."""
 
     machine: str
-    """Processor, cores, mean load over the minute before, adapters of OpenGL and of the GPU; and
-    versions of packages."""
+    """Processor, cores, load, adapters of OpenGL and of the GPU, versions of packages."""
     workload: str
     paths: tuple[Timing, ...]
     wholes: tuple[Timing, ...]
@@ -97,16 +95,12 @@ class SpeedReport:
 
     def as_markdown(self) -> str:
         """Machine, versions and tables."""
-        medians = {path.name: 1e3 * float(np.median(path.seconds)) for path in self.paths}
-        rows = [
-            (
-                f"{path.name}  {PATHS[path.name][1]}",
-                f"{medians[path.name]:.3g}",
-                f"{1e3 * min(path.seconds):.3g} to {1e3 * max(path.seconds):.3g}",
-                f"{medians.get('a', math.nan) / medians[path.name]:.1f}",
-            )
-            for path in self.paths
-        ]
+        times = {path.name: 1e3 * np.array(path.seconds) for path in self.paths}
+        first, rows = np.median(times.get("a", math.nan)), []
+        for name, ms in times.items():
+            median, span = np.median(ms), f"{ms.min():.3g} to {ms.max():.3g}"
+            ratio = f"{first / median:.1f}"
+            rows.append((f"{name}  {PATHS[name][1]}", f"{median:.3g}", span, ratio))
         rows.append(("the paper's own, on its machine of 2010", f"{PAPER_MS:.0f}", "-", "-"))
         title = f"One evaluation, ms: {self.workload}; medians"
         paths = Table(title, ("path", "total", "least to most", "a / this"), tuple(rows))
@@ -115,7 +109,7 @@ class SpeedReport:
             for w in self.wholes
         )
         wholes = Table("Searches and maps", ("what", "seconds", "end"), ends)
-        return "\n\n".join([self.machine, paths.as_markdown(), wholes.as_markdown()])
+        return f"{self.machine}\n\n{paths.as_markdown()}\n\n{wholes.as_markdown()}"
 
 
 def demo_with_truth() -> tuple[Scene, Pose]:
@@ -146,9 +140,9 @@ def measure_speed(
         limit_s = 3.0 if quick else 30.0
         tell(f"fitting by --method {method}, for {limit_s:.0f} s at most")
         fits.append(time_fit(demo, truth, method, limit_s))
-    camera, covered = work.poses[0].camera, SoftwareRenderer(work.mesh).covers(work.poses[0]).sum()
-    size = f"{camera.width}x{camera.height}"
-    about = f"{TRIANGLES:,} triangles, {size}, {covered:,} covered pixels"
+    covered = SoftwareRenderer(work.mesh).covers(work.poses[0])
+    size = f"{covered.shape[1]}x{covered.shape[0]}"
+    about = f"{TRIANGLES:,} triangles, {size}, {covered.sum():,} covered pixels"
     return SpeedReport(machine, about, paths, (*fits, maps))
 
 
@@ -184,10 +178,7 @@ def make_workload(demo: Scene, truth: Pose, triangles: int, width: int) -> Workl
 
 
 def time_paths(work: Workload, letters: str, rounds: int) -> list[Timing]:
-    """Time some paths in turn: what disturbs the machine hits all.
-
-    Each turn's first run, which refills the processor's caches, does not count.
-    """
+    """Time some paths in turn, each turn's first run not counted, as it refills the caches."""
 
     def loss(renderer: Renderer, pose: Pose) -> float:
         return lighting_loss(renderer.moments(pose, work.photo))
@@ -197,10 +188,11 @@ def time_paths(work: Workload, letters: str, rounds: int) -> list[Timing]:
         paths = {}
         for letter in letters:
             renderer = make_renderer(work.mesh, PATHS[letter][0])
-            device = getattr(renderer, "device", None)
             pool = stack.enter_context(RendererPool(renderer, 1 if letter == "d" else None))
-            many = GPU_POSES if device is not None else CHUNK * pool.threads
-            paths[letter] = pool, 1 if device is not None and device.is_software else many
+            count, device = CHUNK * pool.threads, getattr(renderer, "device", None)
+            if device is not None:
+                count = 1 if device.is_software else GPU_POSES
+            paths[letter] = pool, count
         for turn in range(rounds):
             for letter, (pool, count) in paths.items():
                 for k in range(turn * BURST, turn * BURST + BURST + 1):

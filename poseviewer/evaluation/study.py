@@ -158,14 +158,14 @@ def bop_tasks(table: Path, folder: Path, settings: FitSettings) -> tuple[list[Ta
     """Make the fits of all targets from their best estimates by score; and count the targets."""
     models, tasks, targets = load_bop_models(folder / "models" / MODELS_INFO), [], 0
     estimates = sorted(load_bop_estimates(table), key=lambda estimate: estimate.score)
-    best = {(one.scene, one.image, one.object_id): one.place for one in estimates}
+    best = {(e.scene, e.image, e.object_id): e.place for e in estimates}
     for scene in sorted({key[0] for key in best}):
-        place = folder / "test" / f"{scene:06d}"
-        for image in load_bop_images(place):
+        source = folder / "test" / f"{scene:06d}"
+        for image in load_bop_images(source):
             numbers = [target.object_id for target in image.objects]
             if len(set(numbers)) < len(numbers):
                 raise SettingsError(
-                    f"{place}: image {image.number} has an object more than once; `study --bop` "
+                    f"{source}: image {image.number} has an object more than once; `study --bop` "
                     "tells no such objects apart"
                 )
             if unknown := set(numbers) - set(models):
@@ -178,7 +178,7 @@ def bop_tasks(table: Path, folder: Path, settings: FitSettings) -> tuple[list[Ta
                 number = target.object_id
                 if (start := best.get((scene, image.number, number))) is None:
                     continue
-                path = place / image.photo
+                path = source / image.photo
                 photo = open_photo(path)
                 camera = replace(image.camera, width=photo.width, height=photo.height)
                 name, mesh = f"object {number}", folder / "models" / MODEL_FILE.format(number)

@@ -36,10 +36,7 @@ class Lighting:
 
 
 def random_lighting(rng: np.random.Generator) -> Lighting:
-    """Daylight-like: some ambient light, one strong light and often a weak one, slightly tinted.
-
-    The strong light comes from within 65 degrees of over the photographer's shoulder.
-    """
+    """Draw light as of day: ambient, a strong light from behind the camera, often a weak one."""
     ambient = rng.uniform(0.15, 0.4) * _tint(rng)
     lights = [(_direction(rng), rng.uniform(0.4, 0.7) * _tint(rng))]
     if rng.random() >= 0.4:

@@ -110,20 +110,16 @@ class Task:
         symmetry = case.bop.symmetry if case.bop else model.whole_symmetry
         model = replace(model, keypoints=keypoints, whole_symmetry=symmetry)
         photo = open_photo(case.photo)
-        scene = scene_at(
-            View(photo.name, photo, self.start.camera), model, self.start, self.settings
-        )
+        view = View(photo.name, photo, self.start.camera)
+        scene = scene_at(view, model, self.start, self.settings)
         for other in self.others:
-            place = scene.views[0].world_from_model(other.truth)
-            known = SceneObject(other.name, open_model(other.mesh)[0], place, locked=True)
+            truth = scene.views[0].world_from_model(other.truth)
+            known = SceneObject(other.name, open_model(other.mesh)[0], truth, locked=True)
             scene = replace(scene, objects=(*scene.objects, known))
         return scene, renderer
 
     def run(self) -> Trial:
-        """Fit from the start, and compare its end with the truth.
-
-        A start that no fit can begin from is also where it ends.
-        """
+        """Compare the end of a fit, which is the start where none can begin, with the truth."""
         scene, renderer = self.open()
         model, case, truth = scene.objects[0].model, self.case, self.case.truth
         result, outcome, began = None, {}, perf_counter()
@@ -151,9 +147,7 @@ class Task:
 
 
 def _outcome(result: Scene, truth: Pose) -> dict[str, Any]:
-    """Columns of a search that ended. A truth whose camera the start's chart does not have has the
-    loss of the chart's nearest pose.
-    """
+    """Columns of a search that ended; the truth's loss is that of the chart's nearest pose."""
     progress, problem = result.progress, result.problem
     assert progress is not None  # it was searched for
     verdict = progress.verdict
@@ -173,19 +167,14 @@ def _outcome(result: Scene, truth: Pose) -> dict[str, Any]:
 def symmetric_distances(
     vertices: FloatArray, pose: Pose, truth: Pose, symmetry: Symmetry
 ) -> tuple[float, float]:
-    """MSSD and MSPD (Hodan et al., *BOP Challenge 2020*), in the model's unit and in px.
-
-    The largest distance of a vertex from its true position, the least over the symmetries.
-    """
+    """MSSD (in the model's unit) and MSPD (px) of Hodan et al., *BOP Challenge 2020*."""
     points, pixels = pose.camera_from_model.apply(vertices), pose.project(vertices)
-    in_space = in_photo = np.inf
-    for motion in symmetry.transforms():
-        moved = motion.apply(vertices)
-        off = np.linalg.norm(points - truth.camera_from_model.apply(moved), axis=1).max()
-        in_space = min(in_space, float(off))
-        off = np.linalg.norm(pixels - truth.project(moved), axis=1).max()
-        in_photo = min(in_photo, float(off) if np.isfinite(off) else np.inf)
-    return in_space, in_photo
+    off = []
+    for moved in (motion.apply(vertices) for motion in symmetry.transforms()):
+        away = points - truth.camera_from_model.apply(moved), pixels - truth.project(moved)
+        off.append([np.linalg.norm(distances, axis=1).max() for distances in away])
+    in_space, in_photo = np.nan_to_num(off, nan=np.inf, posinf=np.inf).min(axis=0)
+    return float(in_space), float(in_photo)
 
 
 @lru_cache(maxsize=MODELS_KEPT)

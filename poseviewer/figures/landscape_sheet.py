@@ -137,10 +137,7 @@ def _add_key(figure: Figure, scale: Normalize, what: str) -> None:
 
 
 def figure_bytes(figure: Figure, kind: str = "png") -> bytes:
-    """Encode a figure as a file of that ``kind``; raises ``ValueError`` for an unknown one.
-
-    Without pyplot: no window, no state shared between threads.
-    """
+    """Encode a figure as a file of a ``kind``, in any thread; ``ValueError`` for an unknown one."""
     memory = BytesIO()
     FigureCanvasAgg(figure).print_figure(memory, format=kind, dpi=DOTS_PER_INCH)
     return memory.getvalue()

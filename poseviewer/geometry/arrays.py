@@ -13,10 +13,7 @@ FloatArray = NDArray[np.float64]
 def frozen_array(
     values: ArrayLike, shape: tuple[int, ...], dtype: DTypeLike = np.float64
 ) -> NDArray[Any]:
-    """Make a read-only, C-contiguous array of ``shape``, in which -1 stands for any length.
-
-    One that is already so is used as it is. Raises ``ValueError`` where the shape is another.
-    """
+    """Make an array read-only and C-contiguous; ``ValueError`` unless of ``shape`` (-1: any)."""
     array = np.asarray(values)
     fits = array.ndim == len(shape) and all(
         want in (-1, have) for want, have in zip(shape, array.shape, strict=True)

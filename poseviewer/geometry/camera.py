@@ -123,9 +123,7 @@ def scaled_size(width: int, height: int, factor: float) -> tuple[int, int]:
 
 
 def level_pose(pose: Pose, factor: int) -> Pose:
-    """The pose on a level of the picture's pyramid: sizes are divided and rounded up, coordinates
-    divided exactly.
-    """
+    """The pose on a level of the picture's pyramid: sizes are rounded up, coordinates exact."""
     if factor == 1:
         return pose
     camera = pose.camera

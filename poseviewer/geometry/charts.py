@@ -33,17 +33,11 @@ class Chart:
         return np.ones(len(parameters))
 
     def to_pose(self, parameters: FloatArray) -> Pose:
-        """The pose that the numbers (d,) stand for.
-
-        Raises ``OutsideChartError``: they stand for none.
-        """
+        """The pose of numbers (d,); raises ``OutsideChartError``: they stand for none."""
         raise NotImplementedError
 
     def from_pose(self, pose: Pose) -> FloatArray:
-        """The numbers (d,) of a pose.
-
-        Raises ``SingularChartError``: the pose has no well-defined numbers in this chart.
-        """
+        """The numbers (d,) of a pose; raises ``SingularChartError``: they are not well-defined."""
         raise NotImplementedError
 
 

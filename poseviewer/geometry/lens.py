@@ -74,10 +74,7 @@ class Undistortion:
 
 
 def undistort(pixels: NDArray, undistortion: Undistortion) -> tuple[NDArray, NDArray[np.bool_]]:
-    """Undistorted picture (height, width, channels), bicubic, and where it shows the photo.
-
-    Elsewhere, where the second result (height, width) is False, it is black.
-    """
+    """Undistorted picture (height, width, channels), and where (height, width) it is not black."""
     camera, taken = undistortion.camera, undistortion.taken
     picture = np.zeros((camera.height, camera.width, pixels.shape[2]), pixels.dtype)
     covered = np.zeros(picture.shape[:2], bool)

@@ -21,10 +21,7 @@ class Mask:
 
     @classmethod
     def of(cls, weights: ArrayLike) -> Mask:
-        """The mask of weights (height, width): 1, or true, counts; 0 does not.
-
-        Raises ``ValueError``: they have another shape, or are not in [0, 1].
-        """
+        """The mask of weights (height, width), 1 counts; ``ValueError`` unless all in [0, 1]."""
         values = np.asarray(weights, np.float32)
         if values.ndim != 2 or not np.all((values >= 0.0) & (values <= 1.0)):
             raise ValueError(f"a mask of shape {values.shape}: wanted (height, width), from 0 to 1")

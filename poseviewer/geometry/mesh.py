@@ -96,10 +96,7 @@ class Mesh:
         return self.complete or self
 
     def without(self, names: Collection[str]) -> Mesh:
-        """The ``whole`` model but for the parts of these names.
-
-        Raises ``SettingsError``: there is no part of such a name, or no other one.
-        """
+        """The ``whole`` model without parts; ``SettingsError``: one is unknown, or none is left."""
         whole, wanted, parts = self.whole, set(names), self.whole.part_names
         if wanted == set(self.left_out):
             return self

@@ -99,10 +99,7 @@ def _links(a: NDArray, b: NDArray, count: int) -> coo_array:
 
 
 def _parity_from_root(a: NDArray, b: NDArray, differs: NDArray, piece: NDArray) -> NDArray:
-    """(F,) whether a face differs from the first of its piece, along a breadth-first tree.
-
-    A root above all pieces makes one tree; ways to it are followed by doubling.
-    """
+    """(F,) whether a face differs from its piece's first, by a tree followed by doubling."""
     count, first = len(piece), np.unique(piece, return_index=True)[1]
     to_root = np.concatenate([a, first]), np.concatenate([b, np.full(len(first), count)])
     tree = _links(*to_root, count + 1).tocsr()

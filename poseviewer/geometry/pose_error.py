@@ -27,10 +27,7 @@ class PoseError:
 def pose_error(
     mesh: Mesh, estimate: Pose, truth: Pose, symmetry: Symmetry = NO_SYMMETRY
 ) -> PoseError:
-    """Errors over all vertices, of the equal pose whose rotation is nearest to the true one.
-
-    Vertices behind a camera count as infinitely far.
-    """
+    """Errors over all vertices, infinite behind a camera, of the equal pose nearest in rotation."""
     estimate = symmetry.nearest_pose(estimate, truth)
     vertices = np.unique(mesh.vertices, axis=0)
     there = truth.project(vertices)

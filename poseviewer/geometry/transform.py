@@ -78,10 +78,7 @@ class Similarity:
 
 
 def rotation_about(x: float, y: float, z: float) -> FloatArray:
-    """(3, 3): the rotation whose axis times angle in radians is ``(x, y, z)``.
-
-    Rodrigues' formula in plain numbers, ten times quicker than SciPy's for one rotation.
-    """
+    """(3, 3): rotation by axis times angle, rad (Rodrigues, ten times quicker than SciPy's)."""
     angle = math.sqrt(x * x + y * y + z * z)
     half = 0.5 * angle
     # sin(t) / t and (1 - cos(t)) / t^2; below 1e-4, where these divide by little, their series.

@@ -51,9 +51,7 @@ class View:
 
 @lru_cache(maxsize=POSES_KEPT)
 def pose_in_view(camera: Camera, camera_from_world: RigidTransform, place: Similarity) -> Pose:
-    """The pose, in the model's unit, by which a camera shows a model at a ``place`` in the world;
-    the same object each time.
-    """
+    """The pose, in the model's unit, of a model at a ``place`` in the world, cached."""
     camera_from_model, size = camera_from_world @ place.rigid, place.scale
     if size == 1.0:
         return Pose(camera, camera_from_model)

@@ -50,10 +50,7 @@ class ViewChart(Chart):
         return (*self.reference.names, *focals, *((SIZE,) if self.free_size else ()))
 
     def nearness(self, parameters: FloatArray) -> float:
-        """Distance of all cameras in the model's unit over that at the start.
-
-        Raises ``OutsideChartError``: a size out of all proportion.
-        """
+        """Distance of all cameras over that at the start; raises ``OutsideChartError``."""
         log_size = float(parameters[-1]) if self.free_size else 0.0
         return _exp(-log_size)
 
@@ -62,9 +59,7 @@ class ViewChart(Chart):
         return self.scale * self.nearness(parameters)
 
     def numbers_at(self, pose: Pose, scale: float) -> FloatArray:
-        """The numbers of a pose in this view, where the set has this scale; raises as
-        ``from_pose``.
-        """
+        """The numbers of a pose in this view at a scale of the set; raises as ``from_pose``."""
         factor, place = scale / self.scale, pose.camera_from_model
         middle = place.apply(self.reference.centre) / factor
         start = RigidTransform(place.rotation, middle - place.rotation @ self.reference.centre)

@@ -93,10 +93,7 @@ class StartQuery:
 
     @property
     def box(self) -> Rectangle:
-        """The rectangle.
-
-        Raises ``QuickStartError``: there is none; or it is too small, or not in the photo.
-        """
+        """The rectangle; raises ``QuickStartError``: there is none, or hardly any in the photo."""
         if self.rectangle is None:
             raise QuickStartError(
                 "A start is looked for in a rectangle about the object, and there is none; draw it "
@@ -270,9 +267,7 @@ class _ViewSearch:
 
 
 def _with_wheels(search: _ViewSearch, views: list[Proposal]) -> list[Proposal]:
-    """Proposals by a vehicle's two wheels, and those ``views`` that put them there; without wheels
-    all ``views``. Others can have less loss where the paint is not the model's.
-    """
+    """Proposals by a vehicle's two wheels, and ``views`` that put them there; else the views."""
     query, keypoints = search.query, search.query.inputs.keypoints
     if keypoints is None:
         return views
@@ -301,9 +296,7 @@ def best_start(
     renderer: Renderer,
     watch: Callable[[], object] = lambda: None,
 ) -> Start:
-    """The least-loss end of a short fit from each proposal, or of the proposal where none can be
-    made from it; each evaluation calls ``watch``.
-    """
+    """The least-loss end of a short fit from each proposal; each evaluation calls ``watch``."""
     settings = replace(query.settings, method="default", lock=(), limits=TRIAL)
     poses, photo = [], query.photo
     for pose in (proposal.pose for proposal in proposals):

@@ -1,6 +1,4 @@
-"""From files to a scene, and back to the record that is saved: photos, models, and a start that a
-file gives, or that is found on the photo.
-"""
+"""Scenes from files, with a start that a file gives or that is found; and records to be saved."""
 
 from __future__ import annotations
 
@@ -282,9 +280,7 @@ def known_scale(views: LoadedViews, mesh: Mesh) -> float | None:
 
 
 def scale_of_sight(views: Sequence[View], index: int, mesh: Mesh, pose: Pose, name: str) -> float:
-    """The scale by which what view ``index`` sees of the model, at a pose there, is where the
-    others look.
-    """
+    """The scale by which the model, at a pose in view ``index``, is where the others look."""
     centre = pose.camera_from_model.apply(mesh.centre)
     found = None
     if centre[2] > 0.0:
@@ -298,9 +294,7 @@ def scale_of_sight(views: Sequence[View], index: int, mesh: Mesh, pose: Pose, na
 
 
 def record_of(scene: Scene, with_masks: bool = True, canonical: bool = True) -> SceneRecord:
-    """Return the content of a scene file. ``canonical``: of a symmetric model, the pose that stands
-    for its equal ones.
-    """
+    """Return the content of a scene file; ``canonical``: one of a symmetric model's equal poses."""
     views = scene.views if with_masks else [replace(view, mask=None) for view in scene.views]
     return SceneRecord(
         views=tuple(map(view_record, views)),

@@ -38,10 +38,7 @@ SIDES = {
 
 
 def look_from(side: str, mesh: Mesh, keypoints: VehicleKeypoints | None, camera: Camera) -> Pose:
-    """The model in the middle of the photo, filling ``FILLED`` of it, seen from one of ``SIDES``.
-
-    Raises ``SettingsError`` for another side.
-    """
+    """The model in the photo's middle, filling ``FILLED``, from one of ``SIDES``."""
     if side not in SIDES:
         raise SettingsError(f"no side {side!r} to look from; wanted one of {', '.join(SIDES)}")
     right, behind, up = standing_axes(mesh, keypoints)
@@ -81,9 +78,7 @@ def framed(pose: Pose, mesh: Mesh, rectangle: tuple[float, float, float, float])
 def with_point_at(
     pose: Pose, point: ArrayLike, pixel: ArrayLike, depth: float | None = None
 ) -> Pose:
-    """The pose moved, without a turn, until a point (3,) of the model is seen at a pixel (2,), at
-    a depth; by default at the same one.
-    """
+    """The pose moved until a point (3,) is seen at a pixel (2,), at a depth or the same one."""
     camera, rotation = pose.camera, pose.camera_from_model.rotation
     pixel = np.asarray(pixel, dtype=float)
     far = float(pose.camera_from_model.apply(point)[2]) if depth is None else depth

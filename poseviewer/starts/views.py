@@ -50,18 +50,14 @@ def ground_views(keypoints: VehicleKeypoints) -> FloatArray:
 
 
 def ground_view(keypoints: VehicleKeypoints, turn: float, rise: float) -> FloatArray:
-    """(3, 3): camera from model of a vehicle seen by an upright camera, ``turn`` radians about it
-    from its right side towards its back, and ``rise`` above the ground.
-    """
+    """(3, 3): camera from model, upright, ``turn`` rad from its right to its back, ``rise`` up."""
     right, behind, up = model_axes(keypoints)
     level = math.cos(turn) * right + math.sin(turn) * behind
     return looking(-(math.cos(rise) * level + math.sin(rise) * up), up)
 
 
 def looking(forward: FloatArray, up: FloatArray) -> FloatArray:
-    """(3, 3): a camera's axes from the frame of two unit vectors (3,): it looks along the first,
-    and the second points upwards in the photo.
-    """
+    """(3, 3): the axes of a camera that looks along one unit vector (3,), another one upwards."""
     down = -(up - (up @ forward) * forward)
     down = down / np.linalg.norm(down)
     return np.stack([np.cross(down, forward), down, forward])

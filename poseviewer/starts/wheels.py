@@ -94,9 +94,7 @@ def _resized(grey: NDArray[np.float32], factor: float) -> NDArray[np.float32]:
 def _outline(
     longer: float, shorter: float, tilt: float, count: int
 ) -> tuple[FloatArray, NDArray[np.complex128], FloatArray]:
-    """Points (n, 2) of an ellipse about the origin, px; (n,) of unit length, angle twice the
-    normal's; and the points' shares (n,) of its length.
-    """
+    """Points (n, 2) about the origin, px; doubled normals (n,), complex; shares of its length."""
     t = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     turn = np.exp(1j * tilt)
     points = (shorter * np.cos(t) + 1j * longer * np.sin(t)) * turn

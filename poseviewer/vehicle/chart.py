@@ -65,10 +65,7 @@ class VehicleChart(Chart):
     def near(
         cls, keypoints: VehicleKeypoints, pose: Pose, free_focal: bool = False
     ) -> VehicleChart:
-        """The chart for poses near ``pose``: of the side that the camera sees there.
-
-        Raises ``SingularChartError``: the vehicle is seen (nearly) head-on or from straight behind.
-        """
+        """The chart of the side that the camera sees; raises ``SingularChartError``: head-on."""
         side = visible_side(keypoints, pose)
         depth = 4.0 * side.wheelbase
         if isinstance(pose.camera, Parallel):

@@ -117,8 +117,7 @@ def ellipse_through(points: ArrayLike) -> Ellipse:
 
 RIM_POINTS = 24
 LARGEST_ERROR = 0.15
-"""Beyond this share of the smaller wheel's radius (of a disk of its area) the ellipses are no two
-wheels of this car."""
+"""Largest error of two wheels of this car, by the smaller one's radius (of a disk of its area)."""
 SMALLEST_RADIUS, LARGEST_RADIUS = 0.04, 0.4
 """Bounds of a wheel's radius, in wheelbases: from a hub cap to a tractor's tyre."""
 AS_GOOD, AS_GOOD_PX = 1.5, 0.5
@@ -225,9 +224,7 @@ def _fitted(
 
 
 def _upright(pose: Pose, up: FloatArray) -> FloatArray:
-    """``up`` (3,) in the camera, whose y axis points down; raises ``OutsideChartError``: so does
-    ``up``.
-    """
+    """``up`` (3,) in the camera; raises ``OutsideChartError``: it points down."""
     up = pose.camera_from_model.rotation @ up
     if not up[1] < 0.0:
         raise OutsideChartError("the vehicle stands on its head")
