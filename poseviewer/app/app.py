@@ -70,6 +70,7 @@ class App:
         self._drawer, self._searcher, self._mapper = drawing(notify), searching(), mapping()
         others = refining, reading, outlining, preparing, proposing
         own = self._autosaver.job, self._drawer, self._searcher, self._mapper
+        own += () if review is None else (review.job,)
         self._workers = (*own, *(job(notify) for job in others))
         self._running, self._failed = True, False
         self._page.tell("Note", *document.scene.notes)
@@ -162,14 +163,9 @@ class App:
 
     def _work(self) -> None:
         """Take what the workers have found out, and let them begin what is asked for by now."""
-        ended = self._tasks.take()
-        if ended is not None:
-            self._page.working("")
-            self._edit(c.change(strokes=self.session.strokes + 1))  # those in vain are taken, too
-            with self._told():
-                self._finish(ended.item or Result())
-                if ended.error is not None:
-                    raise ended.error
+        with self._told():
+            for result in self._tasks.take():
+                self._finish(result)
         ready = has_renderer(self.session.document.mesh)
         if ready is not (self.session.preparation is None):
             self._edit(c.preparation_advanced(None if ready else Preparation()))
@@ -183,10 +179,10 @@ class App:
 
     def _finish(self, result: Result) -> None:
         """Take what a task has brought."""
+        self._page.working("")
+        self._edit(c.change(strokes=self.session.strokes + 1))  # those in vain are taken, too
         for edit in result.edits:
             with self._told():
                 self._edit(edit)
         self._page.tell("Note", *result.notes)
         self._page.send(result)
-        if result.is_restored and self.session.saved is None:  # unless it was refused
-            self._autosaver.is_adopted = True

@@ -16,7 +16,7 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import picture_of, saved_scene
 from poseviewer.app.workers.opening import open_files, with_notes
 from poseviewer.app.workers.tasks import Result, Task
-from poseviewer.app.workers.worker import Worker
+from poseviewer.app.workers.worker import Job
 from poseviewer.batch import review as r
 from poseviewer.batch.results import ACCEPTED, JobResult, Row
 from poseviewer.batch.run import save_summaries
@@ -32,7 +32,9 @@ class Reviewer:
 
     def __init__(self, folder: Path) -> None:
         self.queue = r.load_queue(folder)
-        self._reporter: Worker[None] = Worker("review report")
+        self._reported = self.queue
+        self.job: Job[r.ReviewQueue, Edit] = Job("review report", self._to_report, _report)
+        """Writes table and report after each word on a row."""
 
     def row_at(self, document: Document) -> int | None:
         """The index of the row whose photo and object are at hand; None: they are no row's."""
@@ -55,7 +57,7 @@ class Reviewer:
 
     def close(self) -> None:
         """Write table and report at a clean end."""
-        self._reporter.close()
+        self.job.close()
         save_summaries(self.queue.batch)
 
     def open_row(self, index: int) -> Task:
@@ -123,14 +125,11 @@ class Reviewer:
 
     def _keep(self, index: int, result: JobResult) -> Result:
         """Show the review of a row, now that its file holds it; the report follows."""
-        self.queue = queue = self.queue.renewed(index, result)
-
-        def report() -> Iterator[None]:
-            save_summaries(queue.batch)
-            yield
-
-        self._reporter.start(report)
+        self.queue = self.queue.renewed(index, result)
         return Result()
+
+    def _to_report(self, _: Session) -> r.ReviewQueue | None:
+        return None if self.queue is self._reported else self.queue
 
     def _opening(self, index: int, by: int, *done: Edit) -> Result:
         """Open a row after what is ``done``; raises as ``_open_from``."""
@@ -179,6 +178,11 @@ class Reviewer:
 
 def _task(run: Callable[[Session], Result], draws: bool = False) -> Task:
     return Task(lambda now, _: run(now), draws=draws)
+
+
+def _report(queue: r.ReviewQueue) -> Iterator[Edit]:
+    save_summaries(queue.batch)
+    yield from ()
 
 
 def _require_saved(session: Session) -> None:

@@ -55,12 +55,14 @@ class Autosaver:
         self._own: set[Path] = set()
         self._offered, self.offer = left_behind(state / "sessions") or (None, None)
         """Session that an earlier run left unsaved, until it is taken or refused."""
-        self.is_adopted = False
-        """Whether the offer has been opened: it is this session's own now."""
+        self._is_adopted = False  # whether the offer has been opened: it is this session's own now
         self._file = SessionFile(state / "sessions")
         self._kept: Kept = "nothing"
         self.job = Job(
-            "autosave", _to_keep, self._keeping, period_s=lambda now: PERIOD_S if now.moving else 0
+            "autosave",
+            self._to_keep,
+            self._keeping,
+            period_s=lambda now: PERIOD_S if now.moving else 0,
         )
         """Writes the session as soon as it has changed; says why it cannot, once."""
 
@@ -75,7 +77,7 @@ class Autosaver:
         """At a clean end: what is saved elsewhere needs no autosave; what is not, stays."""
         self.job.close()
         with suppress(PoseViewerError):
-            self._keep(_to_keep(session))
+            self._keep(self._to_keep(session))
         self._file.close()
 
     def _keeping(self, wanted: Kept) -> Iterator[Edit]:
@@ -92,7 +94,7 @@ class Autosaver:
             return
         if isinstance(wanted, Document):
             self._file.save(kept_of(wanted))
-            if self.is_adopted:
+            if self._is_adopted:
                 self._discard_offered()
         else:
             self._file.close()
@@ -141,14 +143,14 @@ class Autosaver:
             folder = Path.cwd()
         return folder / f"{path.stem}.{ending}"
 
+    def _to_keep(self, session: Session) -> Kept:
+        self._is_adopted |= session.saved is None
+        return session.document if session.unsaved else "nothing"
+
     def _discard_offered(self) -> None:
         if self._offered is not None:
             discard(self._offered)
             self._offered = None
-
-
-def _to_keep(session: Session) -> Kept:
-    return session.document if session.unsaved else "nothing"
 
 
 def kept_of(document: Document) -> AutosavedSession:

@@ -84,7 +84,7 @@ def prepare(mesh: Mesh) -> Iterator[Preparation]:
         raise SettingsError(f"{COMPILING_FAILED} ({sentence_of(error)}).") from error
 
 
-def preparing(notify: Callable[[], None]) -> Job[Mesh]:
+def preparing(notify: Callable[[], None]) -> Job[Mesh, Edit]:
     """Make ready the model at hand."""
 
     def asked(session: Session) -> Mesh | None:
@@ -100,7 +100,7 @@ def preparing(notify: Callable[[], None]) -> Job[Mesh]:
     )
 
 
-def searching() -> Job[SearchRequest]:
+def searching() -> Job[SearchRequest, Edit]:
     """Search, as soon as all is ready; the loop looks for its updates."""
     return Job(
         "search",
@@ -112,7 +112,7 @@ def searching() -> Job[SearchRequest]:
     )
 
 
-def proposing(notify: Callable[[], None]) -> Job[Document]:
+def proposing(notify: Callable[[], None]) -> Job[Document, Edit]:
     """Propose start poses, as soon as all is ready."""
 
     def asked(session: Session) -> Document | None:

@@ -67,7 +67,7 @@ class MapJob:
         return is_same and self.request.compares_same(other.request)
 
 
-def mapping() -> Job[MapJob]:
+def mapping() -> Job[MapJob, Edit]:
     """Make the maps of the loss that the session asks for; the loop looks for what is known."""
     maker = for_one_thread(MapMaker)
 

@@ -65,7 +65,7 @@ class OutlineRequest:
         )
 
 
-def outlining(notify: Callable[[], None]) -> Job[OutlineRequest]:
+def outlining(notify: Callable[[], None]) -> Job[OutlineRequest, Edit]:
     """Draw outlines beside that of the active object, one drawing at a time."""
     renderer = lru_cache(maxsize=MOST_OBJECTS)(lambda mesh: renderer_of(mesh).clone())
 

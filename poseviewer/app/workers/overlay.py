@@ -164,7 +164,7 @@ def sketch_of(mesh: Mesh) -> Sketch:
     return Sketch(mesh)
 
 
-def drawing(notify: Callable[[], None]) -> Job[OverlayRequest]:
+def drawing(notify: Callable[[], None]) -> Job[OverlayRequest, Edit]:
     """Draw the model at once, one picture after another: none is displaced before it is shown."""
     drawer = for_one_thread(OverlayDrawer)
 
@@ -186,7 +186,7 @@ def drawing(notify: Callable[[], None]) -> Job[OverlayRequest]:
     )
 
 
-def refining(notify: Callable[[], None]) -> Job[OverlayRequest]:
+def refining(notify: Callable[[], None]) -> Job[OverlayRequest, Edit]:
     """Draw the lines finely once the model has come to rest."""
     renderer = for_one_thread(lambda own: own)
 
@@ -205,7 +205,7 @@ def refining(notify: Callable[[], None]) -> Job[OverlayRequest]:
     return job
 
 
-def reading(notify: Callable[[], None]) -> Job[OverlayRequest]:
+def reading(notify: Callable[[], None]) -> Job[OverlayRequest, Edit]:
     """Read the losses of the pose at hand; a search finds those of its poses itself."""
     reader = for_one_thread(LossReader)
 

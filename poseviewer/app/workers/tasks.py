@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from poseviewer.app.state.objects import add_object
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import Export, export
 from poseviewer.app.workers.opening import open_autosaved, open_file_set
-from poseviewer.app.workers.worker import JobUpdate, Worker
+from poseviewer.app.workers.worker import Job
 from poseviewer.errors import FileSetError, QuickStartError
 from poseviewer.files.file_set import Kind, files_below, sort_set
 from poseviewer.files.state.autosave import AutosavedSession
@@ -40,8 +40,6 @@ class Result:
     """Contents by names, for one page."""
     client: int = -1
     """That page."""
-    is_restored: bool = False
-    """Whether what an earlier session left is open now."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,12 +74,15 @@ Request = Edit | Task | SavePose | ShowHelp | Restore
 """All that a page asks of the main loop."""
 
 
-class Tasks:
+class Tasks(Job[tuple[Task, Session], Result]):
     """A queue of tasks, and the thread that does them."""
 
     def __init__(self, notify: Callable[[], None], state: Path) -> None:
-        self._worker: Worker[Result] = Worker("tasks", notify)
-        self._state = state
+        def do(asked: tuple[Task, Session]) -> Iterator[Result]:
+            task, now = asked
+            yield task.run(now, state)
+
+        super().__init__("tasks", lambda _: None, do, notify, failed=lambda *_: Result())
         self._waiting: list[Task] = []
 
     def add(self, task: Task) -> None:
@@ -97,30 +98,21 @@ class Tasks:
             )
         self._waiting.append(task)
 
-    def take(self) -> JobUpdate[Result] | None:
-        """Give how a task has ended since the last time."""
-        update = self._worker.take()
-        return None if update is None or not update.finished else update
-
-    def follow(self, now: Session) -> None:
-        """Begin the next task, on what is open ``now``, unless one is running."""
-        held = now.preparation is not None and not now.preparation.trouble
+    def follow(self, session: Session) -> None:
+        """Begin the next task, on what is open, once the one before is done and taken."""
+        held = session.preparation is not None and not session.preparation.trouble
         task = next((task for task in self._waiting if not (task.draws and held)), None)
-        if task is not None and not self._worker.busy:
+        is_free = not self.busy and self._item is None and self._error is None
+        if task is not None and is_free:
             self._waiting.remove(task)
-            self._worker.start(lambda: iter([task.run(now, self._state)]))
+            self.begin((task, session))
 
     def drop(self) -> bool:
         """Forget all tasks, and what comes of the one that is running; False: there are none."""
-        dropped = bool(self._waiting) or self._worker.busy
+        dropped = bool(self._waiting) or self.busy
         self._waiting.clear()
-        self._worker.stop()
+        self.stop()
         return dropped
-
-    def close(self) -> None:
-        """End the thread."""
-        self._waiting.clear()
-        self._worker.close()
 
 
 def upload(kind: Kind | None, name: str, data: bytes, adds: bool = False) -> Task:
@@ -152,8 +144,7 @@ def restore(kept: AutosavedSession) -> Task:
 
     def run(*_: object) -> Result:
         document = open_autosaved(kept)
-        opened = open_document(document, unsaved=True)
-        return Result((opened,), document.scene.notes, is_restored=True)
+        return Result((open_document(document, unsaved=True),), document.scene.notes)
 
     return Task(run)
 

@@ -1,4 +1,4 @@
-"""The worker's promises, told by events: nothing here waits for the clock."""
+"""Promises of jobs, told by events: nothing here waits for the clock."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 from poseviewer.app.state.commands import set_tool
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.workers.worker import Job, JobUpdate, Worker
+from poseviewer.app.workers.worker import Job
 from tests.app.state.documents import after, make_session
 
 LONG = 30.0
@@ -77,41 +77,42 @@ def bell() -> Bell:
     return Bell()
 
 
+Tested = Job[Steps, object]
+
+
+def make_job(bell: Bell, low_priority: bool = False) -> Tested:
+    return Job("tested", lambda _: None, lambda steps: steps(), bell, low_priority=low_priority)
+
+
 @pytest.fixture(params=[False, True], ids=["", "low priority"])
-def worker(bell, request) -> Iterator[Worker[object]]:
-    made: Worker[object] = Worker("tested", bell, low_priority=request.param)
+def worker(bell, request) -> Iterator[Tested]:
+    made = make_job(bell, request.param)
     yield made
     made.close()
     assert not any(thread.name.startswith("tested") for thread in threading.enumerate())
 
 
-def taken(worker: Worker[object]) -> JobUpdate[object]:
-    latest = worker.take()
-    assert latest is not None
-    return latest
-
-
-def test_each_item_is_taken_once_and_the_last_is_told_as_such(worker, bell):
-    job = Steps("ab")
-    worker.start(job)
+def test_each_item_is_taken_once_and_the_end_is_told(worker, bell):
+    steps = Steps("ab")
+    worker.begin(steps)
     assert worker.busy
     for item in "ab":
-        assert worker.take() is None
-        job.go()
+        assert not list(worker.take())
+        steps.go()
         bell.heard()
         if item == "a":
-            assert taken(worker) == JobUpdate("a")
+            assert list(worker.take()) == ["a"]
     bell.heard()  # the end rings as well
-    assert taken(worker) == JobUpdate("b", finished=True)
-    assert worker.take() is None
+    assert list(worker.take()) == ["b"]
+    assert not list(worker.take())
     assert not worker.busy
-    assert job.thread.startswith("tested")
+    assert steps.thread.startswith("tested")
 
 
 @pytest.mark.parametrize("is_stopped", [False, True])
-def test_a_displaced_job_publishes_no_more(worker, bell, is_stopped):
+def test_a_displaced_request_publishes_no_more(worker, bell, is_stopped):
     old, new = Steps("abc"), Steps("x")
-    worker.start(old)
+    worker.begin(old)
     old.go()
     bell.heard()
     for _ in range(2):
@@ -119,51 +120,52 @@ def test_a_displaced_job_publishes_no_more(worker, bell, is_stopped):
     if is_stopped:
         worker.stop()
         assert not worker.busy
-    worker.start(new)
-    assert worker.take() is None  # what the old job had published is gone
+    worker.begin(new)
+    assert not list(worker.take())  # what the old one had published is gone
     old.go()
     assert new.began.wait(LONG)  # by then the old one's second item has been dropped
     assert bell.silent()
     new.go()
     bell.heard()
     bell.heard()
-    assert taken(worker) == JobUpdate("x", finished=True)
+    assert list(worker.take()) == ["x"]
     assert not old.asked.acquire(blocking=False)  # it was never asked for a third
 
 
 def test_a_held_job_pauses_between_two_items_and_goes_on(worker, bell):
-    job = Steps("abc")
+    steps = Steps("abc")
     worker.hold(True)
-    worker.start(job)
-    job.go(3)
+    worker.begin(steps)
+    steps.go(3)
     bell.heard()
-    assert taken(worker).item == "a"
+    assert list(worker.take()) == ["a"]
     # It stands still: it is not asked for more, though it could give it.
-    assert job.asked.acquire(timeout=LONG)
-    assert not job.asked.acquire(timeout=0.05)
+    assert steps.asked.acquire(timeout=LONG)
+    assert not steps.asked.acquire(timeout=0.05)
     assert worker.busy
     worker.hold(False)
     for _ in range(3):
         bell.heard()
-    assert taken(worker).item == "c"
+    assert list(worker.take()) == ["c"]
 
 
-def test_an_exception_is_told_and_the_next_job_runs(worker, bell):
+def test_an_exception_is_told_and_the_next_request_is_worked_on(worker, bell):
     error = ValueError("no such thing")
-    job, after = Steps("a", error), Steps("x")
-    worker.start(job)
-    job.go()
+    steps, after = Steps("a", error), Steps("x")
+    worker.begin(steps)
+    steps.go()
     bell.heard()
     bell.heard()
-    latest = taken(worker)
-    assert latest.error is error
-    assert latest == JobUpdate("a", error, finished=True)
+    items = worker.take()
+    assert next(items) == "a"
+    with pytest.raises(ValueError, match="no such thing"):
+        next(items)
     assert not worker.busy
-    worker.start(after)
+    worker.begin(after)
     after.go()
     bell.heard()
     bell.heard()
-    assert taken(worker).item == "x"
+    assert list(worker.take()) == ["x"]
     assert after.thread.startswith("tested")
 
 
@@ -207,15 +209,14 @@ def test_a_job_is_begun_once_and_stopped_where_it_is_not_asked_for(bell):
 
 @pytest.mark.parametrize("held", [False, True])
 def test_close_ends_the_thread_at_the_item_it_is_at(held, bell):
-    worker: Worker[object] = Worker("closing", bell)
+    worker, steps = make_job(bell), Steps("abc")
     worker.hold(held)
-    job = Steps("abc")
-    worker.start(job)
-    job.go()
+    worker.begin(steps)
+    steps.go()
     bell.heard()
-    job.go(2)
+    steps.go(2)
     worker.close()
-    assert not any(thread.name.startswith("closing") for thread in threading.enumerate())
+    assert not any(thread.name.startswith("tested") for thread in threading.enumerate())
 
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timers that send signals")
