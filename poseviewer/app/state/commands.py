@@ -19,7 +19,7 @@ from poseviewer.app.state.camera_change import (
     camera_from_numbers,
     with_camera,
 )
-from poseviewer.app.state.document import UNLOCK, Document, History, label_of, stands
+from poseviewer.app.state.document import UNLOCK, Document, History, label_of, scale_at, stands
 from poseviewer.app.state.dragging import (
     draw_rectangle,
     moved,
@@ -240,7 +240,8 @@ def set_number(session: Session, name: str, value: float) -> Session:
     if float(parameters[index]) == value:
         return session
     parameters[index] = value
-    return session.with_document(session.document.at_numbers(chart, parameters), name)
+    pose, scale = chart.to_pose(parameters), scale_at(chart, parameters)
+    return session.with_document(session.document.at_pose(pose, scale=scale), name)
 
 
 @edit
@@ -542,8 +543,8 @@ def search_advanced(session: Session, asked: SearchRequest, latest: SearchUpdate
 def found_at(document: Document, update: SearchUpdate) -> Document:
     """Document where a search is, or has ended."""
     for index, progress in update.placings.items():
-        result = update.results.get(index)
-        document = document.at_progress(index, progress, result)
+        document = document.at_numbers(progress.problem, progress.parameters, index)
+        document = document.with_object(index, result=update.results.get(index))
     is_seen = is_in_sight(document)
     return document if is_seen else document.with_view(update.problem.views[0].index)
 
@@ -577,9 +578,8 @@ def pick_in_landscape(session: Session, first: int, second: int, u: float, v: fl
         for piece in maps.slices:
             if (piece.first, piece.second) == (first, second):
                 parameters = picked_parameters(piece, maps.parameters, u, v)
-                view = maps.case.problem.views[0]
-                found = session.document.at_numbers(view.chart, parameters, view.index)
-                return session.with_document(found)
+                picked = session.document.at_numbers(maps.case.problem, parameters)
+                return session.with_document(picked)
     return session
 
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from poseviewer.app.state.camera_change import with_camera
-from poseviewer.errors import SettingsError, SingularChartError
-from poseviewer.fit.problem import FitProblem, choose_chart, is_seen, numbers_of
-from poseviewer.fit.progress import FitProgress
-from poseviewer.fit.scene import InView, LoadedModel, Scene, SceneObject, SearchResult
+from poseviewer.errors import SingularChartError
+from poseviewer.fit.problem import FitProblem, is_seen, moved, numbers_of
+from poseviewer.fit.scene import InView, LoadedModel, Scene, SceneObject
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Perspective, Pose
@@ -234,7 +234,23 @@ class Document:
         keep their place and size in the photo.
         """
         index, view = self.active if index is None else index, self.at if view is None else view
-        scene = self.scene.with_pose(index, pose, view, scale)
+        return self._placed(self.scene.with_pose(index, pose, view, scale), index, view)
+
+    def at_numbers(
+        self, problem: FitProblem, numbers: FloatArray, index: int | None = None
+    ) -> Document:
+        """The document with an object (by default the active one) at the numbers (d,) of a problem
+        of it; else as ``at_pose``.
+
+        Raises:
+            OutsideChartError: they stand for no pose.
+        """
+        index = self.active if index is None else index
+        scene = moved(self.scene, index, problem, numbers)
+        return self._placed(scene, index, problem.views[0].index)
+
+    def _placed(self, scene: Scene, index: int, view: int) -> Document:
+        """With an object where ``scene`` has it; others stay as a view shows them."""
         scene = scene.with_object(index, is_placed=True)
         if scene.views != self.scene.views:
             for other, one in enumerate(self.scene.objects):
@@ -243,27 +259,6 @@ class Document:
                     seen = with_camera(self.scene.pose(other, view), camera, centre)
                     scene = scene.with_pose(other, seen, view)
         return replace(self, scene=scene)
-
-    def at_progress(
-        self, index: int, progress: FitProgress, result: SearchResult | None
-    ) -> Document:
-        """The document with an object where a search for it is, or has ended in a ``result``."""
-        problem, document = progress.problem, self
-        scale = scale_at(problem.chart, progress.parameters)
-        for view in problem.views[1:]:  # of another camera, perhaps
-            pose = view.chart.to_pose(progress.parameters)
-            document = document.at_pose(pose, index, view.index, scale)
-        document = document.at_pose(progress.pose, index, problem.views[0].index, scale)
-        return document if result is None else document.with_object(index, result=result)
-
-    def at_numbers(self, chart: Chart, numbers: FloatArray, view: int | None = None) -> Document:
-        """The document with the active object at the numbers (d,) of a chart of poses in a view, by
-        default the large one.
-
-        Raises:
-            OutsideChartError: they stand for no pose.
-        """
-        return self.at_pose(chart.to_pose(numbers), view=view, scale=scale_at(chart, numbers))
 
     def numbers_in(self, problem: FitProblem) -> FloatArray:
         """(d,): the active object's pose in the chart of a problem; raises as the chart."""
@@ -280,14 +275,11 @@ class Document:
     @property
     def reset(self) -> Document:
         """The document with the active object at its start."""
-        place, cameras, document = self.state.start, self.state.cameras, self
-        for index, (view, camera) in enumerate(zip(self.scene.views, cameras, strict=True)):
-            if view.camera != camera and index != self.at:  # by its focal length
-                pose = replace(view, camera=camera).pose(place)
-                document = document.at_pose(pose, view=index, scale=place.scale)
-        document = document.at_pose(self.start, scale=place.scale)
-        is_back = document.view.camera == cameras[self.at]
-        return document.with_object(world_from_model=place) if is_back else document
+        pairs = zip(self.scene.views, self.state.cameras, strict=True)
+        views = tuple(replace(view, camera=camera) for view, camera in pairs)
+        at_start = {"world_from_model": self.state.start, "result": None}
+        scene = replace(self.scene, views=views).with_object(self.active, **at_start)
+        return self._placed(scene, self.active, self.at)
 
     @property
     def chart(self) -> Chart:
@@ -295,24 +287,19 @@ class Document:
         be, else the free-body chart about the start pose, seen by the camera at hand; of several
         views with the size where that is free.
         """
-        mesh, settings, free_focal = self.mesh, self.settings, self.settings.free_focal
-        if len(self.scene.views) > 1:
-            start, scale = self.start, self.state.start.scale
-            if not start.camera_from_model.apply(mesh.centre)[2] > 0.0:
-                start, scale = self.pose, self.object.world_from_model.scale
-            reference, turn = FreeBodyChart.near(mesh, start), RigidTransform.identity()
-            camera = start.camera if free_focal else self.view.camera
-            assert isinstance(camera, Perspective)  # those of several views are
-            free_scale, focals = self.scene.free_scale, int(free_focal)
-            return ViewChart(reference, camera, turn, free_scale, 1.0 / scale, focals)
-        try:
-            keypoints = self.model.keypoints
-            chart, _ = choose_chart(settings.chart, mesh, keypoints, self.pose, free_focal)
-            if isinstance(chart, VehicleChart):
-                return chart
-        except (SingularChartError, SettingsError):
-            free_focal = free_focal and isinstance(self.pose.camera, Perspective)
-        return FreeBodyChart.near(mesh, self._start_seen_now(free_focal), free_focal)
+        free_focal = self.settings.free_focal and isinstance(self.pose.camera, Perspective)
+        keypoints, has_one_view = self.model.keypoints, len(self.scene.views) == 1
+        if has_one_view and keypoints is not None and self.settings.chart != "free-body":
+            with suppress(SingularChartError):
+                return VehicleChart.near(keypoints, self.pose, free_focal)
+        start = self._start_seen_now(free_focal)
+        if has_one_view:
+            return FreeBodyChart.near(self.mesh, start, free_focal)
+        place = self.object.world_from_model if start is self.pose else self.state.start
+        reference, turn = FreeBodyChart.near(self.mesh, start), RigidTransform.identity()
+        assert isinstance(start.camera, Perspective)  # those of several views are
+        free_scale, scale = self.scene.free_scale, 1.0 / place.scale
+        return ViewChart(reference, start.camera, turn, free_scale, scale, int(free_focal))
 
     def _start_seen_now(self, free_focal: bool) -> Pose:
         """The start pose by the camera at hand: by its own, a number of the chart would bring its
