@@ -110,14 +110,14 @@ def load_model(path: str | Path) -> LoadedModel:
 
 
 def open_photo(
-    photo: str | Path,
+    photo: str | Path | Photo,
     model: str | Path | LoadedModel,
     start: str | Path | Pose | FindStart,
     settings: FitSettings | None = None,
     calibration: Calibration | None = None,
     mask: str | Path | Mask | None = None,
 ) -> Scene:
-    """The scene of a model (a file, or one that is loaded) in a photo, checked against one another;
+    """The scene of a model in a photo (files, or loaded ones), checked against one another;
     the photo undistorted, where a calibration or the pose file says by which lens it was taken.
 
     ``start``: a pose file, a pose, or what finds one on the photo. Without a ``mask`` that of the
@@ -128,7 +128,8 @@ def open_photo(
             another size.
     """
     settings = settings or FitSettings()
-    opened = load_calibrated_photo(photo, calibration)
+    is_loaded = isinstance(photo, Photo)
+    opened = photo if is_loaded else load_calibrated_photo(photo, calibration)
     loaded = model_without(model, settings.without or ())
     notes: tuple[str, ...] = ()
     if isinstance(start, str | Path):
@@ -153,7 +154,7 @@ def open_photo(
             f"{opened.width}x{opened.height}; use pose.scaled, if it is the same photo made "
             "smaller or larger."
         )
-    view = View(opened.name, opened, camera, mask=mask, path=Path(photo))
+    view = View(opened.name, opened, camera, mask=mask, path=None if is_loaded else Path(photo))
     scene = scene_at(view, loaded, start, settings)
     notes = (*notes_of(opened), *notes_of(loaded), *notes)
     return replace(scene, name=opened.name, notes=notes)

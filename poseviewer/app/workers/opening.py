@@ -15,10 +15,9 @@ from poseviewer.app.state.objects import with_added
 from poseviewer.errors import PoseFileError, QuickStartError
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.file_set import FileSet
-from poseviewer.files.masks import mask_beside
-from poseviewer.files.photo import load_calibrated_photo, load_photo, matched, same_undistortion
+from poseviewer.files.photo import load_calibrated_photo, load_photo, same_undistortion
 from poseviewer.files.photo_sets import LoadedViews, SetChoice, load_views
-from poseviewer.files.pose import check_against, load_pose
+from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_file import ObjectRecord, ViewRecord, load_scene
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.fit.scene import InView, LoadedModel
@@ -51,10 +50,10 @@ def open_files(
     ``without``: parts of the model that are left out; ``objects``: models that the photo shows as
     well.
     """
-    settings = FitSettings(without=tuple(without))
-    scene = loading.open_photo(photo, model, pose or _seen_from_corner, settings, calibration, mask)
-    scene = scene.with_object(0, settings=FitSettings(), is_placed=pose is not None)
-    return with_models(Document.of(scene), objects)
+    loaded, start = loading.model_without(model, without), pose or _seen_from_corner
+    scene = loading.open_photo(photo, loaded, start, None, calibration, mask)
+    document = Document.of(scene.with_object(0, is_placed=pose is not None))
+    return with_models(document, objects)
 
 
 def open_set(
@@ -193,51 +192,42 @@ def open_model(now: Document, path: Path) -> Document:
 
 
 def open_pose(now: Document, path: Path) -> Document:
-    """A pose file for the active object: its new start, with its mask and parts left out."""
+    """A pose file for the active object: its new start, with its masks and without the parts that
+    it leaves out; of several photos, the one that it is of becomes the large one.
+    """
+    photo, scale = now.photo, None
     if len(now.scene.views) > 1:
-        return _pose_in_set(now, path)
-    photo, model = now.photo, now.model
-    read = load_pose(path, photo.width, photo.height)
-    checks = check_against(read.photo, photo.sha256) + check_against(read.model, model.sha256)
-    other = read.undistortion and not same_undistortion(read.undistortion, photo.undistortion)
-    if other and now.view.path is not None:
-        photo = replace(load_photo(now.view.path), name=photo.name)
-    photo, record, notes = matched(photo, read)
-    mask, of_mask = mask_beside(path, record, photo.width, photo.height)
-    document = now
-    if photo is not now.photo:
-        views = (replace(now.view, photo=photo),)
-        document = replace(now, scene=replace(now.scene, views=views)).with_mask(None)
-    if mask is not None:
-        document = document.with_mask(mask)
-    known = [name for name in record.without if name in model.mesh.whole.part_names]
-    document = document.with_mesh(model.mesh.without(known)) if known else document
-    document = document.at_pose(record.pose).started
-    return with_notes(document, (*record.warnings, *checks, *notes, *of_mask))
-
-
-def _pose_in_set(now: Document, path: Path) -> Document:
-    """A pose file for several photos: of one of them, which becomes the large one."""
-    views = LoadedViews(now.scene.name, now.scene.views, now.scene.unit)
-    known = None if now.scene.free_scale else 1.0 / now.object.world_from_model.scale
-    opened, document = loading.open_views(views, now.model, path, scale=known), now
-    numbers = [[own.name for own in views.views].index(view.name) for view in opened.views]
-    for number, view in zip(numbers, opened.views, strict=True):
-        if view.mask is not None and view.mask is not views.views[number].mask:
-            document = document.with_view(number).with_mask(view.mask)
-    scale = opened.objects[0].world_from_model.scale
-    document = document.with_view(numbers[0]).at_pose(opened.pose(0), scale=scale)
-    known_notes = {note for view in views.views for note in notes_of(view.photo)}
-    known_notes |= set(notes_of(now.model))
-    return with_notes(document.started, [n for n in opened.notes if n not in known_notes])
+        views = LoadedViews(now.scene.name, now.scene.views, now.scene.unit)
+        known = None if now.scene.free_scale else 1.0 / now.object.world_from_model.scale
+        opened = loading.open_views(views, now.model, path, scale=known)
+        scale = opened.objects[0].world_from_model.scale
+    else:
+        lens = load_pose(path).undistortion
+        if lens and not same_undistortion(lens, photo.undistortion) and now.view.path is not None:
+            photo = replace(load_photo(now.view.path), name=photo.name)
+        opened = loading.open_photo(photo, now.model, path)
+    document, names = now, [view.name for view in now.scene.views]
+    for view in opened.views:
+        document = document.with_view(names.index(view.name))
+        if view.photo is not document.photo:
+            shown = replace(document.view, photo=view.photo)
+            document = replace(document, scene=replace(now.scene, views=(shown,))).with_mask(None)
+        if view.mask is not None:
+            document = document.with_mask(view.mask)
+    mesh = opened.objects[0].mesh
+    document = document if mesh is now.mesh else document.with_mesh(mesh)
+    document = document.with_view(names.index(opened.views[0].name))
+    document = document.at_pose(opened.pose(0), scale=scale).started
+    files = (*(view.photo for view in opened.views), now.model)
+    of_files = {note for file in files for note in notes_of(file)}
+    return with_notes(document, [note for note in opened.notes if note not in of_files])
 
 
 def _seen_from_corner(inputs: StartInputs) -> Start:
-    camera = inputs.photo.default_camera()
-    return Start(look_from("three-quarter", inputs.mesh, inputs.keypoints, camera), ())
+    return Start(_corner_view(inputs, inputs.photo.default_camera()), ())
 
 
-def _corner_view(model: LoadedModel, camera: Camera) -> Pose:
+def _corner_view(model: LoadedModel | StartInputs, camera: Camera) -> Pose:
     return look_from("three-quarter", model.mesh, model.keypoints, camera)
 
 
