@@ -61,7 +61,11 @@ WIDE_SIMPLEX = """() => {
     return said[1] - window.begun >= 12;
 }"""
 """A little into the first restart."""
-PIN = """() => window.__viserMutable.nodePoseData["/handles/pin1"].position"""
+PIN = """() => {
+    const { e, f } = document.querySelectorAll(".pv-pin")[1].transform.baseVal[0].matrix;
+    return [e, f];
+}"""
+"""Place of the front wheel's pin, px of the photo."""
 NEAR = "xpath=//*[text()='Range ± %']/following::input[not(@type='hidden')][1]"
 LENS = Lens("opencv", (-0.28, 0.09, 0.0004, -0.0002, -0.01))
 SPOTS = ((180.0, 420.0), (420.0, 300.0), (780.0, 380.0), (540.0, 460.0))
@@ -155,8 +159,7 @@ def make_app(folder: Path) -> None:
     """The app's page on the way from the demo's start to its end."""
     with open_app(folder, size=(1440, 720)) as tab:
         save_page(README / "app_start.jpg", tab)
-        unit, at = 10.0 / max(PHOTO) * 0.995, tab.page.evaluate(PIN)
-        pin = (at[0] / unit + PHOTO[0] / 2, at[1] / unit + PHOTO[1] / 2)
+        pin = tab.page.evaluate(PIN)
         tab.page.mouse.move(*tab.on_screen(pin, PHOTO))
         tab.page.mouse.down()
         tab.page.mouse.move(*tab.on_screen((pin[0] + 40, pin[1] + 40), PHOTO), steps=8)

@@ -80,17 +80,6 @@ function applyView() {
   });
 }
 
-// Handles are drawn in screen px: their nodes are scaled to it, whatever the zoom.
-function sizeHandles() {
-  const perPixel = unit() / scale();
-  for (const [name, node] of Object.entries(vm().nodeRefFromName)) {
-    if (!node || !name.startsWith("/handles/")) continue;
-    if (Math.abs(node.scale.x / perPixel - 1) < 1e-9) continue;
-    node.scale.setScalar(perPixel);
-    vm().requestRender();
-  }
-}
-
 // Show a point of the photo at a place of the canvas.
 function showAt(point, ...spot) {
   const centre = middle().map((m, i) => (point[i] - (spot[i] - m) / scale()) / state.photo[i]);
@@ -195,10 +184,13 @@ addEventListener("wheel", (event) => {
 
 // --- strokes ------------------------------------------------------------------------------------
 
-// Where a tool draws, the main button leaves a stroke. It is drawn here at once, on a sheet over the
-// photo, and sent when it is done; it stays on the sheet until the server has taken it.
+// On a sheet over the photo lie pins and marks, as the server draws them, and strokes: where a tool
+// draws, the main button leaves one. It is drawn here at once, and sent when it is done; it stays on
+// the sheet until the server has taken it.
 const sheet = document.createElementNS("http://www.w3.org/2000/svg", "svg");
 sheet.classList.add("pv-sheet");
+sheet.innerHTML = "<g></g><g></g>";
+const [handles, strokes] = sheet.children;
 const pen = {
   shape: "", // "brush", "polygon", "scribble"
   erases: false, // unless alt or shift is held
@@ -275,16 +267,16 @@ function forgetStrokes() {
   setTimeout(() => { pen.done = pen.done.filter((stroke) => !taken.includes(stroke)); }, 150);
 }
 
-// The sheet's unit is a px of the photo.
+// The sheet's unit is a px of the photo, --pv-px one of the screen.
 function drawSheet() {
-  const size = state.size.map((side) => side / scale());
-  const strokes = [...pen.done, pen.now].map((stroke) => stroke && drawn(stroke)).join("") +
+  const drawn = [...pen.done, pen.now].map((stroke) => stroke && pathOf(stroke)).join("") +
     (pen.at && (pen.shape === "brush" || pen.shape === "scribble") ? cursor() : "");
-  const box = [...photoFromCanvas(0, 0), ...size].join(" ");
-  if (pen.drawn === box + strokes) return;
-  pen.drawn = box + strokes;
+  const box = [...photoFromCanvas(0, 0), ...state.size.map((side) => side / scale())].join(" ");
+  if (pen.drawn === box + drawn) return;
+  pen.drawn = box + drawn;
   sheet.setAttribute("viewBox", box);
-  sheet.innerHTML = strokes;
+  sheet.style.setProperty("--pv-px", 1 / scale());
+  strokes.innerHTML = drawn;
 }
 
 const circle = (kind, [x, y], radius) =>
@@ -292,7 +284,7 @@ const circle = (kind, [x, y], radius) =>
 const cursor = () => circle("halo", pen.at, penRadius()) +
   circle(pen.preview ? "erase" : "hide", pen.at, penRadius());
 
-function drawn(stroke) {
+function pathOf(stroke) {
   const kind = stroke.erase ? "erase" : "hide";
   const path = (end) => `<path class="pv-${kind} pv-${stroke.shape}" ` +
     `stroke-width="${2 * stroke.radius}" d="M${stroke.points.join("L")}${end}"/>`;
@@ -523,7 +515,6 @@ function watch() {
     const is = [viewer.canvas.clientWidth, viewer.canvas.clientHeight, strip.offsetHeight];
     const was = [...state.size, state.covered];
     if (!viewer.camera.view?.enabled || is.some((side, i) => side !== was[i])) applyView();
-    sizeHandles();
     drawSheet();
     viewer.canvas.style.cursor = pen.shape ? "crosshair" : "";
     if (state.step && openStep(state.step)) state.step = "";
@@ -537,6 +528,7 @@ window.poseviewer = {
     showAll();
   },
   setHint(html) { bar.innerHTML = html; },
+  setHandles(svg) { handles.innerHTML = svg; },
   openStep(step) {
     state.step = step; // not the first one any more, if that is still to come
     return isOpen(step);

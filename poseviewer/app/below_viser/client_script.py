@@ -4,7 +4,7 @@ Why: viser has no zoom and pan that keep the registration, no drags beyond 20 Hz
 nothing that opens a tab; its hotkeys know neither dialogs nor a slider or checkbox with the focus.
 Written for viser 1.1.1: the message ``RunJavascriptMessage``, put into
 ``client.gui._websock_interface``; a field's ``_impl.uuid``; and in the page
-``window.__viserMutable`` (its camera, canvas, nodes, ``sendMessage``), tabs that Enter opens, and
+``window.__viserMutable`` (its camera, canvas, ``sendMessage``), tabs that Enter opens, and
 the notice of an upload (``upload-...``).
 """
 

@@ -12,6 +12,7 @@ from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.below_viser.incoming import check_incoming
 from poseviewer.app.page.above_steps import add_preparing, objects_list
 from poseviewer.app.page.controls import Controls, Post, plain
+from poseviewer.app.page.handles import handles_of
 from poseviewer.app.page.map_panel import add_maps
 from poseviewer.app.page.panels import STEPS, add_status
 from poseviewer.app.page.photo_view import DEPTH, SIDE, PhotoScene
@@ -97,6 +98,7 @@ class Page:
             shape = session.tool if session.tool in SHAPES else ""
             self._script.show("setPen", shape, session.erasing)
             self.scene.show(session)
+            self._script.show("setHandles", handles_of(session))
             show_strip(self._script, session)
             self._script.show("forgetStrokes", session.strokes)  # their tint is there
         # Together: who answers to one field must not find the next one still to be written.

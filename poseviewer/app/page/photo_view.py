@@ -1,4 +1,4 @@
-"""The middle of the page: the photo, and over it the model, the pins and the region.
+"""The middle of the page: the photo, and over it tints and the model.
 
 Everything is drawn by the server, in photo coordinates, and lies on planes that the fixed camera
 sees at the same place: model and photo coincide under any camera model, as exactly as the loss sees
@@ -8,10 +8,9 @@ them, at any zoom.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,20 +19,14 @@ from numpy.typing import NDArray
 
 from poseviewer.app.page.above_steps import object_colour
 from poseviewer.app.page.controls import set_properties
-from poseviewer.app.state.dragging import pins_in_photo
 from poseviewer.app.state.hiding import HIDING, found_hidden
-from poseviewer.app.state.marking import MARKING, marks_in_photo
 from poseviewer.app.state.session import Session
-from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.image import Photo
-from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.looks import HALO_COLOUR, LINE_COLOUR
 from poseviewer.render.structure import bounding_slices
-from poseviewer.vehicle.chart import VehicleChart
 
 Colour = tuple[int, int, int]
-Anchor = Literal["bottom-left", "top-left"]
 Rect = tuple[float, float, float, float]
 """Left, top, width, height in px of the photo."""
 DEPTH, SIDE = 20.0, 10.0
@@ -41,58 +34,32 @@ DEPTH, SIDE = 20.0, 10.0
 LARGEST_SIDE, LARGEST_SHOWN = 8192, 24_000_000
 """px of a photo's side, and of a photo, beyond which a smaller one is shown."""
 PICTURE, TINT, OTHERS_HALO, OTHERS = 0.998, 0.9978, 0.9973, 0.9971
-HALO, OUTLINE, HANDLES = 0.997, 0.996, 0.995
+HALO, OUTLINE = 0.997, 0.996
 """Depths of what lies over the photo, in shares of the photo's."""
-MARKS, MARK_LINES = 0.994, 0.9945
-"""Depths of a quick start's marks: nearer than all else that is drawn."""
-PIN_COLOURS = ((255, 176, 59), (120, 230, 110), (255, 110, 200))
-PIN_LABELS: tuple[tuple[str, Anchor], ...] = (
-    ("rear wheel", "bottom-left"),
-    ("front wheel", "bottom-left"),
-    ("axle", "top-left"),
-)
-"""Text of each pin's label and where it lies: the axle's tip may be close to the rear wheel."""
-LINK_COLOUR = (230, 230, 230)
-REGION_COLOUR = (255, 226, 120)
-BOX_COLOUR = (150, 255, 160)
-MARK_COLOUR, MODEL_MARK_COLOUR = (255, 226, 70), (255, 120, 220)
-"""RGB of a mark on the photo, and of the model's point that belongs to it."""
 HIDDEN_COLOUR, FOUND_COLOUR = (255, 64, 64), (170, 90, 255)
 """RGB of the tint over what was painted, and over what a search took for an occluder."""
 HIDDEN_OPACITY, HIDDEN_OPACITY_WHILE_PAINTED = 0.25, 0.5
 """Opacities of these tints."""
 LARGEST_TINT = 1_000_000
 """Pixels of the tint; it is drawn smaller where it has more."""
-HALO_NAME, OUTLINE_NAME = "/model/halo", "/model/outline"
-_NO_LINES = np.zeros((0, 2, 2))
+OUTLINE_NAME = "/model/outline"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Drawing:
-    """Lines, a handle or a label over the photo."""
+class Lines:
+    """Line segments over the photo."""
 
     name: str
     depth: float
     places: FloatArray
-    """(n, 2, 2): line segments, or (2,): where a handle or label is; px of the photo."""
+    """(n, 2, 2), px of the photo."""
     colour: Colour = LINE_COLOUR
     thickness: float = 2.0
-    """Width of lines, px of the screen."""
-    shape: FloatArray | None = None
-    """(m, 2, 3): line segments of a handle about its place, px of the screen."""
-    text: str = ""
-    """Text of a label."""
-    anchor: Anchor = "bottom-left"
-
-    @property
-    def finite(self) -> NDArray[np.bool_]:
-        """(n,): which lines, or (): whether the place is anywhere."""
-        axes = (1, 2)[: self.places.ndim - 1] or None
-        return np.asarray(np.isfinite(self.places).all(axis=axes))
+    """px of the screen."""
 
     @property
     def key(self) -> object:
-        """Bytes that another drawing of the name shares if both look alike, over one photo."""
+        """Bytes that other lines of the name share if both look alike, over one photo."""
         return self.places.tobytes()
 
 
@@ -135,9 +102,8 @@ class PhotoScene:
             self._shown.clear()
         outline = self._shown.get(OUTLINE_NAME)
         drawings = {drawing.name: drawing for drawing in _drawings(session)}
-        kept = () if _has_overlay(session) else (HALO_NAME, OUTLINE_NAME)
         with self._server.atomic():
-            for name in self._nodes.keys() - drawings.keys() - set(kept):
+            for name in self._nodes.keys() - drawings.keys():
                 set_properties(self._nodes[name], visible=False)
             for name, drawing in drawings.items():
                 if name not in self._nodes:
@@ -145,26 +111,24 @@ class PhotoScene:
                 if self._shown.get(name) != drawing.key:
                     self._shown[name] = drawing.key
                     self._draw(self._nodes[name], drawing, session.document.photo)
-                is_seen = isinstance(drawing, Picture) or bool(drawing.finite.any())
+                is_seen = isinstance(drawing, Picture) or len(drawing.places) > 0
                 set_properties(self._nodes[name], visible=is_seen)
         if self._shown.get(OUTLINE_NAME) != outline:
             # viser gathers messages for a while before it sends them; a drag must not wait.
             self._server.flush()
 
-    def _made(self, drawing: Drawing | Picture) -> Any:
+    def _made(self, drawing: Lines | Picture) -> Any:
         """A hidden node for a drawing."""
         scene, name = self._server.scene, drawing.name
         shown: dict[str, Any] = {"visible": False}
         if isinstance(drawing, Picture):
             shown |= {"jpeg_quality": 95, "cast_shadow": False, "receive_shadow": False}
             return scene.add_image(name, np.zeros((1, 1, 3), np.uint8), 1.0, 1.0, **shown)
-        if drawing.text:
-            return scene.add_label(name, drawing.text, anchor=drawing.anchor, **shown)
         shown |= {"thickness": drawing.thickness, "thickness_units": "screen"}
-        shape = np.zeros((1, 2, 3)) if drawing.shape is None else drawing.shape
-        return scene.add_line_segments(name, shape.astype(np.float32), drawing.colour, **shown)
+        points = np.zeros((1, 2, 3), np.float32)
+        return scene.add_line_segments(name, points, drawing.colour, **shown)
 
-    def _draw(self, node: Any, drawing: Drawing | Picture, photo: Photo) -> None:
+    def _draw(self, node: Any, drawing: Lines | Picture, photo: Photo) -> None:
         """Bring a node to its drawing over the photo."""
         if isinstance(drawing, Picture):
             pixels, (left, top, width, height) = drawing.draw()
@@ -172,12 +136,8 @@ class PhotoScene:
             (left, top, _), (right, bottom, _) = corners = over_photo(places, photo, drawing.depth)
             node.image, node.position = pixels, tuple(corners.mean(axis=0))
             node.render_width, node.render_height = right - left, bottom - top
-        elif drawing.places.ndim > 1:
-            lines = over_photo(drawing.places[drawing.finite], photo, drawing.depth)
-            if len(lines):
-                node.points = lines.astype(np.float32)
-        elif drawing.finite:
-            node.position = tuple(over_photo(drawing.places, photo, drawing.depth))
+        elif len(drawing.places):
+            node.points = over_photo(drawing.places, photo, drawing.depth).astype(np.float32)
 
 
 def over_photo(points: FloatArray, photo: Photo, depth: float) -> FloatArray:
@@ -187,13 +147,7 @@ def over_photo(points: FloatArray, photo: Photo, depth: float) -> FloatArray:
     return np.concatenate([xy, np.full((*xy.shape[:-1], 1), DEPTH * depth)], axis=-1)
 
 
-def _has_overlay(session: Session) -> bool:
-    """Whether the model is drawn for the photo at hand; until then the lines before it stay."""
-    overlay = session.overlay
-    return overlay is not None and overlay.request.document.photo is session.document.photo
-
-
-def _drawings(session: Session) -> Iterator[Drawing | Picture]:
+def _drawings(session: Session) -> Iterator[Lines | Picture]:
     """Everything that is to be seen."""
     document, alone = session.document, session.photo_alone
     photo = document.photo
@@ -203,14 +157,6 @@ def _drawings(session: Session) -> Iterator[Drawing | Picture]:
         yield from _other_objects(session)
     if not alone and not document.object.hidden:
         yield from _model(session)
-        yield from _pins(session)
-    if document.own.region is not None:
-        sides = _sides(document.own.region)
-        yield Drawing("/region", OUTLINE, sides, REGION_COLOUR, 1.6)
-    if session.shown_box is not None:
-        yield Drawing("/box", OUTLINE, _sides(session.shown_box), BOX_COLOUR, 1.6)
-    if not alone and session.tool in MARKING:
-        yield from _marks(session)
 
 
 def _photo_pixels(photo: Photo) -> tuple[NDArray[np.uint8], Rect]:
@@ -253,89 +199,25 @@ def _tint(
     return pixels, (columns.start, rows.start, width, height)
 
 
-def _model(session: Session) -> Iterator[Drawing | Picture]:
+def _model(session: Session) -> Iterator[Lines | Picture]:
     """The active object as drawn: its outline, and a picture."""
     overlay = session.overlay
-    if overlay is None or session.look == "none" or not _has_overlay(session):
+    if overlay is None or session.look == "none":
         return
-    yield Drawing(HALO_NAME, HALO, overlay.outline, HALO_COLOUR, 4.6)
-    yield Drawing(OUTLINE_NAME, OUTLINE, overlay.outline)
+    yield Lines("/model/halo", HALO, overlay.outline, HALO_COLOUR, 4.6)
+    yield Lines(OUTLINE_NAME, OUTLINE, overlay.outline)
     pixels, rect = overlay.picture, overlay.place
     if pixels is not None and rect[2] > 0.0:
         name = f"/model/picture{pixels.shape[2]}"
         yield Picture(name, PICTURE, (overlay,), lambda: (pixels, rect))
 
 
-def _other_objects(session: Session) -> Iterator[Drawing]:
+def _other_objects(session: Session) -> Iterator[Lines]:
     """The objects that are not active: outlines in colours of their own."""
     outlines = {} if session.outlines is None else session.outlines.lines
     for index in session.document.others:
         number = int(session.document.scene.objects[index].id)
         if number in outlines:
             name, lines = f"/others/{number}", outlines[number]
-            yield Drawing(f"{name}/halo", OTHERS_HALO, lines, HALO_COLOUR, 4.0)
-            yield Drawing(f"{name}/outline", OTHERS, lines, object_colour(number), 1.6)
-
-
-def _pins(session: Session) -> Iterator[Drawing]:
-    """The pins of the pose at hand, where presses are for them; a vehicle's have names."""
-    document = session.document
-    if session.tool in (*MARKING, *HIDING):
-        return
-    pins = pins_in_photo(document)
-    for i, pin in enumerate(pins):
-        yield Drawing(f"/handles/pin{i}", HANDLES, pin, PIN_COLOURS[i], 2.2, PIN)
-    if isinstance(document.chart, VehicleChart) and not document.state.pins:
-        for i, (text, anchor) in enumerate(PIN_LABELS):
-            yield Drawing(f"/labels/{i}", HANDLES, pins[i], text=text, anchor=anchor)
-        yield Drawing("/links", OUTLINE, pins[[[0, 1], [0, 2]]], LINK_COLOUR, 1.2)
-
-
-def _marks(session: Session) -> Iterator[Drawing]:
-    """A quick start's marks: crosses where the photo was clicked, diamonds where the pose shows
-    the model's points, lines between the two, and the wheels' ellipses.
-    """
-    marks, pose = session.document.marks, session.document.pose
-    photo = marks_in_photo(marks, session.tool)
-    for i, place in enumerate(photo):
-        yield Drawing(f"/handles/mark{i}", MARKS, place, MARK_COLOUR, shape=CROSS)
-    if session.tool == "wheels":
-        with suppress(QuickStartError):
-            rims = np.concatenate([_NO_LINES, *(_closed(e.outline()) for e in marks.ellipses)])
-            yield Drawing("/marks/rims", MARK_LINES, rims, MARK_COLOUR)
-        return
-    model = pose.project(np.array(marks.points).reshape(-1, 3))
-    for i, place in enumerate(model):
-        yield Drawing(f"/handles/meant{i}", MARKS, place, MODEL_MARK_COLOUR, shape=DIAMOND)
-    for i, place in enumerate(photo):
-        yield Drawing(f"/labels/mark{i}", MARKS, place, text=str(i + 1))
-    done = np.stack([photo, model[: len(photo)]], axis=1)
-    yield Drawing("/marks/lines", MARK_LINES, done, MODEL_MARK_COLOUR)
-
-
-def _sides(rectangle: Rectangle) -> FloatArray:
-    """(4, 2, 2): the sides of a rectangle."""
-    (left, top, *_), right, bottom = rectangle, rectangle.right, rectangle.bottom
-    return _closed(np.array([[left, top], [right, top], [right, bottom], [left, bottom]]))
-
-
-def _closed(corners: FloatArray) -> FloatArray:
-    """(n, 2, d): the sides of a polygon (n, d)."""
-    return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
-
-
-def _cross(inner: float, outer: float) -> FloatArray:
-    """(4, 2, 3): arms that leave the middle free."""
-    ways = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
-    return np.stack([inner * ways, outer * ways], axis=1)
-
-
-def _ring(radius: float, corners: int) -> FloatArray:
-    """(n, 2, 3): a regular polygon."""
-    angles = np.linspace(0.0, 2.0 * np.pi, corners, endpoint=False)
-    return _closed(radius * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(corners)]))
-
-
-CROSS, DIAMOND = _cross(2.0, 8.0), _ring(5.0, 4)
-PIN = np.concatenate([_ring(11.0, 32), _cross(4.0, 16.0)])
-"""(n, 2, 3), px of the screen: a ring with a cross-hair that leaves its middle free."""
+            yield Lines(f"{name}/halo", OTHERS_HALO, lines, HALO_COLOUR, 4.0)
+            yield Lines(f"{name}/outline", OTHERS, lines, object_colour(number), 1.6)

@@ -47,7 +47,6 @@ def test_the_client_gives_what_the_script_takes():
         "canvas",
         "camera",
         "cameraControl",
-        "nodeRefFromName",
         "requestRender",
     ):
         assert re.search(rf"\b{name}\b", source), name

@@ -1,0 +1,103 @@
+"""SVG over the photo, in its px: region, box, pins, and marks of a quick start."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+
+import numpy as np
+
+from poseviewer.app.state.dragging import pins_in_photo
+from poseviewer.app.state.hiding import HIDING
+from poseviewer.app.state.marking import MARKING, marks_in_photo
+from poseviewer.app.state.session import Session
+from poseviewer.errors import QuickStartError
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.vehicle.chart import VehicleChart
+
+PIN_COLOURS = ("#ffb03b", "#78e66e", "#ff6ec8")
+PIN_LABELS = (("rear wheel", -4), ("front wheel", -4), ("axle", 16))
+"""Text of each pin's label and its base line, px below the pin: the axle's tip may be close to the
+rear wheel."""
+LINK_COLOUR, REGION_COLOUR, BOX_COLOUR = "#e6e6e6", "#ffe278", "#96ffa0"
+MARK_COLOUR, MODEL_MARK_COLOUR = "#ffe246", "#ff78dc"
+"""Colours of a mark on the photo, and of the model's point that belongs to it."""
+PIN = '<circle r="11"/><path d="M4 0H16M-4 0H-16M0 4V16M0-4V-16"/>'
+CROSS, DIAMOND = '<path d="M2 0H8M-2 0H-8M0 2V8M0-2V-8"/>', '<path d="M5 0L0 5L-5 0L0-5Z"/>'
+"""SVG, px of the screen about their places."""
+
+
+def handles_of(session: Session) -> str:
+    """All of them, those on top of the others last."""
+    document, alone = session.document, session.photo_alone
+    drawn = [
+        _rectangle(document.own.region, REGION_COLOUR),
+        _rectangle(session.shown_box, BOX_COLOUR),
+    ]
+    if session.tool in MARKING:
+        drawn += () if alone else _marks(session)
+    elif session.tool not in HIDING and not alone and not document.object.hidden:
+        drawn += _pins(session)
+    return "".join(drawn)
+
+
+def _pins(session: Session) -> Iterator[str]:
+    """The pins of the pose at hand; a vehicle's have names."""
+    document = session.document
+    pins = pins_in_photo(document)
+    has_names = isinstance(document.chart, VehicleChart) and not document.state.pins
+    if has_names:
+        yield _lines(pins[[[0, 1], [0, 2]]], LINK_COLOUR)
+    for pin, colour in zip(pins, PIN_COLOURS, strict=False):
+        yield _at(pin, PIN, colour, "pv-pin")
+    for pin, (text, below) in zip(pins, PIN_LABELS if has_names else (), strict=False):
+        yield _at(pin, f'<text x="4" y="{below}">{text}</text>')
+
+
+def _marks(session: Session) -> Iterator[str]:
+    """Crosses where the photo was clicked, diamonds where the pose shows the model's points, lines
+    between the two, and the wheels' ellipses.
+    """
+    marks, pose = session.document.marks, session.document.pose
+    photo = marks_in_photo(marks, session.tool)
+    if session.tool == "wheels":
+        with suppress(QuickStartError):
+            for ellipse in marks.ellipses:
+                rim = ellipse.outline()
+                yield _lines(np.stack([rim, np.roll(rim, -1, axis=0)], axis=1), MARK_COLOUR)
+        model = np.zeros((0, 2))
+    else:
+        model = pose.project(np.array(marks.points).reshape(-1, 3))
+        yield _lines(np.stack([photo, model[: len(photo)]], axis=1), MODEL_MARK_COLOUR)
+    for place in photo:
+        yield _at(place, CROSS, MARK_COLOUR)
+    for i, place in enumerate(model):
+        label = f'<text x="4" y="-4">{i + 1}</text>' if i < len(photo) else ""
+        yield _at(place, DIAMOND, MODEL_MARK_COLOUR) + (label and _at(photo[i], label))
+
+
+def _rectangle(rectangle: Rectangle | None, colour: str) -> str:
+    if rectangle is None:
+        return ""
+    left, top, width, height = rectangle
+    size = f'width="{width}" height="{height}"'
+    return f'<rect class="pv-line" x="{left}" y="{top}" {size} stroke="{colour}"/>'
+
+
+def _lines(lines: FloatArray, colour: str) -> str:
+    """Lines (n, 2, 2); those of which an end is nowhere are left out."""
+    path = "".join(
+        f"M{x:.2f} {y:.2f}L{u:.2f} {v:.2f}"
+        for (x, y), (u, v) in lines[np.isfinite(lines).all(axis=(1, 2))]
+    )
+    return f'<path class="pv-line" stroke="{colour}" d="{path}"/>'
+
+
+def _at(place: FloatArray, drawing: str, colour: str = "none", name: str = "") -> str:
+    """A drawing in px of the screen about a place (2,); "" for one that is nowhere."""
+    if not np.isfinite(place).all():
+        return ""
+    x, y = place
+    at = f'class="{name}" transform="translate({x:.2f} {y:.2f})"'
+    return f'<g {at} stroke="{colour}"><g class="pv-px">{drawing}</g></g>'
