@@ -1,7 +1,11 @@
-"""A viser server that answers only those whom the AccessPolicy lets pass.
+"""A viser server that answers only whom its policy lets pass: by Host, Origin and token.
 
 Why: viser checks neither Host nor Origin, has no login, takes the next port where one is busy, and
-lets any page open a public tunnel.
+lets any page open a public tunnel. A page of another site may send requests to this machine, and by
+DNS rebinding even read the answers (Jackson et al. 2007, "Protecting browsers from DNS rebinding
+attacks"); its Host or its Origin gives it away. Where other machines can reach the app, whoever
+comes must also know a random token, by the address that poseviewer prints or by the cookie that
+this address sets.
 Written for viser 1.1.1 and websockets 16.1. viser makes its web server deep inside its constructor,
 in its own thread, by ``websockets.asyncio.server.serve``; that one call is intercepted, so that the
 check is in place before the first connection. Else of viser: ``_websock_server`` and the messages
@@ -11,8 +15,10 @@ check is in place before the first connection. Else of viser: ``_websock_server`
 from __future__ import annotations
 
 import errno
+import hmac
 import http
 import io
+import ipaddress
 import logging
 import os
 import secrets
@@ -21,14 +27,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from typing import Any
+from urllib.parse import parse_qs
 
 import viser
 import websockets.asyncio.server
 from viser import _messages
 from websockets.asyncio.server import ServerConnection
+from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from poseviewer.app.below_viser.access import AccessPolicy, is_loopback
 from poseviewer.app.below_viser.wake_up import wake_in_the_loop
 from poseviewer.errors import SettingsError, printable
 
@@ -45,6 +52,10 @@ SECURITY_HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
+
+LOOPBACK_NAMES = ("127.0.0.1", "localhost", "[::1]")
+FOREIGN_SOURCES = ("playbackPath", "websocket")
+"""Parameters by which a link makes viser's page take its messages, scripts too, from elsewhere."""
 
 _log = logging.getLogger(__name__)
 
@@ -64,6 +75,82 @@ def _in_a_line(record: logging.LogRecord) -> bool:
 _log.addFilter(_in_a_line)
 
 Answer = Callable[[ServerConnection, Request], Response | None]
+
+
+@dataclass(frozen=True, slots=True)
+class AccessPolicy:
+    """Who may talk to an app that listens at ``host`` and ``port``."""
+
+    host: str
+    port: int
+    token: str | None
+    """None on loopback, where only programs of this machine come through."""
+
+    @property
+    def url(self) -> str:
+        """The address for the user's browser, with the token where one is needed."""
+        # 0.0.0.0 and :: mean every address of this machine, and are none themselves.
+        name = socket.gethostname() if self.host in ("", "0.0.0.0", "::") else self.host
+        query = "" if self.token is None else f"?token={self.token}"
+        return f"http://{_in_brackets(name)}:{self.port}/{query}"
+
+    @property
+    def cookie_name(self) -> str:
+        """Browsers share cookies between the ports of a machine; the name keeps them apart."""
+        return f"poseviewer_{self.port}"
+
+    def refusal(self, target: str, headers: Headers) -> str | None:
+        """Say in one sentence why a request for a path and query is refused; None where it may
+        pass.
+        """
+        # Without the token: a refusal is read by strangers.
+        instead = f"open {self.url.partition('?')[0]} instead."
+        hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+        if len(hosts) != 1:
+            return f"The request names {len(hosts)} hosts, wanted one; {instead}"
+        host, query = hosts[0].lower(), _query(target)
+        if self.token is None and host not in self._own_hosts:
+            return (
+                f"The request is for {hosts[0][:80]!r}, but this poseviewer serves this machine "
+                f"alone; {instead}"
+            )
+        own = [f"http://{host}"], [f"https://{host}"]
+        if origins and [origin.lower() for origin in origins] not in own:
+            return (
+                f"The request comes from a page of {origins[0][:80]!r}, and only poseviewer's own "
+                f"page may talk to it; {instead}"
+            )
+        # Read by hand: http.cookies gives up at the odd cookie of another server of this machine.
+        pairs = [c.strip().partition("=") for h in headers.get_all("Cookie") for c in h.split(";")]
+        tokens = query.get("token", [])[:1] + [v for k, _, v in pairs if k == self.cookie_name]
+        if self.token is not None and not any(map(self._is_token, tokens)):
+            return (
+                f"The token {'is not the right one' if any(tokens) else 'is missing'}; open the "
+                "whole address that poseviewer printed, with its ?token=..., in this browser."
+            )
+        for name in FOREIGN_SOURCES:
+            if name in query:
+                return (
+                    f"The address asks for {name!r}, which would hand this page to another server; "
+                    f"{instead}"
+                )
+        return None
+
+    def cookie_to_set(self, target: str) -> dict[str, str]:
+        """The Set-Cookie header for whoever came with the token in the address."""
+        if not any(map(self._is_token, _query(target).get("token", [])[:1])):
+            return {}
+        return {"Set-Cookie": f"{self.cookie_name}={self.token}; HttpOnly; SameSite=Strict; Path=/"}
+
+    @property
+    def _own_hosts(self) -> set[str]:
+        """Host headers of the app's own page on this machine."""
+        names = {*LOOPBACK_NAMES, _in_brackets(self.host).lower()}
+        return {f"{name}:{self.port}" for name in names} | (names if self.port == 80 else set())
+
+    def _is_token(self, given: str) -> bool:
+        # As bytes: compare_digest takes no text beyond ASCII.
+        return self.token is not None and hmac.compare_digest(given.encode(), self.token.encode())
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,11 +216,8 @@ def _guarded_serve(listening: socket.socket, policy: AccessPolicy) -> Iterator[l
         if getattr(handler, "__module__", "") != VISERS_OWN:
             return original(handler, *args, **settings)  # somebody else's server
         calls.append(handler.__qualname__)
-        answer = settings.pop("process_request", None)
-        settings.pop("host", None)
-        settings.pop("port", None)
-        settings |= {"process_request": _checked(policy, answer), "logger": _log}
-        settings["max_size"] = LARGEST_MESSAGE
+        settings["process_request"] = _checked(policy, settings["process_request"])
+        settings |= {"logger": _log, "max_size": LARGEST_MESSAGE}
         return original(handler, sock=listening, **settings)
 
     websockets.asyncio.server.serve = guarded  # type: ignore[assignment,misc]
@@ -143,7 +227,7 @@ def _guarded_serve(listening: socket.socket, policy: AccessPolicy) -> Iterator[l
         websockets.asyncio.server.serve = original  # type: ignore[misc]
 
 
-def _checked(policy: AccessPolicy, answer: Answer | None) -> Answer:
+def _checked(policy: AccessPolicy, answer: Answer) -> Answer:
     """An answer to requests, HTTP and websocket alike, that asks the policy first."""
 
     def process_request(connection: ServerConnection, request: Request) -> Response | None:
@@ -151,13 +235,11 @@ def _checked(policy: AccessPolicy, answer: Answer | None) -> Answer:
         if refusal is not None:
             response = connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal}\n")
         else:
-            response = None if answer is None else answer(connection, request)
+            response = answer(connection, request)
         if response is not None:
-            for name, value in SECURITY_HEADERS.items():
-                response.headers[name] = value
-            cookie = None if refusal is not None else policy.cookie_to_set(request.path)
-            if cookie is not None:
-                response.headers["Set-Cookie"] = cookie
+            response.headers.update(SECURITY_HEADERS)
+            if refusal is None:
+                response.headers.update(policy.cookie_to_set(request.path))
         return response
 
     return process_request
@@ -174,19 +256,38 @@ def _listen(host: str, port: int | None) -> socket.socket:
         try:
             listening = socket.create_server((host, candidate), family=family)
         except (OSError, UnicodeError) as error:
-            problem = error.errno if isinstance(error, OSError) else -1
-            if problem is None or problem < 0 or problem == errno.EADDRNOTAVAIL:
+            problem = getattr(error, "errno", None) or -1
+            if problem < 0 or problem == errno.EADDRNOTAVAIL:
                 raise SettingsError(
                     f"Host {host!r}: not an address of this machine; wanted 127.0.0.1, or one that "
                     "is."
                 ) from error
-        else:
-            # asyncio sets this only on sockets that say they are TCP; what is accepted here does
-            # not. Without it the end of a message waits until the page has something to send.
-            listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            return listening
+            continue
+        # asyncio sets this only on sockets that say they are TCP; what is accepted here does not.
+        # Without it the end of a message waits until the page has something to send.
+        listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return listening
     where = f"Port {port}" if port is not None else f"Ports {ports[0]} to {ports[-1]}"
     raise SettingsError(
         f"{where} of {host!r}: cannot be listened on ({os.strerror(problem)}); "
         "stop the other program, or choose another port (0 for any free one)."
     )
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only programs of this machine can reach a server that listens there."""
+    if host.lower() == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def _in_brackets(host: str) -> str:
+    return f"[{host}]" if ":" in host else host
+
+
+def _query(target: str) -> dict[str, list[str]]:
+    """The parameters behind the question mark, as the page's own script would read them."""
+    return parse_qs(target.partition("?")[2], keep_blank_values=True)

@@ -4,6 +4,7 @@ written back only where it differs.
 
 from __future__ import annotations
 
+import base64
 import json
 import operator
 import re
@@ -13,7 +14,10 @@ from html import escape
 from operator import attrgetter
 from typing import Any
 
+import cv2
+import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from poseviewer.app.below_viser.incoming import take_upload
 from poseviewer.app.state import commands as c
@@ -210,6 +214,17 @@ def kept(key: Callable[[Session], tuple[object, ...]], read: Read) -> Read:
 def on_press(kind: str, **report: Any) -> str:
     """HTML attribute that has the page's script report a press, or Enter, on an element."""
     return f'data-report="{escape(json.dumps({"kind": kind, **report}))}"'
+
+
+def data_url(kind: str, content: bytes) -> str:
+    """URL of a picture: ``png``, ``jpeg``."""
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def jpeg_url(pixels: NDArray[np.uint8], quality: int) -> str:
+    """URL of BGR pixels (h, w, 3) as JPEG."""
+    content = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    return data_url("jpeg", content.tobytes())
 
 
 def set_properties(handle: Any, **values: Any) -> None:

@@ -6,7 +6,6 @@ stand in ``page.css``.
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from poseviewer.app.page.controls import Controls, kept, on_press, plain
+from poseviewer.app.page.controls import Controls, data_url, kept, on_press, plain
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.session import LandscapeUpdate, Session, Whose
 from poseviewer.confidence.pose_covariance import ellipse
@@ -37,7 +36,6 @@ PALETTE: NDArray[np.uint8] = cv2.applyColorMap(
 )[:, 0, ::-1].astype(np.uint8)
 """(LEVELS, 3) sRGB, the colour of the lowest loss first: viridis, perceptually even and safe for
 the colour-blind, reversed so that basins stand out of a dark page."""
-GRADIENT_STOPS = 9
 LONGEST_TRAIL = 60
 """Points of a trail that are drawn, at most, on each map."""
 FEWEST_COLUMNS = 4
@@ -98,23 +96,23 @@ class LossGrid:
 
     def _labels(self, free: Sequence[int]) -> str:
         """The second parameters left of their rows, the first ones below their columns."""
-        last, labels = len(free), []
+        last, labels = len(free), ""
         for i, parameter in enumerate(free):
             name, hint = (escape(say(self.names[parameter])) for say in (short_name, tooltip))
-            if i > 0:
-                row = f'class="pv-row" style="grid-area:{i}/1"'
-                labels.append(f'<span {row} title="{hint}">{name}</span>')
-            if i < last - 1:
-                column = f'class="pv-col" style="grid-area:{last}/{i + 2}"'
-                labels.append(f'<span {column} title="{hint}">{name}</span>')
-        return "".join(labels)
+            areas = {"row": f"{i}/1" if i else "", "col": f"{last}/{i + 2}" if i < last - 1 else ""}
+            for kind, area in areas.items():
+                style = f'class="pv-{kind}" style="grid-area:{area}" title="{hint}"'
+                labels += f"<span {style}>{name}</span>" if area else ""
+        return labels
 
     def _large(self, piece: Slice) -> str:
         """A map with its two ranges and its least value."""
-        axes = ((piece.first, piece.first_values), (piece.second, piece.second_values))
         x, y = (
             f"{escape(short_name(self.names[i]))} {values[0]:.4g} ... {values[-1]:.4g}"
-            for i, values in axes
+            for i, values in (
+                (piece.first, piece.first_values),
+                (piece.second, piece.second_values),
+            )
         )
         least = piece.minimum
         said = "" if least is None else f", lowest {escape(self.what)} {least.loss:.3f}"
@@ -132,48 +130,45 @@ class LossGrid:
         what = escape(f"{short_name(self.names[first])}, {short_name(self.names[second])}")
         least = piece.minimum
         # The map from its first to its last grid point: half of each border pixel is cut off.
-        data = base64.b64encode(_png(piece)).decode()
         step = 100.0 / (len(piece.first_values) - 1)
         side, start = f"{100.0 + step:.6g}", f"{-step / 2.0:.6g}"
         return (
             f'<div class="pv-cell" {style}><svg viewBox="0 0 100 100" {pick}>'
             f"<title>{what}{f': lowest {least.loss:.3f}' if least else ''}</title>"
-            f'<image href="data:image/png;base64,{data}" x="{start}" y="{start}" width="{side}" '
+            f'<image href="{_png_url(piece)}" x="{start}" y="{start}" width="{side}" '
             f'height="{side}" preserveAspectRatio="none"/>{self._markers(piece)}</svg>'
             f'<button type="button" title="{what}: large, and back" {enlarge}>⤢</button></div>'
         )
 
     def _markers(self, piece: Slice) -> str:
         """Trail, candidates, the map's own minimum and the pose, the last on top of the others."""
-        drawn = []
+        drawn = ""
         if self.trail is not None and len(self.trail) > 1:
             count = len(self.trail)
             kept = np.linspace(0, count - 1, min(count, LONGEST_TRAIL)).round().astype(int)
-            points = _points(on_map(piece, self.trail[kept]))
-            drawn += (f'<polyline {c}points="{points}"/>' for c in ("", 'class="pv-trail" '))
+            points = _points(piece, self.trail[kept])
+            drawn += f'<polyline points="{points}"/><polyline class="pv-trail" points="{points}"/>'
         if self.candidates is not None and len(self.candidates):
-            places = on_map(piece, self.candidates)
-            within = places[np.all(np.abs(places - 0.5) <= 0.55, axis=1)]
-            dots = "".join(f"M{x:.4g} {y:.4g}h0" for x, y in _on_picture(within))
-            drawn.append(_DOTS.format(dots))
+            places = _on_picture(piece, self.candidates)
+            within = places[np.all(np.abs(places - 50.0) <= 55.0, axis=1)]
+            drawn += _DOTS.format("".join(f"M{x:.4g} {y:.4g}h0" for x, y in within))
         least, pair = piece.minimum, [piece.first, piece.second]
         if least is not None:
             parameters = np.array(self.pose)
             parameters[pair] = least.first_value, least.second_value
-            x, y = _on_picture(on_map(piece, parameters))
-            drawn.append(f'<circle class="pv-least" cx="{x:.4g}" cy="{y:.4g}" r="4"/>')
+            x, y = _on_picture(piece, parameters)
+            drawn += f'<circle class="pv-least" cx="{x:.4g}" cy="{y:.4g}" r="4"/>'
         covariance = None if self.covariance is None else self.covariance[np.ix_(pair, pair)]
         if covariance is not None and not np.isnan(covariance[0, 1]):
             region = ellipse(covariance)
             border = np.tile(self.pose, (len(region), 1))
             border[:, pair] += region
-            points = _points(on_map(piece, border))
-            drawn.append(f'<polygon class="pv-region" points="{points}"/>')
-        u, v = on_map(piece, self.pose)
-        beside = "" if 0.0 <= u <= 1.0 and 0.0 <= v <= 1.0 else " pv-beside"
-        x, y = _on_picture(np.clip([u, v], 0.0, 1.0))
+            drawn += f'<polygon class="pv-region" points="{_points(piece, border)}"/>'
+        place = _on_picture(piece, self.pose)
+        x, y = held = np.clip(place, 0.0, 100.0)
+        beside = "" if np.array_equal(held, place) else " pv-beside"
         at = f'transform="translate({x:.4g} {y:.4g})"'
-        return "".join((*drawn, f'<g class="pv-pose{beside}" {at}>{_CROSS}</g>'))
+        return f'{drawn}<g class="pv-pose{beside}" {at}>{_CROSS}</g>'
 
     def _key(self) -> str:
         """The colours' and the markers' meaning, in the corner that the triangle leaves free."""
@@ -182,8 +177,6 @@ class LossGrid:
         if error:
             what += f"<br>good to {100.0 * error:.1g}&nbsp;% of its range"
         whose = f"<b>{escape(self.whose)}</b><br>" if self.whose else ""
-        stops = PALETTE[np.linspace(0, LEVELS - 1, GRADIENT_STOPS).round().astype(int)]
-        gradient = ",".join("#" + bytes(colour).hex() for colour in stops)
         entries = {
             "pose": f'<g class="pv-pose" transform="translate(50 50)">{_CROSS}</g>',
             "lowest": '<circle class="pv-least" cx="50" cy="50" r="4"/>',
@@ -200,8 +193,8 @@ class LossGrid:
         )
         return (
             f'<div class="pv-key"><div>{whose}{what}</div>'
-            f'<div class="pv-bar" style="background:linear-gradient(90deg,{gradient})"></div>'
-            f'<div class="pv-ends"><span>lowest</span><span>highest</span></div>'
+            '<div class="pv-bar"></div>'
+            '<div class="pv-ends"><span>lowest</span><span>highest</span></div>'
             f'<div class="pv-marks">{key}</div></div>'
         )
 
@@ -217,9 +210,9 @@ def on_map(piece: Slice, parameters: FloatArray) -> FloatArray:
     return np.stack([u, v], axis=-1)
 
 
-def _png(piece: Slice) -> bytes:
-    """An 8-bit palette PNG of a map, the last row at the top: values grow to the right and upwards.
-    The known losses span the colours; points between them take the nearest colour.
+def _png_url(piece: Slice) -> str:
+    """URL of an 8-bit palette PNG of a map, the last row at the top: values grow to the right and
+    upwards. The known losses span the colours; points between them take the nearest colour.
     """
     known = piece.losses[np.isfinite(piece.losses)]
     low, high = known.min(), known.max()
@@ -228,17 +221,17 @@ def _png(piece: Slice) -> bytes:
     image.putpalette(PALETTE.tobytes())
     memory = BytesIO()
     image.save(memory, "PNG", bits=8, compress_level=9)
-    return memory.getvalue()
+    return data_url("png", memory.getvalue())
 
 
-def _on_picture(shares: FloatArray) -> FloatArray:
-    """(..., 2): places from left and below as shares (..., 2), from left and above in percent."""
-    shares = np.clip(shares, -10.0, 11.0)
+def _on_picture(piece: Slice, parameters: FloatArray) -> FloatArray:
+    """(..., 2): where parameters (..., d) lie on a map, from left and above in percent."""
+    shares = np.clip(on_map(piece, parameters), -10.0, 11.0)
     return np.stack([100.0 * shares[..., 0], 100.0 - 100.0 * shares[..., 1]], axis=-1)
 
 
-def _points(shares: FloatArray) -> str:
-    return " ".join(f"{x:.4g},{y:.4g}" for x, y in _on_picture(shares))
+def _points(piece: Slice, parameters: FloatArray) -> str:
+    return " ".join(f"{x:.4g},{y:.4g}" for x, y in _on_picture(piece, parameters))
 
 
 WHOSE: dict[Whose, str] = {"chosen": "selected method", **METHODS, "both": "both"}
@@ -278,17 +271,12 @@ def grid_of(session: Session, latest: LandscapeUpdate) -> LossGrid:
     problem, document = latest.case.problem, session.document
     first, chart = problem.views[0], problem.chart
     pose, covariance, trail, candidates = np.array(latest.parameters), None, None, None
+    sure, search = session.covariance_in(first.index), session.own_search
     with suppress(PoseViewerError, OutsideChartError):
         pose = document.numbers_in(problem)
-    sure, search = session.covariance_in(first.index), session.own_search
-    if sure is not None:
-        with suppress(PoseViewerError, OutsideChartError):
-            covariance = sure.in_chart(first.chart)
-    if (
-        session.search is not None
-        and search is not None
-        and search.problem.chart.names == chart.names
-    ):
+    with suppress(PoseViewerError, OutsideChartError):
+        covariance = None if sure is None else sure.in_chart(first.chart)
+    if session.search and search and search.problem.chart.names == chart.names:
         start = session.search.asked.start
         if start.scene.pose(start.active, first.index) is latest.case.pose:  # else another chart
             trail = np.array([step.parameters for step in search.improvements])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Callable
 from functools import lru_cache
 from html import escape
@@ -11,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from poseviewer.app.page.controls import Controls, kept, on_press, plain
+from poseviewer.app.page.controls import Controls, jpeg_url, kept, on_press, plain
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.tasks import Task
@@ -99,8 +98,7 @@ def _row(folder: Path, row: Row, index: int, is_open: bool) -> str:
 def _thumbnail(path: Path, changed: int) -> str:  # noqa: ARG001 - of the file
     content = np.frombuffer(path.read_bytes(), np.uint8)
     picture = np.asarray(cv2.imdecode(content, cv2.IMREAD_REDUCED_COLOR_4))
-    data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
-    return f"data:image/jpeg;base64,{base64.b64encode(data).decode()}"
+    return jpeg_url(picture, QUALITY)
 
 
 def thumbnail(path: Path) -> str:

@@ -4,16 +4,14 @@ each says of the active object's pose, and whether it is compared.
 
 from __future__ import annotations
 
-import base64
 from functools import lru_cache
 from html import escape
 
-import cv2
 import numpy as np
 
 from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.page.above_steps import ICONS, object_colour
-from poseviewer.app.page.controls import on_press
+from poseviewer.app.page.controls import jpeg_url, on_press
 from poseviewer.app.state.session import Session
 from poseviewer.files.photo import Photo
 from poseviewer.fit.scene import SceneObject
@@ -44,9 +42,7 @@ def _small_pictures(photos: tuple[Photo, ...]) -> list[str]:
 def _small_picture(photo: Photo) -> str:
     factor = min(1.0, THUMBNAIL / max(photo.width, photo.height))
     width, height = (max(1, round(side * factor)) for side in (photo.width, photo.height))
-    pixels = photo.as_rgb8(width, height)[..., ::-1]
-    data = np.asarray(cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1])
-    return f"data:image/jpeg;base64,{base64.b64encode(data.tobytes()).decode()}"
+    return jpeg_url(photo.as_rgb8(width, height)[..., ::-1], QUALITY)
 
 
 def _cell(session: Session, index: int) -> str:
@@ -72,17 +68,15 @@ def _cell(session: Session, index: int) -> str:
 
 def _outlines(session: Session, index: int) -> str:
     """SVG of the objects' outlines over a small picture."""
-    outlines, document = session.outlines, session.document
-    if session.photo_alone or session.look == "none":
+    outlines, drawn = session.outlines, ""
+    is_hidden = session.photo_alone or session.look == "none"
+    if is_hidden or outlines is None or index >= len(outlines.small):
         return ""
-    if outlines is None or index >= len(outlines.small):
-        return ""
-    drawn = []
     for number, lines in outlines.small[index].items():
-        colour = LINE_COLOUR if number == document.number else object_colour(number)
+        colour = LINE_COLOUR if number == session.document.number else object_colour(number)
         path = outline_path(lines)
-        drawn.append(f'<path class="pv-halo" d="{path}"/><path stroke="rgb{colour}" d="{path}"/>')
-    return "".join(drawn)
+        drawn += f'<path class="pv-halo" d="{path}"/><path stroke="rgb{colour}" d="{path}"/>'
+    return drawn
 
 
 def outline_path(lines: FloatArray) -> str:
