@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from poseviewer.files.checks import Reading
 from poseviewer.files.mesh.named import bare_name, find_named
 from poseviewer.files.mesh.parts import (
     Part,
+    check_indices,
     colours_from_numbers,
     fan_corners,
     load_textures,
@@ -28,39 +29,29 @@ from poseviewer.geometry.normals import weld
 
 Material = tuple[NDArray | None, NDArray[np.uint8] | None]
 """An MTL file's diffuse RGB (3,) in [0, 1], and texture."""
-KINDS = ("v", "vt", "vn", "f")
+Relative = dict[int, tuple[int, ...]]
+"""Numbers of ``v``, ``vt`` and ``vn`` before each face whose indices count backwards."""
+Changes = list[tuple[int, tuple[str, str]]]
+"""Faces so far, then names of part and material."""
+KINDS = ("v", "vt", "vn", "f", "mtllib")
 OPTIONS = re.compile(r"(-\S* ((-?(\d+\.?\d*|\.\d+)|on|off)? )*)*")
 """Options before a picture's name, which may hold spaces: ``-s 1 1 1`` or ``-clamp on``."""
 
 
-@dataclass
-class _Lines:
-    """The lines of an OBJ file, sorted by what they say."""
-
-    values: dict[str, list[str]] = field(default_factory=lambda: {k: [] for k in KINDS})
-    """Behind ``v``, ``vt``, ``vn`` and ``f``."""
-    relative: dict[int, tuple[int, ...]] = field(default_factory=dict)
-    """Numbers of ``v``, ``vt`` and ``vn`` before each face whose indices count backwards."""
-    changes: list[tuple[int, str, str]] = field(default_factory=lambda: [(0, "", "")])
-    """(faces so far, part name, material name)."""
-    libraries: list[str] = field(default_factory=list)
-
-
 def read_obj(path: Path) -> tuple[list[Part], list[str]]:
     """The parts of an OBJ file, one for each part name and material, and notes for the user."""
-    lines = _sort_lines(path.read_text(encoding="utf-8", errors="replace"))
-    v, vt, vn, _ = lines.values.values()
-    vertices, colours = _read_vertices(v)
-    uvs = read_table([f"{line} 0" for line in vt], 2)  # the second number may be left out
-    normals = read_table(vn, 3)
+    lines, relative, changes = _sort_lines(path.read_text(encoding="utf-8", errors="replace"))
+    vertices, colours = _read_vertices(lines["v"])
+    uvs = read_table([f"{line} 0" for line in lines["vt"]], 2)  # the second may be left out
+    normals = read_table(lines["vn"], 3)
     notes: list[str] = []
-    counts, corners = _read_faces(lines)
-    _check_range(path.name, corners, (len(vertices), len(uvs), len(normals)))
+    counts, corners = _read_faces(lines["f"], relative)
+    for kind, column, table in zip(KINDS, corners.T, (vertices, uvs, normals), strict=False):
+        check_indices(path.name, column if kind == "v" else column[column != -1], len(table), kind)
     if np.any(counts < 3):
         notes.append(f"Faces of fewer than 3 corners, left out: {np.sum(counts < 3):,}.")
-    materials = _read_materials(path, lines.libraries, notes)
-    starts = [start for start, _, _ in lines.changes]
-    names = [(name, material) for _, name, material in lines.changes]
+    materials = _read_materials(path, lines["mtllib"], notes)
+    starts, names = zip(*changes, strict=True)
     keys = {key: number for number, key in enumerate(dict.fromkeys(names))}
     which = np.repeat([keys[key] for key in names], np.diff([*starts, len(counts)]))
     of_part = split_by(np.repeat(which, np.maximum(counts - 2, 0)), len(keys))
@@ -70,31 +61,30 @@ def read_obj(path: Path) -> tuple[list[Part], list[str]]:
     triangles, parts = fan_corners(counts), []
     for (name, material), own in zip(keys, of_part, strict=True):
         if len(own):
-            found, used = materials.get(material, (None, None)), corners[triangles[own]]
-            parts.append(_as_part(name, used, vertices, colours, uvs, normals, found))
+            paint, used = materials.get(material, (None, None)), corners[triangles[own]]
+            parts.append(_as_part(name, used, vertices, colours, uvs, normals, paint))
     return parts or [Part("", vertices)], notes
 
 
-def _sort_lines(text: str) -> _Lines:
-    lines = _Lines()
-    values = lines.values
-    thing = group = material = ""
+def _sort_lines(text: str) -> tuple[dict[str, list[str]], Relative, Changes]:
+    """What stands behind each word of ``KINDS``, and where in the file indices and names count."""
+    lines: dict[str, list[str]] = {kind: [] for kind in KINDS}
+    relative: Relative = {}
+    changes: Changes = [(0, ("", ""))]
+    faces, thing, group, material = lines["f"], "", "", ""
     for line in text.replace("\\\n", " ").replace("\\\r\n", " ").splitlines():
         word, _, rest = line.strip().partition(" ")
-        if word in values:
+        if word in lines:
             if word == "f" and "-" in rest:
-                ends = tuple(len(values[kind]) for kind in KINDS[:3])
-                lines.relative[len(values["f"])] = ends
-            values[word].append(rest)
+                relative[len(faces)] = tuple(len(lines[kind]) for kind in KINDS[:3])
+            lines[word].append(rest)
         elif word in ("o", "g", "usemtl"):
             rest = rest.strip()
             thing, group = (rest, "") if word == "o" else (thing, rest if word == "g" else group)
             material = rest if word == "usemtl" else material
             name = " ".join(dict.fromkeys(n for n in (thing, group) if n))
-            lines.changes.append((len(values["f"]), name, material))
-        elif word == "mtllib":
-            lines.libraries.append(rest.strip())
-    return lines
+            changes.append((len(faces), (name, material)))
+    return lines, relative, changes
 
 
 def read_table(lines: list[str], columns: int) -> NDArray:
@@ -116,9 +106,8 @@ def _read_vertices(lines: list[str]) -> tuple[NDArray, NDArray | None]:
     return read_table(lines, 3), None
 
 
-def _read_faces(lines: _Lines) -> tuple[NDArray, NDArray]:
+def _read_faces(faces: list[str], relative: Relative) -> tuple[NDArray, NDArray]:
     """Corners of each face (N,), and (C, 3) their indices into v, vt, vn; from 0, -1 for none."""
-    faces = lines.values["f"]
     counts = np.array([len(line.split()) for line in faces], dtype=np.int64)
     words = " ".join(faces).replace("//", "/0/").split()
     corners = np.zeros((len(words), 3), dtype=np.int64)
@@ -127,22 +116,11 @@ def _read_faces(lines: _Lines) -> tuple[NDArray, NDArray]:
     numbers = np.array(" ".join(words).replace("/", " ").split(), dtype=np.int64)
     numbers = numbers.reshape(len(words), -1) if words else corners
     corners[:, : numbers.shape[1]] = numbers
-    if lines.relative:
+    if relative:
         ends = np.zeros((len(faces), 3), dtype=np.int64)
-        ends[list(lines.relative)] = list(lines.relative.values())
+        ends[list(relative)] = list(relative.values())
         corners += np.where(corners < 0, 1 + np.repeat(ends, counts, axis=0), 0)
     return counts, corners - 1
-
-
-def _check_range(name: str, corners: NDArray, sizes: tuple[int, int, int]) -> None:
-    for column, (kind, size) in enumerate(zip(KINDS, sizes, strict=False)):
-        least = 0 if kind == "v" else -1
-        bad = (corners[:, column] < least) | (corners[:, column] >= size)
-        if np.any(bad):
-            raise MeshFileError(
-                f"{name}: a face asks for {kind} number {corners[bad, column][0] + 1}, but there "
-                f"are {size}; the file is damaged or cut short, export it again."
-            )
 
 
 def _as_part(

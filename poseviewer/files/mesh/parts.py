@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from poseviewer.errors import MeshFileError
 from poseviewer.files.checks import quiet_libraries
 from poseviewer.files.mesh.named import bare_name, find_named
 
@@ -76,6 +77,14 @@ def fan_corners(counts: NDArray) -> NDArray[np.int64]:
     starts = np.repeat(np.cumsum(counts) - counts, triangles)
     step = np.arange(len(starts)) - np.repeat(np.cumsum(triangles) - triangles, triangles)
     return np.stack([starts, starts + step + 1, starts + step + 2], axis=1)
+
+
+def check_indices(name: str, indices: NDArray, size: int, kind: str = "vertex") -> None:
+    """Raise unless indices in the faces of the file ``name`` are from 0 to below ``size``."""
+    wrong = indices[(indices < 0) | (indices >= size)]
+    if wrong.size:
+        found = f"a face asks for {kind} number {wrong[0]} (counted from 0) of {size:,}"
+        raise MeshFileError(f"{name}: {found}; the file is damaged or cut short, export it again.")
 
 
 def colours_from_numbers(values: NDArray) -> NDArray[np.float64]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.parts import (
     Part,
+    check_indices,
     colours_from_numbers,
     fan_corners,
     load_textures,
@@ -164,8 +165,7 @@ def _parts(
     counts, indices = next((face[k] for k in INDEX_NAMES if k in face), (np.zeros(0),) * 2)
     corners, triangles = fan_corners(counts), np.maximum(counts - 2, 0)
     faces = indices[corners].astype(np.int64)
-    if not faces.size or faces.min() < 0 or faces.max() >= len(vertices):
-        return [Part("", vertices, faces)], []  # refused where indices are checked
+    check_indices(path.name, faces, len(vertices))
     normals, uvs = _stack(vertex, ("nx", "ny", "nz")), _stack(vertex, *UV_NAMES)
     part = Part("", vertices, faces, normals, _stack(vertex, *COLOUR_NAMES), uvs)
     texcoord = face.get("texcoord", (None,))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError, printable
 from poseviewer.files.checks import LARGEST_NUMBER as LARGEST_COORDINATE
-from poseviewer.files.mesh.parts import Part
+from poseviewer.files.mesh.parts import Part, check_indices
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.normals import (
     crease_normals,
@@ -58,15 +58,11 @@ def _check(name: str, parts: list[Part]) -> None:
             wanted = f"poseviewer takes up to {most:,}, simplify the model first"
             raise MeshFileError(f"{name}: {count:,} {what}; {wanted}.")
     for part in parts:
-        size, faces = len(part.vertices), np.asarray(part.faces)
         bad = int(np.sum(~(np.abs(part.vertices) <= LARGEST_COORDINATE).all(axis=1)))
-        wrong = faces[(faces < 0) | (faces >= size)]
         if bad:
             found = f"coordinates that are not finite, or beyond {LARGEST_COORDINATE:g}"
             raise MeshFileError(f"{name}: {found} (vertices: {bad:,}); repair the model.")
-        if wrong.size:
-            found = f"a face asks for vertex number {wrong[0]} (counted from 0) of {size:,}"
-            raise MeshFileError(f"{name}: {found}; the file is damaged, export it again.")
+        check_indices(name, np.asarray(part.faces), len(part.vertices))
 
 
 def _merged(parts: list[Part], notes: list[str]) -> Mesh:
