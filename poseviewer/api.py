@@ -471,8 +471,9 @@ class Scene:
         """The scene with the loss, by an evaluation, of an object that was not searched for."""
         if self.index is None or self.object.result is not None:
             return self.data
-        at, known = self._at, (self.problem, self.parameters, self.loss)
-        return self.data.with_object(at, result=result_of(self.data, at, *known))
+        at, start = self._at, FitProgress.at_start(self.problem)
+        known = replace(start, parameters=self.parameters, loss=self.loss)
+        return self.data.with_object(at, result=result_of(self.data, at, known))
 
     def save(self, path: str | Path) -> None:
         """Write the pose file of one object in one view, else the scene file, and beside it the

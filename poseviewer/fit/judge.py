@@ -21,7 +21,6 @@ from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import OutsideChartError
-from poseviewer.geometry.mesh import Mesh
 from poseviewer.optimise import quadratic
 from poseviewer.render.pyramid.levels import covered, seen_share
 from poseviewer.render.types import Renderer
@@ -41,29 +40,24 @@ TURN_GAIN = 0.02
 OUTLINE_OVERLAP = 0.75
 """Intersection over union of two poses' pictures from which their outlines count as the same."""
 MODELS = quadratic.QuadraticOptions(reach=0.1, rise=0.3, rounds=3, least_gain=-math.inf)
-"""Models of the loss about the end: from 5 % of the model's size at its rim down to where the loss
-has risen as far as the last models of a search look; always so many rounds."""
+"""From 5 % of the model's size at its rim down to a search's last rise; always so many rounds."""
 
 
-def judge_end(
-    progress: FitProgress, mesh: Mesh, renderer: Renderer, threads: int = 1
-) -> FitProgress:
+def judge_end(progress: FitProgress, renderer: Renderer, threads: int = 1) -> FitProgress:
     """The progress with the verdict on the pose that a search ended in, ``lost`` where no model is
     to be seen, and the pose's covariance.
     """
     problem, parameters, features, covariance = progress.problem, progress.parameters, None, None
     if len(problem.views) > 1:
-        each = []
-        for alone in problem.alone:
-            pose = alone.chart.to_pose(parameters)
-            own = replace(progress, problem=alone, pose=pose)
-            each.append(judge_end(own, mesh, renderer, threads))
+        pairs = zip(problem.alone, problem.poses(parameters), strict=True)
+        owns = [replace(progress, problem=alone, pose=pose) for alone, pose in pairs]
+        each = [judge_end(own, renderer, threads) for own in owns]
         verdict = judge_together([one.verdict for one in each if one.verdict is not None])
         if verdict.word != "lost":
             charts, known = [view.chart for view in problem.views], [one.covariance for one in each]
-            covariance = joint_covariance(charts, known, parameters, mesh)
+            covariance = joint_covariance(charts, known, parameters, problem.model.mesh)
         return replace(progress, verdict=verdict, covariance=covariance)
-    probing = partial(Probe, problem, mesh, renderer, progress.pose, threads)
+    probing = partial(Probe, problem, renderer, progress.pose, threads)
     if progress.status is not Status.NOTHING_SEEN:
         # Raises where it is in part behind the camera, or on the edge of its chart.
         with suppress(PoseViewerError), closing(probing()) as probe:
@@ -83,19 +77,17 @@ def gather_features(probe: Probe) -> Features | None:
     """
     photo, renderer, pose = probe.photo, probe.renderer, probe.chart.start
     drawn = covered(photo, renderer, pose)
-    if np.count_nonzero(drawn & (photo.weights > 0.0)) < FEWEST_PIXELS:
+    here = float(probe.losses(np.zeros((1, len(probe.motions))))[0])
+    if np.count_nonzero(drawn & (photo.weights > 0.0)) < FEWEST_PIXELS or not math.isfinite(here):
         return None
-    here = float(probe.losses([np.zeros(len(probe.motions))])[0])
-    if not math.isfinite(here):
-        return None
-    losses = probe.losses(_wrong_steps(probe))
-    losses = losses[np.isfinite(losses)]
+    losses, turned = (
+        all_losses[np.isfinite(all_losses)]
+        for all_losses in (probe.losses(_wrong_steps(probe)), probe.losses(probe.turns()))
+    )
     typical = float(np.median(losses))
     scale = max(1.4826 * float(np.median(np.abs(losses - typical))), 1e-6)
-    turned = probe.losses(probe.turns()) - here
-    turned = turned[np.isfinite(turned)]
     # Without turns, a turned pose is taken for as bad as a typical wrong one.
-    gain = float(turned.min()) if len(turned) else max(typical - here, 0.0)
+    gain = float((turned - here).min()) if len(turned) else max(typical - here, 0.0)
     return Features(
         turn_margin=gain / scale,
         spread_percent=100.0 * float(np.median(_distances_of_returns(probe))),
@@ -107,20 +99,18 @@ def gather_features(probe: Probe) -> Features | None:
 def _wrong_steps(probe: Probe) -> FloatArray:
     """(w, k): steps to wrong poses."""
     random = np.random.default_rng(0)
-    size = probe.motions.shape[1]
     axes = random.normal(size=(WRONG_POSES, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     angles = np.radians(random.uniform(*WRONG_DEG, (WRONG_POSES, 1)))
     rest = random.normal(size=(WRONG_POSES, 3)) * [WRONG_SHIFT, WRONG_SHIFT, WRONG_SIZE]
-    motions = np.hstack([axes * angles, rest, np.zeros((WRONG_POSES, size - 6))])
-    return motions @ probe.motions.T
+    focal = np.zeros((WRONG_POSES, probe.motions.shape[1] - 6))
+    return np.hstack([axes * angles, rest, focal]) @ probe.motions.T
 
 
 def _distances_of_returns(probe: Probe) -> list[float]:
     """Distances of the ends of descents from near by to the coarse minimum, shares of the size."""
     size = len(probe.motions)
-    random = np.random.default_rng(1)
-    near = random.normal(size=(RETURNS, size))
+    near = np.random.default_rng(1).normal(size=(RETURNS, size))
     near *= RETURN_DISTANCE / np.linalg.norm(near, axis=1, keepdims=True) * math.sqrt(size / 3.0)
     descents = [(step, RETURN_EDGE, RETURN_EVALUATIONS) for step in near]
     own = (np.zeros(size), MINIMUM_EDGE, MINIMUM_EVALUATIONS)
@@ -136,7 +126,8 @@ def find_covariance(probe: Probe, seen: float) -> PoseCovariance:
     least, inverse = inverse_curvature(probe.losses, len(probe.motions))
     factor = spread(LossScale.of(probe.photo).unexplained(least), seen)
     covariance = factor**2 * probe.motions.T @ inverse @ probe.motions
-    return PoseCovariance.from_chart(probe.mesh, probe.chart.start, probe.chart, covariance)
+    chart = probe.chart
+    return PoseCovariance.from_chart(probe.model.mesh, chart.start, chart, covariance)
 
 
 def inverse_curvature(
@@ -155,7 +146,7 @@ def inverse_curvature(
 
 
 def better_turn(
-    problem: FitProblem, mesh: Mesh, renderer: Renderer, pose: Pose, threads: int = 1
+    problem: FitProblem, renderer: Renderer, pose: Pose, threads: int = 1
 ) -> FloatArray | None:
     """Parameters (d,) of the best pose of the same outline that descents from turned poses reach on
     a coarse level; None where a descent from the pose itself reaches no worse one.
@@ -164,11 +155,10 @@ def better_turn(
     tells the turn, but only a few degrees far: a search from farther away ends beside the right
     turn.
     """
-    with suppress(PoseViewerError), closing(Probe(problem, mesh, renderer, pose, threads)) as probe:
+    with suppress(PoseViewerError), closing(Probe(problem, renderer, pose, threads)) as probe:
         photo, level = probe.level.photo, probe.level.renderer
         starts = [np.zeros(len(probe.motions)), *probe.turns()]
-        descents = [(start, TURN_EDGE, TURN_EVALUATIONS) for start in starts]
-        (_, own), *ends = probe.descend(descents)
+        (_, own), *ends = probe.descend([(at, TURN_EDGE, TURN_EVALUATIONS) for at in starts])
         for step, loss in sorted(ends, key=lambda end: end[1]):
             if loss > own - TURN_GAIN:
                 break

@@ -19,7 +19,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError, has_focal
 from poseviewer.geometry.free_body_chart import FreeBodyChart
-from poseviewer.geometry.mesh import Mesh, hull_points, principal_axes
+from poseviewer.geometry.mesh import hull_points, principal_axes
 from poseviewer.geometry.symmetry_group import Symmetry
 from poseviewer.geometry.transform import rotation_about
 from poseviewer.optimise import nelder_mead
@@ -37,9 +37,6 @@ TURNS_DEG = (15.0, 30.0, 45.0)
 FREE_SHARE = 0.9
 """A turn counts where this share of it is left of what the search was free to change."""
 
-Descent = tuple[FloatArray, float, int]
-"""Start (k,), edge and number of evaluations of a downhill simplex."""
-
 
 class Probe:
     """Losses about a pose, at steps (k,) along the motions that its search was free in.
@@ -50,7 +47,6 @@ class Probe:
     def __init__(
         self,
         problem: FitProblem,
-        mesh: Mesh,
         renderer: Renderer,
         pose: Pose,
         threads: int = 1,
@@ -60,24 +56,23 @@ class Probe:
 
         Raises ``PoseViewerError`` for a pose that has no parameters in a chart.
         """
+        self.model, self.renderer = problem.model, renderer
         free_focal = has_focal(problem.chart, problem.free_indices)
         free_focal = free_focal and not isinstance(pose.camera, Parallel)
-        self.chart = FreeBodyChart.near(mesh, pose, free_focal)
+        self.chart = FreeBodyChart.near(self.model.mesh, pose, free_focal)
         motions = free_motions(problem, problem.chart.from_pose(pose), self.chart)
-        self.motions = _without_equal(motions, self.chart, problem.symmetry)
+        self.motions = _without_equal(motions, self.chart, self.model.symmetry)
         """(k, d): orthonormal, in the numbers of ``chart``; none leads along equal poses."""
         photo = problem.photo
         if photo.structure is None:  # by classes and edges near the pose, whatever was compared
-            near = photo.weights * box_near(mesh, pose).mask(*photo.weights.shape)
+            near = photo.weights * box_near(self.model.mesh, pose).mask(*photo.weights.shape)
             plain = replace(photo, weights=near, clipped=False)
-            photo = structured(plain, working_factor(mesh, pose))
+            photo = structured(plain, working_factor(self.model.mesh, pose))
         self.photo = photo
         if is_fine:
             self.level = lighter_level(photo, renderer, pose)
         else:
             self.level = coarsest_level(photo, renderer, pose, FEWEST_OF_STRUCTURE)
-        self.mesh, self.renderer = mesh, renderer
-        self._symmetry, self._points = problem.symmetry, hull_points(mesh)
         self._pool = RendererPool(self.level.renderer, threads)
         self.close = self._pool.close
 
@@ -89,27 +84,32 @@ class Probe:
         """(s,): losses at steps; infinite where a step leads to no pose."""
         return np.array(list(self._pool.map(self._loss, list(steps))))
 
-    def descend(self, descents: Sequence[Descent]) -> list[tuple[FloatArray, float]]:
-        """The step where each descent ends, and the loss there."""
+    def descend(
+        self, descents: Sequence[tuple[FloatArray, float, int]]
+    ) -> list[tuple[FloatArray, float]]:
+        """Step where each descent of a simplex ends, and the loss there; descents are given by
+        start (k,), edge and number of evaluations.
+        """
         return list(self._pool.map(self._descend, descents, at_a_time=1))
 
-    def _loss(self, renderer: Renderer, step: FloatArray) -> float:
-        try:
-            pose = self.pose(step)
-        except OutsideChartError:
-            return np.inf
-        return registration_loss(renderer.moments(pose, self.level.photo))
-
-    def _descend(self, renderer: Renderer, descent: Descent) -> tuple[FloatArray, float]:
+    def _descend(
+        self, renderer: Renderer, descent: tuple[FloatArray, float, int]
+    ) -> tuple[FloatArray, float]:
         start, edge, evaluations = descent
         objective, edges = partial(map, partial(self._loss, renderer)), edge * np.eye(len(start))
         states = nelder_mead.minimise(objective, start, edges, TOLERANCES)
         *_, last = islice(states, evaluations + 1)
         return last.best, last.value
 
+    def _loss(self, renderer: Renderer, step: FloatArray) -> float:
+        try:
+            return registration_loss(renderer.moments(self.pose(step), self.level.photo))
+        except OutsideChartError:
+            return np.inf
+
     def turns(self) -> FloatArray:
         """(t, k): steps that turn the model about those principal axes that are free."""
-        axes = principal_axes(self.mesh) @ self.chart.start.camera_from_model.rotation.T
+        axes = principal_axes(self.model.mesh) @ self.chart.start.camera_from_model.rotation.T
         angles = np.radians([*TURNS_DEG, *(-angle for angle in TURNS_DEG)])
         turns = np.zeros((3 * len(angles), self.motions.shape[1]))
         turns[:, :3] = np.einsum("a,kx->akx", angles, axes).reshape(-1, 3)
@@ -123,10 +123,10 @@ class Probe:
         """
         try:
             pose = self.pose(one)
-            equal = self._symmetry.nearest_pose(self.pose(other), pose)
+            equal = self.model.symmetry.nearest_pose(self.pose(other), pose)
         except OutsideChartError:
             return 1.0
-        here, there = pose.project(self._points), equal.project(self._points)
+        here, there = (each.project(hull_points(self.model.mesh)) for each in (pose, equal))
         diagonal = float(np.linalg.norm(np.ptp(here, axis=0)))
         apart = float(np.linalg.norm(here - there, axis=1).mean())
         return min(apart / diagonal, 1.0) if diagonal > 0.0 and np.isfinite(apart) else 1.0
@@ -134,17 +134,16 @@ class Probe:
 
 def free_motions(problem: FitProblem, parameters: FloatArray, chart: FreeBodyChart) -> FloatArray:
     """(k, d): orthonormal motions that span what the search was free to change."""
-    scales, motions = problem.chart.scales(parameters), []
-    is_all_free = len(problem.free_indices) == len(parameters)
-    for index in () if is_all_free else problem.free_indices:
+    if len(problem.free_indices) == len(parameters):
+        return np.eye(len(chart.names))
+    steps, motions = SMALL_STEP * np.diag(problem.chart.scales(parameters)), []
+    for step in steps[problem.free_indices]:
         for sign in (1.0, -1.0):  # at the border of a chart one of them leads to no pose
-            changed = parameters.copy()
-            changed[index] += sign * SMALL_STEP * scales[index]
             with suppress(OutsideChartError):
-                motion = chart.from_pose(problem.chart.to_pose(changed)) * (sign / SMALL_STEP)
-                motions.append(motion)
+                moved = problem.chart.to_pose(parameters + sign * step)
+                motions.append(chart.from_pose(moved) * (sign / SMALL_STEP))
                 break
-    return orth(np.array(motions).T, LEAST_MOTION).T if motions else np.eye(len(chart.names))
+    return orth(np.array(motions).T, LEAST_MOTION).T
 
 
 def _without_equal(motions: FloatArray, chart: FreeBodyChart, symmetry: Symmetry) -> FloatArray:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from poseviewer.errors import SettingsError, SingularChartError
 from poseviewer.fit.compared import ComparedView, compared_view
 from poseviewer.fit.loss import LossScale
-from poseviewer.fit.scene import Scene
+from poseviewer.fit.scene import LoadedModel, Scene
 from poseviewer.fit.settings import ChartName, FitSettings
 from poseviewer.fit.visibility import Hiding, hiding
 from poseviewer.geometry.arrays import FloatArray, frozen_array
@@ -19,7 +19,6 @@ from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh, hull_in_photo
-from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.render.types import PhotoAttributes, Renderer
@@ -29,15 +28,14 @@ from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FitProblem:
-    """The views, start and settings of a search: all that it needs but a renderer."""
+    """The model, views, start and settings of a search: all that it needs but a renderer."""
 
+    model: LoadedModel
     views: tuple[ComparedView, ...]
     """The loss is their mean; the first view's chart names the parameters."""
     start: FloatArray
     """(d,): the chart's parameters of the start pose."""
     settings: FitSettings = field(default_factory=FitSettings)
-    symmetry: Symmetry = NO_SYMMETRY
-    """The model's: poses that differ by it are one."""
     free_indices: NDArray[np.intp] = field(init=False, repr=False)
     """The indices of the parameters that the search may change."""
 
@@ -66,6 +64,16 @@ class FitProblem:
         return self.views[0].chart
 
     @property
+    def is_structured(self) -> bool:
+        """Whether classes and edges are compared."""
+        return self.photo.structure is not None
+
+    @property
+    def is_among_others(self) -> bool:
+        """Whether other objects can hide the model."""
+        return any(view.behind is not None for view in self.views)
+
+    @property
     def alone(self) -> tuple[FitProblem, ...]:
         """The problem on each of its views alone; the parameters are those of all."""
         return tuple(replace(self, views=(view,)) for view in self.views)
@@ -84,6 +92,10 @@ class FitProblem:
     def scale(self) -> LossScale:
         """The scale of its losses."""
         return LossScale.of(self.photo)
+
+    def poses(self, parameters: FloatArray) -> tuple[Pose, ...]:
+        """The poses that ``parameters`` (d,) stand for in each view; raises as the charts."""
+        return tuple(view.chart.to_pose(parameters) for view in self.views)
 
     def complete(self, free_parameters: FloatArray) -> FloatArray:
         """(..., d): the start's parameters with the free ones replaced by (..., k)."""
@@ -166,7 +178,7 @@ def make_problem(
         )
         if len({LossScale.of(view.photo) for view in views}) == 1:
             break
-    return FitProblem(views, start, settings, model.symmetry), tuple(notes)
+    return FitProblem(model, views, start, settings), tuple(notes)
 
 
 def numbers_of(chart: Chart, pose: Pose, scale: float = 1.0) -> FloatArray:
@@ -183,8 +195,8 @@ def moved(scene: Scene, index: int, problem: FitProblem, parameters: FloatArray)
     chart = problem.chart
     scale = 1.0 / chart.scale_at(parameters) if isinstance(chart, ViewChart) else None
     # The first view comes last, as it has the pose; others may have focal lengths of their own.
-    for view in reversed(problem.views):
-        scene = scene.with_pose(index, view.chart.to_pose(parameters), view.index, scale)
+    for view, pose in zip(problem.views[::-1], problem.poses(parameters)[::-1], strict=True):
+        scene = scene.with_pose(index, pose, view.index, scale)
     return scene
 
 

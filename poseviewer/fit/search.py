@@ -27,7 +27,6 @@ from poseviewer.confidence.verdict import (
     SURE_AMONG_OTHERS,
     SURE_FROM,
     TURNED_THRESHOLD,
-    Verdict,
 )
 from poseviewer.fit.compared import ComparedView, enlarged
 from poseviewer.fit.judge import better_turn, judge_end
@@ -46,9 +45,7 @@ from poseviewer.fit.scene import Scene, SearchResult
 from poseviewer.fit.settings import settings_as_json
 from poseviewer.fit.stages import fit_pose
 from poseviewer.fit.visibility import Hiding, visibility
-from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Perspective
-from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.pyramid.levels import seen_share
 from poseviewer.render.types import Renderer
@@ -58,20 +55,17 @@ MOST_CONTINUED = 3
 GAIN_THRESHOLD = 0.1
 """Loss that the last search must have gained to be continued."""
 OCCLUSION_PASSES, NEW_SHARE = 2, 0.03
-"""Number of times that a search looks for what is in front (the second time from a better pose),
-and share of P by which that must differ to search again."""
+"""Looks for what is in front, and share of P by which that must differ to search again."""
 MOST_RUNS = 4
-"""Runs of the stages before a verdict: those that follow look again at what others hide of the
-object, which settles after two mostly, or move the focal length on."""
+"""Runs of the stages before a verdict: what others hide settles after two mostly."""
 FOCAL_THRESHOLD = 0.02
-"""Share of the focal length by which a run must move it to be continued: along it the loss is
-nearly flat, and runs stop early."""
+"""Share by which a run moves the focal length to be continued: along it the loss is nearly flat."""
 CHANGED = 0.05
-"""Share of an object's pixels that others must hide or give free for another search: less moves its
+"""Share of an object's pixels that others hide or give free for another search: less moves its
 minimum by less than such a search can tell."""
 LEAST_LEFT = 0.5
 """Share of what is seen of an object at its start that must lie beside all others, to be searched
-for first as if they all stood in front: with less there is little to go by."""
+for first as if they all stood in front."""
 MOST_ROUNDS = 4
 """Searches of one object at most: two that slide along each other would take turns for ever."""
 
@@ -157,10 +151,6 @@ class Search:
     def _renderer(self) -> Renderer:
         return self._renderers[self._index]
 
-    @property
-    def _mesh(self) -> Mesh:
-        return self.scene.objects[self._index].mesh
-
     def _told(self, progress: FitProgress) -> SearchProgress:
         self._placings = {**self._placings, self._index: progress}
         if progress.status is not Status.RUNNING:
@@ -169,7 +159,7 @@ class Search:
 
     def _judged(self, progress: FitProgress) -> FitProgress:
         """The progress with the verdict on its pose."""
-        judged = judge_end(progress, self._mesh, self._renderer, self._threads)
+        judged = judge_end(progress, self._renderer, self._threads)
         return replace(judged, seconds=time.perf_counter() - self._began)
 
     def _most_seen(self, due: set[int]) -> int:
@@ -177,8 +167,8 @@ class Search:
         if len(due) == 1:
             return next(iter(due))
         standing = [i for i, one in enumerate(self.scene.objects) if i in due or not one.hidden]
-        placed = [self.scene.placed(index, self._view) for index in standing]
-        shares = dict(zip(standing, visibility(placed).shares, strict=True))
+        seen = visibility([self.scene.placed(index, self._view) for index in standing])
+        shares = dict(zip(standing, seen.shares, strict=True))
         return max(sorted(due), key=lambda index: shares[index])
 
     def _place(self, hidden: Hidings) -> Steps[None]:
@@ -188,13 +178,13 @@ class Search:
         verdict and restarts follow, as with wrong pixels they would be in vain.
         """
         problem = self._made(hidden)
-        among = any(view.behind is not None for view in problem.views)
-        is_coarse, gain = among and problem.photo.structure is not None, math.inf
+        is_among, gain = problem.is_among_others, math.inf
         if self._index in self._placings:  # it has been searched for: from there
             scale = self.scene.objects[self._index].world_from_model.scale
             pose = self.scene.pose(self._index, problem.views[0].index)
             problem = replace(problem, start=numbers_of(problem.chart, pose, scale))
-        before, best = problem.start, (yield from self._run(problem, is_coarse=is_coarse))
+        before, is_coarse = problem.poses(problem.start)[0], is_among and problem.is_structured
+        best = yield from self._run(problem, is_coarse=is_coarse)
         for _ in range(1, MOST_RUNS):
             scene = moved(self.scene, self._index, best.problem, best.parameters)
             hidden = self._seen_in(scene, best.problem)
@@ -203,28 +193,25 @@ class Search:
             if is_settled or not best.may_continue:
                 break
             best = best if is_same else self._on(self._made(hidden), best)
-            before, loss, is_coarse = best.parameters, best.loss, False
+            before, loss, is_coarse = best.pose, best.loss, False
             best = yield from self._run(best.problem, best)
-            gain = loss - best.loss if among else math.inf
-        best = yield from self._finish(best, gain, SURE_AMONG_OTHERS if among else SURE_FROM)
-        if is_start_kept(best):
-            hidden = self._seen_in(self._scene_at_start, best.problem)
-            best = self._kept(self._made(hidden), best)
-        yield self._told(best)
+            gain = loss - best.loss if is_among else math.inf
+        best = yield from self._finish(best, gain)
+        is_unsure = best.verdict is not None and best.verdict.probability < SURE_FROM
+        yield self._told(self._kept(best) if is_unsure and problem.settings.keep_start else best)
 
     def _run(
         self,
         problem: FitProblem,
         before: FitProgress | None = None,
-        *,
-        is_shown: bool = True,
+        shown: FitProgress | None = None,
         **how: Any,
     ) -> Steps[FitProgress]:
-        """Run the stages; ``is_shown``: its poses are, else that of ``before``."""
+        """Run the stages; meanwhile the pose of ``shown`` is the best, by default their own."""
         end = before
         for end in fit_pose(problem, self._renderer, self._threads, before, **how):
             if end.status is Status.RUNNING:
-                yield self._told(end if is_shown or before is None else end.keeping(before))
+                yield self._told(end if shown is None else end.keeping(shown))
         assert end is not None  # a run yields at least once
         return end
 
@@ -253,39 +240,37 @@ class Search:
         )
         return replace(best, problem=problem, loss=loss, start_loss=start_loss)
 
-    def _finish(self, best: FitProgress, gain: float, sure_from: float) -> Steps[FitProgress]:
+    def _finish(self, best: FitProgress, gain: float) -> Steps[FitProgress]:
         """Leave out what is in front where a first search has ended, judge, and restart unless the
         verdict is sure. ``gain``: the loss that the last run has gained, if it continued another
         one of the same problem.
         """
         whole = best.problem
         for _ in range(OCCLUSION_PASSES):
-            if not best.may_continue or whole.photo.structure is None:
+            if not (best.may_continue and whole.is_structured):
                 break
-            views, hidden = best.problem.views, []
-            for view, old in zip(whole.views, views, strict=True):
-                pose = view.chart.to_pose(best.parameters)
+            views, poses, hidden = best.problem.views, whole.poses(best.parameters), []
+            for view, old, pose in zip(whole.views, views, poses, strict=True):
                 new = find_hidden(view.photo, self._renderer, pose)
                 hidden.append(old.hidden if new is None else new)
             if all(map(_is_same, views, hidden, whole.views)):
                 break
             left = map(ComparedView.without, whole.views, hidden)
             before = self._on(replace(whole, views=tuple(left)), best)
-            best, gain = (yield from self._run(before.problem, before, is_shown=False)), math.inf
+            best, gain = (yield from self._run(before.problem, before, before)), math.inf
         best = self._judged(best)
         for is_turned in (*(False,) * MOST_CONTINUED, True):
             if not is_turned and gain < GAIN_THRESHOLD:
                 continue
-            if not is_restarted(best, is_turned, sure_from):
+            if not is_restarted(best, is_turned):
                 break
             before, seed = best, whole.settings.seed + 2 + best.restart
             if is_turned:
-                known = best.problem, self._mesh, self._renderer, best.pose, self._threads
-                turned = better_turn(*known)
+                turned = better_turn(best.problem, self._renderer, best.pose, self._threads)
                 if turned is None:
                     break
                 before = replace(best, parameters=turned)
-            after = yield from self._run(best.problem, before, is_shown=False, seed=seed)
+            after = yield from self._run(best.problem, before, best, seed=seed)
             if after.loss < best.loss:
                 after = self._judged(after)
             loss = best.loss
@@ -293,16 +278,17 @@ class Search:
             gain = loss - best.loss
         return best
 
-    def _kept(self, problem: FitProblem, end: FitProgress) -> FitProgress:
+    def _kept(self, end: FitProgress) -> FitProgress:
         """The start in place of the ``end`` of a search from it, with its own loss and verdict,
         which says where the search ended.
         """
-        start = problem.chart.to_pose(problem.start)
+        problem = self._made(self._seen_in(self._scene_at_start, end.problem))
+        start, model = problem.chart.to_pose(problem.start), problem.model
         kept = replace(end, parameters=problem.start, pose=start, status=Status.KEPT)
         kept = self._judged(self._on(problem, kept))
         assert end.verdict is not None  # by it the start is kept
         assert kept.verdict is not None
-        away = pose_error(self._mesh, end.pose, start, problem.symmetry).percent
+        away = pose_error(model.mesh, end.pose, start, model.symmetry).percent
         said = (
             f"The start was kept: the search ended {away:.0f} % of the model's size away, where "
             f"{end.verdict.share_right}."
@@ -317,33 +303,25 @@ def with_end(scene: Scene, index: int, progress: FitProgress, renderer: Renderer
     scene = moved(scene, index, problem, at)
     seen: list[float | None] = [None] * len(scene.views)
     hidden: list[Hidden] = [None] * len(scene.views)
-    for view in problem.views:
-        seen[view.index] = seen_share(view.photo, renderer, view.chart.to_pose(at))
+    for view, pose in zip(problem.views, problem.poses(at), strict=True):
+        seen[view.index] = seen_share(view.photo, renderer, pose)
         if view.hidden is not None:
             photo, factor = scene.views[view.index].photo, view.photo.factor
             hidden[view.index] = enlarged(view.hidden, factor, photo.width, photo.height)
-    result = result_of(scene, index, problem, at, progress.loss, progress.verdict)
-    told = {"seen": tuple(seen), "hidden": tuple(hidden), "covariance": progress.covariance}
-    result = replace(result, **told)
+    result = replace(result_of(scene, index, progress), seen=tuple(seen), hidden=tuple(hidden))
     return scene.with_object(index, result=result)
 
 
-def result_of(
-    scene: Scene,
-    index: int,
-    problem: FitProblem,
-    parameters: FloatArray,
-    loss: float,
-    verdict: Verdict | None = None,
-) -> SearchResult:
-    """The loss of an object at ``parameters``, how it is compared, and a note on the view that goes
-    least with the others.
+def result_of(scene: Scene, index: int, progress: FitProgress) -> SearchResult:
+    """The best pose of an object, how it is compared, and a note on the view that goes least with
+    the others.
     """
+    problem, verdict = progress.problem, progress.verdict
     first = scene.views[problem.views[0].index]
-    notes = [first.photo.focal_note(problem.chart.to_pose(parameters).camera)]
-    views = () if verdict is None else verdict.views
-    if any(one.word != "found" for one in views):
-        worst = min(range(len(views)), key=lambda number: views[number].probability)
+    notes = [first.photo.focal_note(problem.chart.to_pose(progress.parameters).camera)]
+    verdicts = () if verdict is None else verdict.views
+    if any(one.word != "found" for one in verdicts):
+        worst = min(range(len(verdicts)), key=lambda number: verdicts[number].probability)
         notes.append(
             f"{scene.views[problem.views[worst].index].name} goes least with the others: something "
             "may hide the model there, or its camera may disagree with theirs."
@@ -351,26 +329,26 @@ def result_of(
     settings = settings_as_json(scene.objects[index].settings)
     return SearchResult(
         verdict,
-        loss,
-        problem.scale.unexplained(loss),
-        tuple(parameters.tolist()),
+        progress.loss,
+        progress.unexplained,
+        tuple(progress.parameters.tolist()),
         problem.chart.name,
         problem.chart.names,
         {**settings, "photo_channels": problem.photo.channels.shape[2]},
         notes=tuple(filter(None, notes)),
         view=problem.views[0].index,
+        covariance=progress.covariance,
     )
 
 
 def _differ(problem: FitProblem, now: Hidings) -> bool:
     """Whether others hide other pixels of an object now than in a ``problem``."""
     for view in problem.views:
-        pair = view.behind, now.get(view.index, view.behind)
-        drawn = next((one.drawn for one in pair if one is not None), None)
-        if drawn is not None:
-            masks = [np.zeros_like(drawn) if one is None else one.hidden for one in pair]
-            changed = np.count_nonzero((masks[0] ^ masks[1]) & drawn)
-            if changed > CHANGED * np.count_nonzero(drawn):
+        pair = [one for one in (view.behind, now.get(view.index, view.behind)) if one is not None]
+        if pair:
+            drawn = pair[0].drawn
+            changed = np.logical_xor.reduce([one.hidden for one in pair]) & drawn
+            if np.count_nonzero(changed) > CHANGED * np.count_nonzero(drawn):
                 return True
     return False
 
@@ -385,14 +363,6 @@ def _all_in_front(seen: Hiding | None) -> Hiding | None:
     return replace(seen, hidden=seen.others) if left >= LEAST_LEFT * shown else seen
 
 
-def is_start_kept(end: FitProgress) -> bool:
-    """Whether a problem's start is to be given back, as the ``end`` of its search is not sure to be
-    better; never before there is a verdict.
-    """
-    is_unsure = end.verdict is not None and end.verdict.probability < SURE_FROM
-    return end.problem.settings.keep_start and is_unsure
-
-
 def _is_same(known: ComparedView, hidden: Hidden, whole: ComparedView) -> bool:
     """Whether hardly any of the pixels that count are hidden otherwise than is known."""
     if known.hidden is None or hidden is None:
@@ -401,10 +371,11 @@ def _is_same(known: ComparedView, hidden: Hidden, whole: ComparedView) -> bool:
     return bool(np.sum((known.hidden ^ hidden) & counted) < NEW_SHARE * np.sum(counted))
 
 
-def is_restarted(best: FitProgress, is_turned: bool, sure_from: float = SURE_FROM) -> bool:
+def is_restarted(best: FitProgress, is_turned: bool) -> bool:
     """Whether another run follows, from the end of the search before (``is_turned``: turned)."""
-    if not best.may_continue or best.problem.photo.structure is None or best.verdict is None:
+    if not (best.may_continue and best.problem.is_structured) or best.verdict is None:
         return False
+    sure_from = SURE_AMONG_OTHERS if best.problem.is_among_others else SURE_FROM
     is_found = best.verdict.word == "found"
     return best.verdict.probability < sure_from and not (is_found and is_turned)
 
@@ -413,19 +384,17 @@ def is_taken(after: FitProgress, before: FitProgress, is_turned: bool) -> bool:
     """Whether the pose of a further search replaces that of the one ``before``: it needs less loss,
     and to be probable enough, since a wrong pose can have less loss than the right one.
     """
-    if after.verdict is None or after.loss >= before.loss:
+    if after.verdict is None or before.verdict is None or after.loss >= before.loss:
         return False
-    known = 0.0 if before.verdict is None else before.verdict.probability
+    known = before.verdict.probability
     if not is_turned:
         return after.verdict.probability >= known - PROBABILITY_MARGIN
     return after.verdict.probability >= max(known + PROBABILITY_MARGIN, TURNED_THRESHOLD)
 
 
-def _is_focal_moved(before: FloatArray, end: FitProgress) -> bool:
-    """Whether a run from the parameters ``before`` has moved the focal length far; never by the
-    paper's method, which is not continued.
-    """
-    cameras = [pose.camera for pose in (end.problem.chart.to_pose(before), end.pose)]
+def _is_focal_moved(before: Pose, end: FitProgress) -> bool:
+    """Whether a run from a pose has moved the focal length far; not by the paper's method."""
+    cameras = before.camera, end.pose.camera
     focals = [camera.fx for camera in cameras if isinstance(camera, Perspective)]
     is_searched = len(focals) == 2 and end.problem.settings.method != "paper"
     return is_searched and abs(focals[1] / focals[0] - 1.0) > FOCAL_THRESHOLD

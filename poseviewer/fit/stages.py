@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
+from poseviewer.fit.problem import FitProblem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import level_pose
@@ -31,8 +31,7 @@ from poseviewer.render.pyramid.levels import Level, coarsest_level, lighter_leve
 from poseviewer.render.types import Renderer
 
 FEWEST_PIXELS = 5000
-"""Pixels that the model covers at the start on the coarsest level, 70 along each side: on a coarser
-one side valleys reach up to the start."""
+"""Pixels of the model at the start on the coarsest level: on coarser ones side valleys reach it."""
 FEWEST_OF_STRUCTURE = 2000
 """``FEWEST_PIXELS`` where classes and edges are compared, which reach farther than shades do."""
 COARSE_POPULATION = CmaOptions(least_sigma=0.04)
@@ -40,8 +39,7 @@ COARSE_POPULATION = CmaOptions(least_sigma=0.04)
 FINE_POPULATION = CmaOptions(sigma=0.06, population=16, generations=24, least_sigma=2e-3)
 """On the photo itself: as wide as the coarse level can be wrong, past its side valleys."""
 LAST_MODELS = QuadraticOptions(reach=2.0, rise=0.6)
-"""Reach in standard deviations of the population before. The loss is some 40 in all: a gain of less
-than 0.02 moves the model by less than a twentieth of a pixel."""
+"""Reach in deviations of the population; its least gain moves the model a twentieth of a pixel."""
 REFINING_MODELS = QuadraticOptions(reach=1.0, rise=0.3)
 """Reach in that of the models before: the fine photo's minimum is a pixel away at most."""
 COARSE_STARTS, COARSE_STEP, COARSE_TOLERANCE = 1.5, 2.0, 8.0
@@ -49,15 +47,13 @@ COARSE_STARTS, COARSE_STEP, COARSE_TOLERANCE = 1.5, 2.0, 8.0
 FINE_STEP = 0.3
 """Edge of the simplex on the photo after a coarse level, times the options': one coarse pixel."""
 PAPER_WHOLE_STEP = 0.3
-"""Edge of the paper's simplex over the whole photo, in the parameters' scales: as wide as the
-deviations that it is to mend. Clipped, the loss tells nothing from far: the usual one is better."""
+"""Edge of the paper's simplex over the whole photo, as wide as the deviations to be mended."""
 PAPER_PATIENCE = 3
 """Number of the paper's restarts in a row without improvement that ends its search."""
 RESCORE_EVERY = 32
 """Number of evaluations after which the best point of a coarse level is scored on the photo."""
 REFINE_TOLERANCE = 1.0
-"""Loss on the photo by which a refined pose that is higher has left the valley; on synthetic photos
-the two minima differ by a tenth of it."""
+"""Loss on the photo by which a refined pose has left the valley: ten times the minima's gap."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,24 +76,19 @@ class Stage:
 def make_stages(
     problem: FitProblem, renderer: Renderer, start: FloatArray | None = None
 ) -> tuple[Stage, ...]:
-    """The stages of a search from parameters ``start`` (d,), by default the problem's.
-
-    Clipped to the model, one that covers too few pixels for a coarser level is searched on the
-    photo alone.
-    """
-    options, views, is_clipped = problem.settings.options, problem.views, problem.photo.clipped
-    full = tuple(Level(1, view.photo, renderer) for view in views)
+    """The stages of a search from parameters ``start`` (d,), by default the problem's."""
+    at = problem.start if start is None else start
+    poses = [(view.photo, renderer, view.chart.to_pose(at)) for view in problem.views]
+    full = tuple(Level(1, view.photo, renderer) for view in problem.views)
+    options, is_clipped = problem.settings.options, problem.photo.clipped
     if problem.settings.method == "paper":
         step = options.step if is_clipped else PAPER_WHOLE_STEP
         alone = replace(options, multi_starts=0, step=step, patience=PAPER_PATIENCE)
         return (Stage(full, restarts.minimise, alone),)
-    at = problem.start if start is None else start
-    poses = [(view.photo, renderer, view.chart.to_pose(at)) for view in views]
     fewest = FEWEST_PIXELS if is_clipped else FEWEST_OF_STRUCTURE
     coarse = tuple(coarsest_level(*pose, fewest) for pose in poses)
-    every = RESCORE_EVERY
     if is_clipped:
-        if coarse[0].factor == 1:
+        if coarse[0].factor == 1:  # the model covers too few pixels for a coarser level
             return (Stage(full, restarts.minimise, options),)
         wide = replace(
             options,
@@ -110,21 +101,21 @@ def make_stages(
         )
         near = replace(options, multi_starts=0, step=FINE_STEP * options.step, patience=1)
         return (
-            Stage(coarse, restarts.minimise, wide, rescore_every=every),
+            Stage(coarse, restarts.minimise, wide, rescore_every=RESCORE_EVERY),
             Stage(full, restarts.minimise, near),
         )
     light = tuple(lighter_level(*pose) for pose in poses)
     least = tuple(c if c.factor > 1 else own for c, own in zip(coarse, light, strict=True))
     stages = (
-        Stage(least, cma_es.minimise, COARSE_POPULATION, rescore_every=every),
-        Stage(light, cma_es.minimise, FINE_POPULATION, rescore_every=every),
+        Stage(least, cma_es.minimise, COARSE_POPULATION, rescore_every=RESCORE_EVERY),
+        Stage(light, cma_es.minimise, FINE_POPULATION, rescore_every=RESCORE_EVERY),
     )
-    fine = tuple(Level(1, view.fine_photo, renderer) for view in views if view.fine_photo)
+    fine = tuple(Level(1, view.fine_photo, renderer) for view in problem.views if view.fine_photo)
     if not fine:
         return *stages, Stage(full, quadratic.minimise, LAST_MODELS, along_axes=True)
     return (
         *stages,
-        Stage(light, quadratic.minimise, LAST_MODELS, True, every),
+        Stage(light, quadratic.minimise, LAST_MODELS, True, RESCORE_EVERY),
         Stage(fine, quadratic.minimise, REFINING_MODELS, True, math.inf, REFINE_TOLERANCE),
     )
 
@@ -182,14 +173,13 @@ class _Run:
         """
         scored, due, every = None, stage.rescore_every, stage.rescore_every
         problem = self._on_level(stage) if self._ready is None else self._ready()
-        views, free = problem.views, problem.free_indices
-        renderers = tuple(map(partial(self._renderer_of, stage), stage.levels, views))
+        renderers = self._renderers_of(stage)
         scale, restart = self._axes if stage.along_axes else self._scale, self._restart + 1
         self._restart = restart
         with RendererPool(renderers, self._threads) as pool:
             if following is not None:
                 self._ready = pool.start(partial(self._on_level, following))
-            start = self._best.parameters[free]
+            start = self._best.parameters[problem.free_indices]
             if 0.0 < every < math.inf:
                 scored = start
                 self._begin_score(start, pool)
@@ -207,7 +197,6 @@ class _Run:
                 yield self._progress(stage, state)
                 is_due = state.converged or self._evaluations >= due
                 if is_due and (scored is None or not np.array_equal(state.best, scored)):
-                    self._take_score()
                     scored, due = state.best, self._evaluations + every
                     self._begin_score(scored, pool, stage.tolerance)
                     if not state.converged:
@@ -230,14 +219,16 @@ class _Run:
             self._evaluations += 1
             yield value
 
-    def _renderer_of(self, stage: Stage, level: Level, view: ComparedView) -> Renderer:
-        """The level's renderer; at the end of a search without faces hidden there, where the best
+    def _renderers_of(self, stage: Stage) -> tuple[Renderer, ...]:
+        """The levels' renderers; at the end of a search without faces hidden there, where the best
         points are scored with the whole model.
         """
-        if not (stage.along_axes and stage.rescore_every):
-            return level.renderer
-        pose = view.chart.to_pose(self._best.parameters)
-        return level.renderer.culled(level_pose(pose, level.photo.factor))
+        renderers = tuple(level.renderer for level in stage.levels)
+        if stage.along_axes and stage.rescore_every:
+            factors = [level.photo.factor for level in stage.levels]
+            poses = map(level_pose, self._problem.poses(self._best.parameters), factors)
+            return tuple(own.culled(pose) for own, pose in zip(renderers, poses, strict=True))
+        return renderers
 
     def _on_level(self, stage: Stage) -> FitProblem:
         """The problem on a stage's level of each photo."""
@@ -249,6 +240,7 @@ class _Run:
 
     def _begin_score(self, point: FloatArray, pool: RendererPool, tolerance: float = 0.0) -> None:
         """Ask for the loss on the photo itself, while the search goes on."""
+        self._take_score()
         self._evaluations += 1
         if pool.threads > 1 and self._scorer is self._renderer:
             self._scorer = self._renderer.clone() or self._renderer

@@ -33,7 +33,7 @@ def opened(scene):
 @pytest.fixture(scope="module")
 def case(opened) -> Any:
     mesh = opened.objects[0].mesh
-    return make_problem(by(opened, chart="free-body"))[0], mesh, SoftwareRenderer(mesh)
+    return make_problem(by(opened, chart="free-body"))[0], SoftwareRenderer(mesh)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def truth(opened) -> Pose:
 
 
 def probing(problem: FitProblem, pose: Pose, case: Any, **more: Any) -> closing[Probe]:
-    return closing(Probe(problem, *case[1:], pose=pose, **more))
+    return closing(Probe(problem, case[1], pose, **more))
 
 
 def sure_of(problem: FitProblem, pose: Pose, case: Any, seen: float = 1.0, threads: int = 1) -> Any:
@@ -64,7 +64,7 @@ def test_the_features_speak_for_the_true_pose(case, truth):
 
 def test_a_pose_at_the_border_of_its_chart_has_motions(case):
     """The axle lies as flat as the vehicle's numbers allow: one more step leads to no pose."""
-    problem, mesh, _ = case
+    problem, mesh = case[0], case[0].model.mesh
     camera = Parallel(60.0, 100.0, 80.0, 200, 160)
     chart = VehicleChart(make_keypoints(np.random.default_rng(3)).left, camera)
     flattest = np.sqrt(1.0 - LEAST_AXLE_COMPONENT**2) - 1e-9
@@ -95,20 +95,22 @@ def test_the_curvature_of_a_known_quadratic_is_found_under_jumps():
 
 
 def test_the_end_of_a_fit_is_sure_and_the_same_on_any_threads(case):
-    problem, mesh, renderer = case
+    problem, renderer = case
     *_, end = fit_pose(problem, renderer)
-    judged = judge_end(end, mesh, renderer)
+    judged = judge_end(end, renderer)
     verdict, sure = judged.verdict, judged.covariance
     assert verdict is not None
     assert verdict.word == "found"
     assert sure is not None
     assert np.linalg.eigvalsh(sure.matrix)[0] > 0.0
-    assert 0.0 < sure.deviations["sideways"] < sure.deviations["depth"] < mesh.diameter
+    assert (
+        0.0 < sure.deviations["sideways"] < sure.deviations["depth"] < problem.model.mesh.diameter
+    )
     assert 0.0 < sure.px < 5.0
     again = sure_of(problem, end.pose, case, verdict.features["seen"], 3)
     np.testing.assert_array_equal(again.matrix, sure.matrix)
     far = problem.chart.to_pose(np.array([0.0, 0.0, 0.0, 30.0, 30.0, 0.0]))
-    unseen = judge_end(replace(end, pose=far), mesh, renderer)
+    unseen = judge_end(replace(end, pose=far), renderer)
     assert unseen.verdict is not None
     assert (unseen.verdict.word, unseen.verdict.probability) == ("lost", 0.0)
     assert unseen.covariance is None

@@ -15,7 +15,7 @@ from poseviewer.fit.stages import PAPER_PATIENCE, fit_pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.render.moments import model_attributes
 from poseviewer.render.types import PhotoAttributes
-from tests.fit.test_problem import MESH, RENDERER, true_pose
+from tests.fit.test_problem import MESH, MODEL, RENDERER, true_pose
 
 POSE = true_pose(320)
 LIGHT = np.array([0.5, 0.4, -0.7, -0.6])
@@ -57,7 +57,7 @@ def test_it_finds_a_pose_nearby_and_stops_when_restarts_gain_nothing(clipped):
     start = np.array([0.02, -0.02, 0.02, 0.01, -0.01, 0.02])
     loss = lighting_loss if clipped else whole_photo_loss
     views = (ComparedView(make_photo(clipped, 0.0), chart, loss),)
-    problem = FitProblem(views, start, FitSettings("paper"))
+    problem = FitProblem(MODEL, views, start, FitSettings("paper"))
     search = list(fit_pose(problem, RENDERER))
     end = search[-1]
     assert end.status is Status.CONVERGED

@@ -77,12 +77,16 @@ def fitted_from(start: Pose, mesh: Mesh = CAN) -> FitProblem:
     return make_problem(scene_from(start, mesh))[0]
 
 
-def probing(problem: FitProblem, mesh: Mesh = CAN, pose: Pose = TRUTH) -> closing[Probe]:
-    return closing(Probe(problem, mesh, make_renderer(mesh), pose))
+def probing(problem: FitProblem, pose: Pose = TRUTH) -> closing[Probe]:
+    return closing(Probe(problem, make_renderer(problem.model.mesh), pose))
 
 
-def features_of(problem: FitProblem, mesh: Mesh = CAN, pose: Pose = TRUTH) -> Features | None:
-    with probing(problem, mesh, pose) as probe:
+def symmetric(problem: FitProblem, symmetry: Symmetry) -> FitProblem:
+    return replace(problem, model=replace(problem.model, whole_symmetry=symmetry))
+
+
+def features_of(problem: FitProblem, pose: Pose = TRUTH) -> Features | None:
+    with probing(problem, pose) as probe:
         return gather_features(probe)
 
 
@@ -104,8 +108,8 @@ def test_a_can_is_turned_about_its_axis_and_across():
 def test_motions_are_those_that_the_search_was_free_in(lock):
     files = demo_case()
     case = load(files.photo, files.model, files.start, free_focal=True, lock=lock)
-    problem, mesh, pose = case.problem, case.mesh, case.pose
-    with probing(problem, mesh, pose) as probe:
+    problem = case.problem
+    with probing(problem, case.pose) as probe:
         assert len(probe.motions) == len(problem.free_indices) == 7 - len(lock)
         assert probe.motions.shape[1] == 7 - ("width_per_focal" in lock)
         held = [index for index in range(7) if index not in problem.free_indices]
@@ -119,21 +123,21 @@ def test_what_a_search_may_not_turn_is_not_turned():
     problem = locked(fitted_from(TRUTH), "rotation_x", "rotation_y", "rotation_z")
     with probing(problem) as probe:
         assert probe.turns().shape == (0, 3)
-    assert better_turn(problem, CAN, make_renderer(CAN), turned(TRUTH, 25.0)) is None
+    assert better_turn(problem, make_renderer(CAN), turned(TRUTH, 25.0)) is None
 
 
 @pytest.mark.slow
 def test_the_right_turn_is_found_and_what_is_held_stays_to_the_last_digit():
     start, renderer = turned(TRUTH, -38.0), make_renderer(CAN)
     problem = fitted_from(start)
-    parameters = better_turn(problem, CAN, renderer, start, 2)
+    parameters = better_turn(problem, renderer, start, 2)
     assert parameters is not None
     assert pose_error(CAN, problem.chart.to_pose(parameters), TRUTH).rotation_deg < 4.0
-    assert better_turn(problem, CAN, renderer, TRUTH) is None
+    assert better_turn(problem, renderer, TRUTH) is None
     start = turned(TRUTH, 25.0)
     problem = locked(fitted_from(start), "rotation_x")
     off = problem.start + np.array([0.0, 0.03, -0.03, 0.02, 0.01, 0.02])
-    parameters = better_turn(problem, CAN, renderer, problem.chart.to_pose(off))
+    parameters = better_turn(problem, renderer, problem.chart.to_pose(off))
     assert parameters is not None
     assert parameters[0] == problem.start[0]
 
@@ -151,7 +155,7 @@ def test_a_fit_that_would_end_turned_ends_right():
 @pytest.mark.slow
 def test_the_verdict_tells_a_turned_can_from_a_right_one():
     problem = fitted_from(TRUTH)
-    right, wrong = (judge(features_of(problem, pose=p)) for p in (TRUTH, turned(TRUTH, 30.0)))
+    right, wrong = (judge(features_of(problem, p)) for p in (TRUTH, turned(TRUTH, 30.0)))
     assert right.features["turn_margin"] > 1.0 > wrong.features["turn_margin"]
     assert right.word == "found"
     assert wrong.word != "found"
@@ -160,7 +164,7 @@ def test_the_verdict_tells_a_turned_can_from_a_right_one():
 
 
 def test_turns_to_equal_poses_are_no_motions():
-    problem = replace(fitted_from(TRUTH), symmetry=ROUND)
+    problem = symmetric(fitted_from(TRUTH), ROUND)
     with probing(problem) as probe:
         assert probe.motions.shape == (5, 6)
         np.testing.assert_allclose(probe.motions @ probe.motions.T, np.eye(5), atol=1e-9)
@@ -171,7 +175,7 @@ def test_turns_to_equal_poses_are_no_motions():
 
 def test_an_equal_pose_is_not_away():
     symmetry = Symmetry.from_turns(CAN.centre, [Turn(ACROSS, 2)])
-    problem = replace(fitted_from(TRUTH), symmetry=symmetry)
+    problem = symmetric(fitted_from(TRUTH), symmetry)
     with probing(problem) as probe:
         _, over = symmetry.transforms()
         equal = replace(TRUTH, camera_from_model=TRUTH.camera_from_model @ over)
@@ -187,9 +191,7 @@ def test_an_equal_pose_is_not_away():
 def test_equal_poses_do_not_count_as_turned():
     plain = make_mesh(CAN.vertices, CAN.faces)  # by its loss alone it may be turned as one likes
     problem = fitted_from(TRUTH, plain)
-    as_any, as_round = (
-        features_of(of, plain) for of in (problem, replace(problem, symmetry=ROUND))
-    )
+    as_any, as_round = (features_of(of) for of in (problem, symmetric(problem, ROUND)))
     assert as_any is not None
     assert as_round is not None
     assert as_any.turn_margin < 0.1 < 1.0 < as_round.turn_margin

@@ -9,6 +9,7 @@ import pytest
 
 from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
+from poseviewer.fit.scene import LoadedModel
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.stages import FEWEST_PIXELS, fit_pose, make_stages
 from poseviewer.geometry.camera import Perspective, Pose
@@ -21,6 +22,7 @@ from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_bumpy
 
 MESH = make_bumpy(4)
+MODEL = LoadedModel(MESH, "bumpy.ply", "")
 RENDERER = SoftwareRenderer(MESH)
 LIGHT = np.array([0.4, -0.7, -0.6])
 OFF = np.array([0.05, -0.06, 0.04, 0.05, -0.04, 0.05])
@@ -43,7 +45,7 @@ def make_problem(width: int, **settings) -> FitProblem:
     weights = np.ones(lit.shape[:2], np.float32)
     photo = PhotoAttributes(channels, weights, clipped=True, colour_reflectance=True)
     chart = FreeBodyChart.near(MESH, FreeBodyChart.near(MESH, pose).to_pose(OFF))
-    return FitProblem((ComparedView(photo, chart),), np.zeros(6), FitSettings(**settings))
+    return FitProblem(MODEL, (ComparedView(photo, chart),), np.zeros(6), FitSettings(**settings))
 
 
 def make_structured(width: int, factor: int, is_refined: bool = False, **settings) -> FitProblem:

@@ -12,14 +12,10 @@ from poseviewer.fit import search as searching
 from poseviewer.fit.problem import make_problem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.scene import Scene
-from poseviewer.fit.search import (
-    Search,
-    is_restarted,
-    is_start_kept,
-    is_taken,
-)
+from poseviewer.fit.search import Search, is_restarted, is_taken
 from poseviewer.fit.settings import Limits
 from poseviewer.fit.stages import fit_pose, make_stages
+from poseviewer.fit.visibility import Hiding
 from poseviewer.render.renderers import make_renderer
 from poseviewer.starts.loading import open_photo
 
@@ -116,10 +112,12 @@ def test_a_found_pose_that_is_not_sure_is_only_continued(small, verdict, restart
     assert given == restarts
 
 
-def test_less_may_be_asked_of_a_pose_that_is_not_restarted(small):
+def test_less_is_asked_of_a_pose_among_other_objects(small):
     end = replace(small[3], verdict=Verdict("doubtful", SURE_AMONG_OTHERS))
     assert is_restarted(end, True)
-    assert not is_restarted(end, True, SURE_AMONG_OTHERS)
+    nothing = np.zeros(end.problem.photo.weights.shape, bool)
+    views = (replace(end.problem.views[0], behind=Hiding(nothing, nothing, nothing)),)
+    assert not is_restarted(replace(end, problem=replace(end.problem, views=views)), True)
 
 
 @pytest.mark.parametrize(
@@ -148,25 +146,20 @@ def test_the_limits_are_those_of_all_searches(small, judge):
     assert limits.evaluations <= end.evaluations < limits.evaluations + 40
 
 
-def test_an_estimate_is_kept_unless_the_end_is_sure(small):
-    problem, _, _, alone = small
-    keeping = replace(problem, settings=replace(problem.settings, keep_start=True))
-    for verdict, kept in ((FOUND, False), (UNSURE, True), (LOST, True), (None, False)):
-        end = replace(alone, verdict=verdict)
-        assert is_start_kept(replace(end, problem=keeping)) == kept
-        assert not is_start_kept(end)
-
-
-def test_an_estimate_that_is_kept_says_why(small, judge):
+@pytest.mark.parametrize("verdict", [FOUND, LOST])
+def test_an_estimate_is_kept_and_says_why_unless_the_end_is_sure(small, judge, verdict):
     problem, data, renderer, _ = small
-    asked = judge(LOST)
+    asked = judge(verdict)
     *before, end = run(data, renderer, keep_start=True, limits=Limits(evaluations=300))
+    assert end.verdict is not None
+    if verdict is FOUND:
+        assert end.status is Status.EVALUATIONS_SPENT
+        return
     assert before[-1].loss < end.loss  # the search had found something
     assert end.status is Status.KEPT
     assert np.array_equal(end.parameters, problem.start)
     assert end.loss == end.start_loss == pose_loss(problem, renderer, problem.start)
     assert len(asked) == 2  # the verdict is on the start
-    assert end.verdict is not None
     assert end.verdict.reasons[0].endswith(
         "away, where 10 % of comparable calibration fits were right."
     )

@@ -73,7 +73,7 @@ def test_views_of_several_sides_tell_the_depth(renderer):
     assert [verdict.word, *(one.word for one in verdict.views)] == ["found"] * 4
     joint = end.progress.covariance
     alone = replace(end.progress, problem=end.problem.alone[0])
-    single = judge_end(alone, MESH, renderer).covariance
+    single = judge_end(alone, renderer).covariance
     assert joint is not None
     assert single is not None
     assert joint.deviations["depth"] < 0.3 * single.deviations["depth"]
