@@ -148,7 +148,7 @@ def _print_pose(path: Path) -> None:
         mask=record.mask or (),
         without=record.without,
         set=f"one of {count} photos" if record.in_set else (),
-        symmetry=record.symmetry.words or (),
+        symmetry=record.turns.symmetry.words if record.turns else (),
         note=record.warnings,
     )
 

@@ -28,7 +28,6 @@ from poseviewer.files.symmetry import SymmetryTurns
 from poseviewer.files.writing import json_bytes, write_whole
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.lens import Undistortion
-from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
 
 FORMAT: Literal["poseviewer-pose"] = "poseviewer-pose"
 
@@ -132,11 +131,6 @@ class PoseRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
     def covariance(self) -> PoseCovariance | None:
         """Covariance of the pose, if it is right."""
         return self.uncertainty and self.uncertainty.about(self.pose)
-
-    @property
-    def symmetry(self) -> Symmetry:
-        """Symmetry of the model."""
-        return NO_SYMMETRY if self.turns is None else self.turns.symmetry
 
 
 def load_pose(path: str | Path, width: int | None = None, height: int | None = None) -> PoseRecord:

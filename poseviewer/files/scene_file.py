@@ -46,7 +46,6 @@ from poseviewer.files.writing import json_bytes, write_whole
 from poseviewer.geometry.camera import Camera, Pose
 from poseviewer.geometry.lens import Undistortion
 from poseviewer.geometry.mask import Mask
-from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
 from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.geometry.view import View, pose_in_view, world_from_pose
 
@@ -263,11 +262,6 @@ class ObjectRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
         return Path(self.model.file)
 
     @property
-    def symmetry(self) -> Symmetry:
-        """Symmetry of the model as it is compared."""
-        return NO_SYMMETRY if self.turns is None else self.turns.symmetry
-
-    @property
     def label(self) -> str:
         """The object's name, or else its id."""
         return self.name or self.id
@@ -453,27 +447,29 @@ def _has_camera_of(record: PoseRecord, view: ViewRecord) -> bool:
     )
 
 
-def _each(value: Any, change: Callable[[str, Any, str], Any], where: str = "") -> Any:
-    """JSON with what ``change`` makes of every key, its value and its place; but of settings."""
-    if isinstance(value, dict):
-        places = {key: f"{where}.{key}".lstrip(".") for key in value}
-        return {
-            k: v if k == "settings" else _each(change(k, v, places[k]), change, places[k])
-            for k, v in value.items()
-        }
-    if isinstance(value, list | tuple):
-        return [_each(item, change, f"{where}[{i}]") for i, item in enumerate(value)]
-    return value
+def with_files(scene: SceneRecord, name: Named, name_inline: Named | None = None) -> SceneRecord:
+    """The scene with its files under other names; masks that stand in it stay, or become files by
+    ``name_inline``.
+    """
 
+    def named(mask: str | None, where: str) -> str | None:
+        change = name_inline if mask and mask.startswith(INLINE) else name
+        return change(mask, f"{where}.mask") if mask and change else mask
 
-def with_files(scene: SceneRecord, name: Named) -> SceneRecord:
-    """The scene with its files, and masks that are files, under other names."""
-
-    def named(key: str, value: Any, where: str) -> Any:
-        is_file = key == "file" or (key == "mask" and not value.startswith(INLINE))
-        return name(value, where) if is_file else value
-
-    return msgspec.convert(_each(msgspec.to_builtins(scene, enc_hook=float), named), SceneRecord)
+    views, objects = [], []
+    for number, view in enumerate(scene.views):
+        where = f"views[{number}]"
+        photo = structs.replace(view.photo, file=name(view.photo.file, f"{where}.photo.file"))
+        views.append(structs.replace(view, photo=photo, mask=named(view.mask, where)))
+    for number, item in enumerate(scene.objects):
+        where = f"objects[{number}]"
+        model = structs.replace(item.model, file=name(item.model.file, f"{where}.model.file"))
+        in_views = tuple(
+            structs.replace(own, mask=named(own.mask, f"{where}.in_views[{index}]"))
+            for index, own in enumerate(item.in_views)
+        )
+        objects.append(structs.replace(item, model=model, in_views=in_views))
+    return structs.replace(scene, views=tuple(views), objects=tuple(objects))
 
 
 def save_scene(path: str | Path, scene: SceneRecord) -> None:
@@ -500,14 +496,12 @@ def scene_contents(path: Path, scene: SceneRecord) -> dict[Path, bytes]:
             )
         return _relative(path, Path(file))
 
-    def beside(key: str, value: Any, _: str) -> Any:
-        if key != "mask" or not value.startswith(INLINE):
-            return value
+    def beside(mask: str, _: str) -> str:
         file = path.with_name(f"{path.stem}.{len(contents) + 1}.mask.png")
-        contents[file] = b64decode(value.removeprefix(INLINE))
+        contents[file] = b64decode(mask.removeprefix(INLINE))
         return file.name
 
-    data = _each(msgspec.to_builtins(with_files(structs.replace(scene, warnings=()), name)), beside)
+    data = with_files(structs.replace(scene, warnings=()), name, beside)
     contents[path] = json_bytes(path, data, PoseFileError, format=SCENE, version=2)
     return contents
 

@@ -86,7 +86,8 @@ def test_what_is_written_is_read_to_the_last_digit(
     np.testing.assert_array_equal(read.pose.camera_from_model.rotation, TRANSFORM.rotation)
     np.testing.assert_array_equal(read.pose.camera_from_model.translation, TRANSFORM.translation)
     assert read == record
-    assert (read.symmetry.words, read.warnings) == (HALF_TURN.words, ())
+    assert read.turns is not None
+    assert (read.turns.symmetry.words, read.warnings) == (HALF_TURN.words, ())
     assert read.covariance is not None
     assert (read.covariance.words("mm"), read.covariance.names) == (sure.words("mm"), sure.names)
     save_pose(tmp_path / "again.json", read)

@@ -51,8 +51,6 @@ MASKS, VISIBLE_MASKS = "mask", "mask_visib"
 PHOTO_FOLDERS = ("rgb", "gray")
 PHOTO_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 MODEL_FILE = "obj_{:06d}.ply"
-MOST_NAMED = 10
-"""Number of images in a message."""
 SAME = 1e-9
 """Relative and absolute: files round cameras in their last digit."""
 
@@ -137,8 +135,10 @@ def read_bop(path: Path, request: ConvertOptions) -> SceneRecord:
 
     Their models lie in the folder ``request.model``, where one is named.
     """
-    image, asked = _chosen_image(path, request), request.object_id
-    reading, unit, objects = Reading(path / POSES), request.unit or UNIT, []
+    reading, asked, stem = Reading(path / POSES), request.object_id, Path(request.image or "").stem
+    posed = [(f"{item.number}", item) for item in load_bop_images(path, posed=True) if item.objects]
+    by_number = replace(request, image=str(int(stem)) if stem.isdecimal() else request.image)
+    image, unit, objects = by_number.the_one(reading, "images", posed), request.unit or UNIT, []
     view = ViewRecord.of(request.photo or path / image.photo, image.camera)
     view = request.sized(Reading(path / CAMERAS), view)
     factor = metres_per_unit(UNIT) / metres_per_unit(unit)
@@ -253,22 +253,6 @@ def _number(given: str | None, pattern: str, name: str, what: str, example: str)
             f"--{what} NUMBER (a file called like {example} says it by its name)."
         )
     return int(text)
-
-
-def _chosen_image(folder: Path, request: ConvertOptions) -> BopImage:
-    """Image ``request.image`` of a scene, or the only one that has poses."""
-    name = Path(request.image or "").stem
-    posed = [image for image in load_bop_images(folder, posed=True) if image.objects]
-    asked = int(name) if name.isdecimal() else None
-    chosen = posed if request.image is None else [one for one in posed if one.number == asked]
-    if len(chosen) != 1:
-        numbers = ", ".join(str(one.number) for one in posed[:MOST_NAMED])
-        raise Reading(folder / POSES).error(
-            f"no pose of image {name!r}" if name else "no image is chosen",
-            f"choose one of its {len(posed)} images with --image NUMBER "
-            f"({numbers}{' ...' * (len(posed) > MOST_NAMED)})",
-        )
-    return chosen[0]
 
 
 def _photos(folder: Path) -> dict[int, str]:

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from msgspec import structs
 
-from poseviewer.errors import PhotoFileError, PoseFileError
+from poseviewer.errors import PhotoFileError, PoseFileError, printable
 from poseviewer.files.checks import Reading, checked_rotation, kind_of
 from poseviewer.files.photo import SAME, is_stored_turned, load_photo, pixels_for, save_image
 from poseviewer.files.scene_file import (
@@ -36,6 +36,8 @@ from poseviewer.geometry.lens import Lens, LensModel, Undistortion
 from poseviewer.geometry.transform import RigidTransform, Similarity
 
 Entry = TypeVar("Entry")
+MOST_NAMED = 10
+"""Number of images in a message."""
 METRES = {"km": 1000.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Length units by name, in metres."""
 
@@ -101,7 +103,10 @@ class ConvertOptions:
         if len(chosen) != 1:
             asked = repr(image) if image else "meant"
             found = f"{len(chosen)} of its {len(known)} {kind} are {asked}"
-            raise reading.error(found, "wanted one, choose it with --image NAME")
+            names = printable(", ".join(name for name, _ in known[:MOST_NAMED]))
+            more = " ..." if len(known) > MOST_NAMED else ""
+            wanted = f"wanted one, choose it with --image NAME ({names}{more})"
+            raise reading.error(found, wanted)
         return chosen[0]
 
     def scene_of(self, reading: Reading, view: ViewRecord, unit: str | None = None) -> SceneRecord:
