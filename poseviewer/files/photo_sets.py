@@ -110,7 +110,12 @@ def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews
         if len(views) < 2:
             found = f"{len(views)} photo{'' if len(views) == 1 else 's'}"
             raise reading.error(found, "a set has two or more; fit one photo without --views")
-        _require_different(reading, views)
+        known = dict[str, View]()
+        for view in views:
+            same = known.setdefault(view.photo.sha256, view)
+            if same is not view:
+                found = f"{same.name} and {view.name} are one photo twice"
+                raise reading.error(found, "a set has each photo once, leave one of them out")
         return LoadedViews(path.name, with_names(views), unit, scale)
 
 
@@ -216,14 +221,3 @@ def _is_chosen(name: str, photos: Sequence[str]) -> bool:
         return True
     ends = tuple(PurePosixPath("/", wanted).as_posix() for wanted in photos)
     return any(f"/{whole}".endswith(ends) for whole in (path, path.with_suffix("")))
-
-
-def _require_different(reading: Reading, views: Sequence[View]) -> None:
-    known: dict[str, str] = {}
-    for view in views:
-        if view.photo.sha256 in known:
-            raise reading.error(
-                f"{known[view.photo.sha256]} and {view.name} are one photo twice",
-                "a set has each photo once, leave one of them out",
-            )
-        known[view.photo.sha256] = view.name

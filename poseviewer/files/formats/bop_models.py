@@ -96,7 +96,7 @@ def load_bop_estimates(path: Path) -> list[BopEstimate]:
     head = next(lines, [])
     if tuple(head) != RESULTS:
         raise reading.error(f"its head is {','.join(head)[:80]!r}", f"wanted {','.join(RESULTS)}")
-    found = []
+    estimates = []
     for number, cells in enumerate(lines, 2):
         what = f"line {number}"
         if len(cells) != len(RESULTS):
@@ -106,5 +106,5 @@ def load_bop_estimates(path: Path) -> list[BopEstimate]:
         shift = reading.flat_numbers(cells[5], what, 3)
         # Estimators give what their network gave: what is near a rotation is meant as one.
         place = RigidTransform(nearest_rotation(rotation), np.array(shift))
-        found.append(BopEstimate(int(scene), int(image), int(thing), score, place))
-    return found
+        estimates.append(BopEstimate(int(scene), int(image), int(thing), score, place))
+    return estimates

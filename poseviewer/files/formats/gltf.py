@@ -69,48 +69,35 @@ def write_gltf(scene: SceneRecord, out: Path, options: ConvertOptions) -> Writte
     points, file = np.concatenate(corners), _Glb()
     index = {path: file.add_mesh(mesh) for path, mesh in meshes.items()}
     models = [
-        file.add("nodes", name=one.label, mesh=index[one.path], matrix=_column_major(place))
+        file.add("nodes", name=one.label, mesh=index[one.path], matrix=place.T.ravel().tolist())
         for one, place in zip(scene.objects, places, strict=True)
     ]
     nodes = [file.add("nodes", name="models", scale=[scale] * 3, children=models)]
-    poses = [_in_front(pose, points) for pose in poses]
+    seen = [_before(pose, points) for pose in poses]
     names = ["photo", *(view.path.name or "another photo" for view in scene.views[1:])]
-    for name, pose in zip(names, poses, strict=True):
-        nodes.append(file.add_camera(name, pose, _furthest(pose, points), scale))
+    for name, (pose, depth) in zip(names, seen, strict=True):
+        nodes.append(file.add_camera(name, pose, depth, scale))
     if not scene.views[0].path.is_file():
         note = "No photo is known: the file has no plane with it; add --photo FILE."
         return Written({out: file.as_bytes(nodes)}, [note])
     photo = open_view(structs.replace(scene.views[0], mask=None))[0].photo
-    depth = PLANE_BEHIND * _furthest(poses[0], points)
-    rgb = photo.as_rgb8(photo.width, photo.height)
-    plane = file.add_mesh(_photo_plane(poses[0], depth, scale, rgb), "photo")
+    (pose, depth), rgb = seen[0], photo.as_rgb8(photo.width, photo.height)
+    plane = file.add_mesh(_photo_plane(pose, PLANE_BEHIND * depth, scale, rgb), "photo")
     nodes.append(file.add("nodes", name="photo plane", mesh=plane))
     return Written({out: file.as_bytes(nodes)})
 
 
-def _furthest(pose: Pose, points: FloatArray) -> float:
-    """Depth of the furthest of the points, or a little where all are behind the camera."""
-    depths = pose.camera_from_model.apply(points)[:, 2]
-    return max(float(depths.max()), NEAREST * _size(points))
-
-
-def _in_front(pose: Pose, points: FloatArray) -> Pose:
-    """The pose with the points before the camera: parallel projection has no depth to keep."""
-    if not isinstance(pose.camera, Parallel):
-        return pose
-    place = pose.camera_from_model
-    ahead = max(_size(points) - float(place.apply(points)[:, 2].min()), 0.0)
-    moved = RigidTransform(place.rotation, place.translation + np.array([0.0, 0.0, ahead]))
-    return replace(pose, camera_from_model=moved)
-
-
-def _size(points: FloatArray) -> float:
-    """Diagonal of the points' bounding box."""
-    return float(np.linalg.norm(np.ptp(points, axis=0)))
-
-
-def _column_major(matrix: FloatArray) -> list[float]:
-    return matrix.T.reshape(-1).tolist()
+def _before(pose: Pose, points: FloatArray) -> tuple[Pose, float]:
+    """The pose with the points before the camera, as parallel projection has no depth to keep; and
+    the depth of the furthest, or a little where all are behind the camera.
+    """
+    place, size = pose.camera_from_model, float(np.linalg.norm(np.ptp(points, axis=0)))
+    depths = place.apply(points)[:, 2]
+    if isinstance(pose.camera, Parallel):
+        ahead = max(size - float(depths.min()), 0.0)
+        place = RigidTransform(place.rotation, place.translation + np.array([0.0, 0.0, ahead]))
+        pose, depths = replace(pose, camera_from_model=place), depths + ahead
+    return pose, max(float(depths.max()), NEAREST * size)
 
 
 class _Glb:
@@ -196,7 +183,7 @@ class _Glb:
         place = Similarity((OPENGL_FROM_OPENCV @ pose.camera_from_model).inverse()).matrix
         place[:3, 3] *= scale
         index = self.add("cameras", name=name, **entry)
-        return self.add("nodes", name=name, camera=index, matrix=_column_major(place))
+        return self.add("nodes", name=name, camera=index, matrix=place.T.ravel().tolist())
 
     def as_bytes(self, nodes: list[int]) -> bytes:
         """The whole file, with one scene of these nodes: header, JSON, binary."""

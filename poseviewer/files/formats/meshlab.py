@@ -96,17 +96,13 @@ def read_meshlab(path: Path, request: ConvertOptions) -> SceneRecord:
     except ElementTree.ParseError as error:
         raise reading.error(f"not XML ({error})", "wanted a MeshLab project (.mlp)") from error
     for matrix in root.iter("MLMatrix44"):
-        text = matrix.text or ""
-        numbers = (
-            reading.flat_numbers(text, "MLMatrix44", 16) if text.strip() else np.eye(4).reshape(-1)
-        )
-        if not np.allclose(numbers, np.eye(4).reshape(-1), rtol=0.0, atol=1e-12):
+        numbers = reading.flat_numbers(matrix.text or "", "MLMatrix44")
+        if numbers and not np.array_equal(np.round(numbers, 12), np.eye(4).ravel()):
             raise reading.error(
                 "the project moves its mesh (MLMatrix44)",
                 "freeze that matrix in MeshLab (Matrix: Freeze Current Matrix)",
             )
-    rasters = list(root.iter("MLRaster"))
-    known = [(raster.get("label") or "", raster) for raster in rasters]
+    known = [(raster.get("label") or "", raster) for raster in root.iter("MLRaster")]
     raster = request.the_one(reading, "rasters", known)
     shot = raster.find("VCGCamera")
     if shot is None:
