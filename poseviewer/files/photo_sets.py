@@ -15,7 +15,7 @@ from msgspec import Meta, Struct, structs
 from poseviewer.files.checks import Reading, is_there, kind_of
 from poseviewer.files.colmap_model import model_file
 from poseviewer.files.formats.bop import CAMERAS, POSES, UNIT, WORLD, load_bop_images
-from poseviewer.files.formats.conversion import ConvertOptions, view_as_taken
+from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.reconstructions import colmap_views, frame_view
 from poseviewer.files.scene_file import ViewRecord, load_scene, open_view
 from poseviewer.files.structs import (
@@ -25,9 +25,10 @@ from poseviewer.files.structs import (
     LensNumbers,
     Positive,
     Transform,
+    checked_camera,
 )
 from poseviewer.geometry.camera import Perspective
-from poseviewer.geometry.lens import Lens
+from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.view import View
 
 KIND = "set of photos"
@@ -49,12 +50,13 @@ class SetView(Struct, frozen=True):
     def __post_init__(self) -> None:
         self.camera.perspective(1, 1)
 
-    def record(self, reading: Reading) -> ViewRecord:
-        """The view as scenes say it; its photo and its mask lie beside the set's file."""
-        folder, camera, known = reading.path.parent, self.camera.perspective(0, 0), self.distortion
-        lens = None if known is None else Lens.of(known.lens.model, known.coefficients)
-        mask, place = None if self.mask is None else folder / self.mask, self.camera_from_set.rigid
-        return view_as_taken(reading, folder / self.photo, camera, place, lens, mask)
+    def record(self, folder: Path) -> ViewRecord:
+        """The view as scenes say it; its photo and its mask lie in this folder."""
+        camera, known = self.camera.perspective(0, 0), self.distortion
+        lens = known and Lens.of(known.lens.model, known.coefficients)
+        undistortion = lens and Undistortion.of(lens, camera)
+        place, mask = self.camera_from_set.rigid, self.mask and folder / self.mask
+        return ViewRecord.of(folder / self.photo, camera, None, undistortion, place, mask or None)
 
 
 class SetFile(Struct, frozen=True):
@@ -103,7 +105,7 @@ def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews
     with reading.naming_errors():
         records, unit, scale = _views(reading, choice)
         chosen = (one for one in records if _is_chosen(one.photo.file, choice.photos))
-        views = [_calibrated(open_view(record)[0]) for record in chosen]
+        views = [_opened(reading, record) for record in chosen]
         for wanted in choice.photos:
             if not any(_is_chosen(str(view.path), [wanted]) for view in views):
                 raise reading.error(f"it has no photo {wanted}", "choose others with --photos")
@@ -155,7 +157,7 @@ def _views(
     said = reading.decoded(data, SetFile, raw=("photo", "mask"))
     # The units tell the scale where it is left out; null says that it is not known.
     scale = said.scale if "scale" in data or said.unit is not None else 1.0
-    return [view.record(reading) for view in said.views], said.unit, scale
+    return [view.record(path.parent) for view in said.views], said.unit, scale
 
 
 def _of_colmap(reading: Reading, model: Path, choice: SetChoice) -> list[ViewRecord]:
@@ -205,8 +207,10 @@ def _of_bop(reading: Reading, choice: SetChoice) -> Iterator[ViewRecord]:
         yield ViewRecord.of(reading.path / image.photo, image.camera, place=place)
 
 
-def _calibrated(view: View) -> View:
+def _opened(reading: Reading, record: ViewRecord) -> View:
     """The view, whose photo has its camera."""
+    checked_camera(reading, record.camera)
+    view = open_view(record)[0]
     camera = view.camera if isinstance(view.camera, Perspective) else None
     return replace(view, photo=replace(view.photo, camera=camera))
 

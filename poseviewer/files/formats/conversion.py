@@ -32,7 +32,7 @@ from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
-from poseviewer.geometry.lens import Lens, LensModel, Undistortion
+from poseviewer.geometry.lens import LensModel
 from poseviewer.geometry.transform import RigidTransform, Similarity
 
 Entry = TypeVar("Entry")
@@ -113,6 +113,7 @@ class ConvertOptions:
         """The scene of a view whose world is the frame of the model, in the user's ``unit`` or that
         of the file.
         """
+        checked_camera(reading, view.camera)
         model = ModelFile(str(Path()), unit=self.unit or unit)
         item = ObjectRecord(id="1", model=model, place=Place.of(view.place.rigid))
         view = structs.replace(view, place=Transform.of(RigidTransform.identity()))
@@ -292,23 +293,6 @@ def metres_per_unit(unit: str) -> float:
             f"The model's unit is {unit!r}; wanted one of {', '.join(METRES)}, say it with --unit."
         )
     return METRES[unit]
-
-
-def view_as_taken(
-    reading: Reading,
-    photo: Path,
-    camera: Camera,
-    place: RigidTransform,
-    lens: Lens | None = None,
-    mask: Path | None = None,
-) -> ViewRecord:
-    """The view of a ``camera`` as a file has it, 0x0 px where that does not say the size; with a
-    ``lens`` it is that of the photo as taken. ``place``: ``camera_from_world``.
-    """
-    camera, undistortion = checked_camera(reading, camera), None
-    if lens is not None and isinstance(camera, Perspective):
-        undistortion = Undistortion.of(lens, camera)
-    return ViewRecord.of(photo, camera, None, undistortion, place, mask)
 
 
 def cameras_as_taken(

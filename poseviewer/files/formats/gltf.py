@@ -34,10 +34,9 @@ from poseviewer.files.formats.conversion import (
     in_one_world,
     metres_per_unit,
     require_file,
-    view_as_taken,
 )
 from poseviewer.files.mesh.load import LARGEST_FILE, gltf_header, linear_from_srgb, load_mesh
-from poseviewer.files.scene_file import SceneRecord, open_view
+from poseviewer.files.scene_file import SceneRecord, ViewRecord, open_view
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import HALF_PIXEL, OPENGL_FROM_OPENCV
@@ -242,7 +241,7 @@ def read_gltf(path: Path, request: ConvertOptions) -> SceneRecord:
         world_from_camera[:3, :3] /= lengths  # cameras have no size
     place = from_4x4(reading, world_from_camera.tolist(), "the camera's matrix")
     place = RigidTransform(place.rotation, place.translation / metres)
-    view = view_as_taken(reading, Path(), camera, OPENGL_FROM_OPENCV @ place.inverse())
+    view = ViewRecord.of(Path(), camera, place=OPENGL_FROM_OPENCV @ place.inverse())
     return request.scene_of(reading, view, "m")
 
 

@@ -23,10 +23,9 @@ from poseviewer.files.formats.conversion import (
     in_one_world,
     perspective_of,
     require_file,
-    view_as_taken,
 )
 from poseviewer.files.mesh.named import bare_name
-from poseviewer.files.scene_file import SceneRecord
+from poseviewer.files.scene_file import SceneRecord, ViewRecord
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_with_rows_from_below
 from poseviewer.geometry.transform import RigidTransform, Similarity
@@ -127,7 +126,7 @@ def read_meshlab(path: Path, request: ConvertOptions) -> SceneRecord:
     translation = rotation @ np.array(numbers_of("TranslationVector", 4)[:3])
     place = OPENGL_FROM_OPENCV @ RigidTransform(rotation, translation)
     photo = path.with_name(bare_name(raster.get("label") or "photo"))
-    view = view_as_taken(reading, photo, camera_with_rows_from_below(camera), place)
+    view = ViewRecord.of(photo, camera_with_rows_from_below(camera), place=place)
     return request.scene_of(reading, view)
 
 

@@ -19,11 +19,10 @@ from poseviewer.files.formats.conversion import (
     Lenses,
     Written,
     cameras_as_taken,
-    view_as_taken,
 )
-from poseviewer.files.scene_file import SceneRecord
+from poseviewer.files.scene_file import SceneRecord, ViewRecord
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.lens import opencv_matrix
+from poseviewer.geometry.lens import Undistortion, opencv_matrix
 from poseviewer.geometry.transform import RigidTransform
 
 STORAGES = {
@@ -69,7 +68,8 @@ def read_opencv(path: Path, request: ConvertOptions) -> SceneRecord:
         place = RigidTransform(checked_rotation(reading, rotation.reshape(3, 3)), translation)
     else:
         place = RigidTransform.from_rotation_vector(rotation, translation)
-    view = view_as_taken(reading, Path(), known.camera, place, known.lens)
+    undistortion = known.lens and Undistortion.of(known.lens, known.camera)
+    view = ViewRecord.of(Path(), known.camera, undistortion=undistortion, place=place)
     return request.scene_of(reading, view)
 
 

@@ -32,12 +32,11 @@ from poseviewer.files.formats.conversion import (
     Written,
     cameras_as_taken,
     from_4x4,
-    view_as_taken,
 )
 from poseviewer.files.scene_file import SceneRecord, ViewRecord
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
-from poseviewer.geometry.lens import Lens
+from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.transform import Similarity
 
 PHOTO_ENDINGS = ("", ".png", ".jpg", ".jpeg")
@@ -100,7 +99,9 @@ def colmap_views(folder: Path, reading: Reading) -> list[tuple[str, ViewRecord]]
             wanted = "wanted the one that the image names"
             raise of_cameras.error(f"it has no camera {key}", wanted)
         camera, lens = cameras[key]
-        views.append((name, view_as_taken(of_cameras, folder / name, camera, place, lens)))
+        undistortion = lens and Undistortion.of(lens, camera)
+        view = ViewRecord.of(folder / name, camera, undistortion=undistortion, place=place)
+        views.append((name, view))
     return views
 
 
@@ -155,7 +156,8 @@ def frame_view(reading: Reading, own: dict[str, Any], options: ConvertOptions) -
     camera, lens = Perspective(fx, fy, cx, cy, width, height), _lens(reading, own)
     world_from_camera = from_4x4(reading, own.get("transform_matrix"), "transform_matrix")
     place = OPENGL_FROM_OPENCV @ world_from_camera.inverse()
-    return view_as_taken(reading, path, camera, place, lens)
+    undistortion = lens and Undistortion.of(lens, camera)
+    return ViewRecord.of(path, camera, undistortion=undistortion, place=place)
 
 
 def _lens(reading: Reading, data: dict[str, Any]) -> Lens | None:
