@@ -70,9 +70,9 @@ def _entry(thing: Any) -> str:
 
 def _class(thing: type) -> str:
     text = f"\n### `{thing.__name__}`\n\n{_doc(thing)}"
-    text += "".join(f"- {row}\n" for row in _fields(thing))
-    shared = [dict(vars(base)) for base in thing.__bases__ if base.__module__ == thing.__module__]
-    for name, value in ChainMap(dict(vars(thing)), *shared).items():
+    bases = [base for base in thing.__bases__ if base.__module__.startswith("poseviewer.")]
+    text += "".join(f"- {row}\n" for owner in (*bases, thing) for row in _fields(owner))
+    for name, value in ChainMap(*(dict(vars(owner)) for owner in (thing, *bases))).items():
         found = value.__func__ if isinstance(value, classmethod | staticmethod) else value
         if name.startswith("_"):
             continue

@@ -13,13 +13,12 @@ from poseviewer.errors import PoseFileError
 from poseviewer.files.checks import Reading
 from poseviewer.files.structs import (
     CameraNumbers,
+    CameraRecord,
     ChartParameters,
-    Distortion,
     ModelReference,
     Number,
     PhotoReference,
     Positive,
-    Projection,
     Transform,
     Uncertainty,
     projection_of,
@@ -27,7 +26,6 @@ from poseviewer.files.structs import (
 from poseviewer.files.symmetry import SymmetryTurns
 from poseviewer.files.writing import json_bytes, write_whole
 from poseviewer.geometry.camera import Pose
-from poseviewer.geometry.lens import Undistortion
 
 FORMAT: Literal["poseviewer-pose"] = "poseviewer-pose"
 
@@ -54,7 +52,7 @@ class PoseInSet(Struct, frozen=True):
             raise ValueError(".views has a photo without file, width or height; wanted all three")
 
 
-class PoseRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
+class PoseRecord(CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     """Pose of a known 3D model in one photo. Camera axes are OpenCV's (x right, y down, z
     forward); pixel centres are at integers; lengths are in the model's unit.
 
@@ -67,8 +65,6 @@ class PoseRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     format: Literal["poseviewer-pose"] = FORMAT
     version: Literal[1] = 1
-    projection: Projection
-    numbers: CameraNumbers = field(name="camera")
     place: Transform = field(name="camera_from_model")
     photo: PhotoReference | None = None
     model: ModelReference | None = None
@@ -78,19 +74,14 @@ class PoseRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
     software: dict[str, Any] | None = None
     verdict: Verdict | None = None
     uncertainty: Uncertainty | None = None
-    mask: str | None = None
     without: tuple[str, ...] = ()
     seen: Number | None = None
     notes: tuple[str, ...] = ()
-    distortion: Distortion | None = None
     turns: SymmetryTurns | None = field(name="symmetry", default=None)
     in_set: PoseInSet | None = field(name="set", default=None)
     chart: ChartParameters | None = None
     warnings: tuple[str, ...] = ()
     """Sentences on how the file was read; not written."""
-
-    def __post_init__(self) -> None:
-        _ = self.pose
 
     @classmethod
     def of(cls, pose: Pose, photo: PhotoReference | None = None, **said: Any) -> PoseRecord:
@@ -120,12 +111,7 @@ class PoseRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
     @property
     def pose(self) -> Pose:
         """Camera (pixel centres at i + 0.5) and ``camera_from_model``, in the model's unit."""
-        return Pose(self.numbers.camera(self.projection, *self.size), self.place.rigid)
-
-    @property
-    def undistortion(self) -> Undistortion | None:
-        """Lens and cameras of the undistorted photo, which the pose belongs to; None: no lens."""
-        return self.distortion and self.distortion.undistortion(*self.size)
+        return Pose(self.camera, self.place.rigid)
 
     @property
     def covariance(self) -> PoseCovariance | None:

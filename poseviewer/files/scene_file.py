@@ -28,6 +28,7 @@ from poseviewer.files.structs import (
     PROJECTIONS,
     SCENE,
     CameraNumbers,
+    CameraRecord,
     ChartParameters,
     Distortion,
     ModelReference,
@@ -35,7 +36,6 @@ from poseviewer.files.structs import (
     PhotoReference,
     Pixels,
     Positive,
-    Projection,
     Sha256,
     Transform,
     Uncertainty,
@@ -89,23 +89,16 @@ def place_of(place: Similarity) -> Place:
     return Place.of(place.rigid, scale=float(place.scale))
 
 
-class ViewRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
+class ViewRecord(CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     """A photo, its camera (of the undistorted photo where there is a distortion) and where that
     stands: x_in_camera = rotation @ x_in_world + translation; left out for a camera in which the
     world's frame is. mask: a picture of the photo's size, black where something stands in front.
     """
 
     photo: PhotoFile
-    projection: Projection
-    numbers: CameraNumbers = msgspec.field(name="camera")
-    distortion: Distortion | None = None
     place: Transform = msgspec.field(
         name="camera_from_world", default=Transform.of(RigidTransform.identity())
     )
-    mask: str | None = None
-
-    def __post_init__(self) -> None:
-        _ = self.camera
 
     @classmethod
     def of(
@@ -135,15 +128,9 @@ class ViewRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
         return Path(self.photo.file)
 
     @property
-    def camera(self) -> Camera:
-        """Camera of the undistorted photo, pixel centres at i + 0.5."""
-        return self.numbers.camera(self.projection, self.photo.width, self.photo.height)
-
-    @property
-    def undistortion(self) -> Undistortion | None:
-        """Undistortion of the photo as taken; None: there is none."""
-        size = self.photo.width, self.photo.height
-        return self.distortion and self.distortion.undistortion(*size)
+    def size(self) -> tuple[int, int]:
+        """Width and height of the photo in px; 0 where a tool's file does not say it."""
+        return self.photo.width, self.photo.height
 
     def resized(self, width: int, height: int) -> ViewRecord:
         """The view of a photo of another size, in px."""
@@ -170,7 +157,7 @@ def open_view(record: ViewRecord) -> tuple[View, tuple[str, ...]]:
     """The view with its photo, undistorted; and what the user should know. The photo may be of any
     size where the record's is 0x0 px.
     """
-    photo, size = load_photo(record.path), (record.photo.width, record.photo.height)
+    photo, size = load_photo(record.path), record.size
     if size not in ((0, 0), (photo.width, photo.height)):
         raise PoseFileError(
             f"{photo.name}: {photo.width}x{photo.height} px, and its camera is one for "

@@ -185,6 +185,33 @@ class Distortion(LensNumbers, frozen=True):
         return Undistortion(self.lens, taken, camera)
 
 
+class CameraRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """The camera of a photo: of the undistorted one, where there is a distortion; and its mask."""
+
+    projection: Projection
+    numbers: CameraNumbers = msgspec.field(name="camera")
+    distortion: Distortion | None = None
+    mask: str | None = None
+
+    def __post_init__(self) -> None:
+        _ = self.camera
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the photo in px."""
+        raise NotImplementedError
+
+    @property
+    def camera(self) -> Camera:
+        """Camera of the undistorted photo, pixel centres at i + 0.5."""
+        return self.numbers.camera(self.projection, *self.size)
+
+    @property
+    def undistortion(self) -> Undistortion | None:
+        """Lens and cameras of the undistorted photo; None: no lens."""
+        return self.distortion and self.distortion.undistortion(*self.size)
+
+
 class Uncertainty(Struct, frozen=True, kw_only=True):
     """Normal distribution about the pose, if it is right. A deviation is a
     rotation vector (rad) and then a shift, both along the camera's axes (from the left, about the
