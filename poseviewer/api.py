@@ -2,11 +2,11 @@
 
 ::
 
-    found = load("photo.jpg", "car.glb", "start.json").fit(seconds=60)
-    print(found.verdict, found.unexplained, found.pose.camera_from_model.rotation)
-    found.save("pose.json")
-    found.draw("residual.png", look="residual")
-    found.landscape(size=21).save("maps.png")
+    end = load("photo.jpg", "car.glb", "start.json").fit(seconds=60)
+    print(end.verdict, end.unexplained, end.pose.camera_from_model.rotation)
+    end.save("pose.json")
+    end.draw("residual.png", look="residual")
+    end.landscape(size=21).save("maps.png")
 
     shelf = load("shelf.scene.json").fit()                                    # several objects
     rig = load(views="rig.json", model="car.glb", start="start.json").fit()   # several photos
@@ -187,9 +187,9 @@ def make_scene(
     if index is None and len(data.objects) == 1:
         index = 0
     scene = Scene(data, of_mesh, index, view)
-    for one in (data.objects[i] for i in scene.indices):
-        if one.mesh not in of_mesh:
-            of_mesh[one.mesh] = make_renderer(one.mesh, one.settings.renderer)
+    for item in (data.objects[i] for i in scene.indices):
+        if item.mesh not in of_mesh:
+            of_mesh[item.mesh] = make_renderer(item.mesh, item.settings.renderer)
     if index is None:
         return scene
     _, notes = scene._made
@@ -236,11 +236,7 @@ class Scene:
         return self.data.views
 
     def __getitem__(self, object_id: str) -> Scene:
-        """The scene about one of its objects.
-
-        Raises:
-            SettingsError: there is no object of that id.
-        """
+        """The scene about one of its objects; raises ``SettingsError``: it has none."""
         return replace(self, index=self.data.index(object_id))
 
     @property
@@ -250,13 +246,9 @@ class Scene:
 
     @property
     def object(self) -> SceneObject:
-        """The object that it is about.
-
-        Raises:
-            SettingsError: it is about several.
-        """
+        """The object that it is about; raises ``SettingsError``: it is about several."""
         if self.index is None:
-            ids = ", ".join(repr(one.id) for one in self.objects)
+            ids = ", ".join(repr(item.id) for item in self.objects)
             raise SettingsError(f"the scene has several objects; say which, one of {ids}.")
         return self.objects[self.index]
 
@@ -354,8 +346,7 @@ class Scene:
         threads: int = 1,
         interruptible: bool = False,
     ) -> Scene:
-        """Search to the end, or to a limit (of each search; default: the settings' own), for the
-        object that the scene is about, or for all in turn.
+        """Search to the end, or to a limit of each search, for the scene's object, or for all.
 
         ``watch`` is called with a ``FitProgress`` after every evaluation; what it raises ends the
         search. ``interruptible``: Ctrl-C ends it, and the best pose so far is kept.
@@ -379,23 +370,23 @@ class Scene:
                 "no object of the scene is to be seen where it starts: bring them onto the photo."
             )
         pairs = zip(search.scene.objects, self.objects, strict=True)
-        objects = tuple(replace(one, settings=own.settings) for one, own in pairs)
+        objects = tuple(replace(end, settings=own.settings) for end, own in pairs)
         data = replace(search.scene, objects=objects)
         return replace(self, data=data, placings=now.placings, before=self, _problems={})
 
     def _limited(self, seconds: float | None, evaluations: int | None) -> Scene:
         given = {"seconds": seconds, "evaluations": evaluations}
         given = {name: limit for name, limit in given.items() if limit is not None}
-        objects = []
-        for one in self.objects:
-            limits = replace(one.settings.limits, **given)
-            objects.append(replace(one, settings=replace(one.settings, limits=limits)))
-        return replace(self, data=replace(self.data, objects=tuple(objects)))
+        data = self.data
+        for index, settings in enumerate(item.settings for item in self.objects):
+            limits = replace(settings.limits, **given)
+            data = data.with_object(index, settings=replace(settings, limits=limits))
+        return replace(self, data=data)
 
     @property
     def stopped(self) -> bool:
         """Whether it is what an interrupted search had found so far."""
-        return any(one.status is Status.STOPPED for one in self.placings.values())
+        return any(end.status is Status.STOPPED for end in self.placings.values())
 
     @property
     def verdict(self) -> Verdict | None:
@@ -451,9 +442,9 @@ class Scene:
         for problem, verdict in zip(problems, verdicts, strict=True):
             index, pose = problem.views[0].index, problem.chart.to_pose(at)
             loss = pose_loss(problem, self.renderer, at)
-            seen = result.seen[index] if result is not None and result.seen else None
+            share = result.seen[index] if result is not None and result.seen else None
             view = self.views[index]
-            results.append(ViewResult(view, pose, loss, problem.scale, verdict, seen))
+            results.append(ViewResult(view, pose, loss, problem.scale, verdict, share))
         return tuple(results)
 
     @property
@@ -512,8 +503,8 @@ class Scene:
         own = self.data.placed(self._at, view)
         others = [
             self.data.placed(other, view)
-            for other, one in enumerate(self.objects)
-            if other != self._at and not one.hidden
+            for other, item in enumerate(self.objects)
+            if other != self._at and not item.hidden
         ]
         in_front = hiding(own, others) if others else None
         if in_front is not None and in_front.is_whole:
@@ -521,7 +512,7 @@ class Scene:
 
         def relight(image: AttributeImage) -> FloatArray:
             compared = self.problem.views
-            photo = next((one.photo for one in compared if one.index == view), compared[0].photo)
+            photo = next((own.photo for own in compared if own.index == view), compared[0].photo)
             return relit(photo, self.renderer, own.pose, image)
 
         shown = ModelInPhoto(picture, own.mesh, self.renderer, own.pose, relight, opacity)
@@ -530,7 +521,7 @@ class Scene:
 
     def draw(self, path: str | Path, look: str = "outline") -> tuple[Path, ...]:
         """Write ``picture(look)`` in the format of the file's ending, of several views one for
-        each, ``found.NAME.png`` for a ``path`` ``found.png``; which files are written.
+        each, ``pose.NAME.png`` for a ``path`` ``pose.png``; which files are written.
 
         Raises:
             PoseViewerError: there is no such look or format, or a file cannot be written.

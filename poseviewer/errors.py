@@ -5,10 +5,8 @@ LONGEST_MESSAGE = 1000
 
 
 def printable(text: str, longest: int | None = None) -> str:
-    """The text on one line that does no harm on a terminal or a page: a question mark for each
-    control or format character (they move the cursor, or turn the reading direction) and each lone
-    surrogate (a byte of a file name that is no text); the middle left out of more than ``longest``
-    characters.
+    """The text on one line, a question mark for each control or format character and each lone
+    surrogate, which do harm on a terminal; the middle left out of more than ``longest`` characters.
     """
     shown = " ".join(text.split()) if not text.isprintable() else text
     if not shown.isprintable():
@@ -20,10 +18,7 @@ def printable(text: str, longest: int | None = None) -> str:
 
 
 class PoseViewerError(Exception):
-    """Something a user can mend; its text is one clear sentence, shown without a traceback.
-
-    What it quotes of files and names is made ``printable``.
-    """
+    """Something a user can mend: one clear sentence, made ``printable``, without a traceback."""
 
     def __init__(self, sentence: str = "") -> None:
         super().__init__(printable(sentence, LONGEST_MESSAGE))

@@ -1,7 +1,6 @@
-"""Jobs on a Dask cluster; the only importer of distributed.
+"""Jobs on a Dask cluster, whose workers see all files under the same paths as this machine.
 
-The workers see photos, models and the folder of results under the same paths as this machine. When
-a worker dies, Dask gives its jobs to others; those whose results were written are not done again.
+When a worker dies, Dask gives its jobs to others; those with results are not done again.
 """
 
 from __future__ import annotations

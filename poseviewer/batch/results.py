@@ -1,8 +1,7 @@
 """The folder of results: what came of each row, and the batch that it belongs to.
 
-A row's result is a JSON file in ``rows/`` named by the job's key. It is written whole or not at
-all, after the pose and the picture that it names: a row without one, or whose fit failed, is still
-to be done, however the batch ended. ``batch.json`` says what the batch is.
+A row's result is a JSON file in ``rows/`` named by the job's key, written last: a row without one,
+or whose fit failed, is still to be done, however the batch ended. ``batch.json`` is the batch.
 """
 
 from __future__ import annotations
@@ -58,14 +57,11 @@ class JobResult:
     reasons: str = ""
     """Reasons of the verdict, a sentence a line."""
     depth_std: float | None = None
-    """Standard deviations of the pose, if it is right: of its depth, and sideways, in the model's
-    unit; in degrees; and in the photo, px (``PoseCovariance``). None where they are not known."""
+    """Standard deviations of the pose, if it is right (``PoseCovariance``); None: not known."""
     sideways_std: float | None = None
     degrees_std: float | None = None
     px_std: float | None = None
     scale_percent_std: float | None = None
-    """Scale, in place of the depth, under parallel projection; a focal length that was free; the
-    model's size among cameras of unknown scale."""
     focal_px_std: float | None = None
     size_percent_std: float | None = None
     review: str = ""

@@ -61,11 +61,7 @@ def choice_of(options: Namespace) -> SetChoice:
 
 
 def named_files(options: Namespace) -> FileSet:
-    """The files that the options name, by what they are.
-
-    Raises:
-        SettingsError: they do not go together.
-    """
+    """The files that the options name; raises ``SettingsError``: they do not go together."""
     from poseviewer.files.file_set import FileSet, ModelFiles, is_scene_file
 
     photo, model, views = options.photo, options.model, options.views
@@ -86,12 +82,7 @@ def named_files(options: Namespace) -> FileSet:
 
 
 def open_scene(options: Namespace) -> Scene:
-    """A photo, several objects in one, or one in several, as the options have it; about one object
-    where they name one.
-
-    Raises:
-        PoseViewerError: a file cannot be used, or the options do not go together.
-    """
+    """The scene that the options name, about one object where they say which."""
     from poseviewer.api import load
     from poseviewer.starts.loading import StartCamera
 

@@ -59,10 +59,8 @@ class Plan:
     """Folder of ``models`` and ``test``; None: the nearest above the table."""
 
     def settings(self, kind: Kind | None = None) -> list[FitSettings]:
-        """Settings of fits on a kind of photo of a vehicle; None: of models that may be none.
-
-        The paper's method takes the whole photo on black ground, as the paper did; both sets of
-        pixels on another background; the clipped one elsewhere.
+        """Settings of fits on a kind of photo of a vehicle, by the paper's method on the whole of
+        drawn ones, and clipped but on black ground; None: of models that may be no vehicle.
         """
         chart: ChartName = "vehicle" if kind else "free-body"
         pixels: tuple[PixelsName, ...] = (self.pixels or "near",)

@@ -1,8 +1,7 @@
-"""A study: its folder, trials on all processors (a row each as soon as it is done).
+"""A study: its folder, its trials on all processors, and its report.
 
 Poses of a BOP data set are scored as in Hodan et al., *BOP Challenge 2020 on 6D Object
-Localization* (2020): the average recall over ten thresholds of MSSD and MSPD. Where a fit is not
-sure to be better, its estimate is kept.
+Localization* (2020). Where a fit is not sure to be better, its estimate is kept.
 """
 
 from __future__ import annotations

@@ -40,10 +40,7 @@ def make_landscape_sheet(
     title: str = "",
     what: str = "loss",
 ) -> Figure:
-    """Draw all slices, at most one a pair, on one sheet, with a cross at the ``pose`` (d,).
-
-    ``what``: the values are called. Unfinished slices are drawn as far as known.
-    """
+    """Draw slices as far as known on a sheet, with a cross at the ``pose`` (d,), of ``what``."""
     parameters = sorted({i for piece in slices for i in (piece.first, piece.second)})
     columns, rows = parameters[:-1], parameters[1:]
     side = max(CELL_INCHES * len(rows), SMALLEST_INCHES)

@@ -48,11 +48,7 @@ class LossMaps:
         return figure_bytes(sheet, kind)
 
     def save(self, path: str | Path) -> None:
-        """Write a sheet of maps (.png, .pdf, .svg), or the numbers (.npz).
-
-        Raises:
-            SettingsError: the format is unknown, or the file cannot be written.
-        """
+        """Write a sheet of maps (.png, .pdf, .svg) or the numbers (.npz), or ``SettingsError``."""
         path = Path(path)
         try:
             content = self.as_bytes(path.suffix[1:].lower() or "png")

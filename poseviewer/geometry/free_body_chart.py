@@ -45,8 +45,7 @@ class FreeBodyChart(Chart):
     _radius_px: tuple[float, float] = field(init=False, repr=False, compare=False)
     """Centre (px), its depth, and the model's radius (px along u and v) at the start."""
     focal_gain: float = field(init=False, repr=False, compare=False)
-    """Depth over radius: a change of the focal length, with the depth to match, moves the picture
-    by this factor less than a change of scale does."""
+    """Depth over radius: a focal length, with depth to match, moves the picture so much less."""
 
     def __post_init__(self) -> None:
         camera, centre = self.start.camera, self.start.camera_from_model.apply(self.centre)
@@ -63,11 +62,8 @@ class FreeBodyChart(Chart):
 
     @classmethod
     def near(cls, mesh: Mesh, pose: Pose, free_focal: bool = False) -> FreeBodyChart:
-        """The chart of the poses of ``mesh`` about ``pose``.
-
-        Raises:
-            SingularChartError: the model's centre is behind the camera, or no finite number.
-            SettingsError: a focal length is to be found under parallel projection.
+        """The chart about a pose; raises ``SingularChartError``: it does not show the model, or
+        ``SettingsError``: a focal length under parallel projection.
         """
         if free_focal and isinstance(pose.camera, Parallel):
             raise SettingsError(

@@ -138,10 +138,7 @@ class Mesh:
 
 @lru_cache(maxsize=16)
 def hull_points(mesh: Mesh) -> FloatArray:
-    """(k, 3): the vertices of the convex hull, cached; all vertices of a flat model.
-
-    They are all in front of a camera exactly if the model is, and have its box in a photo.
-    """
+    """(k, 3): the vertices of the convex hull, with the model's box in any photo, cached."""
     if len(mesh.vertices) < FEWEST_FOR_HULL:
         return mesh.vertices
     try:

@@ -73,10 +73,7 @@ def find_adjacency(faces: NDArray) -> Adjacency:
 
 
 def winding_to_flip(vertices: FloatArray, faces: NDArray) -> NDArray[np.bool_]:
-    """(F,) the faces to turn so that neighbours are wound alike, as far as a spanning tree goes.
-
-    Closed pieces end up wound outwards; of an open piece the smaller area is turned.
-    """
+    """(F,) the faces to turn to wind closed pieces outwards, and open ones alike by least area."""
     if not len(faces):
         return np.zeros(0, dtype=bool)
     adjacency = find_adjacency(weld(vertices)[faces])
@@ -117,11 +114,8 @@ def _parity_from_root(a: NDArray, b: NDArray, differs: NDArray, piece: NDArray) 
 def crease_normals(
     vertices: FloatArray, faces: NDArray
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
-    """Normals, smooth but for edges bent by more than ``CREASE_ANGLE_RAD``.
-
-    They are means of the faces' by the corner's angle (Thuermer and Wuethrich 1998).
-
-    Returns the given vertex ``source`` (N,) of each new one, faces (F, 3), unit normals (N, 3).
+    """Normals, means of the faces' by the corner's angle (Thuermer and Wuethrich 1998), sharp at
+    creases: the given vertex (N,) of each new one, faces (F, 3), unit normals (N, 3).
     """
     face_normals, _ = face_normals_and_areas(vertices, faces)
     fan = _smooth_fans(find_adjacency(weld(vertices)[faces]), face_normals)

@@ -85,9 +85,8 @@ class Symmetry:
         offsets: ArrayLike,
         diameter: float,
     ) -> Symmetry:
-        """Close motions, and axes (k, 3) through ``offsets`` (k, 3).
-
-        Raises ``ValueError`` where they are too many, or leave no common point where it is.
+        """Close motions, and axes (k, 3) through ``offsets`` (k, 3); raises ``ValueError``: they
+        are too many, or leave no common point where it is.
         """
         axes, offsets = np.reshape(axes, (-1, 3)), np.reshape(offsets, (-1, 3))
         across = np.eye(3) - axes[:, :, None] * axes[:, None, :]

@@ -84,11 +84,7 @@ class ViewChart(Chart):
         return Pose(camera, place)
 
     def from_pose(self, pose: Pose) -> FloatArray:
-        """The numbers of a pose in this view, with the size and the focal lengths of other cameras
-        as they are at the start.
-
-        Raises ``SingularChartError``: the model is behind the reference camera.
-        """
+        """The numbers of a pose in this view, with size and other focal lengths as at the start."""
         place = self.view_from_reference.inverse() @ pose.camera_from_model
         numbers = np.zeros(len(self.names))
         numbers[:6] = self.reference.from_pose(Pose(self.reference.start.camera, place))

@@ -153,13 +153,11 @@ def propose(
     begin: BeginThread | None = None,
     watch: Callable[[], object] = lambda: None,
 ) -> list[Proposal]:
-    """Propose 1 to ``MOST_PROPOSALS`` start poses, the best first, by a search over views on all
-    cores.
+    """Propose up to ``MOST_PROPOSALS`` starts, the best first, by some 3,000 evaluations of small
+    pictures on all cores, with the same result each time. Each thread calls ``begin``, each
+    evaluation ``watch``, which may raise to stop it.
 
-    Some 3,000 evaluations of small pictures, always with the same result. Each thread calls
-    ``begin``, each evaluation ``watch``, which may raise to stop it.
-
-    Raises ``QuickStartError``: there is no rectangle; or it is too small, or not in the photo.
+    Raises ``QuickStartError``: there is no rectangle, hardly any in the photo, or no view fits.
     """
     renderer = make_renderer(query.inputs.mesh) if renderer is None else renderer
     search = _ViewSearch(query, query.box, query.photo, renderer, begin, watch)

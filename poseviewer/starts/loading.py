@@ -35,10 +35,7 @@ from poseviewer.files.scene_file import (
     scene_of_pose,
     view_record,
 )
-from poseviewer.files.structs import (
-    ChartParameters,
-    Uncertainty,
-)
+from poseviewer.files.structs import ChartParameters, Uncertainty
 from poseviewer.files.symmetry import SymmetryTurns, load_symmetry
 from poseviewer.files.writing import sha256_of
 from poseviewer.fit.scene import InView, LoadedModel, Scene, SceneObject, SearchResult, scene_at
@@ -117,15 +114,13 @@ def open_photo(
     calibration: Calibration | None = None,
     mask: str | Path | Mask | None = None,
 ) -> Scene:
-    """The scene of a model in a photo (files, or loaded ones), checked against one another;
-    the photo undistorted, where a calibration or the pose file says by which lens it was taken.
+    """The scene of a model in a photo (files, or loaded ones), undistorted where there is a lens.
 
     ``start``: a pose file, a pose, or what finds one on the photo. Without a ``mask`` that of the
-    pose file is used; of the model, the parts that the settings or the pose file leave out are not.
+    pose file is used; parts that the settings or the pose file leave out are left out.
 
     Raises:
-        PoseViewerError: one of them cannot be used; no start is found, or one for a photo of
-            another size.
+        PoseViewerError: a file cannot be used; no start is found, or one for another size.
     """
     settings = settings or FitSettings()
     is_loaded = isinstance(photo, Photo)
@@ -161,14 +156,12 @@ def open_photo(
 
 
 def open_scene(scene: str | Path | SceneRecord, settings: FitSettings | None = None) -> Scene:
-    """The scene of a file. ``settings``: of all objects, in place of those that the file says;
-    parts ``without`` are left out beside the file's own, each as ``ID:PART``: what the last search
-    said is not said of an object that has lost some.
+    """The scene of a file. ``settings``: of all objects, in place of the file's; parts ``without``,
+    each as ``ID:PART``, are left out beside the file's own, and with them the last search's result.
 
     Raises:
-        PoseViewerError: a file cannot be used; it has no objects; a photo or a mask has another
-            size than the scene says; the models are in different units; there is no such object or
-            part.
+        PoseViewerError: a file cannot be used, or not with the others; it has no objects, or not
+            such an object or part; the models are in different units.
     """
     name = scene.views[0].path.name if isinstance(scene, SceneRecord) else Path(scene).name
     record = scene if isinstance(scene, SceneRecord) else load_scene(scene)
@@ -180,39 +173,25 @@ def open_scene(scene: str | Path | SceneRecord, settings: FitSettings | None = N
         view, of_view = open_view(own)
         views.append(view)
         notes += [*of_view, *notes_of(view.photo)]
-    for one in record.objects:
-        if one.model.file not in models:
-            models[one.model.file] = load_model(one.path)
-            notes += notes_of(models[one.model.file])
+    for item in record.objects:
+        if item.model.file not in models:
+            models[item.model.file] = load_model(item.path)
+            notes += notes_of(models[item.model.file])
     _require_one_unit(record, models)
-    for index, one in enumerate(record.objects):
-        model = model_without(models[one.model.file], left_out[one.id])
-        model, of_parts = _as_recorded(model, one.without)
+    for index, item in enumerate(record.objects):
+        model = model_without(models[item.model.file], left_out[item.id])
+        model, of_parts = _as_recorded(model, item.without)
         known = record.pose_record(index).model
         notes += [*check_against(known, model.sha256), *of_parts]
-        is_whole = set(model.mesh.left_out) <= set(one.without)
-        made = SceneObject(
-            one.id,
-            model,
-            one.place.similarity,
-            settings or settings_from_json(one.settings or {}),
-            one.name,
-            tuple(_in_view(*pair) for pair in zip(one.in_views, record.views, strict=False)),
-            one.hidden,
-            one.locked,
-            one.is_placed,
-            _search_result(record, index) if is_whole else None,
-            one.notes,
-        )
-        objects.append(made)
-    return Scene(
-        with_names(views),
-        tuple(objects),
-        name,
-        record.unit,
-        record.free_scale,
-        tuple(dict.fromkeys(notes)),
-    )
+        is_whole = set(model.mesh.left_out) <= set(item.without)
+        own_settings = settings or settings_from_json(item.settings or {})
+        in_views = tuple(map(_in_view, item.in_views, record.views))
+        result = _search_result(record, index) if is_whole else None
+        flags = item.hidden, item.locked, item.is_placed
+        about = item.name, in_views, *flags, result, item.notes
+        objects.append(SceneObject(item.id, model, item.place.similarity, own_settings, *about))
+    told = tuple(dict.fromkeys(notes))
+    return Scene(with_names(views), tuple(objects), name, record.unit, record.free_scale, told)
 
 
 def open_views(
@@ -224,13 +203,12 @@ def open_views(
     scale: float | None = None,
     choice: SetChoice | None = None,
 ) -> Scene:
-    """Open the scene of a model in several views, from its pose in the photo ``view``, else in that
-    which the pose file names; that photo comes first. ``scale``: lengths of the model's unit in one
-    of the world's, in place of the views' own.
+    """Open the scene of a model in several views, from its pose in the photo ``view``, else the
+    pose file's, which comes first. ``scale``: lengths of the model's unit in one of the world's.
 
     Raises:
-        PoseViewerError: the pose file cannot be used, or not with these photos; it is not known in
-            which of them it is; nothing tells the scale.
+        PoseViewerError: the pose cannot be used with these photos; nothing tells in which it is, or
+            the scale.
     """
     settings = settings or FitSettings()
     loaded = views if isinstance(views, LoadedViews) else load_views(views, choice)
@@ -264,10 +242,10 @@ def open_views(
     order = (first, *(i for i in range(len(loaded.views)) if i != first))
     masked = tuple(replace(loaded.views[i], mask=masks.get(i, loaded.views[i].mask)) for i in order)
     place = masked[0].world_from_model(record.pose, 1.0 / scale)
-    of_files = [note for file in (*(one.photo for one in masked), own) for note in notes_of(file)]
+    of_files = [note for file in (*(v.photo for v in masked), own) for note in notes_of(file)]
     notes = tuple(dict.fromkeys([*of_files, *notes, *of_camera]))
-    one = SceneObject("1", own, place, settings)
-    return Scene(masked, (one,), loaded.name, loaded.unit, known is None, notes)
+    objects = (SceneObject("1", own, place, settings),)
+    return Scene(masked, objects, loaded.name, loaded.unit, known is None, notes)
 
 
 def known_scale(views: LoadedViews, mesh: Mesh) -> float | None:
@@ -283,15 +261,15 @@ def known_scale(views: LoadedViews, mesh: Mesh) -> float | None:
 def scale_of_sight(views: Sequence[View], index: int, mesh: Mesh, pose: Pose, name: str) -> float:
     """The scale by which the model, at a pose in view ``index``, is where the others look."""
     centre = pose.camera_from_model.apply(mesh.centre)
-    found = None
+    scale = None
     if centre[2] > 0.0:
-        found = scale_by_sight(views, index, centre / centre[2], float(centre[2]))
-    if found is None:
+        scale = scale_by_sight(views, index, centre / centre[2], float(centre[2]))
+    if scale is None:
         raise SettingsError(
             f"{name}: its scale is not known, and its cameras do not look at one place, which "
             "would tell it about; give --scale, lengths of the model's unit in one of the set's."
         )
-    return found
+    return scale
 
 
 def record_of(scene: Scene, with_masks: bool = True, canonical: bool = True) -> SceneRecord:
@@ -339,25 +317,25 @@ def _as_recorded(model: LoadedModel, without: Sequence[str]) -> tuple[LoadedMode
 
 def _parts_of_objects(scene: SceneRecord, without: Sequence[str]) -> dict[str, list[str]]:
     """The parts that are said of each object of a scene, by the objects' ids."""
-    found: dict[str, list[str]] = {one.id: [] for one in scene.objects}
+    parts: dict[str, list[str]] = {item.id: [] for item in scene.objects}
     for text in without:
-        owner = max((one for one in found if text.startswith(f"{one}:")), key=len, default=None)
+        owner = max((key for key in parts if text.startswith(f"{key}:")), key=len, default=None)
         if owner is None:
             raise SettingsError(
                 f"the part {text!r} of a scene: say of which object, as ID:PART; the objects are "
-                f"{', '.join(found)}."
+                f"{', '.join(parts)}."
             )
-        found[owner].append(text[len(owner) + 1 :])
-    return found
+        parts[owner].append(text[len(owner) + 1 :])
+    return parts
 
 
 def _require_one_unit(scene: SceneRecord, models: Mapping[str, LoadedModel]) -> None:
     """Refuse models in different units: which is in front could not be told from their poses."""
     known: dict[str, str] = {}
-    for one in scene.objects:
-        unit = one.model.unit or models[one.model.file].mesh.unit
+    for item in scene.objects:
+        unit = item.model.unit or models[item.model.file].mesh.unit
         if unit is not None:
-            known.setdefault(unit, one.label)
+            known.setdefault(unit, item.label)
     if len(known) > 1:
         (first, its), (second, other) = list(known.items())[:2]
         raise PoseFileError(
@@ -374,36 +352,26 @@ def _in_view(own: InViewRecord, view: ViewRecord) -> InView:
 
 
 def _search_result(record: SceneRecord, index: int) -> SearchResult | None:
-    found = record.objects[index].result
-    if found is None:
+    said = record.objects[index].result
+    if said is None:
         return None
-    view, sure = min(found.view, len(record.views) - 1), found.uncertainty
-    chart = found.chart or ChartParameters("", (), ())
-    return SearchResult(
-        found.verdict,
-        found.loss,
-        found.unexplained,
-        chart.parameters,
-        chart.name,
-        chart.names,
-        found.settings or {},
-        found.seen,
-        notes=found.notes,
-        view=view,
-        covariance=sure and sure.about(record.pose(index, view)),
-    )
+    view, chart = min(said.view, len(record.views) - 1), said.chart or ChartParameters("", (), ())
+    numbers = chart.parameters, chart.name, chart.names, said.settings or {}, said.seen
+    covariance = said.uncertainty and said.uncertainty.about(record.pose(index, view))
+    about = {"notes": said.notes, "view": view, "covariance": covariance}
+    return SearchResult(said.verdict, said.loss, said.unexplained, *numbers, **about)
 
 
 def _object_record(scene: Scene, index: int, with_masks: bool, canonical: bool) -> ObjectRecord:
-    one = scene.objects[index]
-    model, place, result = one.model, one.world_from_model, one.result
+    item = scene.objects[index]
+    model, place, result = item.model, item.world_from_model, item.result
     at = 0 if result is None else result.view
     pose = scene.pose(index, at)
     equal = model.symmetry.canonical(pose) if canonical else pose
     if equal is not pose:
         place = scene.views[at].world_from_model(equal, place.scale)
     in_views = []
-    for number, own in enumerate(one.in_views or [InView()] * len(scene.views)):
+    for number, own in enumerate(item.in_views or [InView()] * len(scene.views)):
         mask, hidden = own.mask, result.hidden[number] if result and result.hidden else None
         if hidden is not None:
             mask = Mask.of(~hidden if mask is None else mask.weights * ~hidden)
@@ -412,19 +380,19 @@ def _object_record(scene: Scene, index: int, with_masks: bool, canonical: bool) 
         in_views.append(InViewRecord(text, region, own.is_compared))
     has_own = any(own != InViewRecord() for own in in_views)
     return ObjectRecord(
-        id=one.id,
-        name=one.name,
+        id=item.id,
+        name=item.name,
         model=ModelFile(str(model.path or model.name), model.sha256, model.mesh.unit),
         place=place_of(place),
-        settings=settings_as_json(one.settings),
+        settings=settings_as_json(item.settings),
         in_views=tuple(in_views) if has_own else (),
-        locked=one.locked,
-        hidden=one.hidden,
-        is_placed=one.is_placed,
+        locked=item.locked,
+        hidden=item.hidden,
+        is_placed=item.is_placed,
         without=model.mesh.left_out,
         turns=SymmetryTurns.of(model.symmetry),
         result=None if result is None else _recorded_result(result, pose, equal),
-        notes=one.notes,
+        notes=item.notes,
     )
 
 
@@ -444,11 +412,11 @@ def _recorded_result(result: SearchResult, pose: Pose, equal: Pose) -> Result:
 
 
 def _view_of(views: LoadedViews, record: PoseRecord, view: str | None) -> int:
-    names = [one.name for one in views.views]
+    names = [known.name for known in views.views]
     wanted = view or (record.photo.file if record.photo else None)
-    found = [i for i, name in enumerate(names) if wanted in (name, Path(name).name)]
-    if len(found) == 1:
-        return found[0]
+    alike = [i for i, name in enumerate(names) if wanted in (name, Path(name).name)]
+    if len(alike) == 1:
+        return alike[0]
     problem = f"there is no photo {wanted}" if wanted else "the start does not say in which photo"
     more = f" and {len(names) - 8} more" if len(names) > 8 else ""
     raise PoseFileError(
@@ -459,6 +427,6 @@ def _view_of(views: LoadedViews, record: PoseRecord, view: str | None) -> int:
 
 def _masks_of(of_set: SceneRecord, views: LoadedViews) -> dict[int, Mask]:
     """The masks that a pose file of earlier versions names, by the views' numbers."""
-    known = {one.path.name: one.mask for one in of_set.views if one.mask is not None}
+    known = {own.path.name: own.mask for own in of_set.views if own.mask is not None}
     pairs = [(i, v.photo, known.get(Path(v.name).name)) for i, v in enumerate(views.views)]
     return {i: load_mask(mask, photo.width, photo.height) for i, photo, mask in pairs if mask}

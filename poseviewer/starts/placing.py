@@ -61,8 +61,8 @@ def framed(pose: Pose, mesh: Mesh, rectangle: tuple[float, float, float, float])
     middle, points = np.array([left, top]) + np.array(wanted) / 2.0, hull_points(mesh)
     radius = float(np.linalg.norm(points - mesh.centre, axis=1).max())
     for _ in range(FRAMINGS):
-        seen, camera = pose.project(points), pose.camera
-        low, high = seen.min(axis=0), seen.max(axis=0)
+        outline, camera = pose.project(points), pose.camera
+        low, high = outline.min(axis=0), outline.max(axis=0)
         factor = float(np.min(np.array(wanted) / np.maximum(high - low, 1e-9)))
         centre = middle + factor * (pose.project(mesh.centre) - (low + high) / 2.0)
         depth = pose.camera_from_model.apply(mesh.centre)[2]
@@ -92,10 +92,8 @@ def with_point_at(
 def standing_axes(
     mesh: Mesh, keypoints: VehicleKeypoints | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Unit vectors (3,) to the model's right, to its back, and upwards, in its frame.
-
-    A vehicle's wheels tell them, glTF has y upwards and its front at +z. Any other stands as it
-    would most likely come to rest, by the solid angle of its hull's lowest face.
+    """Unit vectors (3,) to the model's right, back and top: by a vehicle's wheels, by glTF's rule,
+    or as it would most likely come to rest, by the solid angle of its hull's lowest face.
     """
     if keypoints is not None:
         return model_axes(keypoints)
@@ -124,8 +122,8 @@ def _resting_up(mesh: Mesh) -> FloatArray:
 
 def surface_point(mesh: Mesh, pose: Pose, pixel: ArrayLike) -> FloatArray | None:
     """The point (3,) of the surface, in the model's frame, that is seen at ``pixel``, if any."""
-    found = surface_hit(mesh, pose, pixel)
-    return None if found is None else found[1]
+    hit = surface_hit(mesh, pose, pixel)
+    return None if hit is None else hit[1]
 
 
 def surface_hit(mesh: Mesh, pose: Pose, pixel: ArrayLike) -> tuple[int, FloatArray] | None:
@@ -143,16 +141,16 @@ def surface_hit(mesh: Mesh, pose: Pose, pixel: ArrayLike) -> tuple[int, FloatArr
     origin = model_from_camera.apply(origin)
     direction = model_from_camera.rotation @ direction
     a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
-    one, other = b - a, c - a
-    across = np.cross(direction, other)
-    determinant = np.einsum("ij,ij->i", one, across)
+    first, second = b - a, c - a
+    across = np.cross(direction, second)
+    determinant = np.einsum("ij,ij->i", first, across)
     crossed = determinant != 0.0  # others are seen edge-on
     inverse = np.divide(1.0, determinant, where=crossed, out=np.zeros_like(determinant))
     away = origin - a
     u = np.einsum("ij,ij->i", away, across) * inverse
-    turned = np.cross(away, one)
+    turned = np.cross(away, first)
     v = turned @ direction * inverse
-    along = np.einsum("ij,ij->i", other, turned) * inverse
+    along = np.einsum("ij,ij->i", second, turned) * inverse
     hit = crossed & (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (along > 0.0)
     if not hit.any():
         return None

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import cv2
@@ -23,7 +24,8 @@ from poseviewer.errors import QuickStartError
 from poseviewer.files.marks import PointPairs
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
-from poseviewer.geometry.frames import camera_as_integer_centres
+from poseviewer.geometry.frames import HALF_PIXEL
+from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import non_maximum_suppression
 from poseviewer.geometry.scaled_orthographic import scaled_orthographic_poses
@@ -61,9 +63,9 @@ def start_from_pairs(inputs: StartInputs, pairs: PointPairs, known: StartCamera)
     if isinstance(camera, Perspective) and (known.free_focal or is_open):
         with suppress(*(() if known.free_focal else (QuickStartError,))):
             fit, doubt = focal_from_pairs(points, pixels, camera)
-            found, fits = fit.pose.camera, (fit,)
-            assert isinstance(found, Perspective)  # as it was asked for
-            notes.append(f"focal length from the pairs: {found.fx:.0f} px, to {doubt:.0%}.")
+            camera, fits = fit.pose.camera, (fit,)
+            assert isinstance(camera, Perspective)  # as it was asked for
+            notes.append(f"focal length from the pairs: {camera.fx:.0f} px, to {doubt:.0%}.")
     fit = likeliest(fits or poses_from_pairs(points, pixels, camera), points, inputs.mesh)
     errors = ", ".join(f"{error:.1f}" for error in fit.errors_px)
     notes.append(f"start from {len(points)} point pairs, off by {errors} px.")
@@ -89,18 +91,17 @@ def fewest_pairs(camera: Camera) -> int:
 
 
 def poses_from_pairs(points: ArrayLike, pixels: ArrayLike, camera: Camera) -> tuple[PairFit, ...]:
-    """The poses that show model points (n, 3) nearest to photo points (n, 2), the best first.
-
-    Of a parallel ``camera`` the centre counts, and the scale is found.
+    """The poses that show model points (n, 3) nearest to photo points (n, 2), the best first; of a
+    parallel ``camera`` the scale is found.
 
     Raises ``QuickStartError``: too few pairs, all on a line, or no pose in front of the camera.
     """
     points, pixels = _checked(points, pixels, fewest_pairs(camera))
     if isinstance(camera, Parallel):
-        found = scaled_orthographic_poses(points, pixels, camera)
+        poses = scaled_orthographic_poses(points, pixels, camera)
     else:
-        found = _perspective_poses(points, pixels, camera)
-    fits = sorted((fit_of(pose, points, pixels) for pose in found), key=lambda fit: fit.rms_px)
+        poses = _perspective_poses(points, pixels, camera)
+    fits = sorted((fit_of(pose, points, pixels) for pose in poses), key=lambda fit: fit.rms_px)
     fits = [fit for fit in fits if np.isfinite(fit.rms_px)]
     if not fits:
         raise QuickStartError(
@@ -109,13 +110,10 @@ def poses_from_pairs(points: ArrayLike, pixels: ArrayLike, camera: Camera) -> tu
         )
     worst = max(AS_GOOD * fits[0].rms_px, fits[0].rms_px + AS_GOOD_PX)
     good = (fit for fit in fits if fit.rms_px <= worst)
-    return tuple(non_maximum_suppression(good, lambda a, b: _turn_between(a, b) <= SAME_TURN))
-
-
-def _turn_between(one: PairFit, other: PairFit) -> float:
-    """The largest difference between entries of two rotations."""
-    matrices = (fit.pose.camera_from_model.rotation for fit in (one, other))
-    return float(np.abs(np.subtract(*matrices)).max())
+    turn = attrgetter("pose.camera_from_model.rotation")
+    return tuple(
+        non_maximum_suppression(good, lambda a, b: np.abs(turn(a) - turn(b)).max() <= SAME_TURN)
+    )
 
 
 def fit_of(pose: Pose, points: ArrayLike, pixels: ArrayLike) -> PairFit:
@@ -151,13 +149,8 @@ def _perspective_poses(points: FloatArray, pixels: FloatArray, camera: Perspecti
     # OpenCV works in the unit of the points: about 1 is where its thresholds fit.
     middle = points.mean(axis=0)
     size = float(np.abs(points - middle).max())
-    unit = (points - middle) / size
-    seen = pixels - 0.5
-    integer = camera_as_integer_centres(camera)
-    assert isinstance(integer, Perspective)
-    matrix = np.array([[integer.fx, 0, integer.cx], [0, integer.fy, integer.cy], [0, 0, 1.0]])
-    poses = []
-    for rotation, place in _answers(unit, seen, matrix):
+    unit, poses = (points - middle) / size, []
+    for rotation, place in _answers(unit, pixels - HALF_PIXEL, opencv_matrix(camera)):
         turn = RigidTransform.from_rotation_vector(rotation, place * size)
         place = turn.apply(-middle)
         poses.append(Pose(camera, RigidTransform(turn.rotation, place)))
@@ -176,15 +169,14 @@ def _answers(
     for solver in solvers:
         # A solver that finds no answer raises: IPPE wants an exact plane.
         with suppress(cv2.error):
-            found = cv2.solvePnPGeneric(points, pixels, matrix, None, flags=solver)
-            starts += zip(found[1], found[2], strict=True)
+            _, turns, shifts, *_ = cv2.solvePnPGeneric(points, pixels, matrix, None, flags=solver)
+            starts += zip(turns, shifts, strict=True)
     if len(points) < MANY:
         for three in map(list, combinations(range(len(points)), 3)):
             with suppress(cv2.error):
-                found = cv2.solveP3P(
-                    points[three], pixels[three], matrix, None, flags=cv2.SOLVEPNP_AP3P
-                )
-                starts += zip(found[1], found[2], strict=True)
+                given = points[three], pixels[three], matrix, None
+                _, turns, shifts = cv2.solveP3P(*given, flags=cv2.SOLVEPNP_AP3P)
+                starts += zip(turns, shifts, strict=True)
     refined = [cv2.solvePnPRefineLM(points, pixels, matrix, None, *start) for start in starts]
     answers = [frozen_array(np.concatenate([turn, at])[:, 0], (6,)) for turn, at in refined]
     return [(answer[:3], answer[3:]) for answer in answers if np.isfinite(answer).all()]
@@ -193,10 +185,8 @@ def _answers(
 def focal_from_pairs(
     points: ArrayLike, pixels: ArrayLike, camera: Perspective
 ) -> tuple[PairFit, float]:
-    """The pose and the focal length that show points (n, 3) nearest to pixels (n, 2); and the focal
-    length's standard deviation, as a share of it, as the pairs' errors make it.
-
-    Raises ``QuickStartError``: too few pairs, or all about equally far: the focal length is open.
+    """The pose, with its focal length, that shows points (n, 3) nearest to pixels (n, 2); and that
+    length's standard deviation, as a share of it; raises ``QuickStartError``: it is open.
     """
     points, pixels = np.asarray(points, dtype=float), np.asarray(pixels, dtype=float)
     if len(points) < FEWEST_FOR_FOCAL:
@@ -211,13 +201,13 @@ def focal_from_pairs(
             tried += poses_from_pairs(points, pixels, known)
     if not tried:
         poses_from_pairs(points, pixels, camera)  # says why there is none
-    found, doubt = _refined(points, pixels, min(tried, key=lambda fit: fit.rms_px).pose)
+    fit, doubt = _refined(points, pixels, min(tried, key=lambda fit: fit.rms_px).pose)
     if not doubt <= LARGEST_DOUBT:
         raise QuickStartError(
             f"The point pairs leave the focal length open (by {min(doubt, 9.99):.0%}): add pairs "
             "nearer and farther away, or give the focal length."
         )
-    return found, doubt
+    return fit, doubt
 
 
 def with_focal(camera: Perspective, fx: float) -> Perspective:

@@ -64,16 +64,16 @@ def find_ellipses(grey: NDArray[np.float32]) -> list[Supported]:
     # By the longer side: a narrow rectangle is not to become a tower of pixels.
     coarse, fine = COARSE_WIDTH / max(grey.shape), min(1.0, FINE_WIDTH / grey.shape[1])
     field = edge_field(_resized(grey, fine))
-    found: list[Supported] = []
+    ellipses: list[Supported] = []
     for start in _tried_everywhere(edge_field(_resized(grey, coarse))):
         parameters = _improved(field, _scaled(start, fine / coarse))
         support = _support(field, parameters)
         if support >= LEAST_SUPPORT and _is_wheel_like(parameters, field.shape[1]):
             x, y, longer, shorter, tilt = _scaled(parameters, 1.0 / fine)
             ellipse = Ellipse(x, y, np.exp(longer), np.exp(shorter), tilt + np.pi / 2.0)
-            found.append(Supported(ellipse, support))
-    found.sort(key=lambda one: -one.support)
-    return non_maximum_suppression(found, _is_same_ellipse, MOST_KEPT)
+            ellipses.append(Supported(ellipse, support))
+    ellipses.sort(key=lambda supported: -supported.support)
+    return non_maximum_suppression(ellipses, _is_same_ellipse, MOST_KEPT)
 
 
 def edge_field(grey: NDArray[np.float32]) -> FieldImage:
@@ -140,9 +140,9 @@ def _tried_everywhere(field: FieldImage) -> list[FloatArray]:
             longer, shorter, tilt = shapes[which[y, x]]
             yield np.array([x + 0.5, y + 0.5, np.log(longer), np.log(shorter), tilt])
 
-    def is_near(one: FloatArray, other: FloatArray) -> bool:
-        distance = np.hypot(*(one[:2] - other[:2]))
-        return bool(distance <= 0.25 * np.exp(other[2]) and abs(one[2] - other[2]) <= 0.2)
+    def is_near(new: FloatArray, kept: FloatArray) -> bool:
+        distance = np.hypot(*(new[:2] - kept[:2]))
+        return bool(distance <= 0.25 * np.exp(kept[2]) and abs(new[2] - kept[2]) <= 0.2)
 
     return non_maximum_suppression(candidates(), is_near, MOST_TRIED)
 
@@ -182,8 +182,8 @@ def _is_wheel_like(parameters: FloatArray, width: int) -> bool:
     return bool(SIZES[0] / 1.2 <= longer <= 1.2 * SIZES[-1] and ASPECTS[0] / 1.2 <= aspect <= 1.25)
 
 
-def _is_same_ellipse(one: Supported, other: Supported) -> bool:
-    a, b = one.ellipse, other.ellipse
+def _is_same_ellipse(new: Supported, kept: Supported) -> bool:
+    a, b = new.ellipse, kept.ellipse
     distance = np.hypot(a.cx - b.cx, a.cy - b.cy)
     return bool(distance <= 0.12 * a.a and abs(np.log(a.a / b.a)) <= 0.08)
 
@@ -199,10 +199,8 @@ SMALLEST_SIDE_PX = 16
 def find_wheel_pairs(
     grey: NDArray[np.float32], rectangle: Rectangle
 ) -> list[tuple[Ellipse, Ellipse]]:
-    """The likeliest wheels of one side in a rectangle (left, top, width, height) of a photo in
-    [0, 1], the left one in the photo first.
-
-    Raises ``QuickStartError`` where it is not in the photo, or shows no two such ellipses.
+    """The likeliest wheels of one side in a rectangle of a photo in [0, 1], the left one first;
+    raises ``QuickStartError``: it is not in the photo, or shows no two such ellipses.
     """
     left, top, width, height = (int(value) for value in rectangle)
     x, y = max(left, 0), max(top, 0)
@@ -214,21 +212,21 @@ def find_wheel_pairs(
         )
     scored: list[tuple[float, tuple[Ellipse, Ellipse]]] = []
     for two in combinations(find_ellipses(inside), 2):
-        (a, support_a), (b, support_b) = sorted(two, key=lambda one: one.ellipse.cx)
+        (a, support_a), (b, support_b) = sorted(two, key=lambda wheel: wheel.ellipse.cx)
         across, down = b.cx - a.cx, abs(b.cy - a.cy)
         taller = abs(float(np.log((a.a * a.b) / (b.a * b.b)))) / 2.0
         flatter = abs(a.b / a.a - b.b / b.a)
         base = float(np.hypot(across, down)) / (0.5 * (a.a + b.a))
         if 2.5 <= base <= 14.0 and down <= 0.6 * across and taller <= 0.6 and flatter <= 0.35:
             score = 0.5 * (support_a + support_b) - 0.3 * taller - 0.3 * flatter
-            a, b = (replace(one, cx=one.cx + x, cy=one.cy + y) for one in (a, b))
+            a, b = (replace(wheel, cx=wheel.cx + x, cy=wheel.cy + y) for wheel in (a, b))
             scored.append((score, (a, b)))
     if not scored:
         raise QuickStartError(
             f"No two wheels were found in {left},{top},{width},{height}; lay the rectangle closer "
             "about the car, or outline the wheels yourself (--wheels)."
         )
-    return [pair for _, pair in sorted(scored, key=lambda one: -one[0])[:MOST_PAIRS]]
+    return [pair for _, pair in sorted(scored, key=lambda pair: -pair[0])[:MOST_PAIRS]]
 
 
 def start_from_wheels(inputs: StartInputs, wheels: Wheels, known: StartCamera) -> Start:
@@ -264,41 +262,39 @@ class FoundWheels(NamedTuple):
 def start_from_found_wheels(inputs: StartInputs, rectangle: Rectangle, known: StartCamera) -> Start:
     """The start of the wheels that are found in a rectangle (left, top, width, height), px."""
     camera, is_guess = known.of(inputs.photo), not known.knows_focal(inputs.photo)
-    found = likely_wheels(inputs, rectangle, camera, is_guess)[0]
-    return _placed(found.fit, "two wheels that were found")
+    likeliest = likely_wheels(inputs, rectangle, camera, is_guess)[0]
+    return _placed(likeliest.fit, "two wheels that were found")
 
 
 def likely_wheels(
     inputs: StartInputs, rectangle: Rectangle, camera: Camera, is_guess: bool = False
 ) -> list[FoundWheels]:
-    """All likely pairs of wheels in a rectangle (left, top, width, height), the least loss first.
-
-    Poses below the axles are left out where there are others. Where the focal length ``is_guess``,
-    longer ones are tried too. Raises ``QuickStartError`` where there are none.
+    """All likely pairs of wheels in a rectangle, the least loss first, seen from above if any are;
+    of a focal length that ``is_guess`` longer ones are tried. Raises ``QuickStartError``: no pair.
     """
     keypoints = _wheels_known(inputs)
     cameras = [camera]
     if is_guess and isinstance(camera, Perspective):
         cameras += [replace(camera, fx=k * camera.fx, fy=k * camera.fy) for k in LONGER_FOCALS]
-    found: list[FoundWheels] = []
+    pairs: list[FoundWheels] = []
     for left, right in find_wheel_pairs(inputs.photo.grey(), rectangle):
         for wheels in (Wheels(left, right), Wheels(right, left)):
-            for seen_by in cameras:
+            for tried in cameras:
                 with suppress(QuickStartError):  # a pair that this car has not
-                    fits = poses_from_wheels(wheels, keypoints, seen_by)
-                    found += [FoundWheels(wheels, fit) for fit in fits]
-    if not found:
+                    fits = poses_from_wheels(wheels, keypoints, tried)
+                    pairs += [FoundWheels(wheels, fit) for fit in fits]
+    if not pairs:
         raise QuickStartError(
             "The ellipses found in the rectangle are no two wheels of this model; lay it closer "
             "about the car, or outline the wheels yourself (--wheels)."
         )
-    found = [one for one in found if one.fit.from_above] or found
+    pairs = [pair for pair in pairs if pair.fit.from_above] or pairs
     left, top, width, height = rectangle
     across, down = round(MARGIN * width), round(MARGIN * height)
     region = Rectangle(left - across, top - down, width + 2 * across, height + 2 * down)
     settings = FitSettings(pixels="whole", region=region)
-    losses = map(registration_loss, _moments(inputs, [one.fit for one in found], settings))
-    return [found[index] for index in np.argsort(list(losses), kind="stable")]
+    losses = map(registration_loss, _moments(inputs, [pair.fit for pair in pairs], settings))
+    return [pairs[index] for index in np.argsort(list(losses), kind="stable")]
 
 
 def _moments(

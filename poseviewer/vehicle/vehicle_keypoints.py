@@ -11,10 +11,8 @@ from poseviewer.geometry.arrays import FloatArray, frozen_array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SideKeypoints:
-    """The key points of one side of a vehicle, in the model's frame and unit.
-
-    The axle is made exactly perpendicular to the wheelbase, as the chart's closed form needs
-    (what a file says may be off by some rounding).
+    """The key points of one side, in the model's frame and unit; the axle is made exactly
+    perpendicular to the wheelbase, as the chart's closed form needs.
     """
 
     rear_wheel: FloatArray
@@ -52,11 +50,8 @@ class VehicleKeypoints:
     right: SideKeypoints
 
 
-def model_axes(keypoints: VehicleKeypoints | None) -> tuple[FloatArray, FloatArray, FloatArray]:
+def model_axes(keypoints: VehicleKeypoints) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Unit vectors (3,) to the model's right, to its back, and upwards, in its frame."""
-    if keypoints is None:
-        left, behind, up = np.eye(3)  # as it looks along -y, its left is at +x
-        return -left, behind, up
     right = keypoints.right.axle
     behind = keypoints.left.rear_wheel - keypoints.left.front_wheel
     behind = behind - right * (behind @ right)

@@ -150,11 +150,8 @@ class WheelFit:
 def poses_from_wheels(
     wheels: Wheels, keypoints: VehicleKeypoints, camera: Camera
 ) -> tuple[WheelFit, ...]:
-    """The upright poses that show the wheels best, the likeliest first.
-
-    Of a parallel ``camera`` the centre counts, and the scale is found.
-
-    Raises ``QuickStartError``: no pose shows the wheels as these ellipses.
+    """The upright poses that show the wheels best, the likeliest first; of a parallel ``camera``
+    the scale is found. Raises ``QuickStartError``: no pose shows the wheels as these ellipses.
     """
     fits, up = [], model_axes(keypoints)[2]
     for side, axle in product((keypoints.left, keypoints.right), _axles(wheels, camera)):
@@ -178,11 +175,7 @@ def poses_from_wheels(
 
 
 def _axles(wheels: Wheels, camera: Camera) -> list[FloatArray]:
-    """(3,) each: the axle's directions about which the wheels look as flat as they do, two each.
-
-    The shorter over the longer half axis is the cosine of the tilt, to either side, exactly so in
-    parallel projection and about so along a line of sight.
-    """
+    """(3,) each: two axles for each wheel, by its flatness, about the cosine of the tilt."""
     axles = []
     for wheel in wheels:
         flatness, turn = wheel.b / wheel.a, np.eye(3)
