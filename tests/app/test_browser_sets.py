@@ -87,7 +87,7 @@ def test_what_cannot_be_used_is_one_sentence_and_nothing_is_lost(page: AppPage, 
             file.truncate(90_000_000)
     (tmp_path / "new folder").mkdir()
     for path, words in (
-        (bad, "bad.zip: not a zip that can be read"),
+        (bad, "bad.zip: not a readable zip"),
         (huge, "holiday (3 files): 270,000,000 bytes; up to 200,000,000 can be uploaded"),
         (tmp_path / "new folder", "new folder: an empty folder; drop one that holds a photo"),
     ):

@@ -48,7 +48,7 @@ ACCEPTED = {
     "pose": (".json", ".png"),
 }
 """Endings that a file chooser offers first."""
-NO_NAME = re.compile(r'[<>:"|?*]')
+NO_NAME = '<>:"|?*'
 """Characters that names cannot hold on Windows."""
 RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 """Names of devices on Windows."""
@@ -188,29 +188,21 @@ def _unpacked(data: bytes) -> list[tuple[str, memoryview]]:
 
 def _unzip(file: Path | BytesIO, name: str, place: Path, room: int) -> int:
     """Unpack a zip of up to ``room`` bytes into the folder ``place``; return how many it has."""
-    try:
-        with zipfile.ZipFile(file) as archive:
-            entries = [entry for entry in archive.infolist() if _is_wanted(entry)]
-            size = sum(entry.file_size for entry in entries)
-            if size > room or len(entries) > MOST_FILES:
-                raise FileSetError(
-                    f"{name}: unpacks to more than {LARGEST_UNPACKED:,} bytes or {MOST_FILES:,} "
-                    "files; unpack it yourself and start poseviewer with the path of what is "
-                    "needed."
-                )
-            for entry in entries:
-                path = place / safe_path(entry.filename)
+    reading = Reading(Path(name), error_type=FileSetError, kind="zip")
+    with reading.naming_errors(), zipfile.ZipFile(file) as archive:
+        entries = [entry for entry in archive.infolist() if _is_wanted(entry)]
+        size = sum(entry.file_size for entry in entries)
+        if size > room or len(entries) > MOST_FILES:
+            raise reading.error(
+                f"unpacks to more than {LARGEST_UNPACKED:,} bytes or {MOST_FILES:,} files",
+                "unpack it yourself and start poseviewer with the path of what is needed",
+            )
+        for entry in entries:
+            path = place / safe_path(entry.filename)
+            with archive.open(entry) as source, writing_to(place, name, FileSetError):
                 path.parent.mkdir(parents=True, exist_ok=True)
-                with archive.open(entry) as source, path.open("wb") as target:
+                with path.open("wb") as target:
                     shutil.copyfileobj(source, target)
-    except (OSError, FileSetError):
-        raise
-    except Exception as error:  # a damaged zip raises anything
-        words = " ".join(str(error).split())[:80] or type(error).__name__
-        raise FileSetError(
-            f"{name}: not a zip that can be read ({words}); is it whole, and without a password? "
-            "Make it again."
-        ) from error
     return size
 
 
@@ -254,7 +246,7 @@ def _fill(place: Path, files: Sequence[tuple[str, memoryview | Path]]) -> None:
 
 def _safe_part(part: str) -> str:
     """One name of a path; "" for what leads nowhere."""
-    part = "".join(c if c.isprintable() else "_" for c in NO_NAME.sub("_", part)).strip()
+    part = "".join(c if c.isprintable() and c not in NO_NAME else "_" for c in part).strip()
     part = part.rstrip(". ")
     if len(part) > LONGEST_PART:
         part = f"{part[: LONGEST_PART // 2]}{part[-LONGEST_PART // 2 :]}"
