@@ -25,6 +25,15 @@ CODES = {"space": "Space", "Esc": "Escape"}
 """``event.code`` of the keys that are neither letters nor digits."""
 
 
+BOX = "Draw a rectangle about the object; starting poses are proposed there"
+PROPOSE = "Look for starting poses, in the box, the region or the whole photo"
+HIDE = "Hide what is in front: wheel brush size, alt erase"
+HIDE_FOUND = "Hide what the search took for something in front, to be corrected"
+COMPARE = "Search from the start by one method, then by the other, and set the ends side by side"
+REGION, DRAWING = "Compare what lies in a rectangle alone", "Drag on the photo ..."
+END = "Let go, leave a tool, stop what is looked for or read"
+
+
 @dataclass(frozen=True, slots=True)
 class Action:
     """Something that a key or a button asks for."""
@@ -73,89 +82,33 @@ ACTIONS: Mapping[str, Action] = {
     "undo": Action(c.undo(), "Place", "Undo", "Go one step back", "Z, ctrl Z"),
     "redo": Action(c.redo(), "Place", "Redo", "Go one step on again", "Y, ctrl shift Z"),
     "reset": Action(c.reset_to_start(), "Place", "Reset to start", "Go back to the start", "R"),
-    "start": Action(
-        c.make_start(), "Place", "Make this the start", "Make the pose at hand the start pose"
-    ),
-    "box": Action(
-        c.toggle_box(),
-        "Place",
-        "Fit to box",
-        "Draw a rectangle about the object; starting poses are proposed there",
-        end="Drag on the photo ...",
-    ),
-    "propose": Action(
-        c.toggle_proposing(),
-        "Place",
-        "Propose starts",
-        "Look for starting poses, in the region or the whole photo",
-        end="Stop looking",
-    ),
-    "next": Action(
-        c.step_proposals(), "Place", "Next proposal", "Show the next likely starting pose"
-    ),
-    "take": Action(
-        c.take_proposal(), "Place", "Start from it", "Make the proposal shown the start pose"
-    ),
-    "pairs": Action(
-        c.set_tool("pairs"), "Place", "Point pairs", "Click points of the model and of the photo"
-    ),
+    "start": Action(c.make_start(), "Place", "Make this the start", "Start from the pose at hand"),
+    "box": Action(c.toggle_box(), "Place", "Fit to box", BOX, end=DRAWING),
+    "propose": Action(c.toggle_proposing(), "Place", "Propose starts", PROPOSE, end="Stop looking"),
+    "next": Action(c.step_proposals(), "Place", "Next proposal", "Show the next likely start pose"),
+    "take": Action(c.take_proposal(), "Place", "Start from it", "Make the proposal the start pose"),
+    "pairs": Action(c.set_tool("pairs"), "Place", "Point pairs", "Click points, model then photo"),
     "wheels": Action(c.set_tool("wheels"), "Place", "Wheels", "Click points of a car's two rims"),
     "unmark": Action(m.remove_mark(), "Place", "Remove last mark", "Take the last mark away"),
-    "clear": Action(
-        m.clear_marks(), "Place", "Clear marks", "Take all marks of this tool away; the pose stays"
-    ),
+    "clear": Action(m.clear_marks(), "Place", "Clear marks", "Take all marks away; the pose stays"),
     "done": Action(c.set_tool("pose"), "Place", "Done (Esc)", "Drags move the model again"),
-    "search": Action(
-        c.toggle_search(), "Fit", "Search", "Start and stop the search", "space", "Stop"
-    ),
-    "search all": Action(
-        c.search_all(), "Fit", "Search all", "Search for all objects in turn, until none improves"
-    ),
-    "keep": Action(
-        c.accept_search(), "Fit", "Keep it", "The pose found stays; the search is put away"
-    ),
-    "revert": Action(c.revert_search(), "Fit", "Go back", "To the pose before (Z)"),
-    "hide": Action(
-        c.toggle_hiding(),
-        "Fit",
-        "Hide what is in front",
-        "Hide what is in front: wheel brush size, alt erase",
-        "H",
-        "Done hiding",
-    ),
-    "hide found": Action(
-        h.hide_found(),
-        "Fit",
-        "Hide what the search found",
-        "Hide what the search took for something in front; it can be corrected",
-    ),
+    "search": Action(c.toggle_search(), "Fit", "Search", "Start, stop the search", "space", "Stop"),
+    "search all": Action(c.search_all(), "Fit", "Search all", "Search for all objects in turn"),
+    "keep": Action(c.accept_search(), "Fit", "Keep it", "Keep the pose; put the search away"),
+    "revert": Action(c.revert_search(), "Fit", "Go back", "Go back to the pose before (Z)"),
+    "hide": Action(c.toggle_hiding(), "Fit", "Hide what is in front", HIDE, "H", "Done hiding"),
+    "hide found": Action(h.hide_found(), "Fit", "Hide what the search found", HIDE_FOUND),
     "unhide": Action(h.unhide(), "Fit", "Clear hidden areas", "Let all pixels count again"),
-    "compare": Action(
-        c.compare_methods(),
-        "Fit",
-        "Compare both methods",
-        "Search from the start pose by one method, then by the other, and set the ends side by "
-        "side",
-    ),
-    "region": Action(
-        c.set_tool("region"),
-        "Fit",
-        "Draw a region",
-        "Compare what lies in a rectangle alone",
-        end="Drag on the photo ...",
-    ),
-    "clear region": Action(
-        c.clear_region(), "Fit", "Clear the region", "Compare with all of the photo"
-    ),
+    "compare": Action(c.compare_methods(), "Fit", "Compare both methods", COMPARE),
+    "region": Action(c.set_tool("region"), "Fit", "Draw a region", REGION, end=DRAWING),
+    "clear region": Action(c.clear_region(), "Fit", "Clear the region", "Compare the whole photo"),
     **{
         look: Action(c.change(look=look, photo_alone=False), "Judge", "", "", code[-1])
         for code, look in LOOKS.items()
     },
     "blink": Action(c.toggle_model(), "Judge", "Photo alone", "Blink: photo, model", "B"),
     "save": Action(SavePose(), "Save", "Save pose", "Save the pose", "S, ctrl S"),
-    "end": Action(
-        c.cancel_drag(), "Place", "", "Let go, leave a tool, stop what is looked for or read", "Esc"
-    ),
+    "end": Action(c.cancel_drag(), "Place", "", END, "Esc"),
 }
 """All that buttons and keys ask for; nudges and keys of a review have tables of their own."""
 GESTURES = {
