@@ -13,12 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from poseviewer.app.state.camera_change import (
-    NARROWEST_DEG,
-    WIDEST_DEG,
-    camera_from_numbers,
-    with_camera,
-)
+from poseviewer.app.state.camera_change import camera_from_numbers, with_camera
 from poseviewer.app.state.document import UNLOCK, Document, History, label_of, scale_at, stands
 from poseviewer.app.state.dragging import (
     draw_rectangle,
@@ -357,11 +352,6 @@ def _seen_by(session: Session, camera: Camera) -> Session:
 @edit
 def set_field_of_view(session: Session, degrees: float) -> Session:
     """Set equal focal lengths from the view of the photo's longer side; the centre stays."""
-    if not NARROWEST_DEG <= degrees <= WIDEST_DEG:
-        raise SettingsError(
-            f"field of view = {degrees:g}: wanted {NARROWEST_DEG:g} to {WIDEST_DEG:g} degrees; "
-            "nothing was changed"
-        )
     now = camera_as_integer_centres(session.document.pose.camera)
     camera = Perspective.from_field_of_view(degrees, now.width, now.height)
     return set_camera(camera.fx, camera.fy, now.cx, now.cy)(session)
@@ -568,7 +558,7 @@ def preparation_advanced(session: Session, preparation: Preparation | None) -> S
 @drag_edit
 def show(session: Session, document: Document, **results: Any) -> Session:
     """Show a worker's results (fields), unless another photo or model is at hand by now."""
-    return replace(session, **results) if document.shows_same(session.document) else session
+    return replace(session, **results) if document.shown == session.document.shown else session
 
 
 @edit

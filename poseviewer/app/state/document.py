@@ -343,11 +343,10 @@ class Document:
             return self
         return self.with_view(reference_view(self.scene, self.active, self.at))
 
-    def shows_same(self, other: Document) -> bool:
-        """Whether photos, large photo, active object and its model are the same."""
-        photos = [[view.photo for view in one.scene.views] for one in (self, other)]
-        same_photos = photos[0] == photos[1] and self.at == other.at
-        return same_photos and self.mesh is other.mesh and self.number == other.number
+    @property
+    def shown(self) -> tuple[object, ...]:
+        """Large photo, active object, its model, and all photos."""
+        return self.at, self.number, self.mesh, *(view.photo for view in self.scene.views)
 
     @property
     def placement(self) -> tuple[object, ...]:

@@ -284,13 +284,7 @@ def with_vehicle_pin(
     psi = (pins[2] - pins[0]) / _axle_length(chart)
     rim = math.sqrt(1.0 - LEAST_AXLE_COMPONENT**2) - 1e-6
     psi *= min(1.0, rim / max(float(np.linalg.norm(psi)), 1e-12))
-    changed = np.array(parameters)
-    if pin != 2:
-        changed[0:2] = pins[0] / size
-        changed[2:4] = (pins[1] - pins[0]) / size
-    if pin != 1:
-        changed[4:6] = psi
-    return changed
+    return np.concatenate([pins[0] / size, (pins[1] - pins[0]) / size, psi])
 
 
 def _axle_length(chart: VehicleChart) -> float:

@@ -11,8 +11,6 @@ from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
-from poseviewer.geometry.image import Photo
-from poseviewer.geometry.mesh import Mesh
 from poseviewer.starts.placing import surface_point
 from poseviewer.starts.point_pairs import (
     FEWEST_FOR_FOCAL,
@@ -111,11 +109,11 @@ def clear_marks(session: Session) -> Session:
 
 @edit
 def lay_wheels(
-    session: Session, photo: Photo, mesh: Mesh, rear: Ellipse, front: Ellipse, pose: Pose
+    session: Session, sought: Document, rear: Ellipse, front: Ellipse, pose: Pose
 ) -> Session:
-    """Mark both rims by ellipses that were found, and take the pose that they give."""
+    """Mark both rims by ellipses that were found in a document, and take the pose they give."""
     document = session.document
-    if document.photo is not photo or document.mesh is not mesh:
+    if document.shown != sought.shown:
         raise QuickStartError(
             "The wheels were found in another photo or for another model; look for them again."
         )

@@ -46,19 +46,20 @@ class OverlayRequest:
     is_sketch: bool = False
     """Whether a sketch of the model is drawn, before it has a renderer."""
 
-    def compares_same(self, other: OverlayRequest) -> bool:
-        """Whether both compare the same pixels by the same loss, of the same photo large."""
-        mine, its = (compared(one.anchor, one.document.active) for one in (self, other))
-        return self.document.shows_same(other.document) and mine == its
+    @property
+    def pixels(self) -> tuple[object, ...]:
+        """Values that are equal where the same pixels are compared by the same loss."""
+        return *self.document.shown, *compared(self.anchor, self.document.active)
 
-    def has_loss_of(self, other: OverlayRequest) -> bool:
-        """Whether the losses of both are one."""
-        return self.document.pose is other.document.pose and self.compares_same(other)
+    @property
+    def at_pose(self) -> tuple[object, ...]:
+        """Values that are equal where the loss is one."""
+        return self.document.pose, *self.pixels
 
-    def has_picture_of(self, other: OverlayRequest) -> bool:
-        """Whether the pictures of both are one."""
-        mine, its = ((one.look, one.opacity, one.is_sketch) for one in (self, other))
-        return mine == its and self.has_loss_of(other)
+    @property
+    def drawn(self) -> tuple[object, ...]:
+        """Values that are equal where the picture is one."""
+        return self.look, self.opacity, self.is_sketch, *self.at_pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -325,7 +326,7 @@ class Session:
 
     def at(self, history: History, document: Document) -> Session:
         """At another document of a history, without a search or results of another photo."""
-        gone = {} if document.shows_same(self.document) else {**OF_A_PHOTO, "ends": ()}
+        gone = {} if document.shown == self.document.shown else {**OF_A_PHOTO, "ends": ()}
         state = {"history": history, "document": document, "anchor": document.scene}
         return replace(self, search=None, **state, **gone)
 
@@ -382,7 +383,7 @@ def is_in_sight(document: Document) -> bool:
 
 def _require_unlocked(before: Document, now: Document) -> None:
     """Raise unless a locked object is where it was in the photo; under another camera, too."""
-    is_same = before.shows_same(now) and before.pose is not now.pose
+    is_same = before.shown == now.shown and before.pose is not now.pose
     if not (is_same and before.object.locked and now.object.locked):
         return
     kept = with_camera(before.pose, now.pose.camera, now.mesh.centre)

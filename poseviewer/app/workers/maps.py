@@ -52,19 +52,18 @@ class MapJob:
 
     def replaces(self, other: MapJob, busy: bool) -> bool:
         """Whether to begin anew, while ``other`` runs (``busy``) or is done."""
-        if not self.has_same_losses(other):
+        if self.losses_key != other.losses_key:
             return True
         if self.moving and other.moving and busy:
             return False  # coarse maps are soon done; a new start for every step shows none
         is_same = self.request.document.pose is other.request.document.pose
         return not is_same or (other.moving and not self.moving)
 
-    def has_same_losses(self, other: MapJob) -> bool:
-        """Whether both are of the same losses, along the axes of the same camera."""
-        same_maps = self.losses == other.losses and self.half_width == other.half_width
-        problems = [job.search and job.search.problem for job in (self, other)]
-        is_same = same_maps and problems[0] is problems[1]
-        return is_same and self.request.compares_same(other.request)
+    @property
+    def losses_key(self) -> tuple[object, ...]:
+        """Values that are equal where the losses are, along the axes of the same camera."""
+        problem = self.search and self.search.problem
+        return self.losses, self.half_width, problem, *self.request.pixels
 
 
 def mapping() -> Job[MapJob, Edit]:
@@ -138,7 +137,7 @@ class MapMaker:
     def _case(self, job: MapJob, settings: FitSettings) -> _Case:
         """About the job's anchor; as a search compares it, where that is by these settings."""
         before = self._cases.get(settings.method)
-        if before is not None and before.job.has_same_losses(job):
+        if before is not None and before.job.losses_key == job.losses_key:
             return before
         own, anchor = job.request.document, job.request.anchor
         view = reference_view(anchor, own.active, own.at)

@@ -57,7 +57,7 @@ class LossReader:
 
     def views(self, request: OverlayRequest) -> tuple[ComparedView, ...]:
         """The views as they are compared about the request's anchor; none where they cannot be."""
-        if self._anchored is None or not request.compares_same(self._anchored):
+        if self._anchored is None or request.pixels != self._anchored.pixels:
             self._anchored, self._views, self._note = request, (), ""
             own = request.document
             # Which numbers are searched for is another matter.
@@ -181,7 +181,7 @@ def drawing(notify: Callable[[], None]) -> Job[OverlayRequest, Edit]:
         lambda session: session.overlay_request,
         make,
         notify,
-        serves=lambda begun, asked, busy: busy or begun.has_picture_of(asked),
+        serves=lambda begun, asked, busy: busy or begun.drawn == asked.drawn,
         period_s=lambda session: SEARCH_DRAW_S if session.searching else 0.0,
     )
 
@@ -194,7 +194,7 @@ def refining(notify: Callable[[], None]) -> Job[OverlayRequest, Edit]:
         drawn = None if session.overlay is None else session.overlay.request
         if drawn is None or session.moving or drawn.is_sketch or drawn.look not in LINES:
             return None
-        return drawn if drawn.has_picture_of(session.overlay_request) else None
+        return drawn if drawn.drawn == session.overlay_request.drawn else None
 
     def make(request: OverlayRequest) -> Iterator[Edit]:
         job.require_asked(request, SETTLED_S)
@@ -218,5 +218,5 @@ def reading(notify: Callable[[], None]) -> Job[OverlayRequest, Edit]:
         lambda now: None if now.preparation or now.searching else now.overlay_request,
         make,
         notify,
-        serves=lambda begun, asked, busy: busy or begun.has_loss_of(asked),
+        serves=lambda begun, asked, busy: busy or begun.at_pose == asked.at_pose,
     )

@@ -169,7 +169,7 @@ def find_wheels() -> Task:
         photo, camera = own.photo, own.pose.camera
         is_guess = camera == photo.default_camera() and photo.focal_length_35mm is None
         found = likely_wheels(inputs, region, camera, is_guess)[0]
-        laid = lay_wheels(photo, own.mesh, found.wheels.rear, found.wheels.front, found.fit.pose)
+        laid = lay_wheels(own, found.wheels.rear, found.wheels.front, found.fit.pose)
         return Result((set_tool("wheels"), laid))
 
     return Task(run, "Looking for wheels ...", draws=True)

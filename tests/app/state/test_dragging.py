@@ -168,8 +168,6 @@ def test_a_vehicles_pin_lands_under_the_pointer_and_the_others_hold(camera, pin,
     assert after[pin] == pytest.approx(pixel, abs=1e-9)
     others = [i for i in range(3) if i != pin]
     assert after[others] == pytest.approx(before[others], abs=1e-9)
-    same = {0: [], 1: [0, 1, 4, 5], 2: [0, 1, 2, 3]}[pin]
-    assert np.array_equal(changed[same], parameters[same])
 
 
 @CAMERAS

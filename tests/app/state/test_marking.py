@@ -19,6 +19,7 @@ from tests.app.state.documents import (
     PERSPECTIVE,
     after,
     assert_same_pose,
+    make_document,
     make_keypoints,
     make_photo,
     make_session,
@@ -124,7 +125,7 @@ def test_found_wheels_are_marks_that_can_be_dragged_and_undone_in_one_step():
     target = look_from("three-quarter", CAR, make_keypoints(), PERSPECTIVE)
     own, side = session.document, visible_side(make_keypoints(), target)
     rear, front = [ellipse_through(rim) for rim in wheel_rims(target, side, 0.35)]
-    laid = after(session, lay_wheels(own.photo, own.mesh, rear, front, target))
+    laid = after(session, lay_wheels(own, rear, front, target))
     assert_same_pose(laid.document.pose, target)
     for seen, given in zip(laid.document.marks.ellipses, (rear, front), strict=True):
         np.testing.assert_allclose(seen.outline(), given.outline(), atol=0.05)
@@ -132,7 +133,7 @@ def test_found_wheels_are_marks_that_can_be_dragged_and_undone_in_one_step():
     x, y = laid.document.marks.rims[0]
     moved = after(laid, c.press(x, y, zoom=9.0), c.drag_to(x + 2.0, y + 1.0), c.release())
     assert off(moved, target) > 1e-3
-    stale = lay_wheels(make_photo(1), own.mesh, rear, front, target)
+    stale = lay_wheels(make_document(vehicle=True, photo=make_photo(1)), rear, front, target)
     assert "another photo" in refused(session, stale)
 
 
