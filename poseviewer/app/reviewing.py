@@ -18,7 +18,7 @@ from poseviewer.app.workers.opening import open_files, with_notes
 from poseviewer.app.workers.tasks import Result, Task
 from poseviewer.app.workers.worker import Job
 from poseviewer.batch import review as r
-from poseviewer.batch.results import ACCEPTED, JobResult, Row
+from poseviewer.batch.results import ACCEPTED, Row
 from poseviewer.batch.run import save_summaries
 from poseviewer.errors import BatchError, PoseViewerError
 from poseviewer.starts.loading import pose_record
@@ -75,23 +75,23 @@ class Reviewer:
 
     def annotate(self, index: int, note: str) -> Task:
         """Keep a note on a row."""
-        return _task(
-            lambda _: self._keep(index, r.annotate(self.queue, self.queue.rows[index], note))
-        )
+
+        def run(_: Session) -> Result:
+            self.queue = r.annotate(self.queue, index, note)
+            return Result()
+
+        return _task(run)
 
     def decide(self, review: Literal["accepted", "rejected", ""], goes_on: bool = True) -> Task:
         """Keep a person's verdict on the row that is open ("": none); the next row follows."""
 
         def run(now: Session) -> Result:
             at, done = self._decided(now, review)
-            rows = list(enumerate(self.queue.rows))[at + 1 :]
-            left = [index for index, row in rows if not row.result.review]
+            left = [i for i, row in enumerate(self.queue.rows) if i > at and not row.result.review]
+            if not (goes_on and review and left):
+                return Result(done)
             try:
-                return (
-                    self._opening(left[0], 1, *done)
-                    if goes_on and review and left
-                    else Result(done)
-                )
+                return self._opening(left[0], 1, *done)
             except PoseViewerError as error:
                 return Result(done, (str(error),))
 
@@ -109,24 +109,18 @@ class Reviewer:
         Raises:
             BatchError: no row is open, or its pose is changed and not accepted.
         """
-        queue, document, index = self.queue, now.document, self.row_at(now.document)
+        document, index = now.document, self.row_at(now.document)
         if index is None:
             raise BatchError("What is open is no row's; press a row in the list to open it.")
-        row = queue.rows[index]
         if review == ACCEPTED and now.unsaved:
             mask = document.scene.mask(document.active, document.at)
             record = pose_record(saved_scene(now), document.active, document.at)
-            result = r.save_corrected(queue, row, record, picture_of(document), mask)
-            self._keep(index, result)
+            picture = picture_of(document)
+            self.queue = r.save_corrected(self.queue, index, record, picture, mask)
             return index, (change(saved=document),)
         _require_saved(now)
-        self._keep(index, r.decide(queue, row, review))
+        self.queue = r.decide(self.queue, index, review)
         return index, ()
-
-    def _keep(self, index: int, result: JobResult) -> Result:
-        """Show the review of a row, now that its file holds it; the report follows."""
-        self.queue = self.queue.renewed(index, result)
-        return Result()
 
     def _to_report(self, _: Session) -> r.ReviewQueue | None:
         return None if self.queue is self._reported else self.queue

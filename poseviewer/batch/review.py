@@ -12,7 +12,6 @@ from poseviewer.batch.results import (
     ACCEPTED,
     MENDED,
     Batch,
-    JobResult,
     Row,
     load_batch,
     save_result,
@@ -39,11 +38,6 @@ class ReviewQueue:
     batch: Batch
     rows: tuple[Row, ...]
 
-    def renewed(self, index: int, result: JobResult) -> ReviewQueue:
-        """The queue with another result of a row, in the same order."""
-        row = replace(self.rows[index], result=result)
-        return replace(self, rows=(*self.rows[:index], row, *self.rows[index + 1 :]))
-
 
 def load_queue(folder: Path) -> ReviewQueue:
     """The rows of a batch that were fitted, or failed."""
@@ -56,22 +50,24 @@ def load_queue(folder: Path) -> ReviewQueue:
     return ReviewQueue(batch, tuple(rows))
 
 
-def decide(queue: ReviewQueue, row: Row, review: str) -> JobResult:
-    """Accept the pose in the row's file, reject it, or ("") take either back."""
+def decide(queue: ReviewQueue, index: int, review: str) -> ReviewQueue:
+    """Accept the pose in a row's file, reject it, or ("") take either back."""
+    row = queue.rows[index]
     if row.result.failed and review == ACCEPTED:
         raise BatchError(f"Row {row.job.row} has no pose; place the model first.")
     is_mended = review == ACCEPTED and row.result.review == MENDED
-    return _save(queue, row, review=MENDED if is_mended else review)
+    return _save(queue, index, review=MENDED if is_mended else review)
 
 
 def save_corrected(
     queue: ReviewQueue,
-    row: Row,
+    index: int,
     record: PoseRecord,
     picture: Picture,
     mask: Mask | None = None,
-) -> JobResult:
-    """Save a person's pose, and mask, as the row's; the fitted one is kept as ``.fitted.json``."""
+) -> ReviewQueue:
+    """Save a person's pose, and mask, as a row's; the fitted one is kept as ``.fitted.json``."""
+    row = queue.rows[index]
     require_scene_camera(queue.batch, row.job.photo, record.pose.camera)
     pose, drawn = result_files(row.job)
     path, fitted = (
@@ -84,7 +80,7 @@ def save_corrected(
     save_image(queue.batch.folder / drawn, smaller(picture))
     return _save(
         queue,
-        row,
+        index,
         status=BY_HAND if row.result.failed else row.result.status,
         reason="",
         loss=record.loss,
@@ -96,10 +92,14 @@ def save_corrected(
     )
 
 
-def annotate(queue: ReviewQueue, row: Row, note: str) -> JobResult:
+def annotate(queue: ReviewQueue, index: int, note: str) -> ReviewQueue:
     """Save a note on a row."""
-    return _save(queue, row, note=" ".join(note.split()))
+    return _save(queue, index, note=" ".join(note.split()))
 
 
-def _save(queue: ReviewQueue, row: Row, **changes: Any) -> JobResult:
-    return save_result(queue.batch.folder, row.job, replace(row.result, **changes))
+def _save(queue: ReviewQueue, index: int, **changes: Any) -> ReviewQueue:
+    """Write a row's result; the queue keeps its order."""
+    row = queue.rows[index]
+    result = save_result(queue.batch.folder, row.job, replace(row.result, **changes))
+    row = replace(row, result=result)
+    return replace(queue, rows=(*queue.rows[:index], row, *queue.rows[index + 1 :]))

@@ -86,14 +86,14 @@ def test_accept_mend_and_note_are_kept_and_read_again(out):
     queue = review.load_queue(out)
     first, second, third = queue.rows
     assert [r.job.row for r in queue.rows] == [r.job.row for r in worst_first(queue.rows)]
-    review.decide(queue, first, ACCEPTED)
-    review.annotate(queue, second, " blurred,\n half <b>hidden ")
+    review.decide(queue, 0, ACCEPTED)
+    review.annotate(queue, 1, " blurred,\n half <b>hidden ")
     record = load_pose(out / third.result.pose, 160, 120)
     place = record.pose.camera_from_model
     moved = RigidTransform(place.rotation, place.translation + np.array([0.25, 0.0, 0.5]))
     mended = record.with_pose(replace(record.pose, camera_from_model=moved), loss=None)
     before = (out / third.result.pose).read_bytes()
-    review.save_corrected(queue, third, mended, np.zeros((12, 16, 3), np.uint8))
+    queue = review.save_corrected(queue, 2, mended, np.zeros((12, 16, 3), np.uint8))
     save_summaries(review.load_queue(out).batch)
     again = review.load_queue(out)
     assert again.rows[0].job == second.job  # those reviewed are last
@@ -109,15 +109,14 @@ def test_accept_mend_and_note_are_kept_and_read_again(out):
     image = str(int(Path(third.job.photo).stem))
     read = read_bop(out, ConvertOptions(image=image, photo_size=(160, 120)))
     np.testing.assert_allclose(read.pose(0).camera_from_model.translation, moved.translation)
-    mended = replace(third, result=next(r.result for r in again.rows if r.job == third.job))
-    assert review.decide(again, mended, ACCEPTED).review == "mended"
+    assert review.decide(queue, 2, ACCEPTED).rows[2].result.review == "mended"
 
 
 def test_a_batch_run_again_keeps_what_was_reviewed(out, fitted):
     queue = review.load_queue(out)
     bop = fitted[0]
     batch = open_batch(bop, out, QUICK, models=bop.parent / "models")
-    review.decide(queue, queue.rows[0], ACCEPTED)  # while the batch is open
+    review.decide(queue, 0, ACCEPTED)  # while the batch is open
     save_summaries(replace(batch, jobs=queue.batch.jobs))
     assert sum(row["review"] == "accepted" for row in read_rows(out / "results.csv")) == 1
 
@@ -129,7 +128,7 @@ def test_a_pose_by_another_camera_is_refused_for_a_scene(out):
     assert isinstance(record.pose.camera, Perspective)
     other = replace(record.pose, camera=replace(record.pose.camera, fx=400.0))
     with pytest.raises(PoseViewerError, match="not the BOP scene's"):
-        review.save_corrected(queue, row, record.with_pose(other), np.zeros((2, 2, 3), np.uint8))
+        review.save_corrected(queue, 0, record.with_pose(other), np.zeros((2, 2, 3), np.uint8))
     assert not any(row.result.review for row in review.load_queue(out).rows)
 
 

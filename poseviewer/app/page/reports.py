@@ -47,7 +47,7 @@ REVIEW: Mapping[str, Callable[[Reviewer], Task]] = {
 """Keys of a review."""
 FORWARDED = [*NUDGES, *KEYS, "KeyF", *REVIEW, "?"]
 """``event.code`` (or ``event.key``) of the keys that the page hands on, or heeds itself."""
-LEFT_TO_BROWSER = ["KeyF", "KeyR", "KeyB", "KeyH", *LOOKS, *REVIEW]
+LEFT_TO_BROWSER = ["KeyF", "KeyR", "KeyB", "KeyH", *(f"Digit{key}" for key in LOOKS), *REVIEW]
 """Not taken where ctrl is held: find, reload, and so on."""
 DRAG = c.drag_to(0.0, 0.0).change
 

@@ -12,14 +12,7 @@ from poseviewer.app.state import marking as m
 from poseviewer.app.state.edits import Edit, SavePose
 from poseviewer.app.state.objects import add_object
 
-LOOKS = {
-    "Digit1": "outline",
-    "Digit2": "solid",
-    "Digit3": "relit",
-    "Digit4": "normals",
-    "Digit5": "residual",
-    "Digit0": "none",
-}
+LOOKS = {"1": "outline", "2": "solid", "3": "relit", "4": "normals", "5": "residual", "0": "none"}
 """Drawing of the model by each key."""
 CODES = {"space": "Space", "Esc": "Escape"}
 """``event.code`` of the keys that are neither letters nor digits."""
@@ -103,8 +96,8 @@ ACTIONS: Mapping[str, Action] = {
     "region": Action(c.set_tool("region"), "Fit", "Draw a region", REGION, end=DRAWING),
     "clear region": Action(c.clear_region(), "Fit", "Clear the region", "Compare the whole photo"),
     **{
-        look: Action(c.change(look=look, photo_alone=False), "Judge", "", "", code[-1])
-        for code, look in LOOKS.items()
+        look: Action(c.change(look=look, photo_alone=False), "Judge", "", "", key)
+        for key, look in LOOKS.items()
     },
     "blink": Action(c.toggle_model(), "Judge", "Photo alone", "Blink: photo, model", "B"),
     "save": Action(SavePose(), "Save", "Save pose", "Save the pose", "S, ctrl S"),

@@ -62,8 +62,6 @@ MOST_PINS = 3
 NUDGE_MOVE_PX = 1.0
 NUDGE_TURN = math.radians(1.0)
 NUDGE_SCALE = 1.01
-LARGEST_NUDGE = 300.0
-"""Steps of scale: more would overflow."""
 
 
 # --- the pointer --------------------------------------------------------------------------------
@@ -220,8 +218,7 @@ def nudge(session: Session, kind: NudgeKind, x: float = 0.0, y: float = 0.0) -> 
         case "roll":
             pose = rolled(pose, centre, NUDGE_TURN * x)
         case "scale":
-            steps = min(max(x, -LARGEST_NUDGE), LARGEST_NUDGE)
-            pose = scaled_about(pose, centre, NUDGE_SCALE**steps)
+            pose = scaled_about(pose, centre, NUDGE_SCALE**x)
     return session.with_pose(pose)
 
 

@@ -106,7 +106,7 @@ class Outlines:
 class SearchUpdate(SearchProgress):
     """A search after one more evaluation, and the way that it came."""
 
-    results: Mapping[int, SearchResult]
+    results: Mapping[int, SearchResult | None]
     """Results of the objects whose last search is over."""
     settings: FitSettings
     """By which the object is searched for."""

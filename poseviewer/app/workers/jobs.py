@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, TypeVar
+from weakref import WeakSet
 
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.document import Document, reference_view
@@ -23,7 +24,7 @@ from poseviewer.errors import SettingsError, sentence_of
 from poseviewer.fit import search as fit
 from poseviewer.fit.problem import make_problem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
-from poseviewer.fit.scene import Scene, SearchResult
+from poseviewer.fit.scene import Scene
 from poseviewer.fit.settings import METHODS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.pool import processors
@@ -41,26 +42,22 @@ COMPILING_FAILED = (
 )
 
 
+_ready: WeakSet[Mesh] = WeakSet()
+
+
 @lru_cache(maxsize=16)
-def _made_for(mesh: Mesh) -> list[SoftwareRenderer]:
-    """LRU cache of a model's renderer, or nothing yet: renderers fill the memory."""
-    del mesh
-    return []
-
-
 def renderer_of(mesh: Mesh) -> SoftwareRenderer:
     """The renderer of a model, from any thread; whoever draws in a thread of its own clones it."""
     from poseviewer.render.software.software_renderer import SoftwareRenderer
 
-    made = _made_for(mesh)
-    if not made:
-        made.append(SoftwareRenderer(mesh))
-    return made[0]
+    renderer = SoftwareRenderer(mesh)
+    _ready.add(mesh)
+    return renderer
 
 
 def has_renderer(mesh: Mesh) -> bool:
-    """Whether ``renderer_of`` gives it at once."""
-    return bool(_made_for(mesh))
+    """Whether the model has been made ready."""
+    return mesh in _ready
 
 
 def for_one_thread(make: Callable[[SoftwareRenderer], R]) -> Callable[[Mesh], R]:
@@ -157,7 +154,6 @@ def _search(scene: Scene, indices: tuple[int, ...], view: int) -> Iterator[Searc
     update: SearchUpdate | None = None
     improvements: tuple[FitProgress, ...] = ()
     restarts: tuple[FitProgress, ...] = ()
-    results: dict[int, SearchResult] = {}
     for now in search.run():
         index, progress = now.index, now.progress
         evaluations = update.progress.evaluations if update and index == update.index else math.inf
@@ -167,10 +163,8 @@ def _search(scene: Scene, indices: tuple[int, ...], view: int) -> Iterator[Searc
             improvements = (*improvements, progress)
         if progress.restart > len(restarts):
             restarts = (*restarts, progress)
-        results = {i: result for i, result in results.items() if i != index}
-        result = search.scene.objects[index].result
-        if progress.status is not Status.RUNNING and result is not None:
-            results[index] = result
+        ended = {*now.placings} - ({index} if progress.status is Status.RUNNING else set())
+        results = {i: search.scene.objects[i].result for i in ended}
         settings = objects[index].settings
         update = SearchUpdate(index, now.placings, results, settings, improvements, restarts)
         yield update
