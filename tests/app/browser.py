@@ -33,10 +33,10 @@ FLAGS = (
 WINDOW = (1120, 700)
 """Little more than the page has another layout for: without a GPU each pixel takes time."""
 PATIENCE_MS = 120_000
-READY = (
-    "window.__viserMutable && window.__viserMutable.cameraControl && window.poseviewer && "
-    "document.documentElement.dataset.poseviewerView"
-)
+READY = """window.__viserMutable?.cameraControl && window.poseviewer &&
+    document.documentElement.dataset.poseviewerView &&
+    [...document.querySelectorAll("[role=tab][aria-selected=true]")]
+        .some((tab) => tab.textContent === "Place")"""
 
 NO_NOTICE = """() => {
     const sheet = new CSSStyleSheet();
@@ -118,8 +118,8 @@ class AppPage:
 
     def open_step(self, number: int) -> None:
         """Open a step of the left panel, once it is there."""
-        is_open = "label => window.poseviewer.openStep(label)"
-        self.page.wait_for_function(is_open, arg=list(STEPS)[number - 1])
+        tab = self.page.get_by_role("tab", name=list(STEPS)[number - 1], exact=True)
+        self.until(lambda: tab.click() or tab.get_attribute("aria-selected") == "true")
 
     def drag(
         self,

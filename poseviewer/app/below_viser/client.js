@@ -529,10 +529,6 @@ window.poseviewer = {
   },
   setHint(html) { bar.innerHTML = html; },
   setHandles(svg) { handles.innerHTML = svg; },
-  openStep(step) {
-    state.step = step; // not the first one any more, if that is still to come
-    return isOpen(step);
-  },
   setPen, forgetStrokes, setPictures, setStrip, photoFromCanvas, zoomAt, showAll,
   sent: () => state.sent,
 };

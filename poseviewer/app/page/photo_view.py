@@ -7,9 +7,8 @@ them, at any zoom.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import cv2
@@ -18,17 +17,18 @@ import viser
 from numpy.typing import NDArray
 
 from poseviewer.app.page.above_steps import object_colour
-from poseviewer.app.page.controls import set_properties
+from poseviewer.app.page.controls import kept, set_properties
 from poseviewer.app.state.hiding import HIDING, found_hidden
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.image import Photo
+from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.looks import HALO_COLOUR, LINE_COLOUR
 from poseviewer.render.structure import bounding_slices
 
 Colour = tuple[int, int, int]
-Rect = tuple[float, float, float, float]
-"""Left, top, width, height in px of the photo."""
+Picture = tuple[NDArray[np.uint8], Rectangle]
+"""Pixels (h, w, 3 or 4), and where they lie in the photo."""
 DEPTH, SIDE = 20.0, 10.0
 """World units: how far away the photo lies, and how long its longer side is."""
 LARGEST_SIDE, LARGEST_SHOWN = 8192, 24_000_000
@@ -46,33 +46,18 @@ OUTLINE_NAME = "/model/outline"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lines:
-    """Line segments over the photo."""
+class Drawing:
+    """Lines or a picture over the photo."""
 
     name: str
     depth: float
-    places: FloatArray
-    """(n, 2, 2), px of the photo."""
+    content: NDArray[Any]
+    """(n, 2, 2): line segments, px of the photo; or a picture's pixels (h, w, 3 or 4)."""
+    place: Rectangle | None = None
+    """Where a picture lies in the photo; None for lines."""
     colour: Colour = LINE_COLOUR
     thickness: float = 2.0
-    """px of the screen."""
-
-    @property
-    def key(self) -> object:
-        """Bytes that other lines of the name share if both look alike, over one photo."""
-        return self.places.tobytes()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Picture:
-    """A picture over a part of the photo."""
-
-    name: str
-    depth: float
-    key: tuple[Any, ...]
-    """Objects that it shows: it is drawn anew where they are others."""
-    draw: Callable[[], tuple[NDArray[np.uint8], Rect]]
-    """Give its pixels (h, w, 3 or 4), and where they lie."""
+    """Width of lines, px of the screen."""
 
 
 class PhotoScene:
@@ -92,52 +77,73 @@ class PhotoScene:
         camera.near, camera.far = 1.0, 100.0
         self._nodes: dict[str, Any] = {}
         self._shown: dict[str, Any] = {}
-        """Key of each node's newest drawing, for the photo that is shown."""
+        """Content of each node, for the photo that is shown."""
         self._photo: Photo | None = None
+        self._pixels = kept(lambda s: (s.document.photo,), _photo_pixels)
+        self._painted = kept(lambda s: (s.document.own.mask, s.tool in HIDING), _painted)
+        self._found = kept(
+            lambda s: (not s.searching and s.search, s.document.object.result, s.document.at),
+            lambda s: _tint(found_hidden(s), FOUND_COLOUR, HIDDEN_OPACITY),
+        )
 
     def show(self, session: Session) -> None:
         """Bring the page to the session; what has not changed is not sent."""
-        if session.document.photo is not self._photo:
-            self._photo = session.document.photo
+        photo = session.document.photo
+        if photo is not self._photo:
+            self._photo = photo
             self._shown.clear()
         outline = self._shown.get(OUTLINE_NAME)
-        drawings = {drawing.name: drawing for drawing in _drawings(session)}
+        drawings = {drawing.name: drawing for drawing in self._drawings(session)}
         with self._server.atomic():
             for name in self._nodes.keys() - drawings.keys():
                 set_properties(self._nodes[name], visible=False)
             for name, drawing in drawings.items():
                 if name not in self._nodes:
                     self._nodes[name] = self._made(drawing)
-                if self._shown.get(name) != drawing.key:
-                    self._shown[name] = drawing.key
-                    self._draw(self._nodes[name], drawing, session.document.photo)
-                is_seen = isinstance(drawing, Picture) or len(drawing.places) > 0
-                set_properties(self._nodes[name], visible=is_seen)
-        if self._shown.get(OUTLINE_NAME) != outline:
+                shown, content = self._shown.get(name), drawing.content
+                if shown is not content:
+                    self._shown[name] = content
+                    if shown is None or drawing.place or not np.array_equal(shown, content):
+                        _draw(self._nodes[name], drawing, photo)
+                set_properties(self._nodes[name], visible=len(content) > 0)
+        if self._shown.get(OUTLINE_NAME) is not outline:
             # viser gathers messages for a while before it sends them; a drag must not wait.
             self._server.flush()
 
-    def _made(self, drawing: Lines | Picture) -> Any:
+    def _made(self, drawing: Drawing) -> Any:
         """A hidden node for a drawing."""
         scene, name = self._server.scene, drawing.name
         shown: dict[str, Any] = {"visible": False}
-        if isinstance(drawing, Picture):
+        if drawing.place is not None:
             shown |= {"jpeg_quality": 95, "cast_shadow": False, "receive_shadow": False}
             return scene.add_image(name, np.zeros((1, 1, 3), np.uint8), 1.0, 1.0, **shown)
         shown |= {"thickness": drawing.thickness, "thickness_units": "screen"}
         points = np.zeros((1, 2, 3), np.float32)
         return scene.add_line_segments(name, points, drawing.colour, **shown)
 
-    def _draw(self, node: Any, drawing: Lines | Picture, photo: Photo) -> None:
-        """Bring a node to its drawing over the photo."""
-        if isinstance(drawing, Picture):
-            pixels, (left, top, width, height) = drawing.draw()
-            places = np.array([[left, top], [left + width, top + height]])
-            (left, top, _), (right, bottom, _) = corners = over_photo(places, photo, drawing.depth)
-            node.image, node.position = pixels, tuple(corners.mean(axis=0))
-            node.render_width, node.render_height = right - left, bottom - top
-        elif len(drawing.places):
-            node.points = over_photo(drawing.places, photo, drawing.depth).astype(np.float32)
+    def _drawings(self, session: Session) -> Iterator[Drawing]:
+        """Everything that is to be seen."""
+        yield Drawing("/photo", 1.0, *self._pixels(session))
+        if session.photo_alone:
+            return
+        if session.document.own.mask is not None:
+            yield Drawing("/hidden/painted", TINT, *self._painted(session))
+        yield Drawing("/hidden/found", TINT, *self._found(session))
+        yield from _other_objects(session)
+        if not session.document.object.hidden:
+            yield from _model(session)
+
+
+def _draw(node: Any, drawing: Drawing, photo: Photo) -> None:
+    """Bring a node to its drawing over the photo."""
+    place, depth = drawing.place, drawing.depth
+    if place is not None:
+        places = np.array([[place.left, place.top], [place.right, place.bottom]])
+        (left, top, _), (right, bottom, _) = corners = over_photo(places, photo, depth)
+        node.image, node.position = drawing.content, tuple(corners.mean(axis=0))
+        node.render_width, node.render_height = right - left, bottom - top
+    elif len(drawing.content):
+        node.points = over_photo(drawing.content, photo, depth).astype(np.float32)
 
 
 def over_photo(points: FloatArray, photo: Photo, depth: float) -> FloatArray:
@@ -147,46 +153,27 @@ def over_photo(points: FloatArray, photo: Photo, depth: float) -> FloatArray:
     return np.concatenate([xy, np.full((*xy.shape[:-1], 1), DEPTH * depth)], axis=-1)
 
 
-def _drawings(session: Session) -> Iterator[Lines | Picture]:
-    """Everything that is to be seen."""
-    document, alone = session.document, session.photo_alone
-    photo = document.photo
-    yield Picture("/photo", 1.0, (photo,), lambda: _photo_pixels(photo))
-    if not alone:
-        yield from _tints(session)
-        yield from _other_objects(session)
-    if not alone and not document.object.hidden:
-        yield from _model(session)
-
-
-def _photo_pixels(photo: Photo) -> tuple[NDArray[np.uint8], Rect]:
+def _photo_pixels(session: Session) -> Picture:
     """The photo, smaller where it is larger than browsers show."""
+    photo = session.document.photo
     sides = photo.width, photo.height
     share = (LARGEST_SHOWN / (photo.width * photo.height)) ** 0.5
     factor = min(1.0, LARGEST_SIDE / max(sides), share)
     width, height = (max(1, round(side * factor)) for side in sides)
-    return photo.as_rgb8(width, height), (0.0, 0.0, *sides)
+    return photo.as_rgb8(width, height), Rectangle(0.0, 0.0, *sides)
 
 
-def _tints(session: Session) -> Iterator[Picture]:
-    """Tints over what does not count: painted, stronger while it is; found by the search."""
-    document, mask, painting = session.document, session.document.own.mask, session.tool in HIDING
+def _painted(session: Session) -> Picture:
+    """A tint over what is painted, stronger while it is."""
+    mask, painting = session.document.own.mask, session.tool in HIDING
     opacity = HIDDEN_OPACITY_WHILE_PAINTED if painting else HIDDEN_OPACITY
-    if mask is not None:
-        draw = partial(_tint, lambda: 1.0 - mask.weights, HIDDEN_COLOUR, opacity)
-        yield Picture("/hidden/painted", TINT, (mask, painting), draw)
-    key = None if session.searching else session.search, document.object.result, document.at
-    draw = partial(_tint, lambda: found_hidden(session), FOUND_COLOUR, HIDDEN_OPACITY)
-    yield Picture("/hidden/found", TINT, key, draw)
+    return _tint(None if mask is None else 1.0 - mask.weights, HIDDEN_COLOUR, opacity)
 
 
-def _tint(
-    read: Callable[[], NDArray[Any] | None], colour: Colour, opacity: float
-) -> tuple[NDArray[np.uint8], Rect]:
+def _tint(hidden: NDArray[Any] | None, colour: Colour, opacity: float) -> Picture:
     """A colour over what of the photo (height, width) is hidden; a clear pixel for nothing."""
-    hidden = read()
     if hidden is None or not hidden.any():
-        return np.zeros((1, 1, 4), np.uint8), (0.0, 0.0, 1.0, 1.0)
+        return np.zeros((1, 1, 4), np.uint8), Rectangle(0.0, 0.0, 1.0, 1.0)
     rows, columns = bounding_slices(hidden)
     hidden = hidden[rows, columns].astype(np.float32)
     height, width = hidden.shape
@@ -196,28 +183,27 @@ def _tint(
     pixels = np.empty((*shown.shape, 4), np.uint8)
     pixels[..., :3] = colour
     pixels[..., 3] = np.rint(255.0 * opacity * shown)
-    return pixels, (columns.start, rows.start, width, height)
+    return pixels, Rectangle(columns.start, rows.start, width, height)
 
 
-def _model(session: Session) -> Iterator[Lines | Picture]:
+def _model(session: Session) -> Iterator[Drawing]:
     """The active object as drawn: its outline, and a picture."""
     overlay = session.overlay
     if overlay is None or session.look == "none":
         return
-    yield Lines("/model/halo", HALO, overlay.outline, HALO_COLOUR, 4.6)
-    yield Lines(OUTLINE_NAME, OUTLINE, overlay.outline)
-    pixels, rect = overlay.picture, overlay.place
-    if pixels is not None and rect[2] > 0.0:
-        name = f"/model/picture{pixels.shape[2]}"
-        yield Picture(name, PICTURE, (overlay,), lambda: (pixels, rect))
+    yield Drawing("/model/halo", HALO, overlay.outline, None, HALO_COLOUR, 4.6)
+    yield Drawing(OUTLINE_NAME, OUTLINE, overlay.outline)
+    pixels, place = overlay.picture, Rectangle(*overlay.place)
+    if pixels is not None and place.width > 0.0:
+        yield Drawing(f"/model/picture{pixels.shape[2]}", PICTURE, pixels, place)
 
 
-def _other_objects(session: Session) -> Iterator[Lines]:
+def _other_objects(session: Session) -> Iterator[Drawing]:
     """The objects that are not active: outlines in colours of their own."""
     outlines = {} if session.outlines is None else session.outlines.lines
     for index in session.document.others:
         number = int(session.document.scene.objects[index].id)
         if number in outlines:
             name, lines = f"/others/{number}", outlines[number]
-            yield Lines(f"{name}/halo", OTHERS_HALO, lines, HALO_COLOUR, 4.0)
-            yield Lines(f"{name}/outline", OTHERS, lines, object_colour(number), 1.6)
+            yield Drawing(f"{name}/halo", OTHERS_HALO, lines, None, HALO_COLOUR, 4.0)
+            yield Drawing(f"{name}/outline", OTHERS, lines, None, object_colour(number), 1.6)

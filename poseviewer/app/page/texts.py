@@ -8,30 +8,24 @@ from poseviewer.app.state.document import WHEELS, label_of
 from poseviewer.app.state.marking import MARKING, pair_errors
 from poseviewer.app.state.objects import symmetry_text
 from poseviewer.app.state.session import Session
-from poseviewer.geometry.mesh import Mesh
 from poseviewer.starts.point_pairs import fewest_pairs
 from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS
 
 PREPARING = "Preparing the first picture ..."
-USUAL_HINT = " ".join(
-    f"<span>{text}</span>"
-    for text in (
-        '<i class="pv-plain">drag</i> move',
-        '<i class="pv-shift">shift</i> turn',
-        '<i class="pv-ctrl">ctrl</i> roll, scale',
-        "<b>wheel</b> zoom",
-        "<b>right drag</b> pan",
-        "<b>F</b> all",
-        "<b>space</b> search",
-        "<b>?</b> keys",
-    )
+USUAL_HINT = (
+    '<span><i class="pv-plain">drag</i> move</span> '
+    '<span><i class="pv-shift">shift</i> turn</span> '
+    '<span><i class="pv-ctrl">ctrl</i> roll, scale</span> <span><b>wheel</b> zoom</span> '
+    "<span><b>right drag</b> pan</span> <span><b>F</b> all</span> "
+    "<span><b>space</b> search</span> <span><b>?</b> keys</span>"
 )
 """Hint where a drag moves the model; the page's style marks what a drag does with the held keys."""
-REGION_HINT = "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it"
-BOX_HINT = (
-    "drag a rectangle about the object: the model goes there, and starting poses will be "
-    "proposed &nbsp;·&nbsp; Esc: leave it"
-)
+TOOL_HINTS = {
+    **HINTS,
+    "region": "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it",
+    "box": "drag a rectangle about the object: the model goes there, and starting poses will be "
+    "proposed &nbsp;·&nbsp; Esc: leave it",
+}
 PLACE_HINT = (
     "<b>press where the object is</b>, or drag the model there &nbsp;·&nbsp; "
     "<b>Fit to box</b> proposes starting poses"
@@ -43,31 +37,26 @@ MARKING_HINT = " &nbsp;·&nbsp; drag a mark, double-click removes it &nbsp;·&nb
 
 
 def opened_text(session: Session) -> str:
-    """Say what is open (markdown)."""
+    """Say what is open (markdown), and where its colours come from: a grey model may miss files."""
     photo, model, mesh = session.document.photo, session.document.model, session.document.mesh
+    colours = "coloured" if mesh.has_reflectance else "no colours"
+    if mesh.textures:
+        colours = _counted(len(mesh.textures), "texture")
     return (
         f"**{plain(photo.label)}**  \n{photo.width} x {photo.height} px  \n"
         f"**{plain(model.name)}**  \n{len(mesh.faces):,} triangles, "
-        f"{len(mesh.part_names) or 1} part{'s' if len(mesh.part_names) > 1 else ''}, "
-        f"{reflectance_text(mesh)}; {symmetry_text(model)}"
+        f"{_counted(len(mesh.part_names) or 1, 'part')}, {colours}; {symmetry_text(model)}"
     )
 
 
-def reflectance_text(mesh: Mesh) -> str:
-    """Say where a model's colours come from: a grey model may miss files."""
-    if mesh.textures:
-        return f"{len(mesh.textures)} texture{'s' if len(mesh.textures) > 1 else ''}"
-    return "coloured" if mesh.has_reflectance else "no colours"
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'s' * (count > 1)}"
 
 
 def hint_of(session: Session) -> str:
     """The line over the photo (HTML): what the next click is for."""
     marks = session.document.marks
     match session.tool:
-        case "region":
-            return REGION_HINT
-        case "box":
-            return BOX_HINT
         case "wheels":
             wheel, point = divmod(len(marks.rims), FEWEST_RIM_POINTS)
             if wheel == WHEELS:
@@ -81,8 +70,8 @@ def hint_of(session: Session) -> str:
                 what = f"pair {number}: click the same point on the photo"
             else:
                 what = f"pair {number + 1}: click a point of the model (2 shows it solid)"
-        case tool if tool in HINTS:
-            return HINTS[tool]
+        case tool if tool in TOOL_HINTS:
+            return TOOL_HINTS[tool]
         case _ if session.searching:
             return SEARCHING_HINT
         case _:
@@ -93,22 +82,17 @@ def hint_of(session: Session) -> str:
 def marks_text(session: Session) -> str:
     """Say what is marked, and how well the pose shows it (markdown)."""
     document = session.document
-    marks = document.marks
-    fewest = fewest_pairs(document.pose.camera)
+    marks, fewest = document.marks, fewest_pairs(document.pose.camera)
     lines = []
-    if marks.points and session.tool != "wheels":
-        errors = pair_errors(document)
-        rows = "".join(f"<br>pair {i}: {error:.1f} px" for i, error in enumerate(errors, 1))
-        missing = fewest - len(marks.pixels)
-        lines.append(
-            f"{missing} more pair{'s' * (missing > 1)} needed"
-            if missing > 0
-            else f"**error per pair**{rows}"
-        )
-    elif session.tool == "pairs":
-        lines.append(f"{fewest} pairs give a pose")
     if session.tool == "wheels":
         lines.append(f"{len(marks.rims)} of {WHEELS * FEWEST_RIM_POINTS} points on the rims")
+    elif marks.points and len(marks.pixels) < fewest:
+        lines.append(f"{_counted(fewest - len(marks.pixels), 'more pair')} needed")
+    elif marks.points:
+        lines.append("**error per pair**")
+        lines += [f"pair {i}: {px:.1f} px" for i, px in enumerate(pair_errors(document), 1)]
+    elif session.tool == "pairs":
+        lines.append(f"{fewest} pairs give a pose")
     if marks.note and session.tool in MARKING:
         lines.append(plain(marks.note))
     return "  \n".join(lines)
@@ -150,22 +134,23 @@ def search_text(session: Session) -> str:
         compiling = session.preparation.share is not None
         return "The loss comes when all is compiled." if compiling else PREPARING
     if search is None:
-        if losses is not None and losses.mean is not None:
-            count = len(losses.of_views)
-            of_set = f", mean of {count} photos" if count > 1 else ""
-            return f"**{losses.mean.text}** at this pose{of_set}"
-        return plain(losses.note if losses else "") or PREPARING
+        if losses is None or losses.mean is None:
+            return plain(losses.note if losses else "") or PREPARING
+        count = len(losses.of_views)
+        of_set = f", mean of {count} photos" if count > 1 else ""
+        return f"**{losses.mean.text}** at this pose{of_set}"
     if search.latest is None:
         return "Preparing the search ..."
     progress = search.latest.progress
     stopped = not search.running and progress.status.name == "RUNNING"
     sentence = "Stopped: the best pose so far is shown." if stopped else progress.status.value
-    settings = search.latest.settings
-    count = len(search.asked.methods) if search.running else 1
-    which = f", {search.asked.methods.index(settings) + 1} of {count} methods" if count > 1 else ""
+    settings, methods = search.latest.settings, search.asked.methods
+    which = ""
+    if search.running and len(methods) > 1:
+        which = f", {methods.index(settings) + 1} of {len(methods)} methods"
     if len(search.asked.indices) > 1:
-        one = session.document.scene.objects[search.latest.index]
-        which += f"  \nOf all objects: **{plain(label_of(one))}**"
+        label = label_of(session.document.scene.objects[search.latest.index])
+        which += f"  \nOf all objects: **{plain(label)}**"
     text = (
         f"Method: {settings.method_name}{which}  \n"
         f"**{progress.loss_text}** (start {progress.scale.shown(progress.start_loss):.3f})  \n"
@@ -177,21 +162,15 @@ def search_text(session: Session) -> str:
 
 def verdict_text(session: Session) -> str:
     """The verdict on the search that led to the pose, and why (markdown); "": there is none."""
-    found = session.document.object.result
-    verdict = None if found is None else found.verdict
+    result = session.document.object.result
+    verdict = None if result is None else result.verdict
     if verdict is None:
         return ""
-    note = focal_note(session)
     reasons = "\n".join(
-        f"- {plain(reason)}" for reason in (*verdict.reasons, *filter(None, (note,)))
+        f"- {plain(reason)}" for reason in (*verdict.reasons, focal_note(session)) if reason
     )
-    return f"**Verdict: {verdict.word}.** {verdict.share_right}.{sure_text(session)}\n\n{reasons}"
-
-
-def sure_text(session: Session) -> str:
-    """Say in a paragraph how sure the pose is (markdown); "" where that is not known."""
-    sure = session.covariance_in(session.document.at)
-    if sure is None:
-        return ""
-    unit = session.document.mesh.unit
-    return f"\n\n**How sure, if right:** {plain(sure.words(unit))} (standard deviations)."
+    covariance, sure = session.covariance_in(session.document.at), ""
+    if covariance is not None:
+        words = plain(covariance.words(session.document.mesh.unit))
+        sure = f"\n\n**How sure, if right:** {words} (standard deviations)."
+    return f"**Verdict: {verdict.word}.** {verdict.share_right}.{sure}\n\n{reasons}"
