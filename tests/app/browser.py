@@ -96,12 +96,12 @@ class AppPage:
         self.page.close()
 
     def view(self) -> dict[str, Any]:
-        """Zoom, centre and scale, and the canvas's box above the strip of photos."""
+        """Zoom, centre and scale, and the canvas's box."""
         return self.page.evaluate(
             """() => {
                 const box = window.__viserMutable.canvas.getBoundingClientRect();
                 const view = JSON.parse(document.documentElement.dataset.poseviewerView);
-                return { ...view, box: [box.left, box.top, box.width, box.height - view.covered] };
+                return { ...view, box: [box.left, box.top, box.width, box.height] };
             }"""
         )
 
@@ -170,6 +170,11 @@ class AppPage:
                 return now
             before = now
         return before
+
+    def verdicts(self) -> dict[str, str]:
+        """The verdict of every object in the list, by its name."""
+        cells = "rows => rows.map(row => [...row.cells].slice(1, 3).map(cell => cell.textContent))"
+        return dict(self.page.locator(".pv-objects tr").evaluate_all(cells))
 
     def wait_for_text(self, text: str) -> None:
         """Until the page says so where it is seen: a step that is closed may say so as well."""

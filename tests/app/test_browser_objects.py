@@ -17,12 +17,6 @@ from tests.several import CAMERA, IDS, MESHES, TRUTH, make_three
 pytestmark = pytest.mark.slow
 
 SIZE = (CAMERA.width, CAMERA.height)
-CELLS = "rows => rows.map(row => [...row.cells].slice(1, 3).map(cell => cell.textContent))"
-
-
-def words(tab: AppPage) -> dict[str, str]:
-    """The verdict of every object in the list, by its name."""
-    return dict(tab.page.locator(".pv-objects tr").evaluate_all(CELLS))
 
 
 def picked(tab: AppPage) -> str:
@@ -37,13 +31,13 @@ def test_objects_are_added_placed_fitted_and_saved(browser: Browser, tmp_path: P
     scene = make_three(tmp_path)
     with AppProcess(tmp_path, scene) as app, AppPage(browser, app.url) as tab:
         tab.wait_for_text("at this pose")
-        assert words(tab) == dict.fromkeys(IDS, "not searched")
+        assert tab.verdicts() == dict.fromkeys(IDS, "not searched")
         tab.page.get_by_role("button", name="remove 3").click()
-        tab.until(lambda: list(words(tab)) == ["ball", "front"])
+        tab.until(lambda: list(tab.verdicts()) == ["ball", "front"])
         tab.add_object(tmp_path / "apart.ply")
-        tab.until(lambda: words(tab).get("apart.ply") == "not placed")
+        tab.until(lambda: tab.verdicts().get("apart.ply") == "not placed")
         tab.page.mouse.click(*tab.on_screen(middle(2).tolist(), SIZE))
-        tab.until(lambda: words(tab)["apart.ply"] == "not searched")
+        tab.until(lambda: tab.verdicts()["apart.ply"] == "not searched")
         # It is far too large: what is hidden stands in front of nothing.
         tab.page.get_by_role("button", name="hide 3").click()
         # A press picks what is in front: the box, where it hides the ball.
@@ -54,13 +48,13 @@ def test_objects_are_added_placed_fitted_and_saved(browser: Browser, tmp_path: P
         tab.open_step(3)
         tab.page.get_by_role("button", name="Search all", exact=True).click()
         tab.page.get_by_role("button", name="Keep it").wait_for()
-        assert words(tab)["front"] == "found"
-        assert words(tab)["ball"] in ("found", "doubtful", "lost")
+        assert tab.verdicts()["front"] == "found"
+        assert tab.verdicts()["ball"] in ("found", "doubtful", "lost")
         # Undo takes all of a search of all back at once.
         tab.page.keyboard.press("z")
-        tab.until(lambda: words(tab)["front"] == "not searched")
+        tab.until(lambda: tab.verdicts()["front"] == "not searched")
         tab.page.keyboard.press("y")
-        tab.until(lambda: words(tab)["front"] == "found")
+        tab.until(lambda: tab.verdicts()["front"] == "found")
         tab.saved(scene)
         tab.wait_for_text("Saved three.scene.json")
     saved = load_scene(scene)

@@ -105,14 +105,6 @@ def test_three_photos_are_looked_at_dragged_searched_and_saved(page: AppPage, tm
     assert [one.word for one in result.verdict.views] == ["found"] * 3
 
 
-CELLS = "rows => rows.map(row => [...row.cells].slice(1, 3).map(cell => cell.textContent))"
-
-
-def words(tab: AppPage) -> dict[str, str]:
-    """The verdict of every object in the list, by its name."""
-    return dict(tab.page.locator(".pv-objects tr").evaluate_all(CELLS))
-
-
 def lines_in(tab: AppPage) -> list[int]:
     """How many outlines each small photo has."""
     drawn = ".pv-small path:not(.pv-halo):not([d=''])"
@@ -131,15 +123,15 @@ def test_two_things_in_three_photos_are_placed_in_one_fitted_in_all_saved_and_op
         tab.wait_for_text("mean of")
         tab.fit_to_box(TRUTH[0].project(MESH.vertices), SIZE)
         tab.add_object(box)
-        tab.until(lambda: words(tab).get("box.ply") == "not placed")
+        tab.until(lambda: tab.verdicts().get("box.ply") == "not placed")
         tab.fit_to_box(BOX_TRUTH[0].project(BOX.vertices), SIZE)
-        tab.until(lambda: words(tab)["box.ply"] == "not searched")
+        tab.until(lambda: tab.verdicts()["box.ply"] == "not searched")
         # Placed in one photo, both are drawn in all.
         tab.until(lambda: lines_in(tab) == [2, 2, 2])
         tab.open_step(3)
         tab.page.get_by_role("button", name="Search all", exact=True).click()
         tab.page.get_by_role("button", name="Keep it").wait_for()
-        assert words(tab) == {"ball.ply": "found", "box.ply": "found"}
+        assert tab.verdicts() == {"ball.ply": "found", "box.ply": "found"}
         tab.until(lambda: all("found" in text or "doubtful" in text for text in said(tab)))
         tab.saved(tmp_path / SAVED)
     scene = load_scene(tmp_path / SAVED)
@@ -152,5 +144,5 @@ def test_two_things_in_three_photos_are_placed_in_one_fitted_in_all_saved_and_op
         AppProcess(tmp_path / "again", tmp_path / SAVED) as app,
         AppPage(browser, app.url) as tab,
     ):
-        tab.until(lambda: words(tab) == {"ball.ply": "found", "box.ply": "found"})
+        tab.until(lambda: tab.verdicts() == {"ball.ply": "found", "box.ply": "found"})
         tab.until(lambda: lines_in(tab) == [2, 2, 2])

@@ -3,7 +3,7 @@
 // channel (uuid of the text field that takes reports), plane {depth, side} (world units), steps
 // (labels of the left panel's tabs), first (the one that is open at first) and search (the one that
 // a search opens), keys (event.code or event.key that are taken), leave (of them, those left to the
-// browser where ctrl is held), largest and most (bytes and files of an upload), title, style, icon.
+// browser where ctrl is held), largest and most (bytes and files of an upload), style, icon.
 //
 // viser's camera stays at the origin and looks along +z at the photo's plane; zoom and pan are
 // three.js view offsets, which cut a piece out of the picture and leave the registration alone.
@@ -23,7 +23,6 @@ const state = {
   zoom: 1, // canvas px per px of the fitted view
   centre: [0.5, 0.5], // the photo's point, in shares of its size, in the middle of the view
   size: [0, 0],
-  covered: 0, // CSS px at the canvas's lower end that the strip of photos lies over
   large: -1, // index of the large photo in the strip
   pointer: null, // "drag", "draw" or "pan" while a button is down
   anchor: [0, 0], // the photo's point that is panned with the pointer, px
@@ -45,14 +44,13 @@ function send(message) {
 // --- the view -----------------------------------------------------------------------------------
 
 // CSS px per photo px: with the whole photo in the canvas, and as it is shown.
-const fitted = () =>
-  Math.min(state.size[0] / state.photo[0], (state.size[1] - state.covered) / state.photo[1]);
+const fitted = () => Math.min(state.size[0] / state.photo[0], state.size[1] / state.photo[1]);
 const scale = () => fitted() * state.zoom;
 const unit = () => CONFIG.plane.side / Math.max(...state.photo); // world units per photo px
 
-// The middle of what the photo has of the canvas, and where its upper left corner lies: CSS px.
-const middle = () => [state.size[0] / 2, (state.size[1] - state.covered) / 2];
-const corner = () => middle().map((m, i) => m - state.centre[i] * state.photo[i] * scale());
+// Where the photo's upper left corner lies on the canvas, CSS px.
+const corner = () =>
+  state.size.map((side, i) => side / 2 - state.centre[i] * state.photo[i] * scale());
 
 function photoFromCanvas(x, y) {
   const [left, top] = corner();
@@ -64,25 +62,24 @@ function applyView() {
   const [w, h] = [canvas?.clientWidth, canvas?.clientHeight];
   if (!camera || !w || !h) return;
   state.size = [w, h];
-  state.covered = strip.offsetHeight;
   const k = fitted();
   const seen = (h / k) * unit(); // height of the plane that the whole view shows
   camera.fov = (2 * Math.atan(seen / 2 / CONFIG.plane.depth) * 180) / Math.PI;
   camera.aspect = w / h;
-  const [mx, my] = middle();
-  const left = w / 2 + (state.centre[0] - 0.5) * state.photo[0] * k - mx / state.zoom;
-  const top = h / 2 + (state.centre[1] - 0.5) * state.photo[1] * k - my / state.zoom;
+  const [left, top] = state.size.map((side, i) =>
+    (side - side / state.zoom) / 2 + (state.centre[i] - 0.5) * state.photo[i] * k);
   camera.setViewOffset(w, h, left, top, w / state.zoom, h / state.zoom);
   camera.updateProjectionMatrix();
   vm().requestRender();
   document.documentElement.dataset.poseviewerView = JSON.stringify({
-    zoom: state.zoom, centre: state.centre, scale: scale(), covered: state.covered,
+    zoom: state.zoom, centre: state.centre, scale: scale(),
   });
 }
 
 // Show a point of the photo at a place of the canvas.
 function showAt(point, ...spot) {
-  const centre = middle().map((m, i) => (point[i] - (spot[i] - m) / scale()) / state.photo[i]);
+  const centre = state.size.map(
+    (side, i) => (point[i] - (spot[i] - side / 2) / scale()) / state.photo[i]);
   state.centre = centre.map((v) => Math.min(Math.max(v, -0.5), 1.5));
   applyView();
 }
@@ -509,12 +506,15 @@ function watch() {
     // Only where it is on: to set it has viser draw the scene anew.
     if (viewer.cameraControl.enabled) viewer.cameraControl.enabled = false;
     const host = viewer.canvas.parentElement;
-    if (bar.parentElement !== host) host.append(sheet, strip, bar);
-    // The picture is shifted where the strip lies over it: what it leaves free is as dark.
-    viewer.canvas.style.background = "#16181d";
-    const is = [viewer.canvas.clientWidth, viewer.canvas.clientHeight, strip.offsetHeight];
-    const was = [...state.size, state.covered];
-    if (!viewer.camera.view?.enabled || is.some((side, i) => side !== was[i])) applyView();
+    if (bar.parentElement !== host) {
+      host.style.position = "relative";
+      host.append(sheet, bar);
+      host.after(strip); // the canvas ends where it begins
+    }
+    host.style.height = `calc(100% - ${strip.offsetHeight}px)`;
+    const { clientWidth, clientHeight } = viewer.canvas;
+    const isAsWas = clientWidth === state.size[0] && clientHeight === state.size[1];
+    if (!viewer.camera.view?.enabled || !isAsWas) applyView();
     drawSheet();
     viewer.canvas.style.cursor = pen.shape ? "crosshair" : "";
     if (state.step && openStep(state.step)) state.step = "";
@@ -532,7 +532,7 @@ window.poseviewer = {
   setPen, forgetStrokes, setPictures, setStrip, photoFromCanvas, zoomAt, showAll,
   sent: () => state.sent,
 };
-document.title = CONFIG.title;
+document.title = "poseviewer";
 const style = document.createElement("style");
 style.textContent = CONFIG.style;
 document.head.append(style, pictures);

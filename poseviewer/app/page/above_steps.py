@@ -48,33 +48,26 @@ def objects_list(session: Session) -> str:
 def _row(one: SceneObject, is_picked: bool) -> str:
     name, number = escape(label_of(one)), int(one.id)
     colour = LINE_COLOUR if is_picked else object_colour(number)
+    at, pick = " class=pv-at" if is_picked else "", on_press("pick object", number=number)
     hide, lock = ("show" if one.hidden else "hide"), ("unlock" if one.locked else "lock")
-    hint = "unlock it" if one.locked else "leave it where it is"
     hiding, locking = (
         on_press("alter object", number=number, what=what, on=not getattr(one, what))
         for what in ("hidden", "locked")
     )
-    removing = on_press("remove object", number=number)
-    icons = (
-        _button(f"{hide} {number}", f"{hide} it", "eye", one.hidden, hiding),
-        _button(
-            f"{lock} {number}", hint, "lock" if one.locked else "open", not one.locked, locking
-        ),
-        _button(f"remove {number}", "remove it", "away", False, removing),
+    icons = "".join(
+        f'<button type="button" title="{verb} it" aria-label="{verb} {number}" '
+        f"{'class=pv-faint ' if is_faint else ''}{press}>"
+        f'<svg viewBox="0 0 16 16">{ICONS[icon]}</svg></button>'
+        for verb, icon, is_faint, press in (
+            (hide, "eye", one.hidden, hiding),
+            (lock, "lock" if one.locked else "open", not one.locked, locking),
+            ("remove", "away", False, on_press("remove object", number=number)),
+        )
     )
-    at, pick = " class=pv-at" if is_picked else "", on_press("pick object", number=number)
     return (
         f'<tr{at} tabindex="0" title="{name}: pick it" {pick}>'
         f'<td><i style="background:rgb{colour}"></i></td><td>{name}</td>'
-        f"<td>{escape(verdict_of(one))}</td><td>{''.join(icons)}</td></tr>"
-    )
-
-
-def _button(label: str, hint: str, icon: str, is_faint: bool, press: str) -> str:
-    faint = "class=pv-faint " if is_faint else ""
-    return (
-        f'<button type="button" title="{hint}" aria-label="{label}" {faint}{press}>'
-        f'<svg viewBox="0 0 16 16">{ICONS[icon]}</svg></button>'
+        f"<td>{escape(verdict_of(one))}</td><td>{icons}</td></tr>"
     )
 
 
@@ -89,15 +82,13 @@ def add_preparing(controls: Controls) -> None:
     """A sentence and a bar while kernels are compiled."""
 
     def share(session: Session) -> float | None:
-        return None if session.preparation is None else session.preparation.share
+        return session.preparation and session.preparation.share
 
     def text(session: Session) -> str:
-        if session.preparation is None:
-            return ""
-        compiled, trouble = session.preparation.share, plain(session.preparation.trouble)
-        if compiled is None:
-            return f"**{trouble}**" if trouble else ""
-        return COMPILING.format(share=compiled)
+        preparation, compiled = session.preparation, share(session)
+        if compiled is not None:
+            return COMPILING.format(share=compiled)
+        return f"**{plain(preparation.trouble)}**" if preparation and preparation.trouble else ""
 
     controls.text(text)
     controls.add(
@@ -110,27 +101,24 @@ def add_preparing(controls: Controls) -> None:
 def loss_bar(session: Session) -> str:
     """HTML; empty while nothing is known. The tooltip says what light, classes and edges leave."""
     losses, latest = session.losses, session.own_search
-    pose = None if losses is None else losses.mean
+    pose, parts = None if losses is None else losses.mean, ""
     marks: dict[str, float | None] = {}  # the later over the earlier ones, and smaller
     if latest is not None:
-        progress = latest.progress
-        scale = progress.scale
-        marks = {"start": progress.start_loss, "best": progress.loss}
+        scale = latest.progress.scale
+        marks = {"start": latest.progress.start_loss, "best": latest.progress.loss}
     elif losses is not None and pose is not None:
         scale, marks = pose.scale, {"start": losses.start}
     else:
         return ""
-    parts = ""
     if pose is not None and not session.searching:  # of a search's poses the parts are not asked
         marks["pose"] = pose.loss
         parts = f" This pose: {pose.parts_text}." if pose.parts_text else ""
-    places = {
-        name: 100.0 * scale.unexplained(loss) for name, loss in marks.items() if loss is not None
-    }
-    drawn = "".join(
-        f'<i class="pv-{name}" style="left:{place:.1f}%"></i>' for name, place in places.items()
-    )
-    key = "".join(f'<span><i class="pv-{name}"></i>{name}</span>' for name in places)
+    drawn = key = ""
+    for name, loss in marks.items():
+        if loss is not None:
+            left = 100.0 * scale.unexplained(loss)
+            drawn += f'<i class="pv-{name}" style="left:{left:.1f}%"></i>'
+            key += f'<span><i class="pv-{name}"></i>{name}</span>'
     said = escape(f"What is unexplained: 0, nothing is, to 1, all is.{parts}")
     return (
         f'<div class="pv-loss" title="{said}"><div><span>0</span><div class="pv-line">{drawn}</div>'

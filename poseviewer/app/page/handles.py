@@ -81,8 +81,8 @@ def _rectangle(rectangle: Rectangle | None, colour: str) -> str:
     if rectangle is None:
         return ""
     left, top, width, height = rectangle
-    size = f'width="{width}" height="{height}"'
-    return f'<rect class="pv-line" x="{left}" y="{top}" {size} stroke="{colour}"/>'
+    path = f"M{left:.2f} {top:.2f}h{width:.2f}v{height:.2f}h{-width:.2f}Z"
+    return f'<path class="pv-line" stroke="{colour}" d="{path}"/>'
 
 
 def _lines(lines: FloatArray, colour: str) -> str:

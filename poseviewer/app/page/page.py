@@ -42,7 +42,6 @@ PAGE_CONFIG = {
     "leave": LEFT_TO_BROWSER,
     "largest": LARGEST_UPLOAD,
     "most": MOST_FILES,
-    "title": "poseviewer",
     "style": Path(__file__).with_name("page.css").read_text(encoding="utf-8"),
 }
 """Settings of the client's script."""

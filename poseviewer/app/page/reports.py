@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import reduce
 from inspect import signature
+from operator import or_
 from typing import Literal, get_type_hints
 
 import msgspec
@@ -124,50 +126,42 @@ MEANINGS: Mapping[str, Callable[..., Answer]] = {
 """Meaning of a report of each kind, made of its other fields by their names."""
 
 
-class _Kind(msgspec.Struct):
-    kind: str
+OURS = ("session", "client", "review")
+"""Arguments that no report gives."""
 
 
-def _form(meaning: Callable[..., Answer]) -> type[msgspec.Struct]:
-    """A struct of the arguments that a report gives."""
+def _form(kind: str, meaning: Callable[..., Answer]) -> type[msgspec.Struct]:
+    """A struct of the arguments that a report of a kind gives."""
     hints = get_type_hints(meaning, include_extras=True)
     fields = [
         (name, hints[name]) if one.default is one.empty else (name, hints[name], one.default)
         for name, one in signature(meaning).parameters.items()
-        if name not in ("session", *OURS)
+        if name not in OURS
     ]
-    return msgspec.defstruct(meaning.__name__, fields)
+    return msgspec.defstruct(meaning.__name__, fields, tag_field="kind", tag=kind)
 
 
-OURS = ("client", "review")
-"""Arguments that no report gives."""
-FORMS = {kind: _form(meaning) for kind, meaning in MEANINGS.items()}
+FORMS = {_form(kind, meaning): meaning for kind, meaning in MEANINGS.items()}
+DECODER = msgspec.json.Decoder(reduce(or_, FORMS))
 
 
 def meaning_of(report: object, client: int = 0, review: Reviewer | None = None) -> Answer:
     """The meaning of a report (JSON) of a page; None for one that makes no sense."""
     try:
-        text = str.encode(report)  # pyright: ignore[reportArgumentType]
-        kind = msgspec.json.decode(text, type=_Kind).kind
-        given = msgspec.structs.asdict(msgspec.json.decode(text, type=FORMS[kind]))
-    except (KeyError, TypeError, ValueError, RecursionError, msgspec.MsgspecError):
+        form = DECODER.decode(str.encode(report))  # pyright: ignore[reportArgumentType]
+    except (TypeError, ValueError, RecursionError, msgspec.MsgspecError):
         return None  # not from our script: nothing to do, and nobody to tell
-    meaning = MEANINGS[kind]
-    ours = {"client": client, "review": review}
-    wanted = signature(meaning).parameters
+    meaning = FORMS[type(form)]
+    wanted, ours = signature(meaning).parameters, {"client": client, "review": review}
+    given = msgspec.structs.asdict(form)
     return meaning(**given, **{name: ours[name] for name in ours if name in wanted})
 
 
 def newest_drags(requests: list[Request]) -> list[Request]:
     """The requests without those drags that another one follows at once."""
-    kept: list[Request] = []
-    for request in requests:
-        if kept and _is_drag(request) and _is_drag(kept[-1]):
-            kept[-1] = request
-        else:
-            kept.append(request)
-    return kept
+    following = [*requests[1:], None]
+    return [a for a, b in zip(requests, following, strict=True) if not _are_drags(a, b)]
 
 
-def _is_drag(request: Request) -> bool:
-    return isinstance(request, Edit) and request.change is DRAG
+def _are_drags(*requests: Request | None) -> bool:
+    return all(isinstance(one, Edit) and one.change is DRAG for one in requests)
