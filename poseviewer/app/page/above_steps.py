@@ -1,4 +1,6 @@
-"""Panels above the steps: preparation, bar of the loss, list of objects; and further objects."""
+"""HTML of the left panel: list of objects, parts that are left out, bar of the loss; and the bar
+while kernels are compiled.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +10,7 @@ from poseviewer.app.page.controls import Controls, on_press, plain
 from poseviewer.app.state.document import label_of, verdict_of
 from poseviewer.app.state.session import Session
 from poseviewer.fit.scene import SceneObject
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.overlay.looks import LINE_COLOUR
 
 COLOURS = (
@@ -96,6 +99,16 @@ def add_preparing(controls: Controls) -> None:
         value=lambda s: 100.0 * (share(s) or 0.0),
         visible=lambda s: share(s) is not None,
     )
+
+
+def parts_left_out(mesh: Mesh) -> str:
+    """The parts that are left out, each with a button that brings it back (HTML)."""
+    rows = "".join(
+        f'<li>{escape(name or "(unnamed)")}<button type="button" '
+        f"{on_press('part', index=index)}>Bring back</button></li>"
+        for index, name in enumerate(mesh.left_out)
+    )
+    return f'<div class="pv-parts">Left out of the model:<ul>{rows}</ul></div>' if rows else ""
 
 
 def loss_bar(session: Session) -> str:

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from viser import uplot
 
-from poseviewer.app.page.above_steps import loss_bar
-from poseviewer.app.page.comparisons import add_comparison
+from poseviewer.app.page.above_steps import loss_bar, parts_left_out
 from poseviewer.app.page.controls import Controls, Read, kept, plain
-from poseviewer.app.page.hide_panel import add_hiding
 from poseviewer.app.page.texts import (
+    ends_table,
     focal_note,
+    hidden_text,
     marks_text,
     opened_text,
     proposals_of,
@@ -24,6 +24,7 @@ from poseviewer.app.page.texts import (
     verdict_text,
 )
 from poseviewer.app.state import commands as c
+from poseviewer.app.state import hiding as h
 from poseviewer.app.state.actions import ACTIONS, LOOKS
 from poseviewer.app.state.camera_change import NARROWEST_DEG, WIDEST_DEG
 from poseviewer.app.state.document import is_alone
@@ -244,8 +245,8 @@ def add_fitting(controls: Controls) -> None:
     controls.action("keep", visible=_has_ended, color=None, icon="check")
     controls.action("revert", visible=_has_ended, icon="x")
     _add_curve(controls)
-    add_hiding(controls)
-    add_comparison(controls)
+    _add_hiding(controls)
+    _add_comparison(controls)
     with controls.gui.add_folder("Settings", expand_by_default=False):
         _add_settings(controls)
 
@@ -291,6 +292,37 @@ def _add_curve(controls: Controls) -> None:
         return True
 
     controls.add(curve, visible=kept(steps, draw))
+
+
+def _add_hiding(controls: Controls) -> None:
+    """The tools that hide, and what is hidden."""
+
+    def is_hiding(session: Session) -> bool:
+        return session.tool in h.HIDING
+
+    def hidden(session: Session) -> tuple[Any, ...]:
+        document = session.document
+        ended = None if session.searching else session.search
+        return document.own.mask, document.object.result, document.at, ended
+
+    controls.action("hide", is_hiding, icon="brush")
+    tools = {tool.capitalize(): c.set_tool(tool) for tool in h.HIDING}
+    controls.choices("Tool", tools, lambda s: s.tool.capitalize(), visible=is_hiding)
+    erase = controls.gui.add_checkbox("Erase (alt)", False)
+    controls.bind(erase, "erasing", visible=lambda s: s.tool in h.SHAPES)
+    controls.text(kept(hidden, hidden_text))
+    has_found = kept(hidden, lambda s: h.found_hidden(s) is not None)
+    controls.action("hide found", visible=has_found)
+    controls.action("unhide", visible=lambda s: is_hiding(s) and s.document.own.mask is not None)
+    controls.html(lambda s: parts_left_out(s.document.mesh))
+
+
+def _add_comparison(controls: Controls) -> None:
+    """A button that compares the methods, their ends, and which of them to take."""
+    controls.action("compare", icon="arrows-diff", disabled=lambda s: s.searching)
+    controls.text(kept(lambda s: (s.ends,), lambda s: ends_table(s.ends, s.document.mesh)))
+    takes = {name.capitalize(): c.take_end(index) for index, name in enumerate(METHODS)}
+    controls.choices("Take", takes, visible=lambda s: bool(s.ends))
 
 
 def _add_settings(controls: Controls) -> None:

@@ -160,7 +160,7 @@ def meaning_of(report: object, client: int = 0, review: Reviewer | None = None) 
 def newest_drags(requests: list[Request]) -> list[Request]:
     """The requests without those drags that another one follows at once."""
     following = [*requests[1:], None]
-    return [a for a, b in zip(requests, following, strict=True) if not _are_drags(a, b)]
+    return [a for a, b in zip(requests, following, strict=False) if not _are_drags(a, b)]
 
 
 def _are_drags(*requests: Request | None) -> bool:

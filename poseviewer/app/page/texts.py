@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
+
 from poseviewer.app.page.controls import plain
-from poseviewer.app.page.hide_panel import HINTS
+from poseviewer.app.state import hiding as h
 from poseviewer.app.state.document import WHEELS, label_of
 from poseviewer.app.state.marking import MARKING, pair_errors
 from poseviewer.app.state.objects import symmetry_text
-from poseviewer.app.state.session import Session
+from poseviewer.app.state.session import SearchUpdate, Session
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.pose_error import pose_error
 from poseviewer.starts.point_pairs import fewest_pairs
 from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS
 
@@ -20,12 +26,22 @@ USUAL_HINT = (
     "<span><b>space</b> search</span> <span><b>?</b> keys</span>"
 )
 """Hint where a drag moves the model; the page's style marks what a drag does with the held keys."""
+ENDS = " &nbsp;·&nbsp; Esc: done"
+DRAWING_ENDS = f" &nbsp;·&nbsp; <b>alt</b> erase{ENDS}"
 TOOL_HINTS = {
-    **HINTS,
+    "brush": "<b>Brush:</b> paint over what is in front &nbsp;·&nbsp; <b>wheel</b> its size, "
+    f"ctrl + wheel zoom{DRAWING_ENDS}",
+    "polygon": "<b>Polygon:</b> click corners about what is in front, or drag around it "
+    f"&nbsp;·&nbsp; <b>Enter</b> or double-click closes it{DRAWING_ENDS}",
+    "scribble": "<b>Scribble:</b> draw a line along what is in front: all of it is hidden, to its "
+    f"edge{DRAWING_ENDS}",
+    "part": "<b>Part:</b> press a part of the model that is to be left out &nbsp;·&nbsp; "
+    f"2 shows it solid{ENDS}",
     "region": "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it",
     "box": "drag a rectangle about the object: the model goes there, and starting poses will be "
     "proposed &nbsp;·&nbsp; Esc: leave it",
 }
+"""The line over the photo, by tool."""
 PLACE_HINT = (
     "<b>press where the object is</b>, or drag the model there &nbsp;·&nbsp; "
     "<b>Fit to box</b> proposes starting poses"
@@ -174,3 +190,41 @@ def verdict_text(session: Session) -> str:
         words = plain(covariance.words(session.document.mesh.unit))
         sure = f"\n\n**How sure, if right:** {words} (standard deviations)."
     return f"**Verdict: {verdict.word}.** {verdict.share_right}.{sure}\n\n{reasons}"
+
+
+def hidden_text(session: Session) -> str:
+    """Say how much of the photo is hidden (markdown); "" where nothing is."""
+    mask, found = session.document.own.mask, h.found_hidden(session)
+    lines = []
+    if mask is not None:
+        lines.append(f"**{1.0 - float(np.mean(mask.weights)):.1%}** of the photo is hidden")
+    if found is not None:
+        lines.append(
+            f"**{np.mean(found):.1%}** were taken for something in front by the search (violet)"
+        )
+    return "  \n".join(lines)
+
+
+def ends_table(ends: Sequence[SearchUpdate], mesh: Mesh) -> str:
+    """A column for each end, and how far the two are from each other (markdown); "": no ends."""
+    if not ends:
+        return ""
+    progress = [end.progress for end in ends]
+    rows = {"": [end.settings.method.capitalize() for end in ends], "---": ["--:"] * len(ends)}
+    for i, end in enumerate(ends):
+        scale = end.problem.scale
+        losses = [f"{scale.shown(other.losses[i]):.3f}" for other in ends]
+        rows[f"{end.settings.method.capitalize()}: {scale.name}"] = losses
+    rows |= {
+        "seconds": [f"{p.seconds:.1f}" for p in progress],
+        "evaluations": [f"{p.evaluations:,}" for p in progress],
+        "restarts": [str(p.restart) for p in progress],
+        "verdict": ["-" if p.verdict is None else p.verdict.word for p in progress],
+    }
+    table = "\n".join(f"| {name} | {' | '.join(values)} |" for name, values in rows.items())
+    first, second = (p.pose for p in progress[:2])
+    apart = pose_error(mesh, second, first)
+    return (
+        f"{table}\n\nThe ends lie {apart.reprojection_px:.1f} px apart ({apart.percent:.2g} % of "
+        f"the model's size in the photo), turned by {apart.rotation_deg:.2g}°."
+    )

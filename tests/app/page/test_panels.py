@@ -1,4 +1,4 @@
-"""The curve of a search, and the ends of two methods, as a page shows them."""
+"""The curve of a search, and the ends of two methods, as the step "Fit" shows them."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from poseviewer.app.page.comparisons import ends_table
 from poseviewer.app.page.panels import curve_of
+from poseviewer.app.page.texts import ends_table
 from poseviewer.app.state.session import SearchRequest, SearchUpdate
 from poseviewer.app.workers.jobs import ends_of, run_search
 from poseviewer.app.workers.opening import open_files
