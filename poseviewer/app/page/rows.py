@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from poseviewer.app.page.controls import Controls, jpeg_url, kept, on_press, plain
+from poseviewer.app.page.controls import Controls, jpeg_url, on_press, plain
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.tasks import Task
@@ -36,8 +36,8 @@ def add_rows(controls: Controls, review: Reviewer) -> None:
         return "" if at is None else of(review.queue.rows[at])
 
     def undo(session: Session) -> str:
-        is_rejected = read(session, lambda row: row.result.review) == REJECTED
-        return "Undo rejection" if is_rejected else "Undo acceptance"
+        word = read(session, lambda row: row.result.review)
+        return word and f"Undo {'rejection' if word == REJECTED else 'acceptance'}"
 
     def written(session: Session) -> str:
         """The note; one that is being typed stays until another row is open."""
@@ -51,17 +51,11 @@ def add_rows(controls: Controls, review: Reviewer) -> None:
         return None if noted[0] is None else review.annotate(noted[0], words)
 
     with controls.gui.add_folder("Review"):
-        controls.html(
-            kept(
-                lambda s: (review.queue, review.row_at(s.document)),
-                lambda s: rows_list(review.queue, review.row_at(s.document)),
-            )
-        )
+        controls.html(lambda s: rows_list(review.queue, review.row_at(s.document)))
         controls.choices("Go to", {"Previous (P)": review.step(-1), "Next (N)": review.step(1)})
         accept, reject = review.decide("accepted"), review.decide("rejected")
         controls.choices("Pose", {"Accept (A)": accept, "Reject (X)": reject})
-        is_reviewed = {"visible": lambda s: bool(read(s, lambda row: row.result.review))}
-        controls.button(undo, review.decide(""), **is_reviewed)
+        controls.button(undo, review.decide(""), visible=lambda s: bool(undo(s)))
         controls.text(lambda s: read(s, lambda row: row_text(row, s.unsaved)))
         note = controls.gui.add_text("Note", "")
         controls.field(note, annotate, value=written)
@@ -87,8 +81,7 @@ def _row(folder: Path, row: Row, index: int, is_open: bool) -> str:
     here = f' class="pv-at"><img class="pv-here" alt="" src="{DOT}" onload="{TO_ROW}"'
     return (
         f'<div tabindex="0" title="row {row.job.row}: {escape(row.job.photo)}" '
-        f"{press}"
-        f'{here if is_open else ""}><img alt="" src="{picture}">'
+        f'{press}{here if is_open else ""}><img alt="" src="{picture}">'
         f"<span>{name}<br><small>{escape(Path(row.job.model).stem)}</small></span>"
         f'<b class="pv-{word.split()[0]}">{escape(word)}</b></div>'
     )
