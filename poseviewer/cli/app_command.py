@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from poseviewer.cli import options as table
-from poseviewer.cli.case import SAYS, calibration_of, choice_of, named_files
+from poseviewer.cli.case import SAYS, calibration_of, named_files
 from poseviewer.cli.terminal import say
 from poseviewer.errors import SettingsError
 from poseviewer.fit.settings import CHOICES
@@ -78,12 +78,14 @@ def _opening(options: Namespace) -> Callable[[], Document]:
     def open_first() -> Document:
         from poseviewer.app.workers.opening import open_files, open_scene, open_set
         from poseviewer.files.demo import demo_case
+        from poseviewer.files.photo_sets import SetChoice
 
         without, pose = options.without or (), files.pose
         if files.scene is not None:
             return open_scene(files.scene, without)
         if files.views is not None:
-            chosen = choice_of(options), options.view, options.scale, without
+            choice = table.made(SetChoice, options)
+            chosen = choice, options.view, options.scale, without
             return open_set(files.views, models[0], pose, *chosen)
         if files.photo is not None:
             chosen = calibration, options.mask, without, models[1:]
@@ -104,11 +106,5 @@ def run(options: Namespace) -> int:
         settings = document.settings.of_method(options.method)
         return document.with_object(settings=settings), None
 
-    serve_app(
-        open_first,
-        host=options.host,
-        port=options.port,
-        browser=not options.no_browser,
-        tell=say,
-    )
+    serve_app(open_first, tell=say, **table.values(options, table.SERVER))
     return 0

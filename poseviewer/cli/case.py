@@ -15,7 +15,6 @@ if TYPE_CHECKING:  # help texts come before all that
     from poseviewer.api import Find, Scene
     from poseviewer.files.cameras import Calibration
     from poseviewer.files.file_set import FileSet
-    from poseviewer.files.photo_sets import SetChoice
     from poseviewer.starts.loading import StartCamera
 
 SAYS = "with {}, which says it itself; leave it out"
@@ -53,13 +52,6 @@ def calibration_of(options: Namespace) -> Calibration | None:
     return Calibration(options.calibration, options.calibration_camera, fisheye)
 
 
-def choice_of(options: Namespace) -> SetChoice:
-    """Choice among the set's photos."""
-    from poseviewer.files.photo_sets import SetChoice
-
-    return SetChoice(options.photos or (), options.photo_folder, options.rig_object)
-
-
 def named_files(options: Namespace) -> FileSet:
     """The files that the options name; raises ``SettingsError``: they do not go together."""
     from poseviewer.files.file_set import FileSet, ModelFiles, is_scene_file
@@ -83,8 +75,7 @@ def named_files(options: Namespace) -> FileSet:
 
 def open_scene(options: Namespace) -> Scene:
     """The scene that the options name, about one object where they say which."""
-    from poseviewer.api import load
-    from poseviewer.starts.loading import StartCamera
+    from poseviewer.api import SetChoice, StartCamera, load
 
     settings, files, given = settings_of(options), named_files(options), vars(options)
     if settings.renderer != "opengl":
@@ -100,7 +91,7 @@ def open_scene(options: Namespace) -> Scene:
             views=files.views,
             view=options.view,
             scale=options.scale,
-            choice=choice_of(options),
+            choice=table.made(SetChoice, options),
             calibration=calibration_of(options),
             box=given.get("box"),
             camera=camera,
@@ -116,7 +107,7 @@ def open_scene(options: Namespace) -> Scene:
 
 def _start_of(options: Namespace, camera: StartCamera) -> Path | str | Find:
     """A pose file, "auto", or a function that finds a start from marks on the photo."""
-    given = {one.name: vars(options).get(one.name) for one in table.STARTS}
+    given = table.values(options, table.STARTS)
     if options.views is None and (options.photo is None or options.model is None):
         raise SettingsError("PHOTO and MODEL are wanted, or a scene file; name them")
     if given["start"] is not None and options.views is None:
@@ -127,7 +118,7 @@ def _start_of(options: Namespace, camera: StartCamera) -> Path | str | Find:
     if options.views is not None:
         raise SettingsError("--views wants a start with --pose: a pose in one of the photos")
     if not any(given.values()):
-        wanted = ", ".join(one.flag for one in table.STARTS if one.name in options)
+        wanted = ", ".join(start.flag for start in table.STARTS if start.name in options)
         raise SettingsError(f"a start is wanted: give {wanted}")
     from poseviewer.files.marks import load_pairs, wheels_from_text
     from poseviewer.starts.point_pairs import start_from_pairs

@@ -81,7 +81,7 @@ def _source(options: Namespace, request: ConvertOptions) -> tuple[SceneRecord, C
     """The scene to be written, of the objects that are asked for."""
     scene = _read(options, request) if options.source_format == SCENE else None
     if scene is not None and options.object:
-        ids = [one.id for one in scene.objects]
+        ids = [item.id for item in scene.objects]
         if options.object in ids or len(ids) > 1:
             chosen = scene.objects[scene.index(options.object)]
             return structs.replace(scene, objects=(chosen,)), request
@@ -127,10 +127,8 @@ def _save_masks(scene: SceneRecord, request: ConvertOptions, out: Path) -> None:
     from poseviewer.fit.scene import PlacedModel
     from poseviewer.fit.visibility import visibility
 
-    meshes = {path: load_mesh(path) for path in {one.path for one in scene.objects}}
-    models = [
-        PlacedModel(meshes[one.path], scene.pose(index)) for index, one in enumerate(scene.objects)
-    ]
-    shown = visibility(models)
-    visible = [shown.seen(index) for index in range(len(models))]
+    paths = [item.path for item in scene.objects]
+    meshes = {path: load_mesh(path) for path in set(paths)}
+    shown = visibility([PlacedModel(meshes[p], scene.pose(i)) for i, p in enumerate(paths)])
+    visible = [shown.seen(index) for index in range(len(paths))]
     save_masks(out, image_number(scene, request), shown.drawn, visible)

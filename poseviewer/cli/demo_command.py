@@ -25,11 +25,11 @@ def run(_: Namespace) -> int:
 
     files = demo_case()
     case = load(files.photo, files.model, files.start)
-    found = search(case, quiet=False)
-    found.save(FOLDER / "pose.json")
+    end = search(case, quiet=False)
+    end.save(FOLDER / "pose.json")
     for look in LOOKS:
-        found.draw(FOLDER / f"{look}.png", look)
+        end.draw(FOLDER / f"{look}.png", look)
     case.draw(FOLDER / "start.png")
     names = ", ".join(f"{look}.png" for look in ("start", *LOOKS))
     say(f"The pose and pictures of it are in {FOLDER}/: pose.json, {names}.")
-    return EXIT_INTERRUPTED if found.stopped else 0
+    return EXIT_INTERRUPTED if end.stopped else 0

@@ -60,16 +60,11 @@ def search(scene: Scene, quiet: bool) -> Scene:
     from poseviewer.render.pool import processors
 
     with progress_bar(None, quiet) as bar:
-        last = 0
 
         def watch(progress: FitProgress) -> None:
-            nonlocal last
             text = f"restart {progress.restart}, {progress.loss_text}"
             bar.set_description_str(text, refresh=False)
-            # The next object's search counts from the beginning.
-            fresh = progress.evaluations - last
-            bar.update(fresh if fresh >= 0 else progress.evaluations)
-            last = progress.evaluations
+            bar.update()
 
         result = scene.fit(watch=watch, threads=processors(), interruptible=True)
     shares = result.visibility.shares if len(result.objects) > 1 else ()

@@ -38,7 +38,7 @@ def run(options: Namespace) -> int:
         for model in options.models
     ]
     if not options.quiet:
-        for warning in dict.fromkeys(text for one in opened for text in one.notes):
+        for warning in dict.fromkeys(note for scene in opened for note in scene.notes):
             tell(f"note: {warning}")
     with progress_bar(None, options.quiet) as bar:
 

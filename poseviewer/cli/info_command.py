@@ -104,14 +104,14 @@ def _print_scene(path: Path) -> None:
     for own in scene.views:
         size = f"{own.photo.width} x {own.photo.height} px"
         _print(scene=path.name, photo=f"{own.path.name}, {size}")
-    for index, one in enumerate(scene.objects):
+    for index, item in enumerate(scene.objects):
         record = scene.pose_record(index)
         place = record.pose.camera_from_model
         word = "not judged" if record.verdict is None else record.verdict.word
-        at = f"{one.path.name} at {_vector(place.translation)}, {word}"
-        _print(object=f"{one.id}: {at}" + (f" ({one.name})" if one.name else ""))
+        at = f"{item.path.name} at {_vector(place.translation)}, {word}"
+        _print(object=f"{item.id}: {at}" + (f" ({item.name})" if item.name else ""))
         if len(scene.views) > 1:
-            rows = ", ".join(str([float(x) for x in row]) for row in one.place.similarity.matrix)
+            rows = ", ".join(str([float(x) for x in row]) for row in item.place.similarity.matrix)
             unit = f" ({scene.unit})" if scene.unit else ""
             _print(world=f"the frame of the photos{unit}: x_in_world = [{rows}] @ x_in_model")
     _print(note=scene.warnings)

@@ -102,7 +102,7 @@ def option(
     elif shown:
         more = {"type": READERS.get(shown, Path), **more}
     else:
-        more["action"] = "store_true"
+        more.setdefault("action", "store_true")
     if shown:
         more["metavar"] = shown
     return Option(flag, {"help": text, **more})
@@ -110,11 +110,11 @@ def option(
 
 def add_all(parser: _ActionsContainer, group: Group) -> None:
     """Add options to a parser, or a group of it."""
-    for one in group:
-        if isinstance(one, Option):
-            parser.add_argument(one.flag, **one.settings)
+    for item in group:
+        if isinstance(item, Option):
+            parser.add_argument(item.flag, **item.settings)
         else:
-            add_all(parser.add_mutually_exclusive_group(), one)
+            add_all(parser.add_mutually_exclusive_group(), item)
 
 
 QUIET = option("--quiet", "no progress, no notes")
@@ -154,7 +154,7 @@ OF_VIEWS = (
     option("--view NAME", "the photo of --pose (the one that its file names)"),
     option("--photos NAME,...", "which of the set's photos (all)"),
     option("--scale LENGTHS", "of the model's unit in one of the set's"),
-    option("--photo-folder FOLDER", "of COLMAP's photos"),
+    option("--photo-folder FOLDER", "of COLMAP's photos", dest="folder"),
     option("--rig-object N", "the object of a BOP scene that tells how its camera moved"),
 )
 CAMERAS = (
@@ -175,7 +175,7 @@ OTHERS = "serve others than this machine as well; the address then bears a token
 SERVER = (
     option("--port PORT", "(the first free one from 8080 on)"),
     option("--host HOST", OTHERS, default="127.0.0.1"),
-    option("--no-browser", "do not open the browser"),
+    option("--no-browser", "do not open the browser", action="store_false", dest="browser"),
 )
 OBJECT = option("--object ID", "of the scene: which one")
 POSE = option("--pose POSE.json", "a pose file")
@@ -195,11 +195,16 @@ OF_A_PHOTO = (MASK, CALIBRATION, BOX, FOCAL)
 """Options that a set of photos, or a scene, says itself."""
 
 
+def values(options: Namespace, group: Iterable[Option]) -> dict[str, Any]:
+    """The values of the options of a group by their names; None: not given."""
+    return {item.name: getattr(options, item.name, None) for item in group}
+
+
 def refuse(options: Namespace, group: Iterable[Option], why: str) -> None:
     """Refuse the options of a group, where they are given."""
-    for one in group:
-        if getattr(options, one.name, None) not in (None, False):
-            raise SettingsError(f"{one.flag} {why}")
+    for item in group:
+        if getattr(options, item.name, None) not in (None, False):
+            raise SettingsError(f"{item.flag} {why}")
 
 
 def made(of: Callable[..., T], options: Namespace, /, **more: Any) -> T:

@@ -16,11 +16,6 @@ def run(options: Namespace) -> int:
     from poseviewer.app.serving import serve_app
 
     review = Reviewer(options.folder)
-    serve_app(
-        lambda: (review.open_first(), review),
-        host=options.host,
-        port=options.port,
-        browser=not options.no_browser,
-        tell=say,
-    )
+    server = table.values(options, table.SERVER)
+    serve_app(lambda: (review.open_first(), review), tell=say, **server)
     return 0

@@ -58,9 +58,8 @@ def require_writable(path: Path, error: type[PoseViewerError]) -> None:
     """Refuse a file that cannot be written, before the work and not after it."""
     if not path.parent.is_dir():
         raise error(f"{path}: there is no folder {path.parent}; make it, or write elsewhere")
-    if path.is_dir():
-        raise error(f"{path}: is a folder; name a file in it")
     if path.exists() and not path.is_file():
-        raise error(f"{path}: is no regular file and would be replaced; write elsewhere")
+        what = "is a folder" if path.is_dir() else "is no regular file and would be replaced"
+        raise error(f"{path}: {what}; write elsewhere")
     if not os.access(path.parent, os.W_OK):
         raise error(f"{path}: {path.parent} is not yours to write to; write elsewhere")
