@@ -23,16 +23,13 @@ from poseviewer.render.pyramid.levels import smaller, structured
 from poseviewer.render.types import PhotoAttributes
 
 LEAST_COLOUR = 0.02
-"""Standard deviation across the main line of a photo's colours, of 1, from which these are not
-noise: the loss would weigh the noise of a grey scene's colours as much as its light."""
+"""Standard deviation across the main line of a photo's colours, of 1: less is their noise."""
 NEAR_MARGIN = 0.25
 """Reach of the pixels ``near`` the start, as a share of the diagonal of its box."""
 WORKING_PIXELS = 20_000
-"""Pixels of the model's convex outline at the start: a photo that shows more is reduced. Half a
-pixel of these is less than a hundredth of the model's size."""
+"""Pixels of the start's outline to which a photo is reduced: half of one is 1/100 of the model."""
 FINE_PIXELS = 150_000
-"""Pixels of the outline on the photo that a search is refined on, whose minimum is nearer to the
-truth."""
+"""Those of the photo that a search is refined on, whose minimum is nearer to the truth."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,34 +92,41 @@ def compared_view(
     models of less reach even where the photos are no finer. Raises ``SettingsError`` where too few
     pixels count.
     """
-    photo = plain = _plain(scene, index, number, settings, behind)
-    counted = np.count_nonzero(plain.weights)
+    own = scene.views[number].photo
+    weights, is_clipped = (
+        _weights(scene, index, number, settings, behind),
+        settings.pixels == "clip",
+    )
+    coloured = not settings.grey and _has_colour(own, weights)
+    channels = own.as_float() if coloured else own.grey()[..., None]
+    photo = plain = PhotoAttributes(channels, weights, is_clipped, settings.colour_reflectance)
+    counted = np.count_nonzero(weights)
     mesh, pose = scene.objects[index].mesh, scene.pose(index, number)
     factor, finest = (working_factor(mesh, pose, most) for most in (WORKING_PIXELS, FINE_PIXELS))
-    if counted and not plain.clipped and settings.method == "default":
+    if counted and not is_clipped and settings.method == "default":
         photo = structured(plain, factor, is_steep=factor == finest)
     fewest = fewest_pixels(photo.photo_channels + photo.model_channels)
     if counted < fewest:
         raise SettingsError(
-            f"{scene.views[number].photo.name}: {counted} pixels count, and a fit needs at least "
+            f"{own.name}: {counted} pixels count, and a fit needs at least "
             f"{fewest}; use a larger photo or region, or hide less of it"
         )
     is_refined = photo.structure is not None and (finest < factor or not is_alone)
     fine = smaller(plain, finest) if is_refined else None
-    is_papers = settings.method == "paper" and not photo.clipped
+    is_papers = settings.method == "paper" and not is_clipped
     loss = whole_photo_loss if is_papers else registration_loss
     return ComparedView(photo, chart, loss, fine, number, behind)
 
 
-def _plain(
+def _weights(
     scene: Scene, index: int, number: int, settings: FitSettings, behind: Hiding | None
-) -> PhotoAttributes:
-    """F and P at the photo's own size, without structure."""
-    view, own = scene.views[number], scene.in_view(index, number)
-    photo, shape = view.photo, (view.photo.height, view.photo.width)
+) -> NDArray[np.float32]:
+    """(height, width): P at the photo's own size."""
+    photo, own = scene.views[number].photo, scene.in_view(index, number)
+    shape = photo.height, photo.width
     weights = np.ones(shape, np.float32)
-    for mask in (view.mask, own.mask):
-        weights = weights if mask is None else weights * mask.weights
+    for mask in scene.masks(index, number):
+        weights = weights * mask.weights
     if photo.covered is not None:
         weights = weights * photo.covered
     if behind is not None:
@@ -143,28 +147,24 @@ def _plain(
                 "no pixel that counts lies near the start pose: bring the start onto the photo "
                 "and the region, mask less, or use --pixels whole"
             )
-    coloured = not settings.grey and _has_colour(photo, weights)
-    channels = photo.as_float() if coloured else photo.grey()[..., None]
-    is_clipped = settings.pixels == "clip"
-    return PhotoAttributes(channels, weights, is_clipped, settings.colour_reflectance)
+    return weights
 
 
 def _has_colour(photo: Photo, weights: NDArray[np.float32]) -> bool:
     """Whether the colours of the pixels that count leave a line in RGB by more than noise."""
-    if photo.pixels.shape[2] == 1 or np.count_nonzero(weights > 0.0) < 2:
+    counts = weights > 0.0
+    if photo.pixels.shape[2] == 1 or np.count_nonzero(counts) < 2:
         return False
-    colours = photo.pixels[weights > 0.0] / np.iinfo(photo.pixels.dtype).max
-    variances = np.linalg.eigvalsh(np.cov(colours.T))
-    return bool(variances[1] > LEAST_COLOUR**2)
+    colours = photo.pixels[counts] / np.iinfo(photo.pixels.dtype).max
+    return bool(np.linalg.eigvalsh(np.cov(colours.T))[1] > LEAST_COLOUR**2)
 
 
 def box_near(mesh: Mesh, start: Pose) -> Rectangle:
     """The box of the model at the start, with a margin around it, px."""
-    size, outline = [start.camera.width, start.camera.height], hull_in_photo(mesh, start)
+    outline, reach = hull_in_photo(mesh, start), np.array([start.camera.width, start.camera.height])
     if not len(outline):
         return Rectangle(0.0, 0.0, 0.0, 0.0)
     # Where the start fills the photo and more, the photo is all there is to look at.
-    reach = np.array(size)
     low, high = np.clip([outline.min(axis=0), outline.max(axis=0)], -reach, 2 * reach)
     margin = NEAR_MARGIN * float(np.linalg.norm(high - low))
     return Rectangle.from_corners(*np.floor(low - margin), *np.ceil(high + margin))

@@ -18,7 +18,7 @@ from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
-from poseviewer.geometry.mesh import Mesh, hull_in_photo
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.render.types import PhotoAttributes, Renderer
@@ -106,21 +106,19 @@ class FitProblem:
 
 
 def pose_loss(
-    problem: FitProblem, renderers: Renderer | Sequence[Renderer], parameters: FloatArray
+    problem: FitProblem, renderers: Renderer | tuple[Renderer, ...], parameters: FloatArray
 ) -> float:
     """The loss at ``parameters`` (d,), the mean over the problem's views; ``renderers``: one for
     each view, or one for all.
     """
-    if not isinstance(renderers, Sequence):
-        renderers = [renderers] * len(problem.views)
+    each = renderers if isinstance(renderers, tuple) else (renderers,) * len(problem.views)
     losses = []
-    for view, renderer in zip(problem.views, renderers, strict=True):
+    for view, renderer in zip(problem.views, each, strict=True):
         try:
             pose = view.chart.to_pose(parameters)
+            losses.append(view.loss(renderer.moments(pose, view.photo)))
         except OutsideChartError:
             losses.append(LossScale.of(view.photo).worst)
-            continue
-        losses.append(view.loss(renderer.moments(pose, view.photo)))
     return _mean(losses)
 
 
@@ -169,7 +167,7 @@ def make_problem(
         charts, start = [chart], chart.from_pose(pose)
         notes += [f"the free-body chart is used: {note}."] if note else []
     else:
-        charts = _view_charts(scene, index, order, settings)
+        charts = _view_charts(scene, index, order)
         start = np.zeros(len(charts[0].names))
     for chosen in (settings, replace(settings, grey=True)):  # if one photo is grey, then all are
         views = tuple(
@@ -185,9 +183,8 @@ def numbers_of(chart: Chart, pose: Pose, scale: float = 1.0) -> FloatArray:
     """(d,): the numbers of a pose in a chart; ``scale``: lengths of the world's unit to one of the
     model's. Raises as the chart.
     """
-    if isinstance(chart, ViewChart):
-        return chart.numbers_at(pose, 1.0 / scale)
-    return chart.from_pose(pose)
+    is_of_view = isinstance(chart, ViewChart)
+    return chart.numbers_at(pose, 1.0 / scale) if is_of_view else chart.from_pose(pose)
 
 
 def moved(scene: Scene, index: int, problem: FitProblem, parameters: FloatArray) -> Scene:
@@ -201,58 +198,45 @@ def moved(scene: Scene, index: int, problem: FitProblem, parameters: FloatArray)
 
 
 def hidings(scene: Scene, index: int, view: int = 0) -> dict[int, Hiding | None]:
-    """Pixels that other objects hide of one, in each view that shows it; ``view`` comes first, and
-    is there in any case.
+    """Pixels that other objects hide of one, those that stand firm, in each view that shows it;
+    ``view`` comes first, and is there in any case.
     """
+    firm = [i for i, one in enumerate(scene.objects) if i != index and one.stands_firm]
     hidden: dict[int, Hiding | None] = {}
-    for number in (view, *(i for i in range(len(scene.views)) if i != view)):
+    for number in sorted(range(len(scene.views)), key=lambda number: number != view):
         placed, is_wanted = scene.placed(index, number), scene.in_view(index, number).is_compared
-        if number == view or (is_wanted and is_seen(placed.mesh, placed.pose)):
-            occluders = scene.occluders(index, number)
-            hidden[number] = hiding(placed, occluders) if occluders else None
+        if number == view or (is_wanted and placed.is_seen):
+            others = [scene.placed(other, number) for other in firm]
+            hidden[number] = hiding(placed, others) if others else None
     return hidden
 
 
-def is_seen(mesh: Mesh, pose: Pose) -> bool:
-    """Whether the model's centre is in front of the camera, and some of it in the picture."""
-    points = hull_in_photo(mesh, pose)
-    inside = np.all((points >= 0.0) & (points < [pose.camera.width, pose.camera.height]), axis=1)
-    return bool(pose.camera_from_model.apply(mesh.centre)[2] > 0.0 and inside.any())
-
-
-def _view_charts(
-    scene: Scene, index: int, order: Sequence[int], settings: FitSettings
-) -> list[ViewChart]:
-    """The chart of each of several views, about the start in the first.
-
-    Raises:
-        SettingsError: the settings do not go with several views.
-        SingularChartError: the model's centre is behind the first camera.
+def _view_charts(scene: Scene, index: int, order: Sequence[int]) -> list[ViewChart]:
+    """The chart of each of several views, about the start in the first; raises as ``make_problem``
+    where the settings do not go with several views.
     """
-    if settings.chart == "vehicle":
+    one, first = scene.objects[index], scene.views[order[0]]
+    if one.settings.chart == "vehicle":
         raise SettingsError("--chart vehicle with several photos; leave it out.")
-    if settings.pixels == "clip" and settings.method == "default":
+    if one.settings.pixels == "clip" and one.settings.method == "default":
         raise SettingsError(
             "--pixels clip with several photos; take near or whole, or leave it out."
         )
-    first, one = scene.views[order[0]], scene.objects[index]
-    reference = FreeBodyChart.near(one.model.mesh, scene.pose(index, order[0]))
+    reference = FreeBodyChart.near(one.mesh, scene.pose(index, order[0]))
     scale, charts = 1.0 / one.world_from_model.scale, []
     cameras = list(dict.fromkeys(scene.views[number].camera for number in order))
-    focals = len(cameras) if settings.free_focal else 0
+    focals = len(cameras) if one.settings.free_focal else 0
     for number in order:
-        view = scene.views[number]
+        view, turn = scene.views[number], RigidTransform.identity()
         if not isinstance(view.camera, Perspective):
             raise SettingsError(
                 f"{view.name}: parallel projection with several photos; wanted perspective cameras."
             )
-        turn = view.camera_from_world @ first.camera_from_world.inverse()
-        turn = RigidTransform(turn.rotation, scale * turn.translation)
-        turn = RigidTransform.identity() if number == order[0] else turn
-        focal = cameras.index(view.camera)
-        charts.append(
-            ViewChart(reference, view.camera, turn, scene.free_scale, scale, focals, focal)
-        )
+        if number != order[0]:
+            motion = view.camera_from_world @ first.camera_from_world.inverse()
+            turn = RigidTransform(motion.rotation, scale * motion.translation)
+        known = scene.free_scale, scale, focals, cameras.index(view.camera)
+        charts.append(ViewChart(reference, view.camera, turn, *known))
     return charts
 
 

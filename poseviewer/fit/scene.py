@@ -23,7 +23,7 @@ from poseviewer.errors import SettingsError
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.mask import Mask
-from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.mesh import Mesh, hull_in_photo
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
 from poseviewer.geometry.transform import Similarity
@@ -58,6 +58,18 @@ class PlacedModel:
     mesh: Mesh
     pose: Pose
 
+    @property
+    def depth(self) -> float:
+        """Depth of its centre, in its unit; behind the camera below 0."""
+        return float(self.pose.camera_from_model.apply(self.mesh.centre)[2])
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether the centre is in front of the camera, and some of the model in the picture."""
+        points, camera = hull_in_photo(self.mesh, self.pose), self.pose.camera
+        inside = np.all((points >= 0.0) & (points < [camera.width, camera.height]), axis=1)
+        return bool(self.depth > 0.0 and inside.any())
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InView:
@@ -84,7 +96,7 @@ class SearchResult:
     names: tuple[str, ...] = ()
     """Names of ``parameters``."""
     settings: Mapping[str, Any] = field(default_factory=dict)
-    """The settings as JSON holds them, and the photo's channels."""
+    """Settings as JSON holds them, and the photo's channels."""
     seen: tuple[float | None, ...] = ()
     """For each view, the share of the model's pixels that count, in [0, 1]; None: not compared."""
     hidden: tuple[NDArray[np.bool_] | None, ...] = ()
@@ -160,9 +172,8 @@ class Scene:
         photo, or an unknown scale is to be found with several objects.
         """
         ids = [one.id for one in self.objects]
-        twice = next((one for one in ids if ids.count(one) > 1), None)
-        if twice is not None:
-            raise SettingsError(f"two objects have the id {twice!r}; give each an id of its own.")
+        if twice := [one for one in ids if ids.count(one) > 1]:
+            raise SettingsError(f"two objects have the id {twice[0]!r}; give each its own.")
         if self.free_scale and len(self.objects) > 1:
             raise SettingsError(
                 f"{self.name or 'the scene'}: its scale is not known, and it has "
@@ -210,23 +221,19 @@ class Scene:
         own = self.objects[index].in_views
         return own[view] if own else InView()
 
+    def masks(self, index: int, view: int = 0) -> tuple[Mask, ...]:
+        """The masks of an object in a view: the view's, and its own."""
+        return tuple(filter(None, (self.views[view].mask, self.in_view(index, view).mask)))
+
     def mask(self, index: int, view: int = 0) -> Mask | None:
         """The pixels of a view that count for an object: by the view's mask, its own, and without
         what the last search took for something in front; None: all.
         """
-        one, masks = self.objects[index], [self.views[view].mask, self.in_view(index, view).mask]
-        weights = [mask.weights for mask in masks if mask is not None]
-        in_front = one.result.hidden[view] if one.result and one.result.hidden else None
+        result = self.objects[index].result
+        weights = [mask.weights for mask in self.masks(index, view)]
+        in_front = result.hidden[view] if result and result.hidden else None
         weights += [] if in_front is None else [~in_front]
         return Mask.of(reduce(np.multiply, weights)) if weights else None
-
-    def occluders(self, index: int, view: int = 0) -> tuple[PlacedModel, ...]:
-        """The objects that hide pixels of another one in a view: those that stand firm."""
-        return tuple(
-            self.placed(other, view)
-            for other, one in enumerate(self.objects)
-            if other != index and one.stands_firm
-        )
 
     def with_object(self, index: int, **changes: Any) -> Scene:
         """The scene with changed fields of one object."""

@@ -10,7 +10,6 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import distance_transform_edt, maximum_filter
 
@@ -63,9 +62,9 @@ class Slice:
 
     def __post_init__(self) -> None:
         size = len(self.first_values)
-        object.__setattr__(self, "first_values", frozen_array(self.first_values, (size,)))
-        object.__setattr__(self, "second_values", frozen_array(self.second_values, (size,)))
-        object.__setattr__(self, "losses", frozen_array(self.losses, (size, size)))
+        for name, shape in {"first_values": 1, "second_values": 1, "losses": 2}.items():
+            array = frozen_array(getattr(self, name), (size,) * shape)
+            object.__setattr__(self, name, array)
 
     def shown(self, scale: LossScale) -> Slice:
         """The slice with its losses as shown to a person."""
@@ -143,17 +142,16 @@ class _Losses:
 
     def fill(self, stride: int) -> Iterator[Slice]:
         """Evaluate what is not known on a grid of this stride; yields the slice after each row."""
-        wanted = np.zeros((len(self._values),) * 2, bool)
-        wanted[::stride, ::stride] = True
         rows = [
-            (pair, row, np.flatnonzero(marks).tolist())
+            (pair, row, (np.flatnonzero(np.isnan(losses[row, ::stride])) * stride).tolist())
             for pair, losses in self._grids.items()
-            for row, marks in enumerate(wanted & np.isnan(losses))
-            if marks.any()
+            for row in range(0, len(losses), stride)
         ]
         points = [[self._point(pair, row, c) for c in columns] for pair, row, columns in rows]
         coming = self._evaluate([point for some in points for point in some])
         for (pair, row, columns), some in zip(rows, points, strict=True):
+            if not some:
+                continue
             for point in some:
                 while point not in self._known:
                     next(coming)
@@ -165,13 +163,11 @@ class _Losses:
         these from the grids before.
         """
         for losses in self._grids.values():
-            coarse = losses[:: 2 * stride, :: 2 * stride]
-            guess = _between(losses, 4 * stride, 2 * stride)
-            between, part = _between(losses, 2 * stride, stride), losses[::stride, ::stride]
-            near = maximum_filter(np.abs(guess - coarse), 3).repeat(2, axis=0).repeat(2, axis=1)
-            off = maximum_filter(near[: len(part), : len(part)], 3)
-            smooth = np.isnan(part) & (off <= SMOOTH * np.ptp(coarse))
-            part[smooth] = between[smooth]
+            coarse, part = losses[:: 2 * stride, :: 2 * stride], losses[::stride, ::stride]
+            off = maximum_filter(np.abs(_between(losses, 4 * stride, 2 * stride) - coarse), 3)
+            near = off.repeat(2, axis=0).repeat(2, axis=1)[: len(part), : len(part)]
+            smooth = np.isnan(part) & (maximum_filter(near, 3) <= SMOOTH * np.ptp(coarse))
+            part[smooth] = _between(losses, 2 * stride, stride)[smooth]
 
     def checked(self) -> Iterator[Slice]:
         """The slices, evaluated about their minima, and how good the other losses are."""
@@ -179,7 +175,10 @@ class _Losses:
         errors: list[float] = []
         for pair, losses in self._grids.items():
             drawn = random.integers(len(losses), size=(CHECKED, 2))
-            at = np.vstack([drawn, _about(losses)])
+            least = np.unravel_index(np.argmin(losses), losses.shape)
+            about = np.indices((3, 3)).reshape(2, -1).T - 1 + np.array(least)
+            about = about[np.all((about >= 0) & (about < len(losses)), axis=1)]
+            at = np.vstack([drawn, about])
             points = [self._point(pair, row, column) for row, column in at.tolist()]
             deque(self._evaluate(points), maxlen=0)
             known = np.array([self._known[point] for point in points])
@@ -204,16 +203,8 @@ class _Losses:
             yield
 
     def _slice(self, pair: Pair) -> Slice:
-        first, second = pair
-        x, y = self._values[:, first], self._values[:, second]
-        return Slice(first, second, x, y, self._grids[pair])
-
-
-def _about(losses: FloatArray) -> NDArray[np.intp]:
-    """(n, 2): rows and columns of the least loss and of its neighbours."""
-    row, column = np.unravel_index(np.argmin(losses), losses.shape)
-    near = np.indices((3, 3)).reshape(2, -1).T + np.array([row - 1, column - 1])
-    return near[np.all((near >= 0) & (near < len(losses)), axis=1)]
+        x, y = self._values[:, pair].T
+        return Slice(*pair, x, y, self._grids[pair])
 
 
 def _between(losses: FloatArray, stride: int, finer: int) -> FloatArray:

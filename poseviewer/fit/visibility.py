@@ -23,6 +23,7 @@ if TYPE_CHECKING:  # numba takes a quarter of a second
 
 DepthImage = NDArray[np.float32]
 """(height, width): z in the camera, in the models' unit; inf where there is nothing."""
+Pixels = NDArray[np.bool_]
 NOTHING = -1
 MARGIN_PX = 2
 """Around what is in front: lenses and pixels mix its colour with that of what is behind."""
@@ -34,10 +35,10 @@ class Visibility:
 
     nearest: NDArray[np.int32]
     """(height, width): the index of the model that a pixel shows; ``NOTHING`` where none is."""
-    drawn: tuple[NDArray[np.bool_], ...]
+    drawn: tuple[Pixels, ...]
     """For each model, (height, width): where it would be seen if it were alone."""
 
-    def seen(self, index: int) -> NDArray[np.bool_]:
+    def seen(self, index: int) -> Pixels:
         """(height, width): where a model is seen."""
         return self.nearest == index
 
@@ -46,9 +47,9 @@ class Visibility:
         """(n,): the share of each model within the photo that the others leave to be seen, in
         [0, 1]; 0 for one that lies outside.
         """
-        whole = np.array([np.count_nonzero(drawn) for drawn in self.drawn], float)
         seen = [np.count_nonzero(self.seen(index)) for index in range(len(self.drawn))]
-        return np.array(seen) / np.maximum(whole, 1.0)
+        whole = [max(np.count_nonzero(drawn), 1) for drawn in self.drawn]
+        return np.array(seen) / np.array(whole)
 
 
 def visibility(models: Sequence[PlacedModel]) -> Visibility:
@@ -68,20 +69,19 @@ def visibility_of_depths(depths: Iterable[DepthImage]) -> Visibility:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hiding:
-    """The pixels that other models hide of one."""
+    """The pixels (height, width) that other models hide of one."""
 
-    drawn: NDArray[np.bool_]
-    """(height, width): where the model would be seen if it were alone."""
-    hidden: NDArray[np.bool_]
-    """(height, width): where another stands in front of it, or would, were it there."""
-    others: NDArray[np.bool_]
-    """(height, width): where another would be seen if it were alone, in front or behind."""
+    drawn: Pixels
+    """Where the model would be seen if it were alone."""
+    hidden: Pixels
+    """Where another stands in front of it, or would, were it there."""
+    others: Pixels
+    """Where another would be seen if it were alone, in front or behind."""
 
     @property
-    def with_margin(self) -> NDArray[np.bool_]:
-        """(height, width): ``hidden``, and ``MARGIN_PX`` around it."""
-        side = 2 * MARGIN_PX + 1
-        square = np.ones((side, side), np.uint8)
+    def with_margin(self) -> Pixels:
+        """``hidden``, and ``MARGIN_PX`` around it."""
+        square = np.ones((2 * MARGIN_PX + 1,) * 2, np.uint8)
         return np.asarray(cv2.dilate(self.hidden.astype(np.uint8), square), bool)
 
     @property
@@ -98,8 +98,7 @@ def hiding(model: PlacedModel, others: Sequence[PlacedModel]) -> Hiding:
     there yet.
     """
     own = depth_image(model)
-    drawn = np.isfinite(own)
-    hidden, anywhere = np.zeros(own.shape, bool), np.zeros(own.shape, bool)
+    drawn, hidden, anywhere = np.isfinite(own), np.zeros(own.shape, bool), np.zeros(own.shape, bool)
     for other in others:
         depth = depth_image(other)
         anywhere |= np.isfinite(depth)
@@ -107,10 +106,7 @@ def hiding(model: PlacedModel, others: Sequence[PlacedModel]) -> Hiding:
         if shared.any():
             is_nearer = float(np.mean(in_front[shared])) > 0.5
         else:
-            z, own_z = (
-                one.pose.camera_from_model.apply(one.mesh.centre)[2] for one in (other, model)
-            )
-            is_nearer = bool(z < own_z)
+            is_nearer = other.depth < model.depth
         hidden |= in_front if is_nearer else in_front & drawn
     return Hiding(drawn, hidden, anywhere)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from poseviewer.app.state.camera_change import with_camera
 from poseviewer.errors import SingularChartError
-from poseviewer.fit.problem import FitProblem, is_seen, moved, numbers_of
+from poseviewer.fit.problem import FitProblem, moved, numbers_of
 from poseviewer.fit.scene import InView, LoadedModel, Scene, SceneObject
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray
@@ -385,10 +385,9 @@ def scale_at(chart: Chart, numbers: FloatArray) -> float | None:
 
 def reference_view(scene: Scene, index: int, view: int) -> int:
     """The view whose chart an object is searched by: ``view``, or else the first compared one."""
-    mesh = scene.objects[index].mesh
     for number in (view, *range(len(scene.views))):
         is_compared = scene.in_view(index, number).is_compared
-        if is_compared and is_seen(mesh, scene.pose(index, number)):
+        if is_compared and scene.placed(index, number).is_seen:
             return number
     return view
 

@@ -15,7 +15,7 @@ from poseviewer.app.state.objects import MOST_OBJECTS
 from poseviewer.app.state.session import Outlines, Session
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.app.workers.worker import Job
-from poseviewer.fit.problem import is_seen
+from poseviewer.fit.scene import PlacedModel
 from poseviewer.fit.visibility import visibility_of_depths
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
@@ -74,7 +74,7 @@ def outlining(notify: Callable[[], None]) -> Job[OutlineRequest, Edit]:
         return quick_silhouette(mesh, renderer(mesh), pose)
 
     def share(mesh: Mesh, pose: Pose) -> FloatArray:
-        if not is_seen(mesh, pose):
+        if not PlacedModel(mesh, pose).is_seen:
             return np.zeros((0, 2, 2))
         pose = pose.scaled(min(1.0, DRAWN_PX / max(pose.camera.width, pose.camera.height)))
         return outline(mesh, pose) / np.array([pose.camera.width, pose.camera.height])
