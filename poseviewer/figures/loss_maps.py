@@ -1,13 +1,26 @@
-"""The loss about a pose, as maps that can be written to files."""
+"""The loss about a pose, as maps that can be written to files.
+
+Numbers are pickle-free archives (.npz). Keys, with d numbers of the chart, P pairs and grids of
+k x k points:
+
+- ``names`` (d,) text and ``centre``, ``spans`` (d,): the chart's numbers, the pose in the middle,
+  and what counts as 100 % there;
+- ``photo``, text: which photo the numbers belong to, as taken or undistorted;
+- ``pairs`` (P, 2): the indices (first, second) of each slice's two numbers;
+- ``first_values``, ``second_values`` (P, k): what they take;
+- ``losses`` (P, k, k): row by the second number, column by the first; nan where not evaluated.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 
+import numpy as np
+
 from poseviewer.errors import SettingsError
-from poseviewer.files.landscape import landscape_npz_bytes
 from poseviewer.files.writing import write_whole
 from poseviewer.fit.loss import LossScale
 from poseviewer.fit.slices import Slice
@@ -33,8 +46,7 @@ class LossMaps:
     def as_bytes(self, kind: str) -> bytes:
         """Encode a sheet (png, pdf, svg) or numbers (npz), or raise ``ValueError`` else."""
         if kind == "npz":
-            about = self.names, self.centre, self.scales
-            return landscape_npz_bytes(*about, self.slices, self.photo)
+            return self._numbers()
         # Half a second of Matplotlib, which opening the app need not wait for.
         from poseviewer.figures.landscape_sheet import figure_bytes, make_landscape_sheet
 
@@ -47,6 +59,25 @@ class LossMaps:
         )
         return figure_bytes(sheet, kind)
 
+    def _numbers(self) -> bytes:
+        """An archive of all slices, the coarser ones on the grid of the finest."""
+        memory = BytesIO()
+        steps = int(np.lcm.reduce([len(piece.first_values) - 1 for piece in self.slices]))
+        grids = [_on_grid(piece, steps) for piece in self.slices]
+        first_values, second_values, losses = (np.array(part) for part in zip(*grids, strict=True))
+        np.savez_compressed(
+            memory,
+            names=np.array(self.names, dtype=str),
+            photo=np.array(self.photo),
+            centre=self.centre,
+            spans=self.scales,
+            pairs=np.array([[piece.first, piece.second] for piece in self.slices]),
+            first_values=first_values,
+            second_values=second_values,
+            losses=losses,
+        )
+        return memory.getvalue()
+
     def save(self, path: str | Path) -> None:
         """Write a sheet of maps (.png, .pdf, .svg) or the numbers (.npz), or ``SettingsError``."""
         path = Path(path)
@@ -58,3 +89,13 @@ class LossMaps:
                 "for a sheet, .npz for the numbers."
             ) from error
         write_whole(path, content, SettingsError)
+
+
+def _on_grid(piece: Slice, steps: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Values (k,) twice and losses (k, k) of a slice, k = ``steps`` + 1: nan between its own."""
+    stride = steps // max(len(piece.first_values) - 1, 1) or 1
+    losses = np.full((steps + 1, steps + 1), np.nan)
+    losses[::stride, ::stride] = piece.losses
+    own, shares = np.arange(0, steps + 1, stride), np.arange(steps + 1)
+    first, second = (np.interp(shares, own, of) for of in (piece.first_values, piece.second_values))
+    return first, second, losses

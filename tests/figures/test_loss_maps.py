@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError
 from poseviewer.figures.loss_maps import LossMaps
@@ -19,16 +20,25 @@ SCALE = LossScale(most=1, colours=1, has_edges=False)
 PAIRS = ((0, 1), (0, 2), (1, 2))
 
 
-def make_maps(shift: float = 0.0) -> LossMaps:
-    random = np.random.default_rng(0)
-    slices = [
-        Slice(i, j, np.linspace(i, i + 1, 5), np.linspace(j, j + 1, 5), random.uniform(size=(5, 5)))
-        for i, j in PAIRS
-    ]
-    centre, scales = frozen_array(np.arange(3) + 0.5 + shift, (3,)), frozen_array(np.ones(3), (3,))
-    return LossMaps(
-        slices, ("mu_x", "mu_y", "psi_x"), centre, scales, SCALE, "About a pose", "p.jpg"
-    )
+NAMES = ("mu_x", "mu_y", "psi_x")
+
+
+def make_maps(*sizes: int) -> LossMaps:
+    """A slice of each pair, of these numbers of points a side; one loss is not known."""
+    random, slices = np.random.default_rng(0), []
+    for (i, j), size in zip(PAIRS, sizes or (5, 5, 5), strict=False):
+        losses = random.uniform(size=(size, size))
+        losses[1:2, 2:3] = np.nan
+        x, y = (np.linspace(start, start + 1, size) for start in (i, j))
+        slices.append(Slice(i, j, x, y, losses))
+    centre, scales = frozen_array(np.arange(3) + 0.5, (3,)), frozen_array([0.1, 0.2, 1.0], (3,))
+    return LossMaps(slices, NAMES, centre, scales, SCALE, "About a pose", "p.jpg")
+
+
+def arrays_of(data: bytes) -> dict[str, NDArray]:
+    """The arrays of an archive, as anybody reads it."""
+    with np.load(BytesIO(data), allow_pickle=False) as archive:
+        return dict(archive)
 
 
 @pytest.mark.parametrize("kind", ["png", "pdf", "svg", "npz"])
@@ -44,11 +54,27 @@ def test_a_file_is_what_a_download_is(tmp_path, kind):
         assert np.array_equal(ours, theirs)
         assert ours.std() > 1.0
     elif kind == "npz":
-        with np.load(BytesIO(kept), allow_pickle=False) as archive:
-            assert np.array_equal(archive["losses"], [piece.losses for piece in maps.slices])
-            assert str(archive["photo"]) == "p.jpg"
+        arrays = arrays_of(kept)
+        assert (tuple(arrays["names"]), str(arrays["photo"])) == (NAMES, "p.jpg")
+        assert np.array_equal(arrays["centre"], maps.centre)
+        assert np.array_equal(arrays["spans"], maps.scales)
+        assert arrays["pairs"].tolist() == [list(pair) for pair in PAIRS]
+        for name in ("first_values", "second_values", "losses"):
+            own = [getattr(piece, name) for piece in maps.slices]
+            assert np.array_equal(arrays[name], own, equal_nan=True)
     else:
         assert kept[:5] == data[:5] == {"pdf": b"%PDF-", "svg": b"<?xml"}[kind]
+
+
+def test_coarser_slices_stand_on_the_grid_of_the_finest():
+    """They stand beside finer ones in the app, while maps become finer."""
+    maps = make_maps(3, 5)
+    arrays, (coarse, fine) = arrays_of(maps.as_bytes("npz")), maps.slices
+    assert np.array_equal(arrays["first_values"][0][::2], coarse.first_values)
+    assert np.array_equal(arrays["losses"][0][::2, ::2], coarse.losses, equal_nan=True)
+    assert np.isnan(arrays["losses"][0][1::2]).all()
+    assert np.array_equal(arrays["losses"][1], fine.losses, equal_nan=True)
+    assert arrays_of(make_maps(1).as_bytes("npz"))["losses"].shape == (1, 1, 1)
 
 
 def test_a_kind_that_there_is_none_of_is_said(tmp_path):
