@@ -34,40 +34,11 @@ Whose = Literal["chosen", "default", "paper", "both"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OverlayRequest:
-    """Request for a picture of the model."""
-
-    document: Document
-    anchor: Scene
-    """Scene about which pixels are compared: fixed while the model moves, so that losses on the way
-    can be compared."""
-    look: str
-    opacity: float = 0.8
-    is_sketch: bool = False
-    """Whether a sketch of the model is drawn, before it has a renderer."""
-
-    @property
-    def pixels(self) -> tuple[object, ...]:
-        """Values that are equal where the same pixels are compared by the same loss."""
-        return *self.document.shown, *compared(self.anchor, self.document.active)
-
-    @property
-    def at_pose(self) -> tuple[object, ...]:
-        """Values that are equal where the loss is one."""
-        return self.document.pose, *self.pixels
-
-    @property
-    def drawn(self) -> tuple[object, ...]:
-        """Values that are equal where the picture is one."""
-        return self.look, self.opacity, self.is_sketch, *self.at_pose
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Losses:
     """Unexplained shares of the photos at the active object's pose."""
 
-    request: OverlayRequest
-    """Pose that they are of, and pixels that are compared."""
+    request: Session
+    """Session of whose pose they are, and whose pixels are compared."""
     mean: Unexplained | None = None
     """Over the views that are compared; None where it cannot be told."""
     note: str = ""
@@ -82,7 +53,7 @@ class Losses:
 class Overlay:
     """The model as drawn for a request."""
 
-    request: OverlayRequest
+    request: Session
     outline: FloatArray
     """(N, 2, 2): line segments in px of the photo."""
     picture: NDArray[np.uint8] | None = None
@@ -247,7 +218,8 @@ class Session:
     preparation: Preparation | None = None
     """None: all is ready. Until then a search waits, and outlines are sketched."""
     anchor: Scene | None = None
-    """Scene about which pixels are compared (see ``OverlayRequest``); None: the document's."""
+    """Scene about which pixels are compared: fixed while the model moves, so that losses on the way
+    can be compared; None: the document's."""
     saved: Document | None = None
     """Document that stands in a file."""
     last_step: tuple[object, Document] | None = None
@@ -259,10 +231,24 @@ class Session:
         return self.anchor or self.document.scene
 
     @property
-    def overlay_request(self) -> OverlayRequest:
-        """Request for the picture that is wanted by now."""
-        is_sketch = self.preparation is not None
-        return OverlayRequest(self.document, self.compared, self.look, self.opacity, is_sketch)
+    def request(self) -> Session:
+        """The session as workers keep it: without results and history, which fill the memory."""
+        return replace(self, **OF_A_PHOTO, history=History(), outlines=None)
+
+    @property
+    def pixels(self) -> tuple[object, ...]:
+        """Values that are equal where the same pixels are compared by the same loss."""
+        return *self.document.shown, *compared(self.compared, self.document.active)
+
+    @property
+    def at_pose(self) -> tuple[object, ...]:
+        """Values that are equal where the loss is one."""
+        return self.document.pose, *self.pixels
+
+    @property
+    def drawn(self) -> tuple[object, ...]:
+        """Values that are equal where the picture of the model is one."""
+        return self.look, self.opacity, self.preparation is None, *self.at_pose
 
     def covariance_in(self, view: int) -> PoseCovariance | None:
         """Covariance of the active object's pose in a view; None where no search has said it."""

@@ -30,7 +30,7 @@ def saved_scene(session: Session) -> Scene:
     own, losses = session.document, session.losses
     if own.object.result is not None:
         return own.scene
-    is_current = losses is not None and losses.request.at_pose == session.overlay_request.at_pose
+    is_current = losses is not None and losses.request.at_pose == session.at_pose
     known = losses.mean if losses is not None and is_current else None
     result = SearchResult(
         None,

@@ -13,7 +13,7 @@ from poseviewer import api
 from poseviewer.app.state.commands import show
 from poseviewer.app.state.document import reference_view
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.session import LandscapeUpdate, OverlayRequest, SearchUpdate, Session
+from poseviewer.app.state.session import LandscapeUpdate, Session
 from poseviewer.app.workers.jobs import for_one_thread
 from poseviewer.app.workers.worker import Job, lower_priority
 from poseviewer.errors import PoseViewerError
@@ -32,57 +32,40 @@ SEARCH_MAPS_S = 0.5
 """Seconds between maps that follow a search: the processor is for the search."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MapJob:
-    """Maps about a pose, by one loss or several."""
-
-    request: OverlayRequest
-    """Pose that is the maps' centre, and pixels that are compared."""
-    search: SearchUpdate | None
-    """Search from there; its problem is used where its loss is mapped."""
-    losses: tuple[FitSettings, ...]
-    half_width: float
-    moving: bool
-
-    @classmethod
-    def wanted(cls, session: Session) -> MapJob:
-        """The maps that the session asks for; coarse ones while the pose moves."""
-        own, latest = session.overlay_request, session.own_search
-        return cls(own, latest, session.mapped, session.half_width, session.moving)
-
-    def replaces(self, other: MapJob, busy: bool) -> bool:
-        """Whether to begin anew, while ``other`` runs (``busy``) or is done."""
-        if self.losses_key != other.losses_key:
-            return True
-        if self.moving and other.moving and busy:
-            return False  # coarse maps are soon done; a new start for every step shows none
-        is_same = self.request.document.pose is other.request.document.pose
-        return not is_same or (other.moving and not self.moving)
-
-    @property
-    def losses_key(self) -> tuple[object, ...]:
-        """Values that are equal where the losses are, along the axes of the same camera."""
-        problem = self.search and self.search.problem
-        return self.losses, self.half_width, problem, *self.request.pixels
+def will_do(begun: Session, asked: Session, busy: bool) -> bool:
+    """Whether maps that were begun, and are under way (``busy``) or done, do for what is asked."""
+    if _losses_of(begun) != _losses_of(asked):
+        return False
+    if begun.moving and asked.moving and busy:
+        return True  # coarse maps are soon done; a new start for every step shows none
+    return begun.document.pose is asked.document.pose and (asked.moving or not begun.moving)
 
 
-def mapping() -> Job[MapJob, Edit]:
-    """Make the maps of the loss that the session asks for; the loop looks for what is known."""
+def _losses_of(request: Session) -> tuple[object, ...]:
+    """Values that are equal where losses are, along the axes of the same camera."""
+    search = request.own_search
+    return request.mapped, request.half_width, search and search.problem, *request.pixels
+
+
+def mapping() -> Job[Session, Edit]:
+    """Make the maps of the losses that the session asks for, coarse ones while the pose moves; the
+    loop looks for what is known.
+    """
     maker = for_one_thread(MapMaker)
 
-    def make(job: MapJob) -> Iterator[Edit]:
-        own = job.request.document
+    def make(request: Session) -> Iterator[Edit]:
+        own = request.document
         try:
-            for landscapes in maker(own.mesh).run(job):
+            for landscapes in maker(own.mesh).run(request):
                 yield show(own, landscapes=landscapes, maps_note="")
         except PoseViewerError as error:
             yield show(own, maps_note=str(error))
 
     return Job(
         "maps",
-        lambda now: None if now.preparation else MapJob.wanted(now),
+        lambda now: None if now.preparation else now.request,
         make,
-        serves=lambda begun, asked, busy: not asked.replaces(begun, busy),
+        serves=will_do,
         period_s=lambda now: SEARCH_MAPS_S if now.searching else 0.0,
         low_priority=True,
     )
@@ -92,8 +75,8 @@ def mapping() -> Job[MapJob, Edit]:
 class _Case:
     """An object as its loss is mapped: on its photos, and on coarser ones for quick maps."""
 
-    job: MapJob
-    """Job that it was made for."""
+    losses: tuple[object, ...]
+    """Values that say which losses it is made for."""
     scene: api.Scene
     quick: FitProblem
     pool: RendererPool
@@ -109,9 +92,9 @@ class MapMaker:
         self._cases: dict[Method, _Case] = {}
         self._is_prepared = False
 
-    def run(self, job: MapJob) -> Iterator[tuple[LandscapeUpdate, ...]]:
+    def run(self, request: Session) -> Iterator[tuple[LandscapeUpdate, ...]]:
         """The maps by each loss, coarse to fine, as soon as there is a first grid of each map."""
-        cases = [self._case(job, settings) for settings in job.losses]
+        cases = [self._case(request, settings) for settings in request.mapped]
         known: dict[Method, LandscapeUpdate] = {}
 
         def made(case: _Case, size: int) -> Iterator[tuple[LandscapeUpdate, ...]]:
@@ -119,7 +102,7 @@ class MapMaker:
             method = case.scene.settings.method
             shown = known[method].slices if method in known else ()
             levels = (case.quick, case.pool) if size < SIZE else (case.scene.problem, self._fine)
-            for latest in maps(case.scene, job, *levels, size, shown):
+            for latest in maps(case.scene, request, *levels, size, shown):
                 known[method] = latest
                 yield tuple(known.values())
 
@@ -127,24 +110,25 @@ class MapMaker:
         for case in cases:
             deque(made(case, first), maxlen=0)
         yield tuple(known.values())
-        for size in more if job.moving else (*more, SIZE):
+        for size in more if request.moving else (*more, SIZE):
             if size == SIZE and not self._is_prepared:  # now, and not when it is waited for
                 self._is_prepared = True
                 make_stages(cases[0].scene.problem, self._renderer)
             for case in cases:
                 yield from made(case, size)
 
-    def _case(self, job: MapJob, settings: FitSettings) -> _Case:
-        """About the job's anchor; as a search compares it, where that is by these settings."""
+    def _case(self, request: Session, settings: FitSettings) -> _Case:
+        """About what is compared; as a search compares it, where that is by these settings."""
         before = self._cases.get(settings.method)
-        if before is not None and before.job.losses_key == job.losses_key:
+        losses, search = _losses_of(request), request.own_search
+        if before is not None and before.losses == losses:
             return before
-        own, anchor = job.request.document, job.request.anchor
+        own, anchor = request.document, request.compared
         view = reference_view(anchor, own.active, own.at)
         anchor = anchor.with_object(own.active, settings=settings)
         scene = api.Scene(anchor, {own.mesh: self._renderer}, own.active, view)
-        if job.search is not None and job.search.settings == settings:
-            scene = scene.comparing(job.search.problem, self._renderer)
+        if search is not None and search.settings == settings:
+            scene = scene.comparing(search.problem, self._renderer)
         numbers = own.numbers_in(scene.problem)
         levels = [
             quick_level(view, view.chart.to_pose(numbers), self._renderer)
@@ -153,7 +137,7 @@ class MapMaker:
         quick = scene.problem.on([level.photo for level in levels])
         if before is not None:
             before.pool.close()
-        case = _Case(job, scene, quick, _pool(levels[0].renderer))
+        case = _Case(losses, scene, quick, _pool(levels[0].renderer))
         self._cases[settings.method] = case
         return case
 
@@ -165,7 +149,7 @@ def _pool(renderer: Renderer) -> RendererPool:
 
 def maps(
     case: api.Scene,
-    job: MapJob,
+    request: Session,
     problem: FitProblem,
     pool: RendererPool,
     size: int,
@@ -174,7 +158,7 @@ def maps(
     """The maps of a case by a problem, which is its own or on coarser photos, whenever a row of one
     is known. Maps that are ``shown`` already stay until the first grid of the new one is known.
     """
-    own, width = job.request.document, job.half_width
+    own, width = request.document, request.half_width
     centre = own.numbers_in(problem)
     seen = {(piece.first, piece.second): piece for piece in shown}
     first = strides(size)[0]

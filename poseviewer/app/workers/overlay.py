@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from poseviewer.app.state.commands import show
 from poseviewer.app.state.document import Document, reference_view
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.session import Losses, Overlay, OverlayRequest, Session
+from poseviewer.app.state.session import Losses, Overlay, Session
 from poseviewer.app.workers.jobs import for_one_thread
 from poseviewer.app.workers.worker import Job
 from poseviewer.errors import PoseViewerError
@@ -50,28 +50,28 @@ class LossReader:
 
     def __init__(self, renderer: SoftwareRenderer) -> None:
         self.renderer = renderer
-        self._anchored: OverlayRequest | None = None
+        self._pixels: tuple[object, ...] = ()
         self._views: tuple[ComparedView, ...] = ()
         self._note = ""
         self._start = 0.0
 
-    def views(self, request: OverlayRequest) -> tuple[ComparedView, ...]:
+    def views(self, request: Session) -> tuple[ComparedView, ...]:
         """The views as they are compared about the request's anchor; none where they cannot be."""
-        if self._anchored is None or request.pixels != self._anchored.pixels:
-            self._anchored, self._views, self._note = request, (), ""
+        if request.pixels != self._pixels:
+            self._pixels, self._views, self._note = request.pixels, (), ""
             own = request.document
             # Which numbers are searched for is another matter.
             plain = replace(own.settings, lock=(), free_focal=False, chart="auto")
-            anchor = request.anchor.with_object(own.active, settings=plain)
+            anchor = request.compared.with_object(own.active, settings=plain)
             view = reference_view(anchor, own.active, own.at)
             try:
                 self._views = make_problem(anchor, own.active, view)[0].views
-                self._start = self._read_all(own, request.anchor)[0].loss
+                self._start = self._read_all(own, request.compared)[0].loss
             except PoseViewerError as error:
                 self._note = str(error)
         return self._views
 
-    def read(self, request: OverlayRequest) -> Losses:
+    def read(self, request: Session) -> Losses:
         """The losses of a pose, or why there are none."""
         own, views = request.document, self.views(request)
         if not views:
@@ -103,14 +103,14 @@ class OverlayDrawer:
         self._quick, self._fine = renderer, renderer.clone()
         self._reader = LossReader(renderer.clone())
 
-    def draw(self, request: OverlayRequest) -> Overlay:
+    def draw(self, request: Session) -> Overlay:
         """Draw lines quickly, or a picture."""
         if request.look in LINES:
             own = request.document
             return Overlay(request, quick_silhouette(own.mesh, self._quick, own.pose))
         return Overlay(request, NO_LINES) if request.look == "none" else self._picture(request)
 
-    def _picture(self, request: OverlayRequest) -> Overlay:
+    def _picture(self, request: Session) -> Overlay:
         own, photo = request.document, request.document.photo
         factor = min(1.0, (LARGEST_PICTURE / (photo.width * photo.height)) ** 0.5)
         pose = own.pose.scaled(factor)
@@ -144,7 +144,7 @@ def _depth_of(others: tuple[tuple[Mesh, Pose], ...], factor: float) -> DepthImag
     return np.minimum.reduce([depth_image(one) for one in placed])
 
 
-def draw_fine_lines(request: OverlayRequest, renderer: SoftwareRenderer) -> Overlay:
+def draw_fine_lines(request: Session, renderer: SoftwareRenderer) -> Overlay:
     """Draw the outline in full resolution, with the edges inside it."""
     mesh, pose = request.document.mesh, request.document.pose
     scale = line_scale(pose.camera.width, pose.camera.height)
@@ -164,13 +164,13 @@ def sketch_of(mesh: Mesh) -> Sketch:
     return Sketch(mesh)
 
 
-def drawing(notify: Callable[[], None]) -> Job[OverlayRequest, Edit]:
+def drawing(notify: Callable[[], None]) -> Job[Session, Edit]:
     """Draw the model at once, one picture after another: none is displaced before it is shown."""
     drawer = for_one_thread(OverlayDrawer)
 
-    def make(request: OverlayRequest) -> Iterator[Edit]:
+    def make(request: Session) -> Iterator[Edit]:
         mesh, pose = request.document.mesh, request.document.pose
-        if request.is_sketch:
+        if request.preparation is not None:
             overlay = Overlay(request, quick_silhouette(mesh, sketch_of(mesh), pose))
         else:
             overlay = drawer(mesh).draw(request)
@@ -178,7 +178,7 @@ def drawing(notify: Callable[[], None]) -> Job[OverlayRequest, Edit]:
 
     return Job(
         "overlay",
-        lambda session: session.overlay_request,
+        lambda session: session.request,
         make,
         notify,
         serves=lambda begun, asked, busy: busy or begun.drawn == asked.drawn,
@@ -186,17 +186,17 @@ def drawing(notify: Callable[[], None]) -> Job[OverlayRequest, Edit]:
     )
 
 
-def refining(notify: Callable[[], None]) -> Job[OverlayRequest, Edit]:
+def refining(notify: Callable[[], None]) -> Job[Session, Edit]:
     """Draw the lines finely once the model has come to rest."""
     renderer = for_one_thread(lambda own: own)
 
-    def asked(session: Session) -> OverlayRequest | None:
+    def asked(session: Session) -> Session | None:
         drawn = None if session.overlay is None else session.overlay.request
-        if drawn is None or session.moving or drawn.is_sketch or drawn.look not in LINES:
+        if drawn is None or session.moving or drawn.preparation or drawn.look not in LINES:
             return None
-        return drawn if drawn.drawn == session.overlay_request.drawn else None
+        return drawn if drawn.drawn == session.drawn else None
 
-    def make(request: OverlayRequest) -> Iterator[Edit]:
+    def make(request: Session) -> Iterator[Edit]:
         job.require_asked(request, SETTLED_S)
         overlay = draw_fine_lines(request, renderer(request.document.mesh))
         yield show(request.document, overlay=overlay)
@@ -205,17 +205,17 @@ def refining(notify: Callable[[], None]) -> Job[OverlayRequest, Edit]:
     return job
 
 
-def reading(notify: Callable[[], None]) -> Job[OverlayRequest, Edit]:
+def reading(notify: Callable[[], None]) -> Job[Session, Edit]:
     """Read the losses of the pose at hand; a search finds those of its poses itself."""
     reader = for_one_thread(LossReader)
 
-    def make(request: OverlayRequest) -> Iterator[Edit]:
+    def make(request: Session) -> Iterator[Edit]:
         losses = reader(request.document.mesh).read(request)
         yield show(request.document, losses=losses)
 
     return Job(
         "loss",
-        lambda now: None if now.preparation or now.searching else now.overlay_request,
+        lambda now: None if now.preparation or now.searching else now.request,
         make,
         notify,
         serves=lambda begun, asked, busy: busy or begun.at_pose == asked.at_pose,

@@ -53,7 +53,7 @@ def test_no_name_is_markup_to_the_page(name: str):
     assert html.unescape(shown) == name
     assert plain("demo_photo.jpg (1): 2 & 3") == "demo_photo.jpg (1): 2 &amp; 3"
     session = make_session()
-    losses = Losses(session.overlay_request, note=f"{name}: no loss")
+    losses = Losses(session, note=f"{name}: no loss")
     document = session.document.with_marks(note=name)
     session = replace(session, losses=losses, document=document, tool="pairs")
     assert shown in search_text(session)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from poseviewer.app.state.document import Document
+from poseviewer.app.state.dragging import Drag
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import SearchRequest, Session
 from poseviewer.app.state.update import update
@@ -89,6 +90,11 @@ def asked_of(session: Session) -> SearchRequest:
     """What is searched for."""
     assert session.search is not None
     return session.search.asked
+
+
+def held(session: Session) -> Session:
+    """The session while the model is dragged."""
+    return replace(session, drag=Drag(lambda document, _: document, before=session.document))
 
 
 def moved_document(document: Document, step: float) -> Document:

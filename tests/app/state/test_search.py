@@ -9,7 +9,7 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import LandscapeUpdate, Preparation, SearchUpdate, Session
 from poseviewer.app.workers.jobs import run_search
-from poseviewer.app.workers.maps import MapJob, maps
+from poseviewer.app.workers.maps import maps
 from poseviewer.app.workers.opening import open_files
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.render.pool import RendererPool
@@ -46,7 +46,7 @@ def landscape(session) -> tuple[LandscapeUpdate, ...]:
     renderer = SoftwareRenderer(document.mesh)
     case = api.Scene(document.scene, {document.mesh: renderer}, 0, 0)
     with RendererPool(renderer) as pool:
-        *_, last = maps(case, MapJob.wanted(session), case.problem, pool, 5)
+        *_, last = maps(case, session, case.problem, pool, 5)
     return (last,)
 
 

@@ -14,14 +14,13 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.session import (
     Losses,
-    OverlayRequest,
     SearchRequest,
     SearchUpdate,
     Session,
 )
 from poseviewer.app.state.update import update
 from poseviewer.app.workers.jobs import run_search
-from poseviewer.app.workers.maps import MapJob, MapMaker, maps
+from poseviewer.app.workers.maps import MapMaker, maps, will_do
 from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.overlay import LossReader, OverlayDrawer, draw_fine_lines
 from poseviewer.errors import SettingsError
@@ -31,6 +30,7 @@ from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
+from tests.app.state.documents import held
 from tests.app.state.sets import document_of
 from tests.several import TRUTH
 
@@ -51,10 +51,6 @@ def compared_by(document: Document, settings: FitSettings) -> Document:
     return document.with_object(settings=settings)
 
 
-def request_of(document: Document, look="outline", **more) -> OverlayRequest:
-    return OverlayRequest(document, document.scene, look, **more)
-
-
 def searched(document: Document) -> list[SearchUpdate]:
     """All updates of a search from where the model is, but for the last word."""
     *updates, _ = run_search(SearchRequest(document, (document.settings,), (0,)))
@@ -62,11 +58,11 @@ def searched(document: Document) -> list[SearchUpdate]:
 
 
 def losses_of(document: Document, renderer: SoftwareRenderer) -> Losses:
-    return LossReader(renderer).read(request_of(document))
+    return LossReader(renderer).read(Session(document))
 
 
 def test_both_drawings_go_round_the_model(document, renderer):
-    request = request_of(document)
+    request = Session(document)
     quick, fine = OverlayDrawer(renderer).draw(request), draw_fine_lines(request, renderer)
     assert quick.picture is None
     assert fine.picture is not None
@@ -90,7 +86,7 @@ def test_the_loss_is_that_of_the_search(document, renderer, settings):
     reader = LossReader(renderer)
     for shift in (0.0, 0.05, -0.1):
         there = document.at_numbers(problem, problem.start + shift)
-        losses = reader.read(OverlayRequest(there, document.scene, "none"))
+        losses = reader.read(Session(there, anchor=document.scene, look="none"))
         assert losses.mean is not None
         wanted = pose_loss(problem, renderer, problem.start + shift)
         assert losses.mean.loss == pytest.approx(wanted, rel=1e-12)
@@ -99,8 +95,8 @@ def test_the_loss_is_that_of_the_search(document, renderer, settings):
 
 def test_the_compared_pixels_stay_with_the_anchor_and_go_with_the_settings(document, renderer):
     reader = LossReader(renderer)
-    request = request_of(document)
-    other = request_of(document.with_own(region=Rectangle(40, 30, 80, 60)))
+    request = Session(document)
+    other = Session(document.with_own(region=Rectangle(40, 30, 80, 60)))
     read = [reader.read(asked).mean for asked in (request, other, request)]
     fresh = [losses_of(asked.document, renderer).mean for asked in (request, other, request)]
     losses = [None if mean is None else mean.loss for mean in read]
@@ -144,7 +140,7 @@ def test_maps_become_known_until_they_are_complete(document, renderer, lock):
     case = api.Scene(compared_by(document, settings).scene, {document.mesh: renderer}, 0, 0)
     problem = case.problem
     with RendererPool(renderer) as pool:
-        updates = list(maps(case, MapJob.wanted(Session(document)), problem, pool, 5))
+        updates = list(maps(case, Session(document), problem, pool, 5))
     known = [sum(int(np.isfinite(s.losses).sum()) for s in item.slices) for item in updates]
     assert known == sorted(known)
     assert 0 < known[0] < known[-1]
@@ -171,8 +167,8 @@ def test_restarts_are_told_where_they_begin(document):
 def test_two_losses_are_mapped_about_one_pose(document, renderer):
     session = Session(document)
     session = update(session, c.change(whose="both"))
-    job = replace(MapJob.wanted(session), moving=True)
-    found = list(MapMaker(renderer).run(job))
+    moving = held(session)
+    found = list(MapMaker(renderer).run(moving))
     assert all(len(item) == 2 for item in found)  # none is shown without the other
     ours, paper = found[-1]
     assert (ours.case.settings, paper.case.settings) == session.mapped
@@ -182,5 +178,4 @@ def test_two_losses_are_mapped_about_one_pose(document, renderer):
         assert np.array_equal(one.first_values, other.first_values)
         assert np.array_equal(one.second_values, other.second_values)
         assert other.losses.max() <= 1.0 < one.losses.max()
-    other = replace(session, whose="paper")
-    assert replace(MapJob.wanted(other), moving=True).replaces(job, busy=True)
+    assert not will_do(moving, replace(moving, whose="paper"), busy=True)

@@ -11,7 +11,7 @@ import pytest
 
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.objects import add_object
-from poseviewer.app.state.session import Outlines, OverlayRequest, Session
+from poseviewer.app.state.session import Outlines, Session
 from poseviewer.app.workers.exporting import export
 from poseviewer.app.workers.outlines import outlining
 from poseviewer.app.workers.overlay import OverlayDrawer
@@ -31,7 +31,7 @@ def ball_behind_box() -> Document:
 def test_no_look_draws_what_is_behind_another(look: str):
     document = ball_behind_box()
     own = document
-    request = OverlayRequest(document, document.scene, look)
+    request = Session(document, look=look)
     overlay = OverlayDrawer(SoftwareRenderer(MESHES[0])).draw(request)
     assert overlay.picture is not None
     seen = visibility(TRUTH[:2])

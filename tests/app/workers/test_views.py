@@ -16,7 +16,7 @@ from poseviewer.app.state.session import Losses, Session
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import filed_view, saved_scene
 from poseviewer.app.workers.jobs import run_search
-from poseviewer.app.workers.maps import MapJob, MapMaker
+from poseviewer.app.workers.maps import MapMaker
 from poseviewer.app.workers.opening import open_autosaved, open_pose, open_scene, open_set
 from poseviewer.app.workers.overlay import LossReader
 from poseviewer.errors import SettingsError
@@ -25,7 +25,7 @@ from poseviewer.files.state.autosave import load_autosave
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.starts.loading import pose_record
-from tests.app.state.documents import after, asked_of, assert_same_pose
+from tests.app.state.documents import after, asked_of, assert_same_pose, held
 from tests.view_sets import MESH, NAMES, TRUTH, write_views
 
 STROKE = Stroke("brush", np.array([[300.0, 20.0], [310.0, 30.0]]), 8.0)
@@ -48,7 +48,7 @@ def saved_record(session: Session) -> PoseRecord:
 
 
 def losses_of(session: Session) -> Losses:
-    return LossReader(SoftwareRenderer(session.document.mesh)).read(session.overlay_request)
+    return LossReader(SoftwareRenderer(session.document.mesh)).read(session)
 
 
 def test_the_loss_is_the_mean_over_the_photos_that_are_compared(session: Session):
@@ -68,8 +68,7 @@ def test_the_loss_is_the_mean_over_the_photos_that_are_compared(session: Session
 @pytest.mark.slow
 def test_maps_are_of_the_mean_loss_and_a_press_moves_all(session: Session):
     maker = MapMaker(SoftwareRenderer(session.document.mesh))
-    job = replace(MapJob.wanted(session), moving=True)
-    *_, (latest,) = maker.run(job)
+    *_, (latest,) = maker.run(held(session))
     assert len(latest.case.problem.views) == 3
     mapped = replace(session, landscapes=(latest,))
     picked = after(mapped, c.pick_in_landscape(0, 3, 1.0, 0.5))
