@@ -1,7 +1,6 @@
 """The app: one main loop that owns the session, hands work to the workers, and writes the page.
 
-Callbacks only post requests; workers only publish updates. What is here runs in one thread, and
-waits for nobody.
+Callbacks only post requests; workers only publish updates; the loop waits for nobody.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ class Action:
     tooltip: str
     """Sentence of the button's tooltip and of the help dialog."""
     keys: str = ""
-    """As the help dialog names them, with commas between."""
+    """Names of its keys in the help dialog, with commas between."""
     end: str = ""
     """Text of the button while it would end what it began."""
 
@@ -117,7 +117,7 @@ GESTURES = {
     "1 2 3 4 5, 0": "Outline, solid, relit, normals, residual, nothing",
     "A, X, N, P": "In a review: accept, reject, next, previous",
 }
-"""What the mouse does, and keys of other tables, in the help dialog."""
+"""Gestures of the mouse, and keys of other tables, in the help dialog."""
 
 
 def help_table() -> str:

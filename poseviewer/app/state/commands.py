@@ -71,10 +71,8 @@ NUDGE_SCALE = 1.01
 def press(
     session: Session, x: Px, y: Px, zoom: Zoom = 1.0, shift: bool = False, ctrl: bool = False
 ) -> Session:
-    """Take hold of what is at a point of the photo, and pick it where it is another object; with a
-    marking tool, set a mark where there is none; where the model is nowhere yet, put it there.
-
-    ``zoom``: screen px per photo px: what is near is told on the screen.
+    """Take hold of what is at a point of the photo, of any object; with a marking tool, set a mark
+    where there is none; put a model that is nowhere yet there. ``zoom``: screen px per photo px.
     """
     document, point, tool = session.document, np.array([x, y]), session.tool
     if tool == "part":
@@ -131,8 +129,8 @@ def drag_to(session: Session, x: Px, y: Px) -> Session:
 
 @drag_edit
 def release(session: Session) -> Session:
-    """End the drag, which as a whole is one undoable step. A model that is nowhere yet
-    goes where it was pressed, and into the box that was drawn at once; starts are looked for there.
+    """End the drag, one undoable step. A model that is nowhere yet goes where it was pressed, any
+    into the box that was drawn, where starts are looked for.
     """
     held, document, tool = session.drag, session.document, session.tool
     if held is None:
@@ -203,10 +201,8 @@ def toggle_hiding(session: Session) -> Session:
 
 @edit
 def nudge(session: Session, kind: NudgeKind, x: float = 0.0, y: float = 0.0) -> Session:
-    """Move the pose by a small step, as from a key.
-
-    ``x``: steps to the right, about the vertical, clockwise, or larger; ``y``: steps downwards, or
-    about the horizontal.
+    """Move the pose by small steps: ``x`` to the right, about the vertical, clockwise, or larger;
+    ``y`` downwards, or about the horizontal.
     """
     pose, centre = session.document.pose, session.document.mesh.centre
     match kind:
@@ -271,19 +267,13 @@ def redo(session: Session) -> Session:
 def open_document(
     session: Session, document: Document, unsaved: bool = False, is_first: bool = False
 ) -> Session:
-    """Open another photo, model or both, read and ready.
-
-    ``unsaved``: whether its pose stands in no file; ``is_first``: whether undo does not lead back
-    before it.
+    """Open another photo, model or both. ``unsaved``: its pose stands in no file; ``is_first``:
+    undo does not lead back before it.
     """
     opened = session.with_document(document)
-    return replace(
-        opened,
-        history=History() if is_first else opened.history,
-        drag=None,
-        tool="pose",
-        saved=None if unsaved else document,
-    )
+    history = History() if is_first else opened.history
+    saved = None if unsaved else document
+    return replace(opened, history=history, drag=None, tool="pose", saved=saved)
 
 
 # --- settings and camera ------------------------------------------------------------------------
@@ -571,8 +561,8 @@ def pick_in_landscape(session: Session, first: int, second: int, u: float, v: fl
 
 
 def picked_parameters(piece: Slice, centre: FloatArray, u: float, v: float) -> FloatArray:
-    """(d,): the parameters at a press on a map through ``centre`` (d,): ``u`` and ``v`` are shares
-    of the map's side from its left and lower border; beyond 0 and 1 the border is meant.
+    """(d,): the parameters at shares ``u``, ``v`` of a map's side, cut to [0, 1], from its left and
+    lower border; ``centre`` (d,): the map's.
     """
     parameters = np.array(centre, dtype=float)
     parameters[piece.first] = np.interp(u, [0.0, 1.0], piece.first_values[[0, -1]])

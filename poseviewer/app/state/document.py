@@ -229,9 +229,8 @@ class Document:
         view: int | None = None,
         scale: float | None = None,
     ) -> Document:
-        """The document with an object where a view shows it at a pose, by default the active one
-        and the large one; what a search said of it is gone. By another camera, all other objects
-        keep their place and size in the photo.
+        """The document with an object where a view shows it at a pose, by default the active and
+        the large one, without a result; other objects stay where the photo shows them.
         """
         index, view = self.active if index is None else index, self.at if view is None else view
         return self._placed(self.scene.with_pose(index, pose, view, scale), index, view)
@@ -239,11 +238,8 @@ class Document:
     def at_numbers(
         self, problem: FitProblem, numbers: FloatArray, index: int | None = None
     ) -> Document:
-        """The document with an object (by default the active one) at the numbers (d,) of a problem
-        of it; else as ``at_pose``.
-
-        Raises:
-            OutsideChartError: they stand for no pose.
+        """The document with an object, by default the active one, at numbers (d,) of its problem;
+        raises ``OutsideChartError``.
         """
         index = self.active if index is None else index
         scene = moved(self.scene, index, problem, numbers)
@@ -283,9 +279,8 @@ class Document:
 
     @property
     def chart(self) -> Chart:
-        """The chart whose numbers are shown and searched: as ``settings`` want it where that can
-        be, else the free-body chart about the start pose, seen by the camera at hand; of several
-        views with the size where that is free.
+        """The chart whose numbers are shown: the vehicle's where that can be, else the free-body
+        chart about the start pose, of several views with the size where that is free.
         """
         free_focal = self.settings.free_focal and isinstance(self.pose.camera, Perspective)
         keypoints, has_one_view = self.model.keypoints, len(self.scene.views) == 1

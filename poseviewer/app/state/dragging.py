@@ -73,9 +73,7 @@ def hold_model(held: Document, start: FloatArray, kind: str) -> Drag:
 
 
 def hold_pin(held: Document, pin: int, offset: FloatArray) -> Drag:
-    """Take hold of a pin: one of the vehicle chart's three, or one on the surface; the others hold.
-    ``offset``: (2,), from the pointer to the pin.
-    """
+    """Take hold of a pin, of the vehicle chart or on the surface; ``offset`` (2,) from pointer."""
     pose, pins = held.pose, np.array(held.state.pins)
 
     def follow(document: Document, point: FloatArray) -> Document:
@@ -106,17 +104,13 @@ def draw_rectangle(tool: str, start: FloatArray) -> Drag:
 
 
 def nearest_place(places: FloatArray, point: FloatArray, zoom: float) -> int | None:
-    """Index of the nearest of the places (k, 2), px, within reach of a point; None for none.
-    ``zoom``: screen px per photo px.
-    """
+    """Index of the nearest of places (k, 2), px, in reach; ``zoom``: screen px per photo px."""
     away = np.nan_to_num(np.linalg.norm(places - point, axis=1) * zoom, nan=np.inf)
     return int(np.argmin(away)) if len(away) and away.min() <= REACH else None
 
 
 def take_hold(document: Document, point: FloatArray, zoom: float, kind: str) -> Drag | None:
-    """Take hold of what of the active object lies under ``point``: a pin, or the model; None for
-    nothing, and where the object is hidden or locked. ``kind``: what holding the model does.
-    """
+    """Take hold of a pin or the model (to do ``kind``) under ``point``; None: nothing to hold."""
     if document.object.hidden or document.object.locked:
         return None
     pins = pins_in_photo(document)
@@ -129,9 +123,7 @@ def take_hold(document: Document, point: FloatArray, zoom: float, kind: str) -> 
 
 
 def nearest_object(document: Document, point: FloatArray) -> int:
-    """The index of the object that is nearest to the camera at ``point``, of those that a press may
-    take; the active one's where there is none.
-    """
+    """Index of the nearest object at ``point`` that a press may take; else the active one's."""
     objects = document.scene.objects
     indices = (document.active, *document.others)
     free = [i for i in indices if not (objects[i].hidden or objects[i].locked)]
@@ -178,10 +170,8 @@ def turned(pose: Pose, centre: ArrayLike, rotation_vector: ArrayLike) -> Pose:
 def trackball(
     pose: Pose, centre: ArrayLike, radius: float, start: ArrayLike, end: ArrayLike
 ) -> Pose:
-    """The pose rotated as if a ball of ``radius`` px about ``centre`` were dragged.
-
-    Beyond the ball's rim its surface goes over into a hyperbola (G. Bell's trackball), so that
-    there is no jump.
+    """The pose rotated as if a ball of ``radius`` px about ``centre`` were dragged; beyond its rim
+    the ball goes over into a hyperbola (G. Bell's trackball), without a jump.
     """
     middle = pose.project(centre)
     first, second = (_on_trackball((np.asarray(p) - middle) / radius) for p in (start, end))
@@ -237,10 +227,8 @@ def radius_in_photo(pose: Pose, mesh: Mesh) -> float:
 
 
 def pinned(mesh: Mesh, pose: Pose, points: ArrayLike, pixels: ArrayLike) -> Pose:
-    """The pose nearest to ``pose`` that shows model ``points`` (k, 3) at ``pixels`` (k, 2).
-
-    One pin moves the model; two turn and scale it as well; three fix it. Least squares in the
-    free-body chart, with a faint pull towards the pose as it is.
+    """The pose nearest to ``pose`` that shows model ``points`` (k, 3) at ``pixels`` (k, 2): one
+    pin moves the model, two turn and scale it as well, three fix it.
     """
     points, pixels = np.atleast_2d(points), np.atleast_2d(pixels)
     if len(points) == 1:
@@ -260,10 +248,7 @@ def pinned(mesh: Mesh, pose: Pose, points: ArrayLike, pixels: ArrayLike) -> Pose
 
 
 def vehicle_pins(chart: VehicleChart, parameters: FloatArray) -> FloatArray:
-    """(3, 2): rear wheel, front wheel and axle tip in px: the vehicle chart's six parameters.
-
-    The tip lies ``_axle_length`` times psi from the rear wheel.
-    """
+    """(3, 2): rear wheel, front wheel, and axle tip, ``_axle_length`` times psi from it, in px."""
     size = np.array([chart.camera.width, chart.camera.height])
     rear = parameters[0:2] * size
     return np.array(
@@ -274,9 +259,8 @@ def vehicle_pins(chart: VehicleChart, parameters: FloatArray) -> FloatArray:
 def with_vehicle_pin(
     chart: VehicleChart, parameters: FloatArray, pin: int, pixel: ArrayLike
 ) -> FloatArray:
-    """The chart's parameters with one pin (0 rear, 1 front, 2 tip) at ``pixel``, the others held.
-
-    An axle that would point away from the camera stays at the rim of what the chart allows.
+    """The chart's parameters with one pin (0 rear, 1 front, 2 tip) at ``pixel``, the others held;
+    an axle that would point away from the camera stays at the chart's rim.
     """
     pins = vehicle_pins(chart, parameters)
     pins[pin] = pixel

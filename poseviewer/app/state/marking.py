@@ -55,10 +55,8 @@ def hold_mark(held: Document, tool: str, mark: int, start: FloatArray) -> Drag:
 
 
 def with_mark(document: Document, tool: str, point: FloatArray) -> Document:
-    """With one more mark at ``point`` (2,), and the pose that follows, if one does.
-
-    Raises:
-        QuickStartError: nothing can be marked there.
+    """The document with one more mark at ``point`` (2,), and the pose that follows, if one does;
+    raises ``QuickStartError``.
     """
     marks = document.marks
     if tool == "wheels":
@@ -82,9 +80,7 @@ def with_mark(document: Document, tool: str, point: FloatArray) -> Document:
 
 @edit
 def remove_mark(session: Session, index: int | None = None) -> Session:
-    """Take a mark of the tool at hand away, by default the last one: half a pair goes alone. The
-    pose follows from the others, if one does.
-    """
+    """Take a mark of the tool away, by default the last, half a pair alone; the pose follows."""
     document, marks, tool = session.document, session.document.marks, session.tool
     if tool == "pairs" and index is None and marks.waits_for_pixel:
         return session.with_document(document.with_marks(points=marks.points[:-1]))

@@ -44,10 +44,8 @@ Kept = Document | Literal["nothing"]
 
 
 class Autosaver:
-    """Keeps the session on disk, and finds what an earlier one left.
-
-    Its own file is touched in one thread alone, and each time whole or not at all; what was there
-    stays until then.
+    """Keeps the session on disk, and finds what an earlier one left; its own file is touched in one
+    thread alone, and each time whole or not at all.
     """
 
     def __init__(self, state: Path) -> None:
@@ -106,12 +104,10 @@ class Autosaver:
         return self._path(session.document).name
 
     def save(self, session: Session) -> Path:
-        """Write the pose of one object in one photo with its mask, or else the scene, beside the
-        photo; files of ours that a scene names are copied to it. A file that another session wrote
-        is kept as ``.bak``.
+        """Write the pose of one object in one photo with its mask, else the scene with copies of
+        uploads, beside the photo; another session's file is kept as ``.bak``.
 
-        Raises:
-            PoseViewerError: it cannot be written there, or photo or models are no files.
+        Raises ``PoseViewerError``: it cannot be written there, or photo or models are no files.
         """
         own, scene = session.document, saved_scene(session)
         path = self._path(own)

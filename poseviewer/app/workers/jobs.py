@@ -66,11 +66,7 @@ def for_one_thread(make: Callable[[SoftwareRenderer], R]) -> Callable[[Mesh], R]
 
 
 def prepare(mesh: Mesh) -> Iterator[Preparation]:
-    """Make ready what draws and compares a model: the kernels, and its renderer.
-
-    Raises:
-        SettingsError: the kernels cannot be compiled.
-    """
+    """Make ready kernels and renderer of a model; raises ``SettingsError``: none are compiled."""
     from poseviewer.render.software.compiled import compiling, kernels_are_compiled
 
     try:
@@ -130,10 +126,7 @@ def proposing(notify: Callable[[], None]) -> Job[Document, Edit]:
 
 def run_search(asked: SearchRequest) -> Iterator[SearchUpdate]:
     """The search that the session asks for, after every evaluation, by each of its methods in turn;
-    of several, the last update has the ends of all.
-
-    Raises:
-        PoseViewerError: the settings do not go with an object, or nothing is to be seen of any.
+    of several, the last update has the ends of all. Raises as ``make_problem``.
     """
     done: list[SearchUpdate] = []
     for settings in asked.methods:

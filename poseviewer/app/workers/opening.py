@@ -45,10 +45,8 @@ def open_files(
     without: Sequence[str] = (),
     objects: Sequence[Path] = (),
 ) -> Document:
-    """Photo and model from their files, with a start pose from one, or seen from a corner; the
-    photo undistorted, where there is a calibration; ``mask``: what of the photo counts,
-    ``without``: parts of the model that are left out; ``objects``: models that the photo shows as
-    well.
+    """Photo and model from their files, with a start pose from one, or seen from a corner;
+    ``without``: parts that are left out; ``objects``: models that the photo shows as well.
     """
     loaded, start = loading.model_without(model, without), pose or _seen_from_corner
     scene = loading.open_photo(photo, loaded, start, None, calibration, mask)
@@ -79,12 +77,9 @@ def open_set(
 def open_file_set(
     now: Document, files: FileSet, models: Sequence[Path], inside: Path | None = None
 ) -> Document:
-    """Files that came together, on what is at hand; ``models``: where the models lie with all that
-    they name. The first becomes the model, the others are further objects. ``inside``: a folder in
-    which all files of a scene have to lie.
-
-    Raises:
-        QuickStartError: several photos without a model.
+    """Files that came together, on what is at hand. The first of ``models`` (with all that they
+    name) becomes the model, the others further objects; ``inside``: a folder in which all files of
+    a scene have to lie.
     """
     if files.scene is not None:
         return open_scene(files.scene, inside=inside)

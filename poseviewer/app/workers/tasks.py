@@ -86,11 +86,7 @@ class Tasks(Job[tuple[Task, Session], Result]):
         self._waiting: list[Task] = []
 
     def add(self, task: Task) -> None:
-        """Do a task when those before it are done.
-
-        Raises:
-            FileSetError: those that wait hold as much as is held at a time.
-        """
+        """Do a task when those before it are done; raises ``FileSetError``: too much waits."""
         held = sum(waiting.size for waiting in self._waiting)
         if held and held + task.size > LARGEST_UPLOAD:
             raise FileSetError(
@@ -116,10 +112,8 @@ class Tasks(Job[tuple[Task, Session], Result]):
 
 
 def upload(kind: Kind | None, name: str, data: bytes, adds: bool = False) -> Task:
-    """Keep files that a page sent together (``files.state.uploads.pack``), and open them.
-
-    ``kind``: what the user called them, None: whatever they are; ``adds``: whether models are added
-    as further objects, instead of replacing the active one.
+    """Keep files that a page sent together, and open them. ``kind``: what the user called them,
+    None: whatever they are; ``adds``: models are further objects, and replace none.
     """
 
     def run(now: Session, state: Path) -> Result:

@@ -71,12 +71,10 @@ class Job(Generic[A, T]):
         low_priority: bool = False,
     ) -> None:
         """``asked`` gives what a session asks for (None: nothing), ``make`` the items that come of
-        it (mostly edits), and ``failed`` a last one where it ends in an error; ``notify`` is called
-        at every item.
+        it (mostly edits), ``failed`` a last one after an error; ``notify`` is called at every item.
 
-        ``serves(begun, asked, busy)``: whether what was begun, and is under way or done, will do
-        for what is asked for; ``period_s``: least time between two that are begun;
-        ``low_priority``: leave the processor to others where the system lets it.
+        ``serves(begun, asked, busy)``: whether what was begun, under way or done, will do for what
+        is asked for; ``period_s``: least time between two that are begun.
         """
         self._asked, self._make, self._failed = asked, make, failed
         self._serves, self._period_s, self._notify = serves, period_s, notify
