@@ -131,28 +131,25 @@ def open_photo(now: Document, path: Path, calibration: Calibration | None = None
     """
     photo, before = load_calibrated_photo(path, calibration), now.view
     camera, is_same = photo.default_camera(), path == before.path
-    view, model, old = View(photo.name, photo, camera, path=path), now.model, now.pose
-    centre, seen = model.mesh.centre, now.pose.camera_from_model
-    placed = _corner_view(model, camera).camera_from_model
-    moved = placed.apply(centre) - seen.apply(centre)
+    view, centre = View(photo.name, photo, camera, path=path), now.mesh.centre
+    poses = (_corner_view(now.model, camera), now.pose)
+    placed, seen = (pose.camera_from_model.apply(centre) for pose in poses)
     same_pixels = photo.sha256 == before.photo.sha256 and same_undistortion(
         photo.undistortion, before.photo.undistortion
     )
     objects = []
     for index, one in enumerate(now.scene.objects):
-        old, mesh = now.scene.pose(index, now.at), one.model.mesh
-        place = old.camera_from_model
-        pose = Pose(camera, RigidTransform(place.rotation, place.translation + moved))
-        pose = with_camera(old, camera, mesh.centre) if is_same else pose
+        old, own = now.scene.pose(index, now.at), now.scene.in_view(index, now.at)
+        if is_same:
+            pose = with_camera(old, camera, one.mesh.centre)
+        else:
+            turn, shift = old.camera_from_model.rotation, old.camera_from_model.translation
+            pose = Pose(camera, RigidTransform(turn, shift + placed - seen))
         scale = one.world_from_model.scale / now.object.world_from_model.scale
-        scale = 1.0 if isinstance(old.camera, Parallel) else scale
-        own = now.scene.in_view(index, now.at)
-        changes = {
-            "world_from_model": view.world_from_model(pose, scale),
-            "in_views": (InView(own.mask if same_pixels else None),),
-            "is_placed": is_same and one.is_placed,
-        }
-        objects.append(replace(one, result=None, **changes))
+        place = view.world_from_model(pose, 1.0 if isinstance(old.camera, Parallel) else scale)
+        in_views = (InView(own.mask if same_pixels else None),)
+        changes = {"in_views": in_views, "is_placed": is_same and one.is_placed, "result": None}
+        objects.append(replace(one, world_from_model=place, **changes))
     states = tuple(
         replace(state, start=one.world_from_model, cameras=(camera,), marks={})
         for state, one in zip(now.states, objects, strict=True)
