@@ -83,10 +83,23 @@ class Reviewer:
         return _task(run)
 
     def decide(self, review: Literal["accepted", "rejected", ""], goes_on: bool = True) -> Task:
-        """Keep a person's verdict on the row that is open ("": none); the next row follows."""
+        """Keep a person's verdict on the row that is open ("": none), with its pose where that is
+        changed and accepted; the next row follows.
+        """
 
         def run(now: Session) -> Result:
-            at, done = self._decided(now, review)
+            document, at, done = now.document, self.row_at(now.document), tuple[Edit, ...]()
+            if at is None:
+                raise BatchError("What is open is no row's; press a row in the list to open it.")
+            if review == ACCEPTED and now.unsaved:
+                mask = document.scene.mask(document.active, document.at)
+                record = pose_record(saved_scene(now), document.active, document.at)
+                picture = picture_of(document)
+                self.queue = r.save_corrected(self.queue, at, record, picture, mask)
+                done = (change(saved=document),)
+            else:
+                _require_saved(now)
+                self.queue = r.decide(self.queue, at, review)
             left = [i for i, row in enumerate(self.queue.rows) if i > at and not row.result.review]
             if not (goes_on and review and left):
                 return Result(done)
@@ -101,26 +114,6 @@ class Reviewer:
         """Leave the row that is open for another one; raises as ``_open_from``."""
         _require_saved(now)
         return self._opening(index, by)
-
-    def _decided(self, now: Session, review: str) -> tuple[int, tuple[Edit, ...]]:
-        """Keep a verdict on the row that is open; a pose that is changed and accepted is the row's
-        from now on. Gives the row's index, and edits that follow.
-
-        Raises:
-            BatchError: no row is open, or its pose is changed and not accepted.
-        """
-        document, index = now.document, self.row_at(now.document)
-        if index is None:
-            raise BatchError("What is open is no row's; press a row in the list to open it.")
-        if review == ACCEPTED and now.unsaved:
-            mask = document.scene.mask(document.active, document.at)
-            record = pose_record(saved_scene(now), document.active, document.at)
-            picture = picture_of(document)
-            self.queue = r.save_corrected(self.queue, index, record, picture, mask)
-            return index, (change(saved=document),)
-        _require_saved(now)
-        self.queue = r.decide(self.queue, index, review)
-        return index, ()
 
     def _to_report(self, _: Session) -> r.ReviewQueue | None:
         return None if self.queue is self._reported else self.queue
