@@ -87,11 +87,13 @@ def _rectangle(rectangle: Rectangle | None, colour: str) -> str:
 
 def _lines(lines: FloatArray, colour: str) -> str:
     """Lines (n, 2, 2); those of which an end is nowhere are left out."""
-    path = "".join(
-        f"M{x:.2f} {y:.2f}L{u:.2f} {v:.2f}"
-        for (x, y), (u, v) in lines[np.isfinite(lines).all(axis=(1, 2))]
-    )
+    path = path_of(lines[np.isfinite(lines).all(axis=(1, 2))])
     return f'<path class="pv-line" stroke="{colour}" d="{path}"/>'
+
+
+def path_of(lines: FloatArray) -> str:
+    """SVG of line segments (n, 2, 2)."""
+    return "".join(f"M{a:.1f} {b:.1f}L{c:.1f} {d:.1f}" for (a, b), (c, d) in lines.tolist())
 
 
 def _at(place: FloatArray, drawing: str, colour: str = "none", name: str = "") -> str:

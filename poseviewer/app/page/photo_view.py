@@ -21,6 +21,7 @@ from poseviewer.app.page.controls import kept, set_properties
 from poseviewer.app.state.hiding import HIDING, found_hidden
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import scaled_size
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.looks import HALO_COLOUR, LINE_COLOUR
@@ -159,8 +160,7 @@ def _photo_pixels(session: Session) -> Picture:
     sides = photo.width, photo.height
     share = (LARGEST_SHOWN / (photo.width * photo.height)) ** 0.5
     factor = min(1.0, LARGEST_SIDE / max(sides), share)
-    width, height = (max(1, round(side * factor)) for side in sides)
-    return photo.as_rgb8(width, height), Rectangle(0.0, 0.0, *sides)
+    return photo.as_rgb8(*scaled_size(*sides, factor)), Rectangle(0.0, 0.0, *sides)
 
 
 def _painted(session: Session) -> Picture:
@@ -178,7 +178,7 @@ def _tint(hidden: NDArray[Any] | None, colour: Colour, opacity: float) -> Pictur
     hidden = hidden[rows, columns].astype(np.float32)
     height, width = hidden.shape
     share = min(1.0, (LARGEST_TINT / (width * height)) ** 0.5)
-    size = max(1, round(width * share)), max(1, round(height * share))
+    size = scaled_size(width, height, share)
     shown = cv2.resize(hidden, size, interpolation=cv2.INTER_AREA)
     pixels = np.empty((*shown.shape, 4), np.uint8)
     pixels[..., :3] = colour

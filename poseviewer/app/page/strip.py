@@ -7,15 +7,14 @@ from __future__ import annotations
 from functools import lru_cache
 from html import escape
 
-import numpy as np
-
 from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.page.above_steps import ICONS, object_colour
 from poseviewer.app.page.controls import jpeg_url, on_press
+from poseviewer.app.page.handles import path_of
 from poseviewer.app.state.session import Session
 from poseviewer.files.photo import Photo
 from poseviewer.fit.scene import SceneObject
-from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import scaled_size
 from poseviewer.render.overlay.looks import LINE_COLOUR
 
 THUMBNAIL = 240
@@ -41,8 +40,8 @@ def _small_pictures(photos: tuple[Photo, ...]) -> list[str]:
 
 def _small_picture(photo: Photo) -> str:
     factor = min(1.0, THUMBNAIL / max(photo.width, photo.height))
-    width, height = (max(1, round(side * factor)) for side in (photo.width, photo.height))
-    return jpeg_url(photo.as_rgb8(width, height)[..., ::-1], QUALITY)
+    size = scaled_size(photo.width, photo.height, factor)
+    return jpeg_url(photo.as_rgb8(*size)[..., ::-1], QUALITY)
 
 
 def _cell(session: Session, index: int) -> str:
@@ -74,15 +73,9 @@ def _outlines(session: Session, index: int) -> str:
         return ""
     for number, lines in outlines.small[index].items():
         colour = LINE_COLOUR if number == session.document.number else object_colour(number)
-        path = outline_path(lines)
+        path = path_of(UNITS * lines)
         drawn += f'<path class="pv-halo" d="{path}"/><path stroke="rgb{colour}" d="{path}"/>'
     return drawn
-
-
-def outline_path(lines: FloatArray) -> str:
-    """SVG, of line segments (N, 2, 2) in shares of the picture."""
-    whole = np.rint(lines * UNITS).astype(int).tolist()
-    return "".join(f"M{a} {b}L{c} {d}" for (a, b), (c, d) in whole)
 
 
 def said_of(session: Session, index: int) -> str:
