@@ -13,17 +13,8 @@ from poseviewer.fit.scene import SceneObject
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.overlay.looks import LINE_COLOUR
 
-COLOURS = (
-    (255, 166, 64),
-    (168, 240, 96),
-    (255, 128, 200),
-    (176, 150, 255),
-    (255, 226, 96),
-    (255, 104, 96),
-    (96, 168, 255),
-    (112, 240, 184),
-)
-"""RGB, of the outlines of objects that are not picked, by their numbers."""
+COLOURS = "ffa640", "a8f060", "ff80c8", "b096ff", "ffe260", "ff6860", "60a8ff", "70f0b8"
+"""RGB (hexadecimal) of the outlines of objects that are not picked, by their numbers."""
 ICONS = {
     "eye": '<path d="M1 8s2.6-4.5 7-4.5S15 8 15 8s-2.6 4.5-7 4.5S1 8 1 8z"/><circle cx="8" cy="8" '
     'r="2"/>',
@@ -36,7 +27,8 @@ ICONS = {
 
 def object_colour(number: int) -> tuple[int, int, int]:
     """RGB of an object's outline while it is not picked."""
-    return COLOURS[(number - 1) % len(COLOURS)]
+    red, green, blue = bytes.fromhex(COLOURS[(number - 1) % len(COLOURS)])
+    return red, green, blue
 
 
 def objects_list(session: Session) -> str:

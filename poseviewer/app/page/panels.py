@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from operator import attrgetter
 from typing import Any
 
@@ -11,7 +13,7 @@ import numpy as np
 from viser import uplot
 
 from poseviewer.app.page.above_steps import loss_bar, parts_left_out
-from poseviewer.app.page.controls import Controls, Read, kept, plain
+from poseviewer.app.page.controls import Controls, kept, plain
 from poseviewer.app.page.texts import (
     ends_table,
     focal_note,
@@ -32,7 +34,7 @@ from poseviewer.app.state.marking import MARKING
 from poseviewer.app.state.objects import alter_object
 from poseviewer.app.state.session import SearchUpdate, Session
 from poseviewer.app.workers.tasks import Request, ShowHelp, find_wheels
-from poseviewer.fit.settings import METHODS, FitSettings
+from poseviewer.fit.settings import METHODS
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel
 from poseviewer.geometry.charts import short_name, tooltip
@@ -41,8 +43,8 @@ from poseviewer.starts.placing import SIDES
 
 MOST_PARAMETERS = 7
 """Most parameters of any chart; fields that a chart does not need are hidden."""
-SHOWN_DIGITS = 5
-"""Decimals of a parameter's field."""
+SHOWN_DIGITS, NUMBER_STEP = 5, 0.0005
+"""Decimals of a parameter's field, and what its arrows add."""
 CURVE_POINTS = 300
 """Newest improvements in the plot of the search."""
 PIXELS = {"near": "near the model", "whole": "whole photo", "clip": "inside the model"}
@@ -159,28 +161,21 @@ def _add_parameter(controls: Controls, index: int, is_lock: bool = False) -> Non
         return round(float(parameters[index]), SHOWN_DIGITS) if index < len(parameters) else 0.0
 
     def lock(on: bool) -> Request:
-        one = {name(controls.session)}
-
-        def locked(settings: FitSettings) -> FitSettings:
-            names = {*settings.lock} | one if on else {*settings.lock} - one
-            return replace(settings, lock=tuple(sorted(names)))
-
-        return c.alter_settings(locked)
+        own = {name(controls.session)}
+        return _altered("lock", lambda now: tuple(sorted({*now} | own if on else {*now} - own)))
 
     def change(value: float) -> Request:
         return c.set_number(name(controls.session), value)
 
-    options: dict[str, Read] = {
-        "visible": lambda s: bool(name(s)),
-        "label": lambda s: short_name(name(s)),
-        "hint": lambda s: tooltip(name(s)),
-        "value": (lambda s: name(s) in s.document.settings.lock) if is_lock else number,
-    }
-    if is_lock:
-        controls.field(controls.gui.add_checkbox("", False), lock, **options)
-    else:
-        field = controls.gui.add_number("", 0.0, step=10.0**-SHOWN_DIGITS * 50)
-        controls.field(field, change, **options)
+    gui = controls.gui
+    controls.field(
+        gui.add_checkbox("", False) if is_lock else gui.add_number("", 0.0, step=NUMBER_STEP),
+        lock if is_lock else change,
+        visible=lambda s: bool(name(s)),
+        label=lambda s: short_name(name(s)),
+        hint=lambda s: tooltip(name(s)),
+        value=(lambda s: name(s) in s.document.settings.lock) if is_lock else number,
+    )
 
 
 def _add_camera(controls: Controls) -> None:
@@ -197,8 +192,7 @@ def _add_camera(controls: Controls) -> None:
         value=_field_of_view,
         visible=lambda s: not _is_parallel(s),
     )
-    names = ("fx  (px)", "fy  (px)", "cx  (px)", "cy  (px)")
-    fields = [gui.add_number(name, 1.0, step=0.01) for name in names]
+    fields = [gui.add_number(f"{name}  (px)", 1.0, step=0.01) for name in ("fx", "fy", "cx", "cy")]
     for index, field in enumerate(fields):
         controls.field(
             field,
@@ -217,27 +211,20 @@ def _intrinsics(session: Session) -> tuple[float, ...]:
 
 def _field_of_view(session: Session) -> float:
     """Degrees along the photo's longer side."""
-    photo, (fx, fy, _, _) = session.document.photo, _intrinsics(session)
-    focal = fx if photo.width >= photo.height else fy
-    return round(math.degrees(2.0 * math.atan(max(photo.width, photo.height) / 2.0 / focal)), 3)
+    photo, focal = session.document.photo, _intrinsics(session)
+    side, px = max((photo.width, focal[0]), (photo.height, focal[1]), key=lambda pair: pair[0])
+    return round(math.degrees(2.0 * math.atan(side / 2.0 / px)), 3)
 
 
 def add_fitting(controls: Controls) -> None:
     """Step "Fit": start and stop, how the search goes, what it may change."""
 
-    def settings(session: Session) -> FitSettings:
-        return session.document.settings
-
-    def with_pixels(pixels: Any) -> Request:
-        return c.alter_settings(lambda before: replace(before, pixels=pixels))
-
     def pixels_of(session: Session) -> tuple[str, ...]:
         return tuple(PIXELS.values())[1 if _is_by_paper(session) else 0 :]
 
-    controls.dropdown("Method", METHODS, c.set_method, lambda s: settings(s).method, METHODS_HINT)
-    controls.dropdown(
-        "Pixels", PIXELS, with_pixels, lambda s: settings(s).pixels, options=pixels_of
-    )
+    method, pixels = (attrgetter(f"document.settings.{name}") for name in ("method", "pixels"))
+    controls.dropdown("Method", METHODS, c.set_method, method, METHODS_HINT)
+    controls.dropdown("Pixels", PIXELS, partial(_set, "pixels"), pixels, options=pixels_of)
     icon = {"icon": lambda s: "player-stop" if s.searching else "player-play"}
     controls.action("search", lambda s: s.searching, color="cyan", **icon)
     several = {"visible": lambda s: len(s.document.scene.objects) > 1 and not s.searching}
@@ -268,7 +255,6 @@ def _add_curve(controls: Controls) -> None:
         ),
         scales={
             "x": uplot.Scale(time=False, auto=True),
-            "y": uplot.Scale(auto=True),
             # From above 0: where there is no restart, nothing is drawn.
             "restart": uplot.Scale(auto=False, range=(0.2, 0.8)),
         },
@@ -330,11 +316,8 @@ def _add_settings(controls: Controls) -> None:
 
     def setting(handle: Any, name: str, **options: Any) -> None:
         """An input of a setting, or of a limit: ``limits.seconds``."""
-
-        def asked(value: Any) -> Request:
-            return c.alter_settings(lambda settings: _altered(settings, name, value))
-
-        controls.field(handle, asked, value=attrgetter(f"document.settings.{name}"), **options)
+        value = attrgetter(f"document.settings.{name}")
+        controls.field(handle, partial(_set, name), value=value, **options)
 
     setting(gui.add_dropdown("Parameters", ("auto", "vehicle", "free-body")), "chart")
     controls.action("region", lambda s: s.tool == "region")
@@ -389,11 +372,15 @@ STEPS = {
 """Tabs of the left panel in the order of the work, and what makes their controls."""
 
 
-def _altered(settings: Any, name: str, value: Any) -> Any:
-    """With another value of the field of this name, or of a field of one: ``limits.seconds``."""
-    first, _, rest = name.partition(".")
-    value = _altered(getattr(settings, first), rest, value) if rest else value
-    return replace(settings, **{first: value})
+def _altered(name: str, change: Callable[[Any], Any]) -> Request:
+    """An edit of the setting of a name."""
+    return c.alter_settings(lambda now: replace(now, **{name: change(getattr(now, name))}))
+
+
+def _set(name: str, value: Any) -> Request:
+    """An edit that gives a setting, or a limit (``limits.seconds``), a value."""
+    first, _, limit = name.partition(".")
+    return _altered(first, lambda now: replace(now, **{limit: value}) if limit else value)
 
 
 def curve_of(update: SearchUpdate) -> tuple[FloatArray, FloatArray, FloatArray]:
