@@ -39,15 +39,14 @@ def check_incoming(server: viser.ViserServer, refuse: Refuse) -> None:
     take from them only values that an input can have; else all are told which it has.
     """
     gui, checks = server.gui, _Checks(server, refuse)
-    interface = gui._websock_interface
-    handlers: Any = (
-        (m.FileTransferStartUpload, gui._handle_file_transfer_start, checks.start),
-        (m.FileTransferPart, gui._handle_file_transfer_part, checks.part),
-        (m.GuiUpdateMessage, gui._handle_gui_updates, checks.value),
-    )
-    for kind, visers, ours in handlers:
-        interface.unregister_handler(kind, visers)
-        interface.register_handler(kind, ours)
+    handlers: Any = {
+        m.FileTransferStartUpload: (gui._handle_file_transfer_start, checks.start),
+        m.FileTransferPart: (gui._handle_file_transfer_part, checks.part),
+        m.GuiUpdateMessage: (gui._handle_gui_updates, checks.value),
+    }
+    for kind, (visers, ours) in handlers.items():
+        gui._websock_interface.unregister_handler(kind, visers)
+        gui._websock_interface.register_handler(kind, ours)
 
     @server.on_client_connect
     async def _(client: viser.ClientHandle) -> None:
@@ -85,12 +84,12 @@ class _Checks:
         upload = self._running.get(message.transfer_uuid)
         if upload is None or upload["client_id"] != client:
             return
-        if upload["transferred_bytes"] + len(message.content) > upload["total_bytes"]:
-            del self._running[message.transfer_uuid]
-            name = display_name(upload["filename"])
-            self._end(client, message, f"{name}: more bytes came than were announced; try again.")
+        if upload["transferred_bytes"] + len(message.content) <= upload["total_bytes"]:
+            self._gui._handle_file_transfer_part(client, message)
             return
-        self._gui._handle_file_transfer_part(client, message)
+        del self._running[message.transfer_uuid]
+        name = display_name(upload["filename"])
+        self._end(client, message, f"{name}: more bytes came than were announced; try again.")
 
     async def value(self, client: ClientId, message: m.GuiUpdateMessage) -> None:
         """Another value of an input has come."""
@@ -136,13 +135,11 @@ class _Checks:
 
 def _is_one_of(handle: Any, value: object) -> bool:
     """Whether an input can have the value."""
-    options, own = getattr(handle, "options", None), handle.value
-    if options is not None:
-        return value in options
+    own = handle.value
+    if hasattr(handle, "options"):
+        return value in handle.options
     if isinstance(own, bool | str):
         return type(value) is type(own)
     if isinstance(own, int):
         return isinstance(value, int | float) and abs(value) <= LARGEST_WHOLE
-    if isinstance(own, float):
-        return isinstance(value, int | float) and not math.isinf(value)
-    return True
+    return not isinstance(own, float) or (isinstance(value, int | float) and not math.isinf(value))
