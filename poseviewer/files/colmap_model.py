@@ -4,11 +4,11 @@ centres are at i + 0.5, quaternions w first, axes OpenCV's.
 
 from __future__ import annotations
 
-import mmap
 import struct
 from dataclasses import replace
+from os import SEEK_CUR
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -39,6 +39,8 @@ https://github.com/colmap/colmap/blob/main/src/colmap/sensor/models.h
 """
 POINT_BYTES = 24
 """Size of an image's point: x, y, and the number of its point in space."""
+LONGEST_NAME = 4096
+"""Bytes of an image's path, which ends in a zero."""
 LARGEST_FILE = 100_000_000_000
 """Bytes: the points of all images are in it; they are skipped."""
 
@@ -102,11 +104,11 @@ def _camera_rows(reading: Reading) -> list[list[str]]:
     with reading.naming_errors(), reading.open() as file:
         if reading.path.suffix != ".bin":
             return [line.split() for line in map(_text, file) if line]
-        rows, records = [], _Records(file.fileno())
-        for _ in range(records.count):
-            number, model, width, height = records.take("<IIQQ")
+        rows = []
+        for _ in range(*_take(file, "<Q")):
+            number, model, width, height = _take(file, "<IIQQ")
             name, (focals, more, _) = list(MODELS.items())[model]
-            numbers = records.take(f"<{focals + 2 + more}d")
+            numbers = _take(file, f"<{focals + 2 + more}d")
             rows.append([str(number), name, str(width), str(height), *map(repr, numbers)])
         return rows
 
@@ -121,28 +123,20 @@ def _image_rows(reading: Reading) -> list[list[str]]:
                     rows.append(words.split(maxsplit=9))
                     next(file, None)  # its points
             return rows
-        records = _Records(file.fileno())
-        for _ in range(records.count):
-            number, *pose, camera = records.take("<I7dI")
-            name = records.data[records.at : records.data.find(b"\0", records.at)]
-            records.at += len(name) + 1
-            (points,) = records.take("<Q")
-            records.at += points * POINT_BYTES
+        for _ in range(*_take(file, "<Q")):
+            number, *pose, camera = _take(file, "<I7dI")
+            start = file.tell()
+            name, end, _ = file.read(LONGEST_NAME).partition(b"\0")
+            file.seek(start + len(name + end))
+            (points,) = _take(file, "<Q")
+            file.seek(points * POINT_BYTES, SEEK_CUR)
             rows.append([str(number), *map(repr, pose), str(camera), name.decode()])
         return rows
 
 
-class _Records:
-    """Numbers of a binary file, taken one after another; struct.error where it is cut short."""
-
-    def __init__(self, handle: int) -> None:
-        self.data, self.at = mmap.mmap(handle, 0, access=mmap.ACCESS_READ), 0
-        (self.count,) = self.take("<Q")
-
-    def take(self, form: str) -> tuple[Any, ...]:
-        values = struct.unpack_from(form, self.data, self.at)
-        self.at += struct.calcsize(form)
-        return values
+def _take(file: IO[bytes], form: str) -> tuple[Any, ...]:
+    """The next numbers of a binary file; struct.error where it is cut short."""
+    return struct.unpack(form, file.read(struct.calcsize(form)))
 
 
 def _text(line: bytes) -> str:

@@ -481,7 +481,7 @@ def scene_contents(path: Path, scene: SceneRecord) -> dict[Path, bytes]:
                 f"{where} is {Path(file).name}, and there is no such file",
                 "photos and models of a scene have to be files, save them first",
             )
-        return _relative(path, Path(file))
+        return relative_name(path, Path(file))
 
     def beside(mask: str, _: str) -> str:
         file = path.with_name(f"{path.stem}.{len(contents) + 1}.mask.png")
@@ -509,8 +509,8 @@ def require_whole(reading: Reading, scene: SceneRecord) -> None:
         raise reading.error(f"its scale is not known, and it has {len(ids)} objects", wanted)
 
 
-def _relative(path: Path, file: Path) -> str:
-    """A file as the scene at ``path`` names it: from the scene's folder, if there is a way."""
+def relative_name(path: Path, file: Path) -> str:
+    """A file as the one at ``path`` names it: from the folder of that, if there is a way."""
     try:
         return Path(os.path.relpath(file.resolve(), path.resolve().parent)).as_posix()
     except ValueError:  # on another drive

@@ -7,7 +7,6 @@ corner of the picture, with pixel centres at i + 0.5.
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -25,7 +24,7 @@ from poseviewer.files.formats.conversion import (
     require_file,
 )
 from poseviewer.files.mesh.named import bare_name
-from poseviewer.files.scene_file import SceneRecord, ViewRecord
+from poseviewer.files.scene_file import SceneRecord, ViewRecord, relative_name
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_with_rows_from_below
 from poseviewer.geometry.transform import RigidTransform, Similarity
@@ -41,7 +40,7 @@ def write_meshlab(scene: SceneRecord, out: Path, _: ConvertOptions) -> Written:
     add, root = ElementTree.SubElement, ElementTree.Element("MeshLabProject")
     group = add(root, "MeshGroup")
     for one, place in zip(scene.objects, places, strict=True):
-        model = _from_folder(out, require_file(one.path, "model", "MeshLab"))
+        model = relative_name(out, require_file(one.path, "model", "MeshLab"))
         mesh = {"label": one.label, "visible": "1", "filename": model}
         matrix = add(add(group, "MLMesh", mesh), "MLMatrix44")
         matrix.text = "\n" + "".join(f"{_words(row)} \n" for row in place)
@@ -52,7 +51,7 @@ def write_meshlab(scene: SceneRecord, out: Path, _: ConvertOptions) -> Written:
             continue
         raster = add(rasters, "MLRaster", {"label": view.path.name})
         add(raster, "VCGCamera", _shot(pose))
-        add(raster, "Plane", {"semantic": "1", "fileName": _from_folder(out, view.path)})
+        add(raster, "Plane", {"semantic": "1", "fileName": relative_name(out, view.path)})
     ElementTree.indent(root, " ")
     text = "<!DOCTYPE MeshLabDocument>\n" + ElementTree.tostring(root, encoding="unicode") + "\n"
     return Written({out: text}, notes)
@@ -76,11 +75,6 @@ def _shot(pose: Pose) -> dict[str, str]:
         "CameraType": "0",
         "BinaryData": "0",
     }
-
-
-def _from_folder(out: Path, path: Path) -> str:
-    """Path of a file, from the folder of ``out``."""
-    return Path(os.path.relpath(path.resolve(), out.resolve().parent)).as_posix()
 
 
 def _words(numbers: Any) -> str:

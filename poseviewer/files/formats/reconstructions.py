@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from dataclasses import astuple
 from pathlib import Path
 from typing import Any
@@ -33,7 +32,7 @@ from poseviewer.files.formats.conversion import (
     cameras_as_taken,
     from_4x4,
 )
-from poseviewer.files.scene_file import SceneRecord, ViewRecord
+from poseviewer.files.scene_file import SceneRecord, ViewRecord, relative_name
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.lens import Lens, Undistortion
@@ -110,9 +109,7 @@ def write_nerfstudio(scene: SceneRecord, out: Path, _: ConvertOptions) -> Writte
     shared, frames = {}, []
     taken = cameras_as_taken(scene, "nerfstudio", NERFSTUDIO_LENSES)
     for path, transform, camera, model, distortion in taken:
-        name = path.name or "photo"
-        if path.is_file():
-            name = Path(os.path.relpath(path, out.parent)).as_posix()
+        name = relative_name(out, path) if path.is_file() else path.name or "photo"
         world_from_camera = (OPENGL_FROM_OPENCV @ transform).inverse()
         own = {
             "camera_model": model,

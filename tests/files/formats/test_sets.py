@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +25,6 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view import world_from_pose
 from tests.view_sets import CAMERA, CAMERAS_FROM_SET, MESH, NAMES, TRUTH, write_views
 
-FIXTURES = Path(__file__).parents[2] / "fixtures" / "v0_1_0"
 UNIT = 2.5
 """Lengths of the model's unit in one of the set's."""
 SIZE = CAMERA.width, CAMERA.height
@@ -111,24 +109,3 @@ def test_photos_are_undistorted_for_formats_without_their_lens(pose: Path, tmp_p
     assert written == ["a.undistorted.png", "b.undistorted.png", "c.undistorted.png"]
     text = (tmp_path / "out.mlp").read_text()
     assert [text.count(f'fileName="{name}"') for name in written] == [1, 1, 1]
-
-
-def test_a_pose_file_of_version_0_1_0_holds_all_its_photos(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    write_views(tmp_path)
-    pose = Path(shutil.copy(FIXTURES / "in_set.pose.json", tmp_path))
-    words = ["convert", pose, tmp_path / "out.json", "--to", "nerfstudio"]
-    assert main([*map(str, words)]) == 0
-    frames = json.loads((tmp_path / "out.json").read_text())["frames"]
-    assert [Path(frame["file_path"]).name for frame in frames] == list(NAMES)
-    assert main(["info", str(pose)]) == 0
-    assert "one of 3 photos" in capsys.readouterr().out
-    data = json.loads(pose.read_text())
-    data["set"]["views"][1].pop("photo")
-    pose.write_text(json.dumps(data))
-    assert main(["convert", str(pose), str(tmp_path / "out"), "--to", "colmap"]) == 2
-    error = capsys.readouterr().err
-    assert len(error.strip().splitlines()) == 1
-    assert "set" in error
-    assert not (tmp_path / "out").exists()
