@@ -83,20 +83,23 @@ def colmap_cameras(reading: Reading) -> dict[str, tuple[Perspective, Lens | None
     return cameras
 
 
-def colmap_images(reading: Reading) -> list[tuple[str, str, RigidTransform]]:
-    """Name, CAMERA_ID and ``camera_from_world`` of each image in an ``images`` file."""
-    images = []
-    for words in _image_rows(reading):
-        if len(words) < 10:
-            raise reading.error(f"an image has {len(words)} entries", "wanted 10")
-        numbers = reading.flat_numbers(" ".join(words[1:8]), "the image's pose", 7)
-        quaternion = np.array(numbers[:4])
-        if not 0.99 < float(np.linalg.norm(quaternion)) < 1.01:
-            found = f"the quaternion is {quaternion.tolist()}"
-            raise reading.error(found, "wanted one of length 1")
-        rotation = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-        images.append((words[9], words[8], RigidTransform(rotation, np.array(numbers[4:]))))
-    return images
+def colmap_images(reading: Reading) -> list[tuple[str, str, str]]:
+    """Name, CAMERA_ID and QW QX QY QZ TX TY TZ of each image in an ``images`` file."""
+    rows = _image_rows(reading)
+    short = next((words for words in rows if len(words) < 10), None)
+    if short is not None:
+        raise reading.error(f"an image has {len(short)} entries", "wanted 10")
+    return [(words[9], words[8], " ".join(words[1:8])) for words in rows]
+
+
+def image_pose(reading: Reading, text: str) -> RigidTransform:
+    """``camera_from_world`` of QW QX QY QZ TX TY TZ."""
+    numbers = np.array(reading.flat_numbers(text, "the image's pose", 7))
+    if not 0.99 < float(np.linalg.norm(numbers[:4])) < 1.01:
+        found = f"the quaternion is {numbers[:4].tolist()}"
+        raise reading.error(found, "wanted one of length 1")
+    rotation = Rotation.from_quat(numbers[:4], scalar_first=True).as_matrix()
+    return RigidTransform(rotation, numbers[4:])
 
 
 def _camera_rows(reading: Reading) -> list[list[str]]:

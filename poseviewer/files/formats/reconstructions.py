@@ -23,7 +23,7 @@ from typing import Any
 from scipy.spatial.transform import Rotation
 
 from poseviewer.files.checks import Reading, is_there
-from poseviewer.files.colmap_model import colmap_cameras, colmap_images, model_file
+from poseviewer.files.colmap_model import colmap_cameras, colmap_images, image_pose, model_file
 from poseviewer.files.formats.conversion import (
     ConvertOptions,
     Format,
@@ -93,12 +93,12 @@ def colmap_views(folder: Path, reading: Reading) -> list[tuple[str, ViewRecord]]
     """
     of_cameras, views = Reading(model_file(folder, "cameras"), reading.warnings), []
     images, cameras = colmap_images(reading), colmap_cameras(of_cameras)
-    for name, key, place in images:
+    for name, key, pose in images:
         if key not in cameras:
             wanted = "wanted the one that the image names"
             raise of_cameras.error(f"it has no camera {key}", wanted)
         camera, lens = cameras[key]
-        undistortion = lens and Undistortion.of(lens, camera)
+        undistortion, place = lens and Undistortion.of(lens, camera), image_pose(reading, pose)
         view = ViewRecord.of(folder / name, camera, undistortion=undistortion, place=place)
         views.append((name, view))
     return views

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -15,7 +14,6 @@ from poseviewer.cli.main import main
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.gltf import GLTF
 from poseviewer.files.formats.meshlab import MESHLAB, read_meshlab
-from poseviewer.files.formats.reconstructions import NERFSTUDIO
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.scene_file import load_scene, scene_of_pose
 from poseviewer.geometry.camera import Perspective
@@ -112,23 +110,3 @@ def test_the_photo_covers_what_gltf_shows_of_it(tmp_path):
     np.testing.assert_array_equal(plane.visual.uv, [[0, 1], [1, 1], [1, 0], [0, 0]])
     shown = np.asarray(plane.visual.material.baseColorTexture)
     assert shown[40, 130, :2].tolist() == [130, 40]
-
-
-def test_nerfstudio_looks_through_the_same_pixels(tmp_path):
-    """Its published rule (Cameras.generate_rays), as there is no small reader of it."""
-    _, request = write_files(tmp_path)
-    record = perspective_record()
-    NERFSTUDIO.convert(scene_of_pose(tmp_path, record), tmp_path / "transforms.json", request)
-    data = json.loads((tmp_path / "transforms.json").read_text())
-    world_from_camera = np.array(data["frames"][0]["transform_matrix"])
-    row, column = 40, 130
-    direction = np.array(
-        [(column + 0.5 - data["cx"]) / data["fl_x"], -(row + 0.5 - data["cy"]) / data["fl_y"], -1.0]
-    )
-    along = world_from_camera[:3, :3] @ direction
-    points = world_from_camera[:3, 3] + np.array([[2.0], [5.0]]) * along
-    np.testing.assert_allclose(record.pose.project(points), [[column + 0.5, row + 0.5]] * 2)
-    camera = record.pose.camera
-    assert isinstance(camera, Perspective)
-    assert (data["w"], data["h"], data["fl_x"]) == (WIDTH, HEIGHT, camera.fx)
-    assert (tmp_path / data["frames"][0]["file_path"]).is_file()

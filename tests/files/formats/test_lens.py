@@ -22,7 +22,7 @@ from poseviewer.geometry.lens import Lens, Undistortion, undistort
 from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record, write_files
 from tests.files.formats.foreign import read_with
 from tests.files.formats.test_round_trip import ENDINGS, assert_same, contents
-from tests.lenses import from_taken, to_taken
+from tests.lenses import to_taken
 
 K4 = (-0.2, 0.05, 0.001, -0.002)
 LENSES = {
@@ -95,14 +95,15 @@ def test_colmap_sees_the_model_in_the_photo_as_taken(tmp_path, lens):
     assert answer["name"] == "000003.png"
 
 
-@pytest.mark.parametrize("name", ["four", "five", "fisheye"])
-def test_nerfstudio_undoes_the_same_lens(tmp_path, name):
-    """By what its dataloader does: ``k1 k2 p1 p2 k3`` to OpenCV, the centre half a pixel less."""
+@pytest.mark.parametrize("name", [None, "four", "five", "fisheye"])
+def test_nerfstudio_looks_through_the_same_pixels_of_the_photo_as_taken(tmp_path, name):
+    """By what it does, as there is no small reader of it: its dataloader hands ``k1 k2 p1 p2 k3``
+    to OpenCV, the centre half a pixel less, and its cameras look along -z (Cameras.generate_rays).
+    """
     _, request = write_files(tmp_path)
-    record = record_through(LENSES[name])
-    FORMATS["nerfstudio"].convert(
-        scene_of_pose(tmp_path, record), tmp_path / "transforms.json", request
-    )
+    record = record_through(LENSES[name] if name else None)
+    scene = scene_of_pose(tmp_path, record)
+    FORMATS["nerfstudio"].convert(scene, tmp_path / "transforms.json", request)
     data = json.loads((tmp_path / "transforms.json").read_text())
     k = {key: data.get(key, 0.0) for key in ("k1", "k2", "k3", "k4", "p1", "p2")}
     camera = np.array([[data["fl_x"], 0, data["cx"] - 0.5], [0, data["fl_y"], data["cy"] - 0.5],
@@ -116,10 +117,13 @@ def test_nerfstudio_undoes_the_same_lens(tmp_path, name):
         coefficients = np.array([k["k1"], k["k2"], k["p1"], k["p2"], k["k3"]])
         enough = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
         rays = cv2.undistortPoints(pixels, camera, coefficients, criteria=enough)
-    assert record.undistortion is not None
-    ours = from_taken(record.undistortion, pixels[:, 0] + 0.5)
-    expected = record.undistortion.camera.rays(ours)[:, :2]
-    np.testing.assert_allclose(rays[:, 0], expected, atol=1e-6)
+    directions = np.column_stack([rays[:, 0] * (1.0, -1.0), np.full(len(rays), -1.0)])
+    (frame,) = data["frames"]
+    world_from_camera = np.array(frame["transform_matrix"])
+    points = world_from_camera[:3, 3] + 5.0 * directions @ world_from_camera[:3, :3].T
+    np.testing.assert_allclose(seen_as_taken(record, points), pixels[:, 0] + 0.5, atol=1e-4)
+    assert (data["w"], data["h"]) == (WIDTH, HEIGHT)
+    assert (tmp_path / frame["file_path"]).is_file()
 
 
 @pytest.mark.parametrize("name", ["poseviewer", "opencv", "colmap", "nerfstudio", "scene"])
