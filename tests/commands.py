@@ -1,7 +1,5 @@
 """Commands as tests run them, and the tables that they write."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Real data where it is there, a scene, and settings for all tests."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from pathlib import Path

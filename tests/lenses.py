@@ -1,7 +1,5 @@
 """Points of a photo as taken and of the undistorted one, by OpenCV."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Meshes made for tests, without a file."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

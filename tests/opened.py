@@ -1,7 +1,5 @@
 """Scenes of one object in one view, as tests of fits want them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

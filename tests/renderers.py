@@ -1,7 +1,5 @@
 """Skip tests where the machine has no OpenGL or GPU; a CI machine must have both."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """A whole input for a command: photo, model and poses, small enough to fit in a second."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,8 +27,7 @@ class Scene:
 
 
 def make_scene(folder: Path) -> Scene:
-    """Write the scene's files. The photo is ours, smoothed and noisy: for testing commands, not
-    for judging fits (those are tested on photos of another hand)."""
+    """Write the scene's files, with a photo that is good for testing commands, not for fits."""
     return make_scene_of(coloured(make_bumpy(3), (1.0, 0.8, 0.6)), folder)
 
 

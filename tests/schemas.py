@@ -1,7 +1,5 @@
 """The JSON Schemas (2020-12) of our files."""
 
-from __future__ import annotations
-
 import json
 from importlib.resources import files
 from typing import Any

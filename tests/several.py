@@ -1,7 +1,5 @@
 """Three objects in one photo, one in front of another: in memory, and as files."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -75,9 +73,7 @@ def lit_models(
     ground: ArrayLike = 0.08,
     factor: float = 3.0,
 ) -> NDArray[np.uint8]:
-    """A photo of models, those in front hiding others, smoothed and noisy, before a ``ground``: its
-    grey or a picture ``factor`` times as large.
-    """
+    """A noisy photo of models before a ``ground``: grey, or a picture ``factor`` times as large."""
     large = [replace(one, pose=one.pose.scaled(factor)) for one in models]
     seen = visibility(large)
     lit = np.broadcast_to(np.asarray(ground, float), (*seen.nearest.shape, 3))
@@ -117,9 +113,7 @@ def make_three(folder: Path, placed: Sequence[PlacedModel] = STARTS) -> Path:
 
 
 def make_bop(folder: Path) -> Path:
-    """Write the same as a BOP scene of one image, the starts as its poses; returns its folder. The
-    models are in ``models`` beside it, as objects 1, 2, 3.
-    """
+    """Write the same as a BOP scene of image 4, the starts as poses, and ``models`` 1 to 3."""
     (folder / "models").mkdir()
     objects = []
     for number, one in enumerate(STARTS, 1):

@@ -1,7 +1,5 @@
 """poseviewer as a library: the lines of the README, and what a script may get wrong."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The rooms stay apart, and what is installed is whole."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

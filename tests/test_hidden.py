@@ -1,8 +1,4 @@
-"""A mask and parts that are left out mean the same in the library, on the command line and in the
-app, and are kept with the pose.
-"""
-
-from __future__ import annotations
+"""Masks and parts left out mean the same in library, command line and app, and in pose files."""
 
 from pathlib import Path
 

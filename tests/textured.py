@@ -1,7 +1,5 @@
 """A textured quad in files of several kinds, which name their picture."""
 
-from __future__ import annotations
-
 import base64
 import json
 from pathlib import Path
@@ -52,22 +50,13 @@ def write_gltf(folder: Path, picture: str, buffer: str | None = "quad.bin") -> P
         {"buffer": 0, "byteOffset": int(start), "byteLength": array.nbytes}
         for start, array in zip(starts, arrays, strict=False)
     ]
+    primitive = {"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}
     content = {
         "asset": {"version": "2.0"},
         "scenes": [{"nodes": [0]}],
         "scene": 0,
         "nodes": [{"mesh": 0}],
-        "meshes": [
-            {
-                "primitives": [
-                    {
-                        "attributes": {"POSITION": 0, "TEXCOORD_0": 1},
-                        "indices": 2,
-                        "material": 0,
-                    }
-                ]
-            }
-        ],
+        "meshes": [{"primitives": [primitive]}],
         "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
         "textures": [{"source": 0}],
         "images": [{"uri": quote(picture)}],

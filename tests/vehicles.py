@@ -1,7 +1,5 @@
 """A small vehicle in a file: a lump of many greys with wheels said to be at its sides."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A shape seen by three cameras whose poses to one another are known: in memory, and as files."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from functools import cache
@@ -119,9 +117,7 @@ def write_views(folder: Path) -> tuple[Path, Path, Path]:
 
 
 def write_two(folder: Path) -> tuple[Path, Path, Path]:
-    """Photos of the shape and a box beside it, the cameras' file, which knows their scale, and both
-    models; returns the cameras' file and the models'.
-    """
+    """Write photos of shape and box; returns the cameras' file, of known scale, and models."""
     for index, name in enumerate(NAMES):
         placed = [PlacedModel(MESH, TRUTH[index]), PlacedModel(BOX, BOX_TRUTH[index])]
         lit = lit_models(placed, LIGHTS[index], np.random.default_rng(index))

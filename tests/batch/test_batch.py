@@ -1,7 +1,5 @@
 """A batch from its table to its report: all rows, in whatever order, killed and taken up again."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

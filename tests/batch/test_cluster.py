@@ -1,7 +1,5 @@
 """A batch on a real Dask cluster of processes, one of which is killed; skips without Dask."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

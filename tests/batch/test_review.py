@@ -1,7 +1,5 @@
 """A BOP scene in, fitted, reviewed, and out again."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace

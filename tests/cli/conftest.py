@@ -1,7 +1,5 @@
 """A folder with inputs of every kind, in which commands are run."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 
@@ -16,9 +14,7 @@ from tests.view_sets import write_views
 
 @pytest.fixture(scope="session")
 def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """``p.png m.ply true.json start.json``, ``three.scene.json``, ``set/``; ``named.json`` names
-    files beside it.
-    """
+    """Files of ``make_scene`` and ``make_three``, ``set/``, and ``named.json`` of others beside."""
     folder = tmp_path_factory.mktemp("inputs")
     make_scene(folder)
     make_three(folder)

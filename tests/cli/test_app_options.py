@@ -1,7 +1,5 @@
 """A folder or a zip that is named on the command line is opened in the app."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``--calibration``: a photo taken through a lens, and all that is written of it."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Every command, with its configurations: what it prints and writes, or refuses in one line."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from argparse import ArgumentTypeError

@@ -1,7 +1,5 @@
 """``poseviewer convert``: there and back; scenes of several objects; files that are named."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

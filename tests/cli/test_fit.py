@@ -1,7 +1,5 @@
 """``poseviewer fit`` to its end: a pose, a scene of several objects, a set of photos; stopped."""
 
-from __future__ import annotations
-
 import json
 import os
 import pty

@@ -1,7 +1,5 @@
 """Names and arguments that are meant to do harm, and errors that nobody foresaw."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

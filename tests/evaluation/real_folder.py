@@ -1,7 +1,5 @@
 """The tests' scene as a folder of photos with known poses."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Fits from estimates of a BOP data set: the scores, and the study as a command."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

@@ -1,7 +1,5 @@
 """Random views show the whole vehicle from a side; starts are as far off as is said."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Starts of a folder of cases: every case is fitted, and the rows say how far off it was."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Fits end at the truth: on photos drawn by OpenGL, and on the bundled path-traced photos."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The benchmark goes every path for real, and says of each what it says it does."""
 
-from __future__ import annotations
-
 import pytest
 
 from poseviewer.evaluation.speed import (

@@ -1,7 +1,5 @@
 """A small study from the command line to its figure, and taken up again."""
 
-from __future__ import annotations
-
 import shutil
 
 import pytest

@@ -1,7 +1,5 @@
 """Synthetic photographs are where, and as bright as, the models of the program say."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Charts there and back, over random poses, near the identity and near the singularity."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

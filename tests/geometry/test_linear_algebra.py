@@ -1,7 +1,5 @@
 """Whitening and canonical correlations against NumPy's eigenvalues and singular values."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Which pixels count, packed and unpacked."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

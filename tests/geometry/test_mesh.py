@@ -1,7 +1,5 @@
 """A model without some of its parts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Symmetries are groups; of the equal poses, the nearest and the canonical one."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One model in several views, by the same numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

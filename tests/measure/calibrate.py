@@ -6,8 +6,6 @@ made from and on the other; ``--write`` keeps the weights. Truths that are farth
 source says make right fits wrong: ``--accuracy SET PERCENT``.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
@@ -81,13 +79,7 @@ class Calibration:
 def load_judged(
     tables: Sequence[Path], accuracies: Mapping[str, float] | None = None
 ) -> list[JudgedTrial]:
-    """Trials with features of studies' ``trials.csv``.
-
-    ``accuracies``, %: how far off the truths of sets are, instead of what the table says.
-
-    Raises:
-        SettingsError: a table cannot be read, or is not one of such trials; or has no such set.
-    """
+    """Trials with features of studies' tables; ``accuracies``, %: truths' errors by their sets."""
     trials, known = [], dict(accuracies or {})
     for row in (row for path in tables for row in load_rows(path, Trial) if row.evidence):
         features = dict(part.split("=", 1) for part in row.evidence.split())
@@ -101,11 +93,7 @@ def load_judged(
 
 
 def calibrate(trials: Sequence[JudgedTrial]) -> Calibration:
-    """Fit the model and its limits to all the trials given.
-
-    Raises:
-        SettingsError: they are all right, or all wrong.
-    """
+    """Fit the model and its limits to trials; ``SettingsError``: all are right, or all wrong."""
     right = np.array([trial.right for trial in trials], bool)
     if len(set(right.tolist())) < 2:
         raise SettingsError(

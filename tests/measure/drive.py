@@ -6,8 +6,6 @@ just come; what is saved and autosaved can be read; undo all the way gives the f
 code 1 on a finding; the same seed does the same again, as far as the app answers as fast.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import logging

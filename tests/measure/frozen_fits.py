@@ -7,8 +7,6 @@ $POSEVIEWER_DATA (or ../shared/data) from starts 5 and 15 degrees off, and photo
 ``TABLE.photos``, if it is there. Equal means bit-equal, so both runs want the same machine.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math
@@ -88,11 +86,7 @@ def demo_fits() -> Iterator[FrozenFit]:
 
 
 def real_fits(data: Path) -> Iterator[FrozenFit]:
-    """Thirty cases from two starts each; none where there is no data.
-
-    Raises:
-        PoseFileError: a folder does not hold cases and starts.
-    """
+    """Thirty cases from two starts each; none where there is no data."""
     for folder, counts in ((data, CASES), (data / "clutter", {"": CLUTTERED})):
         if not (folder / "cases.json").is_file():
             continue

@@ -6,8 +6,6 @@ first one opened and the others beside it. A finding is whatever is no sentence 
 a crash. Exit code 1 on a finding; a mutant follows from the seed, the reader's name and its number.
 """
 
-from __future__ import annotations
-
 import argparse
 import multiprocessing
 import random

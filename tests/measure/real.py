@@ -7,8 +7,6 @@ exact. Folders hold ``cases.json`` and ``starts.json``; by default $POSEVIEWER_D
 ../shared/data, and its ``clutter``. Fits from given starts are ``poseviewer study --real``'s.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import hashlib

@@ -7,8 +7,6 @@ object alone and among the others. Hours on two cores with ten starts; ``--start
 ``--quick`` make it shorter.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import io

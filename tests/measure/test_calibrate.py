@@ -1,7 +1,5 @@
 """Calibration on small tables: what can be told apart is, and what cannot is not claimed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The random driver of the page drives, and finds what is wrong."""
 
-from __future__ import annotations
-
 import logging
 
 import pytest

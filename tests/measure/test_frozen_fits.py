@@ -1,7 +1,5 @@
 """The table of frozen fits: the same again is equal, and what differs is said."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """The corpus is good, and what is no sentence for the user is a finding."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

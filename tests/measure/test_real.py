@@ -1,7 +1,5 @@
 """Photos with known poses: what is measured of each case, and what the table counts."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 

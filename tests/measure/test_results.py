@@ -1,7 +1,5 @@
 """The results page is made from what was measured, and from nothing else."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

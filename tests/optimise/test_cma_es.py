@@ -1,7 +1,5 @@
 """The population ends in the valley, and has its shape."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

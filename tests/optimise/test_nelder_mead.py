@@ -1,7 +1,5 @@
 """The downhill simplex against scipy's, and what a generator must do."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import minimize, rosen

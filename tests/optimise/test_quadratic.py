@@ -1,7 +1,5 @@
 """Quadratic models of the loss: exact on valleys, and not led astray by jumps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Starts that nobody gives: proposed within a rectangle, and taken up by all who fit."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """``poseviewer fit`` from marks on the photo instead of a pose file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

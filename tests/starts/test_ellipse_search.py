@@ -1,7 +1,5 @@
 """Ellipses in pictures: where they are, whatever is bright or dark; and none in texture."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

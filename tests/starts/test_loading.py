@@ -1,7 +1,5 @@
 """Scenes from files, and back to the records that are saved."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A model placed in a photo is seen whole, from the side asked for; surface points are visible."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

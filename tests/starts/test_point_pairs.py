@@ -1,7 +1,5 @@
 """Point pairs give back the pose that they were made with, under both projections."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

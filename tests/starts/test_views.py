@@ -1,7 +1,5 @@
 """A model whose outline is to fill a rectangle does, whatever its rotation and the camera."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
