@@ -17,10 +17,10 @@ from poseviewer.app.page.page import Page
 from poseviewer.app.page.reports import newest_drags
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state import commands as c
+from poseviewer.app.state.commands import update
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.edits import Edit, SavePose
 from poseviewer.app.state.session import Preparation, Session
-from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import has_renderer, preparing, proposing, searching
 from poseviewer.app.workers.maps import mapping

@@ -12,11 +12,10 @@ import pytest
 
 from poseviewer.app.page.rows import row_text, rows_list
 from poseviewer.app.reviewing import Reviewer
-from poseviewer.app.state.commands import nudge, undo
+from poseviewer.app.state.commands import nudge, undo, update
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.hiding import Stroke, paint
 from poseviewer.app.state.session import Session
-from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import prepare
 from poseviewer.app.workers.opening import open_autosaved

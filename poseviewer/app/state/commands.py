@@ -26,7 +26,7 @@ from poseviewer.app.state.dragging import (
     take_hold,
     turned,
 )
-from poseviewer.app.state.edits import Px, Zoom, drag_edit, edit
+from poseviewer.app.state.edits import Edit, Px, Zoom, drag_edit, edit
 from poseviewer.app.state.hiding import HIDING, leave_out
 from poseviewer.app.state.marking import (
     MARKING,
@@ -45,11 +45,12 @@ from poseviewer.app.state.session import (
     Session,
     is_in_sight,
 )
-from poseviewer.errors import QuickStartError, SettingsError
+from poseviewer.errors import PoseViewerError, QuickStartError, SettingsError
 from poseviewer.fit.settings import METHODS, FitSettings, Method
 from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
+from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.frames import camera_as_integer_centres
 from poseviewer.starts.loading import scale_of_sight
 from poseviewer.starts.placing import framed, look_from, surface_point
@@ -62,6 +63,26 @@ MOST_PINS = 3
 NUDGE_MOVE_PX = 1.0
 NUDGE_TURN = math.radians(1.0)
 NUDGE_SCALE = 1.01
+
+LARGEST_INPUT = 1e9
+"""Largest number (px, steps, parameters) that is no mistake; larger ones would overflow."""
+
+
+def update(session: Session, asked: Edit) -> Session:
+    """The session after an edit; the same object where nothing changes.
+
+    Raises ``PoseViewerError``: the edit cannot be made; a sentence for the user.
+    """
+    for value in (*asked.arguments, *asked.named.values()):
+        if isinstance(value, int | float) and not abs(value) <= LARGEST_INPUT:
+            wanted = f"wanted one within {LARGEST_INPUT:g} of zero; nothing was changed."
+            raise SettingsError(f"A number is {value}: {wanted}")
+    try:
+        return asked(session if asked.keeps_drag or session.drag is None else release()(session))
+    except (PoseViewerError, OutsideChartError, ArithmeticError) as error:
+        text = str(error)
+        end = "" if text.endswith((".", "!", "?")) else "."
+        raise SettingsError(f"{text[:1].upper()}{text[1:]}{end}") from error
 
 
 # --- the pointer --------------------------------------------------------------------------------
@@ -378,9 +399,9 @@ def stop_proposing(session: Session) -> Session:
 def starts_proposed(session: Session, document: Document, poses: tuple[Pose, ...]) -> Session:
     """Show the poses that were asked for at ``document``, the likeliest first."""
     asked = session.proposals
-    if asked is None or asked.document is not document or not asked.running:
+    if asked is None or asked.document is not document or asked.poses:
         return session
-    return _with_proposal(session, replace(asked, running=False, poses=poses), 0)
+    return _with_proposal(session, replace(asked, poses=poses), 0)
 
 
 @edit

@@ -29,10 +29,8 @@ class Edit:
     """Whether a drag under way goes on; all others end it first, so that steps stay in order."""
 
     def __call__(self, session: Session) -> Session:
-        """The session after the edit; the same object where nothing changes.
-
-        Raises:
-            PoseViewerError: the edit cannot be made; so do the errors of charts and of arithmetic.
+        """The session after the edit; the same object where nothing changes. Raises
+        ``PoseViewerError``, and errors of charts and arithmetic: the edit cannot be made.
         """
         return self.change(session, *self.arguments, **self.named)
 

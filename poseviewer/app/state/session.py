@@ -146,9 +146,8 @@ class ProposedStarts:
 
     document: Document
     """Document that they were asked for at."""
-    running: bool = True
     poses: tuple[Pose, ...] = ()
-    """The likeliest first."""
+    """The likeliest first; none while they are looked for."""
     index: int = 0
     """The one that is shown."""
 
@@ -271,7 +270,7 @@ class Session:
     @property
     def proposing(self) -> bool:
         """Whether start poses are being looked for."""
-        return self.proposals is not None and self.proposals.running
+        return self.proposals is not None and not self.proposals.poses
 
     @property
     def moving(self) -> bool:
@@ -322,10 +321,8 @@ class Session:
         return self if document is self.document else self.at(self.history, document)
 
     def with_view(self, index: int) -> Session:
-        """Show another view large, which is no step; a search goes on.
-
-        Raises:
-            SettingsError: the model is behind that view's camera.
+        """Show another view large, which is no step; a search goes on. Raises ``SettingsError``:
+        the model is behind that view's camera.
         """
         document = self.document.with_view(index)
         if document is self.document:
@@ -337,11 +334,8 @@ class Session:
 
     def with_document(self, document: Document, key: object = None) -> Session:
         """One undoable step to another document; of steps in a row with one ``key`` (what is
-        typed, letter by letter) undo leads to before the first.
-
-        Raises:
-            FloatingPointError: the model would be behind the camera, or out of all proportion.
-            SettingsError: a locked object would move.
+        typed, letter by letter) undo leads to before the first. Raises ``FloatingPointError``: the
+        model would be out of sight; ``SettingsError``: a locked object would move.
         """
         if not is_in_sight(document):
             raise FloatingPointError(

@@ -30,8 +30,7 @@ def saved_scene(session: Session) -> Scene:
     own, losses = session.document, session.losses
     if own.object.result is not None:
         return own.scene
-    is_current = losses is not None and losses.request.at_pose == session.at_pose
-    known = losses.mean if losses is not None and is_current else None
+    known = losses.mean if losses and losses.request.at_pose == session.at_pose else None
     result = SearchResult(
         None,
         None if known is None else known.loss,
@@ -52,10 +51,8 @@ def filed_view(document: Document) -> int:
 
 
 def export(what: Export, session: Session) -> dict[str, bytes]:
-    """The contents of files by their names: of maps, one for each loss that is shown.
-
-    Raises:
-        PoseViewerError: there is nothing of that kind yet.
+    """The contents of files by their names: of maps, one for each loss that is shown; raises
+    ``PoseViewerError``: there is nothing of that kind yet.
     """
     own = session.document
     view = filed_view(own) if what == "pose" else own.at

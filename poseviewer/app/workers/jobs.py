@@ -110,7 +110,7 @@ def proposing(notify: Callable[[], None]) -> Job[Document, Edit]:
 
     def asked(session: Session) -> Document | None:
         wanted = session.proposals if session.preparation is None else None
-        return wanted.document if wanted is not None and wanted.running else None
+        return wanted.document if wanted is not None and not wanted.poses else None
 
     def make(document: Document) -> Iterator[Edit]:
         def watch() -> None:

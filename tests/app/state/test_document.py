@@ -104,12 +104,3 @@ def test_a_vehicle_seen_head_on_has_the_other_chart(camera):
     assert isinstance(document.chart, FreeBodyChart)
     again = document.chart.to_pose(document.parameters)
     assert again.project(CAR.vertices) == pytest.approx(front.project(CAR.vertices), abs=1e-6)
-
-
-def test_another_start_is_the_pose_too():
-    document = make_document()
-    pose = moved_document(document, 0.3).pose
-    started = document.at_pose(pose).started
-    assert started.pose is started.start
-    assert started.photo is document.photo
-    assert started.parameters == pytest.approx(np.zeros(6), abs=1e-9)

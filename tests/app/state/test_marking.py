@@ -120,7 +120,7 @@ def test_five_points_on_each_rim_place_the_car(camera):
     assert after(moved, c.undo()).document is session.document
 
 
-def test_found_wheels_are_marks_that_can_be_dragged_and_undone_in_one_step():
+def test_found_wheels_are_marks_that_are_undone_in_one_step():
     session = after(make_session(vehicle=True), c.view_from("left"), c.set_tool("wheels"))
     target = look_from("three-quarter", CAR, make_keypoints(), PERSPECTIVE)
     own, side = session.document, visible_side(make_keypoints(), target)
@@ -130,9 +130,6 @@ def test_found_wheels_are_marks_that_can_be_dragged_and_undone_in_one_step():
     for seen, given in zip(laid.document.marks.ellipses, (rear, front), strict=True):
         np.testing.assert_allclose(seen.outline(), given.outline(), atol=0.05)
     assert after(laid, c.undo()).document is session.document
-    x, y = laid.document.marks.rims[0]
-    moved = after(laid, c.press(x, y, zoom=9.0), c.drag_to(x + 2.0, y + 1.0), c.release())
-    assert off(moved, target) > 1e-3
     stale = lay_wheels(make_document(vehicle=True, photo=make_photo(1)), rear, front, target)
     assert "another photo" in refused(session, stale)
 

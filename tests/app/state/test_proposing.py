@@ -37,7 +37,7 @@ def test_starts_are_looked_for_in_a_box_that_is_seen_meanwhile():
     drawn = after(session, c.release())
     assert (drawn.tool, drawn.shown_box) == ("pose", box)
     assert drawn.proposals is not None
-    assert drawn.proposals.running
+    assert drawn.proposing
     assert start_query(drawn.proposals.document).rectangle == box
     seen = drawn.document.pose.project(drawn.document.mesh.vertices)
     assert np.all((seen > [19, 14]) & (seen < [91, 121]))  # and the model is there already

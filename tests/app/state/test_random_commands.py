@@ -17,8 +17,8 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state import marking as m
 from poseviewer.app.state import objects as o
+from poseviewer.app.state.commands import update
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.update import update
 from poseviewer.errors import PoseViewerError
 from tests.app.state.documents import HEIGHT, WIDTH, make_session
 

@@ -11,6 +11,7 @@ import pytest
 
 from poseviewer import api
 from poseviewer.app.state import commands as c
+from poseviewer.app.state.commands import update
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.session import (
     Losses,
@@ -18,7 +19,6 @@ from poseviewer.app.state.session import (
     SearchUpdate,
     Session,
 )
-from poseviewer.app.state.update import update
 from poseviewer.app.workers.jobs import run_search
 from poseviewer.app.workers.maps import MapMaker, maps, will_do
 from poseviewer.app.workers.opening import open_files
