@@ -60,12 +60,12 @@ def load_scene_jobs(
     return with_keys(jobs, settings)
 
 
-def _save_start(out: Path, image: BopImage, found: BopObject, instance: int) -> Path:
+def _save_start(out: Path, image: BopImage, posed: BopObject, instance: int) -> Path:
     """The start pose as a file, which keeps its time where nothing changed."""
     more = f"-{instance + 1}" if instance else ""
-    path = out / STARTS / f"{image.number:06d}-{found.object_id:06d}{more}.json"
+    path = out / STARTS / f"{image.number:06d}-{posed.object_id:06d}{more}.json"
     new = out / STARTS / ".new.json"
-    save_pose(new, PoseRecord.of(Pose(image.camera, found.place)))
+    save_pose(new, PoseRecord.of(Pose(image.camera, posed.place)))
     if path.is_file() and path.read_bytes() == new.read_bytes():
         new.unlink()
     else:
@@ -101,7 +101,7 @@ def require_scene_camera(batch: Batch, photo: str, camera: Camera) -> None:
 
 
 def _number(pattern: str, path: str) -> int:
-    found = re.fullmatch(pattern, Path(path).name)
-    if found is None:
+    match = re.fullmatch(pattern, Path(path).name)
+    if match is None:
         raise BatchError(f"{Path(path).name}: no BOP number in its name; run the batch again.")
-    return int(found[1])
+    return int(match[1])

@@ -87,9 +87,9 @@ def _read_rows(path: Path) -> list[dict[str, str]]:
     names = [name.lower() for name in lines[0]] if lines else []
     missing = [column for column in COLUMNS if column not in names]
     if missing:
-        found = ", ".join(names)[:100] or "nothing"
+        given = ", ".join(names)[:100] or "nothing"
         raise reading.error(
-            f"no column {missing[0]!r} in its first line, which has {found}",
+            f"no column {missing[0]!r} in its first line, which has {given}",
             f"wanted {', '.join(COLUMNS)}",
         )
     double = next((name for name in names if name and names.count(name) > 1), None)

@@ -75,7 +75,7 @@ class JobResult:
         return bool(self.reason)
 
 
-STDS = tuple(one.name for one in fields(JobResult) if one.name.endswith("_std"))
+STDS = tuple(field.name for field in fields(JobResult) if field.name.endswith("_std"))
 """Columns of standard deviations: ``PoseCovariance.deviations`` with an ending."""
 
 
@@ -185,7 +185,7 @@ def save_failure(folder: Path, job: Job, reason: str) -> JobResult:
 def save_table(folder: Path, rows: Sequence[Row]) -> None:
     """Write ``results.csv``: a line for each row, in their order."""
     text = StringIO()
-    names = [*ABOUT_JOB, *(one.name for one in fields(JobResult))]
+    names = [*ABOUT_JOB, *(field.name for field in fields(JobResult))]
     table = csv.DictWriter(text, names, lineterminator="\n")
     table.writeheader()
     for row in rows:

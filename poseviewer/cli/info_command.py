@@ -120,23 +120,22 @@ def _print_scene(path: Path) -> None:
 def _print_pose(path: Path) -> None:
     from poseviewer.files.pose import load_pose
     from poseviewer.files.scene_file import scene_of_pose
-    from poseviewer.files.structs import projection_of
+    from poseviewer.files.structs import ModelReference, PhotoReference, projection_of
 
     record, unknown = load_pose(path), "not said"
     transform, sure = record.pose.camera_from_model, record.covariance
-    photo = (record.photo.file if record.photo else None) or unknown
-    if record.photo and record.photo.width and record.photo.height:
-        photo += f", {record.photo.width} x {record.photo.height} px"
+    photo, model = record.photo or PhotoReference(), record.model or ModelReference()
+    size = f", {photo.width} x {photo.height} px" if photo.width and photo.height else ""
     distortion = "none: the camera is that of the photo as taken"
     if record.undistortion is not None:
-        model = record.undistortion.lens.model
-        distortion = f"{model}, undone: the camera is that of the undistorted photo"
+        lens = record.undistortion.lens.model
+        distortion = f"{lens}, undone: the camera is that of the undistorted photo"
     unexplained = f"{record.unexplained or 0.0:.3f} (0: all explained, 1: nothing)"
     count = len(scene_of_pose(path, record).views)
     _print(
         pose=path.name,
-        photo=photo,
-        model=(record.model.file if record.model else None) or unknown,
+        photo=f"{photo.file or unknown}{size}",
+        model=model.file or unknown,
         projection=projection_of(record.pose.camera),
         camera=_camera(record.pose.camera),
         distortion=distortion,
@@ -144,7 +143,7 @@ def _print_pose(path: Path) -> None:
         translation=f"{_vector(transform.translation)} (camera_from_model)",
         unexplained=unknown if record.unexplained is None else unexplained,
         verdict=unknown if record.verdict is None else record.verdict.word,
-        sure=() if sure is None else sure.words(record.model and record.model.unit),
+        sure=() if sure is None else sure.words(model.unit),
         mask=record.mask or (),
         without=record.without,
         set=f"one of {count} photos" if record.in_set else (),

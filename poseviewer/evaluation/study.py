@@ -70,14 +70,21 @@ class Run:
 
 def open_study(plan: Plan, tell: Callable[[str], None]) -> Run:
     """Make the photos, or read cases and starts; see which trials are left."""
-    (settings, *_), tasks, targets = plan.settings(), None, 0
+    tasks, targets = None, 0
     if plan.bop:
         folder = bop_folder(plan.bop, plan.dataset)
-        tasks, targets = bop_tasks(plan.bop, folder, replace(settings, keep_start=True))
+        settings = replace(plan.settings()[0], keep_start=True)
+        tasks, targets = bop_tasks(plan.bop, folder, settings)
+        about, files = {"study": "bop"}, [plan.bop, folder / "models" / MODELS_INFO]
     elif plan.real:
-        chosen = plan.real, plan.degrees, plan.draws, plan.cases
-        tasks = real_tasks(*chosen, settings, plan.among_others)
-    _open_folder(plan)  # photos are drawn into it
+        tasks = real_tasks(plan, plan.real)
+        about = {"study": "real", "among_others": plan.among_others}
+        files = [plan.real / CASES, plan.real / STARTS]
+    else:
+        about = {"study": "deviations", "size": [*plan.size], "photos": plan.photos}
+        about |= {"seed": plan.seed}
+        files = [plan.model or demo_case().model]
+    _open_folder(plan, about, files)  # photos are drawn into it
     tasks = deviation_tasks(plan, tell) if tasks is None else tasks
     rows = load_rows(plan.out / TRIALS, Trial)
     done = {tuple(getattr(row, name) for name in KEY) for row in rows}
@@ -120,19 +127,12 @@ def deviation_tasks(plan: Plan, tell: Callable[[str], None]) -> list[Task]:
     return tasks
 
 
-def real_tasks(
-    folder: Path,
-    degrees: Sequence[int],
-    draws: int,
-    pattern: str,
-    settings: FitSettings,
-    among_others: bool = False,
-) -> list[Task]:
-    """Make the trials of matching cases, ``among_others`` with their photo's other true poses."""
-    starts = load_starts(folder, degrees, draws)
-    givers = load_cases(folder) if among_others else []
+def real_tasks(plan: Plan, folder: Path) -> list[Task]:
+    """Make the trials of matching cases, among others with their photo's other true poses."""
+    starts, (settings,) = load_starts(folder, plan.degrees, plan.draws), plan.settings()
+    givers = load_cases(folder) if plan.among_others else []
     tasks = []
-    for case in load_cases(folder, pattern):
+    for case in load_cases(folder, plan.cases):
         others = tuple(c for c in givers if c.photo == case.photo and c.name != case.name)
         for start in starts:
             if start.case == case.name:
@@ -192,19 +192,9 @@ def bop_tasks(table: Path, folder: Path, settings: FitSettings) -> tuple[list[Ta
     return tasks, targets
 
 
-def _open_folder(plan: Plan) -> None:
+def _open_folder(plan: Plan, about: dict[str, Any], files: Sequence[Path]) -> None:
     """Make the folder, or see that its rows were made in the same way."""
-    about: dict[str, Any] = {"evaluations": plan.limits.evaluations}
-    if plan.bop:
-        about |= {"study": "bop"}
-        files = [plan.bop, bop_folder(plan.bop, plan.dataset) / "models" / MODELS_INFO]
-    elif plan.real:
-        about |= {"study": "real", "among_others": plan.among_others}
-        files = [plan.real / CASES, plan.real / STARTS]
-    else:
-        about |= {"study": "deviations", "size": [*plan.size], "photos": plan.photos}
-        about |= {"seed": plan.seed}
-        files = [plan.model or demo_case().model]
+    about = {"evaluations": plan.limits.evaluations, **about}
     about["files"] = {path.name: sha256_of(path) for path in files}
     make_folder(plan.out, SettingsError)
     path = plan.out / ABOUT

@@ -86,12 +86,12 @@ def undistort(pixels: NDArray, undistortion: Undistortion) -> tuple[NDArray, NDA
         matrices = opencv_matrix(taken), undistortion.lens.array, np.eye(3), opencv_matrix(strip)
         size = strip.width, strip.height
         u, v = undistortion.lens.module.initUndistortRectifyMap(*matrices, size, cv2.CV_32FC1)
-        seen = (u >= -0.5) & (u <= taken.width - 0.5) & (v >= -0.5) & (v <= taken.height - 0.5)
-        seen &= _radii(strip) < limit
+        shown = (u >= -0.5) & (u <= taken.width - 0.5) & (v >= -0.5) & (v <= taken.height - 0.5)
+        shown &= _radii(strip) < limit
         part = slice(start, start + strip.height)
         drawn = cv2.remap(pixels, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        picture[part] = np.where(seen[..., None], drawn.reshape(*seen.shape, -1), 0)
-        covered[part] = seen
+        picture[part] = np.where(shown[..., None], drawn.reshape(*shown.shape, -1), 0)
+        covered[part] = shown
     return picture, covered
 
 
@@ -112,8 +112,8 @@ def _field_limit(undistortion: Undistortion) -> float:
     radii = np.linspace(0.0, float(np.linalg.norm(corners[:, :2], axis=1).max()), FIELD_SAMPLES)
     rays = np.stack([radii, np.zeros_like(radii), np.ones_like(radii)], axis=-1)[:, None]
     still = np.zeros(3), np.zeros(3), np.eye(3)
-    seen = undistortion.lens.module.projectPoints(rays, *still, coefficients)[0]
-    back = np.diff(seen[:, 0, 0]) <= 0.0
+    moved = undistortion.lens.module.projectPoints(rays, *still, coefficients)[0]
+    back = np.diff(moved[:, 0, 0]) <= 0.0
     return float(radii[np.argmax(back)]) if back.any() else np.inf
 
 

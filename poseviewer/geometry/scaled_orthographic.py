@@ -30,26 +30,26 @@ def scaled_orthographic_poses(
 ) -> list[Pose]:
     """The poses that show points (n, 3), not on a line, nearest to pixels (n, 2)."""
     middle, centre = points.mean(axis=0), pixels.mean(axis=0)
-    about, seen = points - middle, pixels - centre
+    about, shown = points - middle, pixels - centre
     _, extents, axes = np.linalg.svd(about, full_matrices=True)
     flat = len(extents) < 3 or extents[2] <= FLAT * extents[0]
-    starts = _of_a_plane(about, seen, axes)
+    starts = _of_a_plane(about, shown, axes)
     if not flat:
-        starts.append(_of_a_solid(about, seen))
+        starts.append(_of_a_solid(about, shown))
     size = float(np.abs(about).max())
     poses = []
     for scale, rotation in starts:
         if not scale > 0.0:
             continue
         if not flat:
-            scale, rotation = _refined(about, seen, scale, rotation)
+            scale, rotation = _refined(about, shown, scale, rotation)
         place = [*((centre - [camera.cx, camera.cy]) / scale), DEPTH_PER_SIZE * size]
         transform = RigidTransform(rotation, np.array(place) - rotation @ middle)
         poses.append(Pose(replace(camera, scale=scale), transform))
     return poses
 
 
-def _of_a_plane(about: FloatArray, seen: FloatArray, axes: FloatArray) -> list[Turned]:
+def _of_a_plane(about: FloatArray, shown: FloatArray, axes: FloatArray) -> list[Turned]:
     """Both (scale, rotation) for the points as if they lay in the plane of their first two axes.
 
     With the plane's axes E (2, 3) the photo gives B = s R_2 E^T (2, 2). The column c that B lacks,
@@ -57,7 +57,7 @@ def _of_a_plane(about: FloatArray, seen: FloatArray, axes: FloatArray) -> list[T
     B^T has rank one, so that s^2 is the larger eigenvalue of B B^T. The sign of c is open.
     """
     plane = axes[:2]
-    b = np.linalg.lstsq(about @ plane.T, seen, rcond=None)[0].T
+    b = np.linalg.lstsq(about @ plane.T, shown, rcond=None)[0].T
     values, vectors = np.linalg.eigh(b @ b.T)
     scale = float(np.sqrt(values[1]))
     column = np.sqrt(max(values[1] - values[0], 0.0)) * vectors[:, 0]
@@ -67,9 +67,9 @@ def _of_a_plane(about: FloatArray, seen: FloatArray, axes: FloatArray) -> list[T
     return [(scale, _completed(row)) for row in rows]
 
 
-def _of_a_solid(about: FloatArray, seen: FloatArray) -> Turned:
+def _of_a_solid(about: FloatArray, shown: FloatArray) -> Turned:
     """(scale, rotation) nearest to the affine map of the points."""
-    affine = np.asarray(np.linalg.lstsq(about, seen, rcond=None)[0].T, dtype=np.float64)
+    affine = np.asarray(np.linalg.lstsq(about, shown, rcond=None)[0].T, dtype=np.float64)
     return float(np.linalg.svd(affine, compute_uv=False).mean()), _completed(affine)
 
 
@@ -80,7 +80,7 @@ def _completed(rows: FloatArray) -> FloatArray:
     return nearest_rotation(np.stack([first, second, np.cross(first, second)]))
 
 
-def _refined(about: FloatArray, seen: FloatArray, scale: float, rotation: FloatArray) -> Turned:
+def _refined(about: FloatArray, shown: FloatArray, scale: float, rotation: FloatArray) -> Turned:
     """Levenberg-Marquardt over scale and rotation; the shift stays, both middles being 0."""
 
     def placed(x: FloatArray) -> Turned:
@@ -88,6 +88,6 @@ def _refined(about: FloatArray, seen: FloatArray, scale: float, rotation: FloatA
 
     def residuals(x: FloatArray) -> FloatArray:
         s, turn = placed(x)
-        return (s * about @ turn[:2].T - seen).ravel()
+        return (s * about @ turn[:2].T - shown).ravel()
 
     return placed(least_squares(residuals, np.zeros(4), method="lm").x)

@@ -90,8 +90,8 @@ class Symmetry:
         """
         axes, offsets = np.reshape(axes, (-1, 3)), np.reshape(offsets, (-1, 3))
         across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-        sides = [np.zeros((3, 3)), *(np.eye(3) - one.rotation for one in discrete), *across]
-        shifts = [np.zeros(3), *(one.translation for one in discrete)]
+        sides = [np.zeros((3, 3)), *(np.eye(3) - motion.rotation for motion in discrete), *across]
+        shifts = [np.zeros(3), *(motion.translation for motion in discrete)]
         shifts += [side @ offset for side, offset in zip(across, offsets, strict=True)]
         left, right = np.concatenate(sides), np.concatenate(shifts)
         # Of an axis's points the one nearest to the origin.
@@ -99,7 +99,7 @@ class Symmetry:
         apart = np.abs(left @ centre - right).max()
         if apart > APART * diameter:
             raise ValueError("leave no common point where it is, so that no model has them all")
-        return cls(centre, *_closed([one.rotation for one in discrete], list(axes)))
+        return cls(centre, *_closed([motion.rotation for motion in discrete], list(axes)))
 
     @property
     def is_none(self) -> bool:
@@ -148,7 +148,7 @@ class Symmetry:
         angles = 2.0 * math.pi / count * np.arange(1, count)
         ways = (Rotation.from_rotvec(angles[:, None] * axis).as_matrix() for axis in self.axes)
         turns = np.concatenate([np.eye(3)[None], *ways])
-        return tuple(self.about(one @ turn) for turn in turns for one in self.rotations)
+        return tuple(self.about(own @ turn) for turn in turns for own in self.rotations)
 
     def nearest(self, place: RigidTransform, wanted: RigidTransform) -> RigidTransform:
         """The transform equal to ``place`` whose rotation is nearest to ``wanted``; exact."""
@@ -216,8 +216,8 @@ def _products(rotations: Sequence[FloatArray]) -> FloatArray:
     """(n, 3, 3): what products of these come to, the identity first."""
     products = [np.eye(3)]
     least = 1.0 + 2.0 * SAME_COSINE  # trace of a rotation by that angle
-    for one in products:  # grows meanwhile
-        for new in (one @ rotation for rotation in rotations):
+    for product in products:  # grows meanwhile
+        for new in (product @ rotation for rotation in rotations):
             if np.max(np.einsum("nij,ij->n", np.array(products), new)) < least:
                 products.append(new)
         if len(products) > MOST_ROTATIONS:

@@ -1,14 +1,16 @@
 """Starts of a folder of cases: every case is fitted, and the rows say how far off it was."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from poseviewer.evaluation.plan import Plan
 from poseviewer.evaluation.study import real_tasks
 from poseviewer.fit.search import Search
-from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.fit.settings import Limits
 from tests.commands import read_rows, run
 from tests.evaluation.real_folder import write_real_folder
 from tests.scene import make_scene
@@ -81,8 +83,8 @@ def test_what_cannot_work_is_said_in_a_line(folder, capsys, damaged, content, mo
 
 
 def test_a_trial_among_others_is_a_search_of_their_scene(folder):
-    settings = FitSettings(chart="free-body", limits=Limits(evaluations=900))
-    (task,) = real_tasks(folder, [5], 1, "*-a", settings, among_others=True)
+    plan = Plan(out=folder, degrees=(5,), draws=1, cases="*-a", limits=Limits(evaluations=900))
+    (task,) = real_tasks(replace(plan, among_others=True), folder)
     assert [one.name for one in task.others] == ["ball-b"]
     scene, renderer = task.open()
     assert [one.locked for one in scene.objects] == [False, True]
@@ -92,5 +94,5 @@ def test_a_trial_among_others_is_a_search_of_their_scene(folder):
     trial = task.run()
     assert trial.evaluations == last.progress.evaluations
     assert trial.loss_end == last.progress.loss < trial.loss_start
-    (alone,) = real_tasks(folder, [5], 1, "*-a", settings)
+    (alone,) = real_tasks(plan, folder)
     assert len(alone.open()[0].objects) == 1
