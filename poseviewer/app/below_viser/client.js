@@ -396,18 +396,18 @@ addEventListener("change", (event) => {
 }, true);
 
 // The files of a dropped file or folder, as [path, file] each.
-async function filesOf(entry, found) {
-  if (found.length > CONFIG.most) return;
+async function filesOf(entry, files) {
+  if (files.length > CONFIG.most) return;
   if (entry.isFile) {
     const file = await new Promise((done, failed) => entry.file(done, failed));
-    found.push([entry.fullPath.replace(/^\/+/, ""), file]);
+    files.push([entry.fullPath.replace(/^\/+/, ""), file]);
     return;
   }
   const reader = entry.createReader();
   for (;;) {  // a browser gives a hundred at a time
     const entries = await new Promise((done, failed) => reader.readEntries(done, failed));
     if (!entries.length) return;
-    for (const inside of entries) await filesOf(inside, found);
+    for (const inside of entries) await filesOf(inside, files);
   }
 }
 
@@ -424,14 +424,14 @@ addEventListener("drop", async (event) => {
   const files = [...dropped.files].map((file) => [file.name, file]);
   const entries = [...dropped.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
   if (!entries.some((entry) => entry.isDirectory)) { give(input, files); return; }
-  const found = [];
+  const inside = [];
   try {
-    for (const entry of entries) await filesOf(entry, found);
+    for (const entry of entries) await filesOf(entry, inside);
   } catch (error) {
     send({ kind: "not sent", trouble: "unreadable", name: entries[0].name });
     return;
   }
-  if (found.length) give(input, found);
+  if (inside.length) give(input, inside);
   else send({ kind: "not sent", trouble: "empty", name: entries[0].name });
 }, true);
 

@@ -66,8 +66,8 @@ def _in_a_line(record: logging.LogRecord) -> bool:
     """
     if record.msg == "connection handler failed" and record.exc_info:
         error = record.exc_info[1]
-        found = printable(f"{type(error).__name__}: {error}", 100)
-        record.msg = f"a page sent what is no message, and was cut off ({found})"
+        words = printable(f"{type(error).__name__}: {error}", 100)
+        record.msg = f"a page sent what is no message, and was cut off ({words})"
         record.exc_info, record.levelno, record.levelname = None, logging.WARNING, "WARNING"
     return record.getMessage() != "opening handshake failed"
 

@@ -36,17 +36,17 @@ def objects_list(session: Session) -> str:
     objects, active = session.document.scene.objects, session.document.number
     if len(objects) == 1:
         return ""
-    rows = "".join(_row(one, int(one.id) == active) for one in objects)
+    rows = "".join(_row(item, int(item.id) == active) for item in objects)
     return f'<div class="pv-objects"><table><tbody>{rows}</tbody></table></div>'
 
 
-def _row(one: SceneObject, is_picked: bool) -> str:
-    name, number = escape(label_of(one)), int(one.id)
+def _row(item: SceneObject, is_picked: bool) -> str:
+    name, number = escape(label_of(item)), int(item.id)
     colour = LINE_COLOUR if is_picked else object_colour(number)
     at, pick = " class=pv-at" if is_picked else "", on_press("pick object", number=number)
-    hide, lock = ("show" if one.hidden else "hide"), ("unlock" if one.locked else "lock")
+    hide, lock = ("show" if item.hidden else "hide"), ("unlock" if item.locked else "lock")
     hiding, locking = (
-        on_press("alter object", number=number, what=what, on=not getattr(one, what))
+        on_press("alter object", number=number, what=what, on=not getattr(item, what))
         for what in ("hidden", "locked")
     )
     icons = "".join(
@@ -54,15 +54,15 @@ def _row(one: SceneObject, is_picked: bool) -> str:
         f"{'class=pv-faint ' if is_faint else ''}{press}>"
         f'<svg viewBox="0 0 16 16">{ICONS[icon]}</svg></button>'
         for verb, icon, is_faint, press in (
-            (hide, "eye", one.hidden, hiding),
-            (lock, "lock" if one.locked else "open", not one.locked, locking),
+            (hide, "eye", item.hidden, hiding),
+            (lock, "lock" if item.locked else "open", not item.locked, locking),
             ("remove", "away", False, on_press("remove object", number=number)),
         )
     )
     return (
         f'<tr{at} tabindex="0" title="{name}: pick it" {pick}>'
         f'<td><i style="background:rgb{colour}"></i></td><td>{name}</td>'
-        f"<td>{escape(verdict_of(one))}</td><td>{icons}</td></tr>"
+        f"<td>{escape(verdict_of(item))}</td><td>{icons}</td></tr>"
     )
 
 

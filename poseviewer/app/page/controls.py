@@ -38,7 +38,7 @@ MARKUP = re.compile(r"[\\`*{}\[\]<>#|~!]|(?<![^\W_])_|_(?![^\W_])")
 def plain(text: str) -> str:
     """A text from a file or a user, as markdown shows it letter for letter."""
     escaped = text.replace("&", "&amp;")
-    return MARKUP.sub(lambda found: f"&#{ord(found.group())};", escaped)
+    return MARKUP.sub(lambda match: f"&#{ord(match.group())};", escaped)
 
 
 SELECTED = "● "
@@ -97,12 +97,12 @@ class Controls:
         """An input; ``asked`` makes what a new value, bounded as the input is once what is typed
         there is left, asks for (None: nothing).
         """
-        bounds = [getattr(handle, name, None) for name in ("min", "max")]
 
         def bounded(_: int) -> Request | None:
-            least, most = bounds
             value = handle.value
-            return asked(value if least is None else max(least, min(most, value)))
+            if getattr(handle, "min", None) is not None:
+                value = max(handle.min, min(handle.max, value))
+            return asked(value)
 
         self._on(handle.on_update, bounded)
         return self.add(handle, **options)

@@ -107,12 +107,10 @@ class LossGrid:
 
     def _large(self, piece: Slice) -> str:
         """A map with its two ranges and its least value."""
+        axes = (piece.first, piece.first_values), (piece.second, piece.second_values)
         x, y = (
-            f"{escape(short_name(self.names[i]))} {values[0]:.4g} ... {values[-1]:.4g}"
-            for i, values in (
-                (piece.first, piece.first_values),
-                (piece.second, piece.second_values),
-            )
+            f"{escape(short_name(self.names[index]))} {values[0]:.4g} ... {values[-1]:.4g}"
+            for index, values in axes
         )
         least = piece.minimum
         said = "" if least is None else f", lowest {escape(self.what)} {least.loss:.3f}"
@@ -164,9 +162,9 @@ class LossGrid:
             border = np.tile(self.pose, (len(region), 1))
             border[:, pair] += region
             drawn += f'<polygon class="pv-region" points="{_points(piece, border)}"/>'
-        place = _on_picture(piece, self.pose)
-        x, y = held = np.clip(place, 0.0, 100.0)
-        beside = "" if np.array_equal(held, place) else " pv-beside"
+        point = _on_picture(piece, self.pose)
+        x, y = held = np.clip(point, 0.0, 100.0)
+        beside = "" if np.array_equal(held, point) else " pv-beside"
         at = f'transform="translate({x:.4g} {y:.4g})"'
         return f'{drawn}<g class="pv-pose{beside}" {at}>{_CROSS}</g>'
 

@@ -196,7 +196,7 @@ def _add_camera(controls: Controls) -> None:
     for index, field in enumerate(fields):
         controls.field(
             field,
-            lambda _: c.set_camera(*(one.value for one in fields)),
+            lambda _: c.set_camera(*(handle.value for handle in fields)),
             value=lambda s, i=index: round(_intrinsics(s)[i], 4),
             visible=lambda s, i=index: i > 1 or not _is_parallel(s),
         )
@@ -241,24 +241,17 @@ def add_fitting(controls: Controls) -> None:
 def _add_curve(controls: Controls) -> None:
     """Plot of the best loss so far."""
     grid = {"stroke": "rgba(128,128,128,.25)", "width": 1}
-    below, beside = (
-        uplot.Axis(stroke="#8a92a0", grid=grid, ticks=grid, size=size)  # pyright: ignore
-        for size in (30, 54)
-    )
+    axis = {"stroke": "#8a92a0", "grid": grid, "ticks": grid}
     restart = {"stroke": "#e0a92e", "width": 1, "scale": "restart", "points": {"show": False}}
     curve = controls.gui.add_uplot(
         (np.zeros(2), np.zeros(2), np.zeros(2)),
-        (
-            {"label": "evaluation"},
-            {"label": "best loss", "stroke": "#17a2b8", "width": 2},
-            {"label": "restart", **restart},  # pyright: ignore
-        ),
+        ({}, {"stroke": "#17a2b8", "width": 2}, restart),  # pyright: ignore
+        # The restarts' scale begins above 0: where there is none, nothing is drawn.
         scales={
             "x": uplot.Scale(time=False, auto=True),
-            # From above 0: where there is no restart, nothing is drawn.
             "restart": uplot.Scale(auto=False, range=(0.2, 0.8)),
         },
-        axes=(below, beside),
+        axes=({**axis, "size": 30}, {**axis, "size": 54}),  # pyright: ignore
         legend=uplot.Legend(show=False),
         title="best loss so far (vertical lines: restarts)",
         height=150,
@@ -387,8 +380,8 @@ def curve_of(update: SearchUpdate) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(n,) each: evaluations, the best loss by then as it is shown, and whether a restart began: 1,
     else 0. About each restart there are three evaluations, so that it is a line.
     """
-    found = update.improvements[-CURVE_POINTS:]
-    counts, losses = ([getattr(p, name) for p in found] for name in ("evaluations", "loss"))
+    steps = update.improvements[-CURVE_POINTS:]
+    counts, losses = ([getattr(p, name) for p in steps] for name in ("evaluations", "loss"))
     begun = np.array([p.evaluations for p in update.restarts if p.evaluations > counts[0]], float)
     end = max(update.progress.evaluations, counts[-1] + 1)
     beside = [*(begun - BESIDE_RESTART), *(begun + BESIDE_RESTART)]

@@ -54,8 +54,8 @@ class Drawing:
     depth: float
     content: NDArray[Any]
     """(n, 2, 2): line segments, px of the photo; or a picture's pixels (h, w, 3 or 4)."""
-    place: Rectangle | None = None
-    """Where a picture lies in the photo; None for lines."""
+    rectangle: Rectangle | None = None
+    """Part of the photo that a picture covers; None for lines."""
     colour: Colour = LINE_COLOUR
     thickness: float = 2.0
     """Width of lines, px of the screen."""
@@ -104,7 +104,7 @@ class PhotoScene:
                 shown, content = self._shown.get(name), drawing.content
                 if shown is not content:
                     self._shown[name] = content
-                    if shown is None or drawing.place or not np.array_equal(shown, content):
+                    if shown is None or drawing.rectangle or not np.array_equal(shown, content):
                         _draw(self._nodes[name], drawing, photo)
                 set_properties(self._nodes[name], visible=len(content) > 0)
         if self._shown.get(OUTLINE_NAME) is not outline:
@@ -115,7 +115,7 @@ class PhotoScene:
         """A hidden node for a drawing."""
         scene, name = self._server.scene, drawing.name
         shown: dict[str, Any] = {"visible": False}
-        if drawing.place is not None:
+        if drawing.rectangle is not None:
             shown |= {"jpeg_quality": 95, "cast_shadow": False, "receive_shadow": False}
             return scene.add_image(name, np.zeros((1, 1, 3), np.uint8), 1.0, 1.0, **shown)
         shown |= {"thickness": drawing.thickness, "thickness_units": "screen"}
@@ -137,10 +137,10 @@ class PhotoScene:
 
 def _draw(node: Any, drawing: Drawing, photo: Photo) -> None:
     """Bring a node to its drawing over the photo."""
-    place, depth = drawing.place, drawing.depth
-    if place is not None:
-        places = np.array([[place.left, place.top], [place.right, place.bottom]])
-        (left, top, _), (right, bottom, _) = corners = over_photo(places, photo, depth)
+    part, depth = drawing.rectangle, drawing.depth
+    if part is not None:
+        corners = np.array([[part.left, part.top], [part.right, part.bottom]])
+        (left, top, _), (right, bottom, _) = corners = over_photo(corners, photo, depth)
         node.image, node.position = drawing.content, tuple(corners.mean(axis=0))
         node.render_width, node.render_height = right - left, bottom - top
     elif len(drawing.content):
@@ -193,9 +193,9 @@ def _model(session: Session) -> Iterator[Drawing]:
         return
     yield Drawing("/model/halo", HALO, overlay.outline, None, HALO_COLOUR, 4.6)
     yield Drawing(OUTLINE_NAME, OUTLINE, overlay.outline)
-    pixels, place = overlay.picture, Rectangle(*overlay.place)
-    if pixels is not None and place.width > 0.0:
-        yield Drawing(f"/model/picture{pixels.shape[2]}", PICTURE, pixels, place)
+    pixels, part = overlay.picture, Rectangle(*overlay.place)
+    if pixels is not None and part.width > 0.0:
+        yield Drawing(f"/model/picture{pixels.shape[2]}", PICTURE, pixels, part)
 
 
 def _other_objects(session: Session) -> Iterator[Drawing]:

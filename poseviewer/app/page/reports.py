@@ -134,8 +134,8 @@ def _form(kind: str, meaning: Callable[..., Answer]) -> type[msgspec.Struct]:
     """A struct of the arguments that a report of a kind gives."""
     hints = get_type_hints(meaning, include_extras=True)
     fields = [
-        (name, hints[name]) if one.default is one.empty else (name, hints[name], one.default)
-        for name, one in signature(meaning).parameters.items()
+        (name, hints[name]) if given.default is given.empty else (name, hints[name], given.default)
+        for name, given in signature(meaning).parameters.items()
         if name not in OURS
     ]
     return msgspec.defstruct(meaning.__name__, fields, tag_field="kind", tag=kind)
@@ -164,4 +164,4 @@ def newest_drags(requests: list[Request]) -> list[Request]:
 
 
 def _are_drags(*requests: Request | None) -> bool:
-    return all(isinstance(one, Edit) and one.change is DRAG for one in requests)
+    return all(isinstance(request, Edit) and request.change is DRAG for request in requests)

@@ -194,13 +194,13 @@ def verdict_text(session: Session) -> str:
 
 def hidden_text(session: Session) -> str:
     """Say how much of the photo is hidden (markdown); "" where nothing is."""
-    mask, found = session.document.own.mask, h.found_hidden(session)
+    mask, occluders = session.document.own.mask, h.found_hidden(session)
     lines = []
     if mask is not None:
         lines.append(f"**{1.0 - float(np.mean(mask.weights)):.1%}** of the photo is hidden")
-    if found is not None:
+    if occluders is not None:
         lines.append(
-            f"**{np.mean(found):.1%}** were taken for something in front by the search (violet)"
+            f"**{np.mean(occluders):.1%}** were taken for something in front by the search (violet)"
         )
     return "  \n".join(lines)
 
