@@ -37,17 +37,20 @@ class ClientScript:
         ``on_report(report, client)`` is called in viser's thread; a page may report anything.
         """
         self._server = server
-        self._config = config
         self._told: dict[str, tuple[Any, ...]] = {}
         # A page that connects is told everything before it is told of a change.
         self._telling = Lock()
         # Pages report through a text field that nobody sees; viser has no other public way back.
-        self._channel = server.gui.add_text("report", "", visible=False)
+        channel = server.gui.add_text("report", "", visible=False)
+        icon = f"data:image/svg+xml;base64,{base64.b64encode(_ICON.read_bytes()).decode()}"
+        config = {**config, "channel": channel._impl.uuid, "icon": icon}
+        source = _SOURCE.read_text(encoding="utf-8")
+        self._source = source.replace("/*CONFIG*/ {}", json.dumps(config), 1)
 
-        @self._channel.on_update
+        @channel.on_update
         async def _(event: viser.GuiEvent) -> None:
             if event.client is not None:
-                on_report(self._channel.value, event.client)
+                on_report(channel.value, event.client)
 
         server.on_client_connect(self._greet)
 
@@ -62,16 +65,9 @@ class ClientScript:
                     _run_on(client, _call(function, arguments))
 
     async def _greet(self, client: viser.ClientHandle) -> None:
-        icon = base64.b64encode(_ICON.read_bytes()).decode()
-        source = _SOURCE.read_text(encoding="utf-8")
         with self._telling:
-            config = {
-                **self._config,
-                "channel": self._channel._impl.uuid,
-                "icon": f"data:image/svg+xml;base64,{icon}",
-            }
-            source = source.replace("/*CONFIG*/ {}", json.dumps(config), 1)
-            _run_on(client, "\n".join([source, *map(_call, self._told, self._told.values())]))
+            calls = map(_call, self._told, self._told.values())
+            _run_on(client, "\n".join([self._source, *calls]))
 
 
 def _call(function: str, arguments: tuple[Any, ...]) -> str:

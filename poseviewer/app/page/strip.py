@@ -80,9 +80,9 @@ def _outlines(session: Session, index: int) -> str:
 
 def said_of(session: Session, index: int) -> str:
     """Say what a photo leaves unexplained at the current pose, or why that is not known."""
+    losses = session.losses
     if not session.document.object.in_views[index].is_compared:
         return "not compared"
-    losses = session.losses
     if session.searching or losses is None or not losses.of_views:
         return ""
     result = losses.of_views.get(index)
@@ -92,8 +92,8 @@ def said_of(session: Session, index: int) -> str:
 def word_of(scene_object: SceneObject, index: int) -> str:
     """The verdict by a view alone on an object's pose; "": there is none."""
     result = scene_object.result
-    if result is None or result.verdict is None or not result.verdict.views:
+    if result is None or result.verdict is None:
         return ""
-    compared = [i for i, seen in enumerate(result.seen) if seen is not None]
-    order = sorted(compared, key=lambda i: (i != result.view, i))
-    return result.verdict.views[order.index(index)].word if index in order else ""
+    compared = {i for i, share in enumerate(result.seen) if share is not None} - {result.view}
+    verdicts = zip((result.view, *sorted(compared)), result.verdict.views, strict=False)
+    return {i: verdict.word for i, verdict in verdicts}.get(index, "")
