@@ -7,7 +7,7 @@ from typing import Any
 
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.edits import edit
-from poseviewer.app.state.session import Session
+from poseviewer.app.state.session import OF_A_PHOTO, Session, is_in_sight
 from poseviewer.errors import SettingsError
 from poseviewer.fit.scene import InView, LoadedModel, SceneObject
 from poseviewer.starts.placing import look_from
@@ -79,8 +79,13 @@ def alter_object(session: Session, number: int, **changes: Any) -> Session:
 @edit
 def show_view(session: Session, index: int) -> Session:
     """Show another view large. No step: undo leads to what was done before; a search goes on."""
-    is_there = 0 <= index < len(session.document.scene.views)
-    return session.with_view(index) if is_there else session
+    if index == session.document.at or not 0 <= index < len(session.document.scene.views):
+        return session
+    document, anchor = session.document.with_view(index), session.compared
+    if not is_in_sight(document):
+        name = document.view.name
+        raise SettingsError(f"{name} does not show the model where it is now")
+    return replace(session, document=document, anchor=anchor, drag=None, **OF_A_PHOTO)
 
 
 @edit

@@ -320,18 +320,6 @@ class Session:
         document = self.document.with_active(index)
         return self if document is self.document else self.at(self.history, document)
 
-    def with_view(self, index: int) -> Session:
-        """Show another view large, which is no step; a search goes on. Raises ``SettingsError``:
-        the model is behind that view's camera.
-        """
-        document = self.document.with_view(index)
-        if document is self.document:
-            return self
-        if not is_in_sight(document):
-            name = document.view.name
-            raise SettingsError(f"{name} does not show the model where it is now")
-        return replace(self, document=document, anchor=self.compared, drag=None, **OF_A_PHOTO)
-
     def with_document(self, document: Document, key: object = None) -> Session:
         """One undoable step to another document; of steps in a row with one ``key`` (what is
         typed, letter by letter) undo leads to before the first. Raises ``FloatingPointError``: the

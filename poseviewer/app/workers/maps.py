@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -96,26 +95,22 @@ class MapMaker:
         """The maps by each loss, coarse to fine, as soon as there is a first grid of each map."""
         cases = [self._case(request, settings) for settings in request.mapped]
         known: dict[Method, LandscapeUpdate] = {}
-
-        def made(case: _Case, size: int) -> Iterator[tuple[LandscapeUpdate, ...]]:
-            """The maps by one loss, beside those by the others."""
-            method = case.scene.settings.method
-            shown = known[method].slices if method in known else ()
-            levels = (case.quick, case.pool) if size < SIZE else (case.scene.problem, self._fine)
-            for latest in maps(case.scene, request, *levels, size, shown):
-                known[method] = latest
-                yield tuple(known.values())
-
         first, *more = QUICK_SIZES
-        for case in cases:
-            deque(made(case, first), maxlen=0)
-        yield tuple(known.values())
-        for size in more if request.moving else (*more, SIZE):
+        for size in (first, *more) if request.moving else (first, *more, SIZE):
             if size == SIZE and not self._is_prepared:  # now, and not when it is waited for
                 self._is_prepared = True
                 make_stages(cases[0].scene.problem, self._renderer)
             for case in cases:
-                yield from made(case, size)
+                method = case.scene.settings.method
+                shown = known[method].slices if method in known else ()
+                coarse, fine = (case.quick, case.pool), (case.scene.problem, self._fine)
+                levels = coarse if size < SIZE else fine
+                for latest in maps(case.scene, request, *levels, size, shown):
+                    known[method] = latest
+                    if size != first:
+                        yield tuple(known.values())
+            if size == first:
+                yield tuple(known.values())
 
     def _case(self, request: Session, settings: FitSettings) -> _Case:
         """About what is compared; as a search compares it, where that is by these settings."""
