@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from contextlib import suppress
-from dataclasses import astuple, replace
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -18,11 +18,8 @@ from PIL import ExifTags, Image, UnidentifiedImageError
 from poseviewer.errors import CalibrationFileError, PhotoFileError, printable
 from poseviewer.files.cameras import Calibration, load_calibration
 from poseviewer.files.checks import Reading, quiet_libraries
-from poseviewer.files.pose import PoseRecord
 from poseviewer.files.structs import Distortion
 from poseviewer.files.writing import write_whole
-from poseviewer.geometry.camera import Camera, Perspective
-from poseviewer.geometry.frames import camera_as_integer_centres
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import LARGEST_SIDE, Undistortion, undistort
 
@@ -167,12 +164,8 @@ def _decode_heic(reading: Reading, data: bytes) -> tuple[NDArray, float | None, 
     return colours, focal_35mm(exif, width, height), picture.has_alpha
 
 
-SAME = 1e-9
-"""Relative: files round cx and cy in their last digit."""
 DEEP_FORMATS = (".png", ".tif", ".tiff")
 """Endings of pictures with 16 bits."""
-NOTABLE = 1e-3
-"""Least relative difference of two cameras that a note tells of."""
 
 
 def load_calibrated_photo(path: str | Path, calibration: Calibration | None = None) -> Photo:
@@ -210,46 +203,6 @@ def undistorted(photo: Photo, undistortion: Undistortion) -> Photo:
     )
 
 
-def matched(photo: Photo, start: PoseRecord) -> tuple[Photo, PoseRecord, tuple[str, ...]]:
-    """Photo and start pose, both of the same picture; and what the user should know.
-
-    A start of an undistorted photo undistorts the photo. A calibrated camera stands in for the
-    start's own, unless the start was found on just this undistorted photo.
-    """
-    if photo.camera is None:
-        if start.undistortion is None:
-            return photo, start, ()
-        return undistorted(photo, start.undistortion), start, ()
-    if same_undistortion(photo.undistortion, start.undistortion) and start.undistortion is not None:
-        return photo, start, ()
-    now = start.pose.camera
-    if not isinstance(now, Perspective):
-        raise CalibrationFileError(
-            f"{photo.name}: the start pose is under parallel projection, and the calibration is "
-            "of a perspective camera; leave one of the two out."
-        )
-    lens = photo.undistortion and Distortion.of(photo.undistortion)
-    pose = replace(start.pose, camera=photo.camera)
-    start = start.with_pose(pose, distortion=lens, chart=None, loss=None, unexplained=None)
-    if np.allclose(astuple(now), astuple(photo.camera), rtol=NOTABLE):
-        return photo, start, ()
-    note = (
-        f"The calibrated camera ({_numbers(photo.camera)}) is used, not the start pose's "
-        f"({_numbers(now)}); rotation and translation stay."
-    )
-    return photo, start, (note,)
-
-
-def same_undistortion(first: Undistortion | None, second: Undistortion | None) -> bool:
-    """Whether two give the same picture, up to the rounding of files."""
-    if first is None or second is None:
-        return first is second
-    if first.lens != second.lens:
-        return False
-    pairs = ((first.taken, second.taken), (first.camera, second.camera))
-    return all(np.allclose(astuple(a), astuple(b), rtol=SAME) for a, b in pairs)
-
-
 def photo_text(photo: Photo) -> str:
     """Name of the photo that numbers belong to, to be written into their file."""
     text = f"Photo: {photo.label}; SHA-256 of its file: {photo.sha256}"
@@ -264,9 +217,3 @@ def pixels_for(path: Path, photo: Photo) -> NDArray:
     if path.suffix.lower() in DEEP_FORMATS:
         return photo.pixels
     return photo.as_rgb8(photo.width, photo.height)
-
-
-def _numbers(camera: Camera) -> str:
-    shifted = camera_as_integer_centres(camera)
-    assert isinstance(shifted, Perspective)  # asked for perspective cameras alone
-    return f"fx {shifted.fx:.1f}, fy {shifted.fy:.1f}, cx {shifted.cx:.1f}, cy {shifted.cy:.1f} px"

@@ -22,7 +22,7 @@ from poseviewer.errors import PoseFileError, printable
 from poseviewer.files.checks import Reading, is_there, kind_of
 from poseviewer.files.masks import INLINE, load_mask, mask_text
 from poseviewer.files.mesh.named import bare_name
-from poseviewer.files.photo import SAME, load_photo, same_undistortion, undistorted
+from poseviewer.files.photo import load_photo, undistorted
 from poseviewer.files.pose import PoseRecord, check_against, record_from_json
 from poseviewer.files.structs import (
     PROJECTIONS,
@@ -44,7 +44,7 @@ from poseviewer.files.structs import (
 from poseviewer.files.symmetry import SymmetryTurns
 from poseviewer.files.writing import json_bytes, write_whole
 from poseviewer.geometry.camera import Camera, Pose
-from poseviewer.geometry.lens import Undistortion
+from poseviewer.geometry.lens import SAME, Undistortion, same_undistortion
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.geometry.view import View, pose_in_view, world_from_pose

@@ -1,4 +1,4 @@
-"""A photo in memory."""
+"""A photo in memory, and the encoding of its colours."""
 
 from __future__ import annotations
 
@@ -101,3 +101,14 @@ class Photo:
             'with it the distance: a calibration, six point pairs or "Find the focal length" '
             "(--free-focal) tell them."
         )
+
+
+def srgb_from_linear(linear: NDArray) -> NDArray:
+    """Display-encoded colours from linear ones, both in [0, 1] (IEC 61966-2-1)."""
+    linear = np.clip(linear, 0.0, 1.0)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+def linear_from_srgb(colours: NDArray) -> NDArray:
+    """Linear colours from display-encoded ones, both in [0, 1]."""
+    return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)

@@ -8,7 +8,7 @@ https://docs.opencv.org/4.x/db/d58/group__calib3d__fisheye.html.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any, Literal
 
 import cv2
@@ -27,6 +27,8 @@ STRIP_PIXELS = 1 << 20
 LARGEST_SIDE = 32766
 """px: OpenCV's ``remap`` counts pixels in 16 bits."""
 FIELD_SAMPLES = 4096
+SAME = 1e-9
+"""Relative difference of equal cameras: files round cx and cy in their last digit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +73,16 @@ class Undistortion:
     def of(cls, lens: Lens, taken: Perspective) -> Undistortion:
         """Undistort into a picture of the same size, principal point and focal length."""
         return cls(lens, taken, taken)
+
+
+def same_undistortion(first: Undistortion | None, second: Undistortion | None) -> bool:
+    """Whether two give the same picture, up to the rounding of files."""
+    if first is None or second is None:
+        return first is second
+    if first.lens != second.lens:
+        return False
+    pairs = ((first.taken, second.taken), (first.camera, second.camera))
+    return all(np.allclose(astuple(a), astuple(b), rtol=SAME) for a, b in pairs)
 
 
 def undistort(pixels: NDArray, undistortion: Undistortion) -> tuple[NDArray, NDArray[np.bool_]]:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
-from poseviewer.errors import PoseFileError, SettingsError, printable
+import numpy as np
+
+from poseviewer.errors import CalibrationFileError, PoseFileError, SettingsError, printable
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.formats.conversion import METRES
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.masks import load_mask, mask_beside, mask_text
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo import load_calibrated_photo, matched
+from poseviewer.files.photo import load_calibrated_photo, undistorted
 from poseviewer.files.photo_sets import (
     LoadedViews,
     SetChoice,
@@ -35,18 +37,22 @@ from poseviewer.files.scene_file import (
     scene_of_pose,
     view_record,
 )
-from poseviewer.files.structs import ChartParameters, Uncertainty
+from poseviewer.files.structs import CameraNumbers, ChartParameters, Distortion, Uncertainty
 from poseviewer.files.symmetry import SymmetryTurns, load_symmetry
 from poseviewer.files.writing import sha256_of
 from poseviewer.fit.scene import InView, LoadedModel, Scene, SceneObject, SearchResult, scene_at
 from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.image import Photo
+from poseviewer.geometry.lens import same_undistortion
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.view import View, scale_by_sight
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
+
+NOTABLE = 1e-3
+"""Least relative difference of two cameras that a note tells of."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +135,7 @@ def open_photo(
     notes: tuple[str, ...] = ()
     if isinstance(start, str | Path):
         record = load_pose(start, opened.width, opened.height)
-        opened, record, of_camera = matched(opened, record)
+        opened, record, of_camera = _matched(opened, record)
         checks = check_against(record.photo, opened.sha256)
         checks += check_against(record.model, loaded.sha256)
         loaded, of_parts = _as_recorded(loaded, record.without)
@@ -153,6 +159,41 @@ def open_photo(
     scene = scene_at(view, loaded, start, settings)
     notes = (*notes_of(opened), *notes_of(loaded), *notes)
     return replace(scene, name=opened.name, notes=notes)
+
+
+def _matched(photo: Photo, start: PoseRecord) -> tuple[Photo, PoseRecord, tuple[str, ...]]:
+    """Photo and start pose, both of the same picture; and what the user should know.
+
+    A start of an undistorted photo undistorts the photo. A calibrated camera stands in for the
+    start's own, unless the start was found on just this undistorted photo.
+    """
+    if photo.camera is None:
+        if start.undistortion is None:
+            return photo, start, ()
+        return undistorted(photo, start.undistortion), start, ()
+    if same_undistortion(photo.undistortion, start.undistortion) and start.undistortion is not None:
+        return photo, start, ()
+    now = start.pose.camera
+    if not isinstance(now, Perspective):
+        raise CalibrationFileError(
+            f"{photo.name}: the start pose is under parallel projection, and the calibration is "
+            "of a perspective camera; leave one of the two out."
+        )
+    lens = photo.undistortion and Distortion.of(photo.undistortion)
+    pose = replace(start.pose, camera=photo.camera)
+    start = start.with_pose(pose, distortion=lens, chart=None, loss=None, unexplained=None)
+    if np.allclose(astuple(now), astuple(photo.camera), rtol=NOTABLE):
+        return photo, start, ()
+    note = (
+        f"The calibrated camera ({_numbers(photo.camera)}) is used, not the start pose's "
+        f"({_numbers(now)}); rotation and translation stay."
+    )
+    return photo, start, (note,)
+
+
+def _numbers(camera: Perspective) -> str:
+    said = CameraNumbers.of(camera)
+    return f"fx {said.fx:.1f}, fy {said.fy:.1f}, cx {said.cx:.1f}, cy {said.cy:.1f} px"
 
 
 def open_scene(scene: str | Path | SceneRecord, settings: FitSettings | None = None) -> Scene:
@@ -234,7 +275,7 @@ def open_views(
             f"{photo.name}: the start was found on the photo undistorted by a lens that the set "
             "does not have; give the set that lens, or start from a pose by the set's camera."
         )
-    _, record, of_camera = matched(photo, record)
+    _, record, of_camera = _matched(photo, record)
     known = scale or known_scale(loaded, own.mesh)
     scale = known or recorded
     if scale is None:

@@ -13,10 +13,10 @@ from poseviewer.api import load
 from poseviewer.errors import CalibrationFileError
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo import load_calibrated_photo, load_photo, same_undistortion, save_image
+from poseviewer.files.photo import load_calibrated_photo, load_photo, save_image
 from poseviewer.files.pose import load_pose, save_pose
 from poseviewer.geometry.camera import Parallel, Perspective
-from poseviewer.geometry.lens import Lens, Undistortion
+from poseviewer.geometry.lens import Lens, Undistortion, same_undistortion
 from poseviewer.geometry.pose_error import pose_error
 from tests.commands import run
 from tests.lenses import from_taken

@@ -18,7 +18,7 @@ from msgspec import structs
 
 from poseviewer.errors import PhotoFileError, PoseFileError, printable
 from poseviewer.files.checks import Reading, checked_rotation, kind_of
-from poseviewer.files.photo import SAME, is_stored_turned, load_photo, pixels_for, save_image
+from poseviewer.files.photo import is_stored_turned, load_photo, pixels_for, save_image
 from poseviewer.files.scene_file import (
     ModelFile,
     ObjectRecord,
@@ -32,7 +32,7 @@ from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
-from poseviewer.geometry.lens import LensModel
+from poseviewer.geometry.lens import SAME, LensModel
 from poseviewer.geometry.transform import RigidTransform, Similarity
 
 Entry = TypeVar("Entry")

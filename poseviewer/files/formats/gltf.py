@@ -35,11 +35,12 @@ from poseviewer.files.formats.conversion import (
     metres_per_unit,
     require_file,
 )
-from poseviewer.files.mesh.load import LARGEST_FILE, gltf_header, linear_from_srgb, load_mesh
+from poseviewer.files.mesh.load import LARGEST_FILE, gltf_header, load_mesh
 from poseviewer.files.scene_file import SceneRecord, ViewRecord, open_view
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import HALF_PIXEL, OPENGL_FROM_OPENCV
+from poseviewer.geometry.image import linear_from_srgb
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform, Similarity
 

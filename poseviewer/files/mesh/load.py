@@ -25,6 +25,7 @@ from poseviewer.files.mesh.parts import (
 )
 from poseviewer.files.mesh.ply import read_ply
 from poseviewer.files.mesh.surface import as_mesh
+from poseviewer.geometry.image import srgb_from_linear
 from poseviewer.geometry.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -191,17 +192,6 @@ def _trimesh_part(
     normals = geometry.vertex_normals if "vertex_normals" in geometry._cache else None
     uvs = None if texture is None else visual.uv
     return Part(name, geometry.vertices, geometry.faces, normals, colours, uvs, texture)
-
-
-def srgb_from_linear(linear: NDArray) -> NDArray:
-    """Display-encoded colours from linear ones, both in [0, 1] (IEC 61966-2-1)."""
-    linear = np.clip(linear, 0.0, 1.0)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-
-
-def linear_from_srgb(colours: NDArray) -> NDArray:
-    """Linear colours from display-encoded ones, both in [0, 1]."""
-    return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
 
 
 READERS: dict[str, Callable[[Path], Read]] = {

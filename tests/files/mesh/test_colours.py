@@ -9,7 +9,8 @@ import pytest
 import trimesh
 from PIL import Image
 
-from poseviewer.files.mesh.load import load_mesh, srgb_from_linear
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.geometry.image import srgb_from_linear
 from poseviewer.geometry.mesh import Mesh
 from tests.textured import CORNERS, write_gltf, write_obj, write_ply
 
