@@ -35,10 +35,12 @@ Sha256 = Annotated[str, Meta(extra_json_schema={"pattern": "^[0-9a-fA-F]{64}$"})
 SCENE, VIEWS = "poseviewer-scene", "poseviewer-views"
 """Names of formats."""
 Projection = Literal["perspective", "parallel"]
+NEEDED: dict[Projection, tuple[str, ...]] = {"perspective": ("fx", "fy"), "parallel": ("scale",)}
+"""Numbers of a camera beside its principal point, by its projection."""
 PROJECTIONS: Any = {
     "oneOf": [
         {"properties": {"projection": {"const": name}, "camera": {"required": list(keys)}}}
-        for name, keys in (("perspective", ("fx", "fy")), ("parallel", ("scale",)))
+        for name, keys in NEEDED.items()
     ]
 }
 """Schema of what a camera needs by its projection."""
@@ -94,26 +96,26 @@ class CameraNumbers(Struct, frozen=True, omit_defaults=True, kw_only=True):
     @classmethod
     def of(cls, camera: Camera) -> Self:
         """The numbers of a camera (pixel centres at i + 0.5)."""
-        shifted = camera_as_integer_centres(camera)
-        scales = ("scale",) if isinstance(shifted, Parallel) else ("fx", "fy")
-        return cls(**{name: float(getattr(shifted, name)) for name in (*scales, "cx", "cy")})
+        shifted, names = camera_as_integer_centres(camera), NEEDED[projection_of(camera)]
+        return cls(**{name: float(getattr(shifted, name)) for name in (*names, "cx", "cy")})
 
-    def camera(self, projection: Projection, width: int, height: int) -> Camera:
+    def camera(
+        self, projection: Projection, width: int, height: int, where: str = "camera"
+    ) -> Camera:
         """The camera, pixel centres at i + 0.5; raises ValueError where a number is missing."""
-        if projection == "perspective":
-            return self.perspective(width, height)
-        if self.scale is None:
-            raise ValueError(".camera.scale is missing; wanted a number above 0")
-        camera = Parallel(self.scale, self.cx, self.cy, width, height)
+        numbers = {name: getattr(self, name) for name in NEEDED[projection]}
+        for name, number in numbers.items():
+            if number is None:
+                raise ValueError(f".{where}.{name} is missing; wanted a number above 0")
+        kind = Perspective if projection == "perspective" else Parallel
+        camera = kind(**numbers, cx=self.cx, cy=self.cy, width=width, height=height)
         return camera_from_integer_centres(camera)
 
     def perspective(self, width: int, height: int, where: str = "camera") -> Perspective:
         """The camera under perspective projection; raises ValueError where a number is missing."""
-        if self.fx is None or self.fy is None:
-            name = "fx" if self.fx is None else "fy"
-            raise ValueError(f".{where}.{name} is missing; wanted a number above 0")
-        camera = Perspective(self.fx, self.fy, self.cx, self.cy, width, height)
-        return camera_from_integer_centres(camera)
+        camera = self.camera("perspective", width, height, where)
+        assert isinstance(camera, Perspective)
+        return camera
 
 
 class Transform(Struct, frozen=True):

@@ -248,14 +248,9 @@ def read_gltf(path: Path, request: ConvertOptions) -> SceneRecord:
 
 def _world_matrix(nodes: list[dict[str, Any]], index: int) -> FloatArray:
     """``world_from_node`` (4, 4): the product of the matrices of all above."""
-    parents = {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
-    matrix = np.eye(4)
-    for _ in nodes:
-        matrix = _own_matrix(nodes[index]) @ matrix
-        if index not in parents:
-            return matrix
-        index = parents[index]
-    raise ValueError("a node is above itself")
+    own = _own_matrix(nodes[index])
+    parent = next((i for i, node in enumerate(nodes) if index in node.get("children", [])), None)
+    return own if parent is None else _world_matrix(nodes, parent) @ own
 
 
 def _own_matrix(node: dict[str, Any]) -> FloatArray:
