@@ -68,10 +68,9 @@ class PoseCovariance:
     """Meaning of the last of seven numbers: focal length, or size of the model in its set."""
 
     def __post_init__(self) -> None:
-        matrix = np.asarray(self.matrix, dtype=float)
-        size = len(matrix) if len(matrix) in (6, 7) else 6
+        size = 7 if len(self.matrix) == 7 else 6
+        matrix = frozen_array(self.matrix, (size, size))
         object.__setattr__(self, "centre", frozen_array(self.centre, (3,)))
-        matrix = frozen_array(matrix, (size, size))
         object.__setattr__(self, "matrix", frozen_array(0.5 * (matrix + matrix.T), (size, size)))
 
     @classmethod
@@ -179,12 +178,9 @@ class PoseCovariance:
 
     @property
     def deviations(self) -> dict[str, float]:
-        """Standard deviations by name, of what there is.
-
-        ``depth`` of the centre along its line of sight, in the model's unit, or under parallel
-        projection ``scale_percent``; ``sideways`` across it, in the direction that is least sure;
-        ``degrees`` about the axis that is least sure; ``focal_px``; ``size_percent`` of the model
-        in its set; ``px`` of the model's outer points in the photo.
+        """Standard deviations by name: ``depth`` of the centre along its line of sight, or under
+        parallel projection ``scale_percent``; ``sideways`` across it and ``degrees``, where least
+        sure; ``focal_px``; ``size_percent`` in its set; ``px`` of the outer points in the photo.
         """
         camera, shifts = self.pose.camera, self.matrix[3:6, 3:6]
         if isinstance(camera, Parallel):
@@ -213,11 +209,9 @@ class PoseCovariance:
 
 
 def spread(unexplained: float, seen: float) -> float:
-    """Standard deviations of a pose over those by the curvature of its loss.
-
-    The loss sums logarithms of what is unexplained u, so its curvature is u's divided by u. The
-    scale is calibrated: gloss, surroundings and other colours are no noise of known size. ``seen``:
-    the share of the model that is, above 0.
+    """Standard deviations of a pose over those by the curvature of its loss, calibrated, where a
+    share ``seen`` of the model is. The loss sums logarithms of what is unexplained u, so its
+    curvature is u's divided by u.
     """
     return SPREAD / (unexplained * seen**SEEN_POWER)
 

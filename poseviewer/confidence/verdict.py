@@ -15,19 +15,15 @@ from poseviewer.confidence.weights import FEATURES, FOUND_FROM, LOST_BELOW, OFFS
 LEAST_SEEN = 0.35
 """Share of the model that must be seen: with less, poses far off look right too."""
 HIDDEN_BELOW, FOUND_BEHIND = 0.95, 0.985
-"""Share of the model below which something hides it, and probability from which its pose is then
-``found``: without what stood out, the rest looks better than in the trials."""
+"""Share seen below which something hides the model, and probability of a ``found`` pose then."""
 SURE_FROM = 0.93
-"""Probability below which even a ``found`` pose is continued, and a start that is an estimate is
-kept; from here on no other search follows, as none would be taken."""
+"""Probability from which a pose is neither continued nor, after an estimate, given up for it."""
 SURE_AMONG_OTHERS = 0.8
-"""``SURE_FROM`` among other models: the verdict compares poses where these hide something else of
-the model, which makes it less sure of right ones too."""
+"""``SURE_FROM`` among other models, which make the verdict less sure of right poses too."""
 PROBABILITY_MARGIN = 0.1
 """Probability that a turned pose must gain, and that a continued one may lose."""
 TURNED_THRESHOLD = 0.75
-"""Probability that a turned pose must have: what no pose explains is not to be looked for far from
-where the user put it."""
+"""Probability that a turned pose must have: what none explains is not to be looked for far off."""
 LEAST_PROBABILITY = 0.01
 """Probability of one photo among several: none is sure enough to overrule all others."""
 LARGEST_SCORE = 4.0
@@ -52,11 +48,10 @@ class Features:
     """Numbers that tell right poses from wrong ones; all finite."""
 
     turn_margin: float
-    """Loss that a turn of the model by 15 to 45 degrees about an axis of its own adds, in robust
-    standard deviations of the losses of wrong poses; below 0 where such a turn is better."""
+    """Loss that the best turn by 15 to 45 degrees about an axis of the model adds, in robust
+    standard deviations of the losses of wrong poses."""
     spread_percent: float
-    """Median distance from the pose at which descents from near by ended, in per cent of the
-    model's size in the photo."""
+    """Median distance of the ends of descents from near by, in per cent of the model's size."""
     outline: float
     """Share of the outline with an edge of its direction in the photo, in [0, 1]."""
     seen: float
@@ -122,14 +117,12 @@ def judge_together(views: Sequence[Verdict]) -> Verdict:
     ``found`` needs half of them as probable, ``lost`` most of them as improbable: a few that no
     pose of the set explains contradict the others, and say little of the pose.
     """
-    odds = np.clip([one.probability for one in views], LEAST_PROBABILITY, 1.0 - LEAST_PROBABILITY)
+    each = np.array([one.probability for one in views])
+    odds = np.clip(each, LEAST_PROBABILITY, 1.0 - LEAST_PROBABILITY)
     probability = float(1.0 / (1.0 + np.exp(-np.mean(np.log(odds / (1.0 - odds))))))
-    confirm = sum(one.probability >= FOUND_FROM for one in views)
-    deny = sum(one.probability < LOST_BELOW for one in views)
-    word = _word(
-        probability >= FOUND_FROM and 2 * confirm >= len(views),
-        probability < LOST_BELOW and 2 * deny > len(views),
-    )
+    confirm, deny = float(np.mean(each >= FOUND_FROM)), float(np.mean(each < LOST_BELOW))
+    is_found = probability >= FOUND_FROM and confirm >= 0.5
+    word = _word(is_found, probability < LOST_BELOW and deny > 0.5)
     words = [one.word for one in views]
     said = ", ".join(f"{words.count(w)} {w}" for w in reversed(WORDS) if w in words)
     reasons = (f"By each of the {len(views)} photos alone it is: {said}.",)

@@ -25,8 +25,7 @@ from poseviewer.render.types import PhotoAttributes, Renderer
 ROBUST_ROUNDS, ROUNDS = 12, 4
 """Rounds of robust weights, and then of the mixture."""
 WIDEST, NARROWING = 16.0, 0.6
-"""Scale of the robust weights at first, in that of the last ones, and its shrinkage: none of the
-many lights that explain a part well is to be taken at once."""
+"""First scale of the robust weights, in that of the last, and its shrinkage: no light too soon."""
 LIGHT_NOISE = 0.03
 """Standard deviation of a colour in [0, 1] that no light is told without."""
 CLASS_NOISE, ANY_COLOUR = 0.02, 1e-3
@@ -36,11 +35,9 @@ MOST_SAID = 5.0
 SAID_PX = 2.5
 """Standard deviation of the blur by which pixels speak for their neighbours."""
 LEAST_WIDTH, LEAST_SHARE = 0.03, 0.02
-"""Width of a piece as a share of the root of the model's area, and area as a share of that: an
-outline a little off leaves thinner ones."""
+"""Width of a piece in roots of the model's area, and share of it: outlines a bit off have less."""
 LEAST_CROSSING = 1.0
-"""Length of the model's outline that a piece lies on, in roots of the piece's area: a thing in
-front seldom ends there."""
+"""Length of the outline that a piece lies on, in roots of its area: few things end there."""
 EDGE_GAP = 0.3
 """Share of its border inside the model that lies on edges, above that of the outline over it."""
 LEAST_SEEN = 0.2
@@ -77,9 +74,7 @@ def _odds(
     beside: NDArray[np.bool_],
     model: FloatArray,
 ) -> FloatArray:
-    """(height, width): the logarithm of the odds that a ``covered`` pixel shows something else than
-    the ``model`` (N, m), evened out; 0 elsewhere.
-    """
+    """(height, width): log odds, evened out, that ``covered`` pixels do not show the ``model``."""
     colours = photo.channels[covered].astype(float)
     other = _log_density_beside(photo, beside, colours)
     variance = float(photo.channels[photo.weights > 0.0].var(0).mean())
@@ -122,9 +117,7 @@ def _light(colours: FloatArray, model: FloatArray, weights: FloatArray) -> Float
 def _log_density_beside(
     photo: PhotoAttributes, beside: NDArray[np.bool_], colours: FloatArray
 ) -> FloatArray:
-    """(N,): the logarithm of the density of ``colours`` (N, n) beside the model: a normal one for
-    each class.
-    """
+    """(N,): log density of ``colours`` (N, n) beside the model, a normal one for each class."""
     assert photo.structure is not None
     labels, around = photo.structure.labels[beside], photo.channels[beside].astype(float)
     density = np.full(len(colours), ANY_COLOUR)

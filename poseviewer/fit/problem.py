@@ -127,8 +127,7 @@ def _mean(losses: Sequence[float]) -> float:
 
 
 Hidings = Mapping[int, Hiding | None]
-"""Pixels that other objects hide of a model in the views that show it, by the views' numbers; None
-where there are no others."""
+"""Pixels that others hide of an object, by the number of the view; None where there are none."""
 
 
 def make_problem(
@@ -212,9 +211,7 @@ def hidings(scene: Scene, index: int, view: int = 0) -> dict[int, Hiding | None]
 
 
 def _view_charts(scene: Scene, index: int, order: Sequence[int]) -> list[ViewChart]:
-    """The chart of each of several views, about the start in the first; raises as ``make_problem``
-    where the settings do not go with several views.
-    """
+    """The chart of each of several views, about the start in the first."""
     one, first = scene.objects[index], scene.views[order[0]]
     if one.settings.chart == "vehicle":
         raise SettingsError("--chart vehicle with several photos; leave it out.")

@@ -168,9 +168,7 @@ class Scene:
     """Notes for the user on how the files were read."""
 
     def __post_init__(self) -> None:
-        """Raises ``SettingsError`` where ids repeat, a mask or camera has another size than its
-        photo, or an unknown scale is to be found with several objects.
-        """
+        """Raises ``SettingsError``: ids repeat, sizes differ, or the scale is free of several."""
         ids = [one.id for one in self.objects]
         if twice := [one for one in ids if ids.count(one) > 1]:
             raise SettingsError(f"two objects have the id {twice[0]!r}; give each its own.")

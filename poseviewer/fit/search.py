@@ -61,11 +61,9 @@ MOST_RUNS = 4
 FOCAL_THRESHOLD = 0.02
 """Share by which a run moves the focal length to be continued: along it the loss is nearly flat."""
 CHANGED = 0.05
-"""Share of an object's pixels that others hide or give free for another search: less moves its
-minimum by less than such a search can tell."""
+"""Share of an object's pixels that others hide or free: less hardly moves its minimum."""
 LEAST_LEFT = 0.5
-"""Share of what is seen of an object at its start that must lie beside all others, to be searched
-for first as if they all stood in front."""
+"""Share of what is seen at the start beside all others, to search first as if behind them all."""
 MOST_ROUNDS = 4
 """Searches of one object at most: two that slide along each other would take turns for ever."""
 
@@ -279,9 +277,7 @@ class Search:
         return best
 
     def _kept(self, end: FitProgress) -> FitProgress:
-        """The start in place of the ``end`` of a search from it, with its own loss and verdict,
-        which says where the search ended.
-        """
+        """The start in place of the ``end``, with its own verdict, which says where that was."""
         problem = self._made(self._seen_in(self._scene_at_start, end.problem))
         start, model = problem.chart.to_pose(problem.start), problem.model
         kept = replace(end, parameters=problem.start, pose=start, status=Status.KEPT)
@@ -354,9 +350,7 @@ def _differ(problem: FitProblem, now: Hidings) -> bool:
 
 
 def _all_in_front(seen: Hiding | None) -> Hiding | None:
-    """All pixels of the others as hidden, since at a start depth may be too wrong to tell; as given
-    where that leaves too little of the object, as of what stands before a wall.
-    """
+    """All pixels of others as hidden: starts' depths err; as given where that leaves little."""
     if seen is None:
         return None
     left, shown = (np.count_nonzero(seen.drawn & ~hidden) for hidden in (seen.others, seen.hidden))

@@ -93,18 +93,15 @@ class FitSettings:
         if self.region is not None:
             object.__setattr__(self, "region", Rectangle(*self.region))
         if self.method == "paper":
-            object.__setattr__(self, "grey", True)
-            object.__setattr__(self, "colour_reflectance", False)
-            if self.pixels == "near":
-                object.__setattr__(self, "pixels", "clip")
+            pixels = "clip" if self.pixels == "near" else self.pixels
+            for name, value in zip(OF_METHOD, (True, False, pixels), strict=True):
+                object.__setattr__(self, name, value)
 
     @property
     def method_name(self) -> str:
         """Name of the loss for people: ``Paper (2010), pixels inside the model``."""
-        compared = {"near": "", "whole": ", whole photo", "clip": ", pixels inside the model"}[
-            self.pixels
-        ]
-        return METHODS[self.method] + compared
+        compared = {"near": "", "whole": ", whole photo", "clip": ", pixels inside the model"}
+        return METHODS[self.method] + compared[self.pixels]
 
     def of_method(self, method: Method, like: FitSettings | None = None) -> FitSettings:
         """The fit by another method, with what that compares in ``like``, if that is of it, else by
@@ -145,6 +142,5 @@ def settings_from_json(data: Mapping[str, Any]) -> FitSettings:
 
 
 def _with_new_names(data: Any) -> Any:
-    if not isinstance(data, Mapping):
-        return data
-    return {OLD_NAMES.get(key, key): _with_new_names(value) for key, value in data.items()}
+    is_leaf = not isinstance(data, Mapping)
+    return data if is_leaf else {OLD_NAMES.get(k, k): _with_new_names(v) for k, v in data.items()}

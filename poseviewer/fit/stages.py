@@ -220,9 +220,7 @@ class _Run:
             yield value
 
     def _renderers_of(self, stage: Stage) -> tuple[Renderer, ...]:
-        """The levels' renderers; at the end of a search without faces hidden there, where the best
-        points are scored with the whole model.
-        """
+        """The levels' renderers; at the end, where whole models score, without hidden faces."""
         renderers = tuple(level.renderer for level in stage.levels)
         if stage.along_axes and stage.rescore_every:
             factors = [level.photo.factor for level in stage.levels]

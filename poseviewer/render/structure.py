@@ -34,13 +34,11 @@ BLUR_TAPS = cv2.getGaussianKernel(17, REACH_PX)[8:, 0].astype(np.float32)
 LIGHTENING = 1.0 / 2.2
 """Exponent on the photo's values: edges in the shade are edges."""
 STEP_PX, PLATEAU_PX = 5, 9
-"""Sides of the square whose least and greatest values an edge is made steep between, and of the one
-in which these must be all that it has."""
+"""Sides of the square whose extremes make an edge steep, and of that where it must be level."""
 STEP_SHARE = 0.8
 """Least share of the larger square's range in the smaller one: else it goes on beside the edge."""
 CLEAR_SHARE, CLEAR_STEP = 0.3, 0.05
-"""Least and greatest values are clearly apart from that share of their sum on, and that much more:
-of less contrast half way is half way in a lightened photo, too, and noise is left."""
+"""Share of their sum, and that much more, by which the extremes of a steep edge differ."""
 MARGIN_PX = 10
 """The model's field reaches no farther beyond it: the gradient's 1 px and the blur's 8."""
 
@@ -100,12 +98,8 @@ def make_structure(
 
 
 def _steepened(light: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(h, w, n): blurred edges made steps by toggle mapping (Kramer and Bruckner, 1975).
-
-    Values become the nearer of the least and greatest nearby, where these are clearly apart and
-    even beside the edge. In lightened values, half way is not the edge: dark things would look too
-    small.
-    """
+    """(h, w, n): blurred edges made steps by toggle mapping (Kramer and Bruckner, 1975)."""
+    # Not of lightened values, where half way is not the edge: dark things would look too small.
     squares = [np.ones((side, side), np.uint8) for side in (STEP_PX, PLATEAU_PX)]
     # OpenCV drops the axis of a single channel.
     least, lowest = (cv2.erode(light, s).reshape(light.shape) for s in squares)

@@ -110,11 +110,8 @@ class TexturePyramid(NamedTuple):
         right, bottom = (left + 1) % size[..., 0], (top + 1) % size[..., 1]
         width = size[..., 0]
         fx, fy = share[..., :1], share[..., 1:]
-        upper = self._lerp(offset + top * width, left, right, fx)
-        lower = self._lerp(offset + bottom * width, left, right, fx)
+        upper, lower = (
+            (1.0 - fx) * self.texels[row + left] + fx * self.texels[row + right]
+            for row in (offset + top * width, offset + bottom * width)
+        )
         return (1.0 - fy) * upper + fy * lower
-
-    def _lerp(
-        self, row: NDArray[np.int64], left: NDArray, right: NDArray, share: FloatArray
-    ) -> FloatArray:
-        return (1.0 - share) * self.texels[row + left] + share * self.texels[row + right]

@@ -44,9 +44,7 @@ POSE = np.dtype(
 MODEL = slice(3, 9)
 """M (R, G, B, grey times normal) among a pixel's values; F stands before it, 1 after it."""
 PARTS = np.cumsum([6, 100, 1, 16 * 7])
-"""Ends of a record's parts: M's origin, products of two values each, number of pixels, sums of M
-and 1 by class; two sums over edges are left.
-"""
+"""Ends of a record's parts: M's origin, products, pixels, sums by class; two of edges are left."""
 
 
 @dataclass(slots=True, eq=False)

@@ -22,8 +22,7 @@ PIECE, BESIDE = 3.0, 2
 QUICK_SAMPLES = 160_000
 """A silhouette in motion is found in a picture of no more samples than this."""
 FEW_FACES, CELLS = 4000, 64
-"""A sketch draws models of so few faces as they are; vertices of a larger one that share a cell, of
-so many along the diameter, become one."""
+"""Faces that a sketch draws as they are; of more, vertices in one cell of the diameter are one."""
 SHIFT, FARTHEST = 4, 2.0**14
 """OpenCV's binary digits for fractions of a sample; farther samples would overflow its numbers."""
 
@@ -62,9 +61,8 @@ def seen_lines(lines: FloatArray, seen: NDArray[np.bool_], samples: float) -> Fl
     first = np.concatenate([[0], np.cumsum(counts)[:-1]])[index] if len(ends) else index
     share = ((np.arange(len(index)) - first) / counts[index])[:, None]
     start, way = ends[index, 0], ends[index, 1] - ends[index, 0]
-    pieces = np.stack(
-        [start + share * way, start + (share + 1.0 / counts[index][:, None]) * way], 1
-    )
+    shares = share, share + 1.0 / counts[index][:, None]
+    pieces = np.stack([start + end * way for end in shares], axis=1)
     near = cv2.dilate(seen.astype(np.uint8), np.ones((2 * BESIDE + 1,) * 2, np.uint8))
     size = np.array(seen.shape[::-1]) - 1
     x, y = np.clip(np.floor(pieces.mean(axis=1)).astype(int), 0, size).T

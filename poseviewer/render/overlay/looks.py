@@ -76,10 +76,8 @@ def draw_look(name: str, view: ModelInPhoto) -> Picture:
         case "solid":
             # The model's own colours, lit from the camera; black paint must show its shape, too.
             facing = np.clip(-image.normals[..., 2:], 0.0, 1.0)
-            colours, opacity = (
-                (0.3 + 0.7 * image.reflectance) * (0.25 + 0.75 * facing),
-                view.opacity,
-            )
+            colours = (0.3 + 0.7 * image.reflectance) * (0.25 + 0.75 * facing)
+            opacity = view.opacity
         case _:
             raise KeyError(name)
     picture = view.photo.copy()

@@ -27,9 +27,8 @@ class Window:
 
     def pose(self, pose: Pose) -> Pose:
         """Pose in the image that the window is."""
-        cut = replace(
-            pose, camera=pose.camera.cropped(self.left, self.top, self.width, self.height)
-        )
+        camera = pose.camera.cropped(self.left, self.top, self.width, self.height)
+        cut = replace(pose, camera=camera)
         return cut if self.samples == 1.0 else cut.scaled(self.samples)
 
     def of_photo(self, width: int, height: int) -> tuple[slice, slice]:
