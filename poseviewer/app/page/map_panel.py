@@ -63,8 +63,6 @@ class LossGrid:
     """(d, d): how sure the current pose is; nan where nothing is said of a number."""
     free: tuple[int, ...] | None = None
     """Indices of the parameters whose pairs have a place, ascending; None for all."""
-    centre: tuple[float, ...] = ()
-    """The parameters that the maps are about: the page has them as ``data-centre``."""
     dimmed: bool = False
     """The maps are about an older pose, while new ones are computed."""
     half_width: float = 0.2
@@ -89,7 +87,6 @@ class LossGrid:
         return (
             f'<div class="pv-with">{"" if large is None else self._large(large)}'
             f'<div class="pv-land{" pv-dim" if self.dimmed else ""}" '
-            f'data-centre="{" ".join(map(repr, self.centre))}" '
             f'style="grid-template-columns:26px repeat({columns},minmax(0,1fr))">'
             f"{self._labels(free)}{cells}{self._key()}</div></div>"
         )
@@ -288,7 +285,6 @@ def grid_of(session: Session, latest: LandscapeUpdate) -> LossGrid:
         trail,
         covariance,
         free=tuple(int(i) for i in problem.free_indices),
-        centre=tuple(map(float, latest.parameters)),
         dimmed=latest.document.pose is not document.pose and not is_moving,
         half_width=latest.half_width,
         what=problem.scale.name,
