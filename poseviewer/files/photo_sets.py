@@ -104,7 +104,7 @@ def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews
     reading = Reading(path, kind=KIND)
     with reading.naming_errors():
         records, unit, scale = _views(reading, choice)
-        chosen = (one for one in records if _is_chosen(one.photo.file, choice.photos))
+        chosen = (view for view in records if _is_chosen(view.photo.file, choice.photos))
         views = [_opened(reading, record) for record in chosen]
         for wanted in choice.photos:
             if not any(_is_chosen(str(view.path), [wanted]) for view in views):

@@ -221,20 +221,19 @@ def same_intrinsics(one: Perspective, other: Perspective) -> bool:
 
 
 def _entry(scene: SceneRecord, index: int, view: int, options: ConvertOptions) -> dict[str, Any]:
-    unit, place = options.unit_of(scene), scene.pose(index, view).camera_from_model
+    unit, item, given = options.unit_of(scene), scene.objects[index], options.object_id
     if unit is None:
         raise PoseFileError(
             "The pose file does not say the model's unit, and BOP wants mm; add --unit, such as "
             "--unit mm."
         )
     factor = metres_per_unit(unit) / metres_per_unit(UNIT)
-    place = replace(place, translation=place.translation * factor)
-    one, said = scene.objects[index], options.object_id
-    is_named = len(scene.objects) == 1 or re.fullmatch(MODEL_NAME, one.path.name)
-    said = int(one.id) if one.id.isdecimal() and not is_named else said
-    given = None if said is None else str(said)
-    number = _number(given, MODEL_NAME, one.path.name, "object", "obj_000005.ply")
-    return BopObject(number, place).as_json()
+    place = scene.pose(index, view).camera_from_model
+    is_named = len(scene.objects) == 1 or re.fullmatch(MODEL_NAME, item.path.name)
+    if item.id.isdecimal() and not is_named:
+        given = int(item.id)
+    number = _number(given, MODEL_NAME, item.path.name, "object", "obj_000005.ply")
+    return BopObject(number, replace(place, translation=place.translation * factor)).as_json()
 
 
 def image_number(scene: SceneRecord, options: ConvertOptions, view: int = 0) -> int:
@@ -243,10 +242,10 @@ def image_number(scene: SceneRecord, options: ConvertOptions, view: int = 0) -> 
     return _number(options.image_of(view), PHOTO_NAME, name, "image", "000003.png")
 
 
-def _number(given: str | None, pattern: str, name: str, what: str, example: str) -> int:
-    said = name if given is None else given
-    found = re.fullmatch(pattern, said)
-    text = found[1] if found else given or ""
+def _number(given: str | int | None, pattern: str, name: str, what: str, example: str) -> int:
+    said = name if given is None else str(given)
+    match = re.fullmatch(pattern, said)
+    text = match[1] if match else str(given)
     if not text.isdecimal():
         raise PoseFileError(
             f"BOP wants the {what}'s number, and found {said or 'none'!r}; add "
@@ -258,13 +257,13 @@ def _number(given: str | None, pattern: str, name: str, what: str, example: str)
 def _photos(folder: Path) -> dict[int, str]:
     """The photos by their numbers, from the scene's folder."""
     for name in PHOTO_FOLDERS:
-        found = {
+        photos = {
             int(path.stem): f"{name}/{path.name}"
             for path in sorted((folder / name).glob("*"))
             if path.stem.isdecimal() and path.suffix.lower() in PHOTO_ENDINGS
         }
-        if found:
-            return found
+        if photos:
+            return photos
     return {}
 
 

@@ -62,8 +62,8 @@ class BopModel(Struct, frozen=True):
         """The symmetry as the program has it."""
         matrices = np.reshape(self.discrete, (-1, 4, 4))
         discrete = [RigidTransform(nearest_rotation(m[:3, :3]), m[:3, 3]) for m in matrices]
-        axes = [np.array(one.axis) / np.linalg.norm(one.axis) for one in self.continuous]
-        offsets = [one.offset for one in self.continuous]
+        axes = [np.array(turns.axis) / np.linalg.norm(turns.axis) for turns in self.continuous]
+        offsets = [turns.offset for turns in self.continuous]
         return Symmetry.from_transforms(discrete, axes, offsets, self.diameter)
 
 

@@ -60,7 +60,7 @@ def write_gltf(scene: SceneRecord, out: Path, options: ConvertOptions) -> Writte
         raise PoseFileError(f"{out.name}: binary glTF files end in .glb; name it so.")
     unit, (places, poses) = options.unit_of(scene), in_one_world(scene)
     scale = 1.0 if unit is None else metres_per_unit(unit)
-    paths = [require_file(one.path, "model", "glTF") for one in scene.objects]
+    paths = [require_file(item.path, "model", "glTF") for item in scene.objects]
     meshes = {path: load_mesh(path) for path in dict.fromkeys(paths)}
     corners = [
         meshes[path].vertices @ place[:3, :3].T + place[:3, 3]
@@ -69,19 +69,19 @@ def write_gltf(scene: SceneRecord, out: Path, options: ConvertOptions) -> Writte
     points, file = np.concatenate(corners), _Glb()
     index = {path: file.add_mesh(mesh) for path, mesh in meshes.items()}
     models = [
-        file.add("nodes", name=one.label, mesh=index[one.path], matrix=place.T.ravel().tolist())
-        for one, place in zip(scene.objects, places, strict=True)
+        file.add("nodes", name=item.label, mesh=index[item.path], matrix=place.T.ravel().tolist())
+        for item, place in zip(scene.objects, places, strict=True)
     ]
     nodes = [file.add("nodes", name="models", scale=[scale] * 3, children=models)]
-    seen = [_before(pose, points) for pose in poses]
+    placed = [_before(pose, points) for pose in poses]
     names = ["photo", *(view.path.name or "another photo" for view in scene.views[1:])]
-    for name, (pose, depth) in zip(names, seen, strict=True):
+    for name, (pose, depth) in zip(names, placed, strict=True):
         nodes.append(file.add_camera(name, pose, depth, scale))
     if not scene.views[0].path.is_file():
         note = "No photo is known: the file has no plane with it; add --photo FILE."
         return Written({out: file.as_bytes(nodes)}, [note])
     photo = open_view(structs.replace(scene.views[0], mask=None))[0].photo
-    (pose, depth), rgb = seen[0], photo.as_rgb8(photo.width, photo.height)
+    (pose, depth), rgb = placed[0], photo.as_rgb8(photo.width, photo.height)
     plane = file.add_mesh(_photo_plane(pose, PLANE_BEHIND * depth, scale, rgb), "photo")
     nodes.append(file.add("nodes", name="photo plane", mesh=plane))
     return Written({out: file.as_bytes(nodes)})
@@ -231,7 +231,7 @@ def read_gltf(path: Path, request: ConvertOptions) -> SceneRecord:
         reading.check_size()
         document = gltf_header(path)
         nodes = document.get("nodes", [])
-        known = [(str(one.get("name")), i) for i, one in enumerate(nodes) if "camera" in one]
+        known = [(str(node.get("name")), i) for i, node in enumerate(nodes) if "camera" in node]
         index = request.the_one(reading, "cameras", known)
         world_from_camera = _world_matrix(nodes, index)
         entry = document["cameras"][nodes[index]["camera"]]

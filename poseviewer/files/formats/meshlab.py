@@ -39,9 +39,9 @@ def write_meshlab(scene: SceneRecord, out: Path, _: ConvertOptions) -> Written:
     places, poses = in_one_world(scene)
     add, root = ElementTree.SubElement, ElementTree.Element("MeshLabProject")
     group = add(root, "MeshGroup")
-    for one, place in zip(scene.objects, places, strict=True):
-        model = relative_name(out, require_file(one.path, "model", "MeshLab"))
-        mesh = {"label": one.label, "visible": "1", "filename": model}
+    for item, place in zip(scene.objects, places, strict=True):
+        model = relative_name(out, require_file(item.path, "model", "MeshLab"))
+        mesh = {"label": item.label, "visible": "1", "filename": model}
         matrix = add(add(group, "MLMesh", mesh), "MLMatrix44")
         matrix.text = "\n" + "".join(f"{_words(row)} \n" for row in place)
     rasters, notes = add(root, "RasterGroup"), []

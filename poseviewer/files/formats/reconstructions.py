@@ -1,15 +1,10 @@
 """Cameras as programs of 3D reconstruction keep them; the world is the model's frame, pixel centres
-are at i + 0.5.
-
-COLMAP's model (https://colmap.github.io/format.html), read as text or binary, written as text:
-quaternions w first, world to camera, OpenCV axes; its lens models:
-https://github.com/colmap/colmap/blob/main/src/colmap/sensor/models.h.
+are at i + 0.5. COLMAP's model is written as text (``colmap_model``).
 
 nerfstudio's ``transforms.json`` (https://docs.nerf.studio/quickstart/data_conventions.html): camera
 to world, OpenGL axes; its ``Cameras.generate_rays`` looks through the pixel (i, j) at
 ``((j + 0.5 - cx) / fl_x, -(i + 0.5 - cy) / fl_y, -1)``, and its ``_undistort_image`` hands ``k1 k2
-k3 p1 p2`` (or the fisheye's ``k1 .. k4``) to OpenCV, whose order is k1 k2 p1 p2 k3 k4 k5 k6 s1 s2
-s3 s4 tx ty.
+k3 p1 p2`` (or the fisheye's ``k1 .. k4``) to OpenCV in OpenCV's order.
 """
 
 from __future__ import annotations
