@@ -24,12 +24,12 @@ def run(options: Namespace) -> int:
         raise SettingsError("the photo's camera is wanted: give --calibration")
     require_writable(options.out, PhotoFileError)
     from poseviewer.cli.info_command import print_camera
-    from poseviewer.files.photo import load_calibrated_photo, pixels_for, save_image
+    from poseviewer.files.photo import load_calibrated_photo, save_photo
 
     photo = load_calibrated_photo(options.photo, calibration_of(options))
     if photo.undistortion is None:
         raise SettingsError(f"{options.calibration}: a camera without distortion; nothing to undo")
-    save_image(options.out, pixels_for(options.out, photo))
+    save_photo(options.out, photo)
     print_camera(photo)
     say(f"undistorted: {options.out}")
     return 0

@@ -174,6 +174,16 @@ class Reading:
             raise self.error(f"{what} is {kind_of(value)}", "wanted an object {...}")
         return value
 
+    def load_beside_model(self, name: str, unit: str | None) -> dict[str, Any]:
+        """Object of a file of the format ``name`` that lies beside a model, in the model's unit."""
+        data = self.load_object()
+        self.require_format(data, name)
+        own = data.get("unit")
+        if own is not None and unit is not None and own != unit:
+            found = f"lengths in {kind_of(own)}, the model's are in {unit!r}"
+            raise self.error(found, "give them in the model's unit")
+        return data
+
     def require_format(self, data: dict[str, Any], name: str, newest: int = 1) -> None:
         """Raise unless ``format`` is absent or equals ``name``, in a version up to the newest."""
         if data.get("format", name) != name:
@@ -182,13 +192,6 @@ class Reading:
         if version is True or version not in range(1, newest + 1):
             wanted = f"this poseviewer reads versions up to {newest}, try a newer one"
             raise self.error(f"version is {kind_of(version)}", wanted)
-
-    def require_unit(self, data: dict[str, Any], unit: str | None) -> None:
-        """Raise unless the object's lengths are in the model's ``unit``, or it is not said."""
-        own = data.get("unit")
-        if own is not None and unit is not None and own != unit:
-            found = f"lengths in {kind_of(own)}, the model's are in {unit!r}"
-            raise self.error(found, "give them in the model's unit")
 
     def decoded(
         self, data: Any, kind: type[Value], what: str = "", raw: Sequence[str] = ()

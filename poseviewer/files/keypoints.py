@@ -29,9 +29,7 @@ def load_keypoints(mesh_path: str | Path, mesh: Mesh) -> VehicleKeypoints | None
         return find_wheels(mesh)
     reading = Reading(path, error_type=MeshFileError, kind=KIND)
     with reading.naming_errors():
-        data = reading.load_object()
-        reading.require_format(data, FORMAT)
-        reading.require_unit(data, mesh.unit)
+        data = reading.load_beside_model(FORMAT, mesh.unit)
         return VehicleKeypoints(_side(reading, data, "left"), _side(reading, data, "right"))
 
 

@@ -212,8 +212,7 @@ def photo_text(photo: Photo) -> str:
     return f"{text}; distortion: {distortion}"
 
 
-def pixels_for(path: Path, photo: Photo) -> NDArray:
-    """(height, width, 1 or 3): a photo's pixels as the format of a file's ending can hold them."""
-    if path.suffix.lower() in DEEP_FORMATS:
-        return photo.pixels
-    return photo.as_rgb8(photo.width, photo.height)
+def save_photo(path: Path, photo: Photo) -> None:
+    """Write a photo with as many bits as the format of the file's ending holds; whole or not."""
+    is_deep = path.suffix.lower() in DEEP_FORMATS
+    save_image(path, photo.pixels if is_deep else photo.as_rgb8(photo.width, photo.height))

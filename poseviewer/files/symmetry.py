@@ -90,7 +90,5 @@ def load_symmetry(mesh_path: str | Path, mesh: Mesh) -> Symmetry:
         return NO_SYMMETRY if known is None else known.symmetry
     reading = Reading(path, error_type=MeshFileError, kind=KIND)
     with reading.naming_errors():
-        data = reading.load_object()
-        reading.require_format(data, FORMAT)
-        reading.require_unit(data, mesh.unit)
+        data = reading.load_beside_model(FORMAT, mesh.unit)
         return reading.decoded(data, SymmetryTurns).symmetry

@@ -18,7 +18,7 @@ from msgspec import structs
 
 from poseviewer.errors import PhotoFileError, PoseFileError, printable
 from poseviewer.files.checks import Reading, checked_rotation, kind_of
-from poseviewer.files.photo import is_stored_turned, load_photo, pixels_for, save_image
+from poseviewer.files.photo import is_stored_turned, load_photo, save_photo
 from poseviewer.files.scene_file import (
     ModelFile,
     ObjectRecord,
@@ -229,7 +229,7 @@ def _of_undistorted(view: ViewRecord, path: Path, options: ConvertOptions) -> Vi
         )
     is_taken = path.exists() and path.samefile(view.path)
     if not path.exists() or (options.overwrite and not is_taken):
-        save_image(path, pixels_for(path, opened.photo))
+        save_photo(path, opened.photo)
     elif is_taken or not np.array_equal(load_photo(path).pixels, opened.photo.pixels):
         raise PhotoFileError(
             f"{path}: is there already and was not touched; move it away: the undistorted photo "
