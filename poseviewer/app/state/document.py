@@ -314,14 +314,6 @@ class Document:
         """(d,): the active object's pose in ``chart``."""
         return numbers_of(self.chart, self.pose, self.object.world_from_model.scale)
 
-    def with_new(self, new: SceneObject) -> Document:
-        """The document with one object more, which is active and gets a number of its own."""
-        number = 1 + max(int(one.id) for one in self.scene.objects)
-        objects = (*self.scene.objects, replace(new, id=str(number)))
-        state = ObjectState(new.world_from_model, tuple(v.camera for v in self.scene.views))
-        scene = replace(self.scene, objects=objects)
-        return replace(self, scene=scene, states=(*self.states, state), active=len(objects) - 1)
-
     def without(self, index: int) -> Document:
         """The document without one of several objects; where it was active, the next one is."""
         objects, states = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from poseviewer.app.state.document import Document
+from poseviewer.app.state.document import Document, ObjectState
 from poseviewer.app.state.edits import edit
 from poseviewer.app.state.session import OF_A_PHOTO, Session, is_in_sight
 from poseviewer.errors import SettingsError
@@ -49,8 +49,11 @@ def with_added(document: Document, model: LoadedModel) -> Document:
     place = document.view.world_from_model(pose, like.world_from_model.scale)
     settings = replace(like.settings, lock=())
     in_views = tuple(InView(is_compared=own.is_compared) for own in like.in_views)
-    new = SceneObject("", model, place, settings, in_views=in_views, is_placed=False)
-    return document.with_new(new)
+    number = 1 + max(int(one.id) for one in document.scene.objects)
+    new = SceneObject(str(number), model, place, settings, in_views=in_views, is_placed=False)
+    scene = replace(document.scene, objects=(*document.scene.objects, new))
+    states = (*document.states, ObjectState(place, tuple(view.camera for view in scene.views)))
+    return replace(document, scene=scene, states=states, active=len(document.scene.objects))
 
 
 @edit

@@ -355,8 +355,7 @@ def _require_unlocked(before: Document, now: Document) -> None:
     if not (is_same and before.object.locked and now.object.locked):
         return
     kept = with_camera(before.pose, now.pose.camera, now.mesh.centre)
-    old, new = (pose.camera_from_model for pose in (kept, now.pose))
-    same_turn = np.allclose(old.rotation, new.rotation)
-    if not (same_turn and np.allclose(old.translation, new.translation)):
+    seen = [pose.project(now.mesh.vertices) for pose in (kept, now.pose)]
+    if not np.allclose(*seen, rtol=0.0, atol=1e-4, equal_nan=True):
         label = label_of(now.object)
         raise SettingsError(f"{label} is locked: {UNLOCK} to move it; nothing was changed")
