@@ -222,18 +222,12 @@ class Document:
         marks = replace(self.marks, **changes)
         return self.with_state(marks={**self.state.marks, self.at: marks})
 
-    def at_pose(
-        self,
-        pose: Pose,
-        index: int | None = None,
-        view: int | None = None,
-        scale: float | None = None,
-    ) -> Document:
-        """The document with an object where a view shows it at a pose, by default the active and
-        the large one, without a result; other objects stay where the photo shows them.
+    def at_pose(self, pose: Pose, scale: float | None = None) -> Document:
+        """The document with the active object where the large view shows it at a pose, without a
+        result; other objects stay where the photo shows them.
         """
-        index, view = self.active if index is None else index, self.at if view is None else view
-        return self._placed(self.scene.with_pose(index, pose, view, scale), index, view)
+        scene = self.scene.with_pose(self.active, pose, self.at, scale)
+        return self._placed(scene, self.active, self.at)
 
     def at_numbers(
         self, problem: FitProblem, numbers: FloatArray, index: int | None = None
