@@ -323,7 +323,7 @@ def set_method(session: Session, method: Method) -> Session:
         return session
     settings = session.settings_by(method)
     changed = session.with_document(session.document.with_object(settings=settings))
-    return replace(changed, aside=before)
+    return replace(changed, other_settings=before)
 
 
 @edit
@@ -494,7 +494,7 @@ def take_end(session: Session, index: int) -> Session:
     document = found_at(before, end).with_object(settings=end.settings)
     taken = session.with_document(document)
     if end.settings.method != before.settings.method:
-        taken = replace(taken, aside=before.settings)
+        taken = replace(taken, other_settings=before.settings)
     asked = SearchRequest(before.reset, (end.settings,), (before.active,))
     return replace(taken, search=Search(asked, False, end), anchor=asked.start.scene)
 

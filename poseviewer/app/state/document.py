@@ -246,8 +246,8 @@ class Document:
             for other, one in enumerate(self.scene.objects):
                 if other != index:
                     camera, centre = scene.views[view].camera, one.model.mesh.centre
-                    seen = with_camera(self.scene.pose(other, view), camera, centre)
-                    scene = scene.with_pose(other, seen, view)
+                    kept = with_camera(self.scene.pose(other, view), camera, centre)
+                    scene = scene.with_pose(other, kept, view)
         return replace(self, scene=scene)
 
     def numbers_in(self, problem: FitProblem) -> FloatArray:

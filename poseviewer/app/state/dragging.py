@@ -222,8 +222,8 @@ def scaled_about(pose: Pose, centre: ArrayLike, zoom: float) -> Pose:
 def radius_in_photo(pose: Pose, mesh: Mesh) -> float:
     """The model's radius about its centre, in px of the photo; nan behind the camera."""
     at = pose.camera_from_model.apply(mesh.centre)
-    aside = at + np.array([mesh.diameter / 2.0, 0.0, 0.0])
-    return float(np.linalg.norm(pose.camera.project(aside) - pose.camera.project(at)))
+    rim = at + np.array([mesh.diameter / 2.0, 0.0, 0.0])
+    return float(np.linalg.norm(pose.camera.project(rim) - pose.camera.project(at)))
 
 
 def pinned(mesh: Mesh, pose: Pose, points: ArrayLike, pixels: ArrayLike) -> Pose:
@@ -237,14 +237,14 @@ def pinned(mesh: Mesh, pose: Pose, points: ArrayLike, pixels: ArrayLike) -> Pose
 
     def residuals(parameters: FloatArray) -> FloatArray:
         try:
-            seen = chart.to_pose(parameters).project(points)
+            shown = chart.to_pose(parameters).project(points)
         except OutsideChartError:
-            seen = np.full(pixels.shape, 1e6)
-        away = np.nan_to_num(seen - pixels, nan=1e6)
+            shown = np.full(pixels.shape, 1e6)
+        away = np.nan_to_num(shown - pixels, nan=1e6)
         return np.append(away.ravel(), STIFFNESS * parameters)
 
-    found = least_squares(residuals, np.zeros(len(chart.names)), method="lm", max_nfev=200)
-    return chart.to_pose(found.x)
+    nearest = least_squares(residuals, np.zeros(len(chart.names)), method="lm", max_nfev=200)
+    return chart.to_pose(nearest.x)
 
 
 def vehicle_pins(chart: VehicleChart, parameters: FloatArray) -> FloatArray:

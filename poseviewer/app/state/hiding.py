@@ -95,10 +95,10 @@ def leave_out(session: Session, x: float, y: float) -> Session:
     """Leave out the part of the model that is seen at a point of the photo."""
     document = session.document
     mesh = document.mesh
-    found = surface_hit(mesh, document.pose, np.array([x, y]))
-    if found is None:
+    hit = surface_hit(mesh, document.pose, np.array([x, y]))
+    if hit is None:
         raise QuickStartError("There is no model there; press on the part to be left out.")
-    part = mesh.part_names[mesh.face_part[found[0]]]
+    part = mesh.part_names[mesh.face_part[hit[0]]]
     return session.with_document(document.with_mesh(mesh.without([*mesh.left_out, part])))
 
 
@@ -115,15 +115,15 @@ def bring_back(session: Session, index: int) -> Session:
 @edit
 def hide_found(session: Session) -> Session:
     """Hide what the search took for something in front, to be corrected."""
-    found, document = found_hidden(session), session.document
-    if found is None:
+    in_front, document = found_hidden(session), session.document
+    if in_front is None:
         return session
     result, at = document.object.result, document.at
     if result is not None:  # the same pixels were compared
         hidden = (*result.hidden[:at], None, *result.hidden[at + 1 :])
         document = document.with_object(result=replace(result, hidden=hidden))
     mask = document.own.mask
-    weights = ~found if mask is None else mask.weights * ~found
+    weights = ~in_front if mask is None else mask.weights * ~in_front
     return session.with_document(document.with_own(mask=Mask.of(weights)))
 
 

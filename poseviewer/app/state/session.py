@@ -208,7 +208,7 @@ class Session:
     """Why there are no maps; a sentence."""
     ends: tuple[SearchUpdate, ...] = ()
     """Ends of both methods when they were last compared on this photo and model."""
-    aside: FitSettings = field(default_factory=lambda: FitSettings("paper"))
+    other_settings: FitSettings = field(default_factory=lambda: FitSettings("paper"))
     """The settings as they were before the method was changed last."""
     overlay: Overlay | None = None
     losses: Losses | None = None
@@ -294,7 +294,7 @@ class Session:
 
     def settings_by(self, method: Method) -> FitSettings:
         """The settings at hand, by a method."""
-        return self.document.settings.of_method(method, self.aside)
+        return self.document.settings.of_method(method, self.other_settings)
 
     @property
     def mapped(self) -> tuple[FitSettings, ...]:
@@ -355,7 +355,7 @@ def _require_unlocked(before: Document, now: Document) -> None:
     if not (is_same and before.object.locked and now.object.locked):
         return
     kept = with_camera(before.pose, now.pose.camera, now.mesh.centre)
-    seen = [pose.project(now.mesh.vertices) for pose in (kept, now.pose)]
-    if not np.allclose(*seen, rtol=0.0, atol=1e-4, equal_nan=True):
+    pixels = [pose.project(now.mesh.vertices) for pose in (kept, now.pose)]
+    if not np.allclose(*pixels, rtol=0.0, atol=1e-4, equal_nan=True):
         label = label_of(now.object)
         raise SettingsError(f"{label} is locked: {UNLOCK} to move it; nothing was changed")

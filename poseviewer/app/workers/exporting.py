@@ -70,13 +70,13 @@ def export(what: Export, session: Session) -> dict[str, bytes]:
         data = np.asarray(cv2.imencode(".png", picture[..., ::-1])[1]).tobytes()
         return {f"{stem}.overlay.png": data}
     kind = "png" if what == "sheet" else what.removeprefix("maps-")
-    found = [update for update in session.landscapes if update.slices]
-    if not found:
+    mapped = [update for update in session.landscapes if update.slices]
+    if not mapped:
         raise SettingsError("there are no maps yet; wait for the first ones")
     endings = {"default": f"landscape.{kind}", "paper": f"landscape.paper.{kind}"}
     return {
         f"{stem}.{endings[update.case.settings.method]}": update.maps.as_bytes(kind)
-        for update in found
+        for update in mapped
     }
 
 

@@ -117,8 +117,8 @@ def proposing(notify: Callable[[], None]) -> Job[Document, Edit]:
             job.require_asked(document)
 
         renderer = renderer_of(document.mesh).clone()
-        found = propose(start_query(document), renderer, lower_priority, watch)
-        yield c.starts_proposed(document, tuple(proposal.pose for proposal in found))
+        proposals = propose(start_query(document), renderer, lower_priority, watch)
+        yield c.starts_proposed(document, tuple(proposal.pose for proposal in proposals))
 
     job = Job("proposals", asked, make, notify, failed=lambda *_: c.stop_proposing())
     return job

@@ -155,10 +155,10 @@ def maps(
     """
     own, width = request.document, request.half_width
     centre = own.numbers_in(problem)
-    seen = {(piece.first, piece.second): piece for piece in shown}
+    newest = {(piece.first, piece.second): piece for piece in shown}
     first = strides(size)[0]
     for piece in landscape(problem, pool, centre, half_width=width, size=size, smooth=True):
         pair = piece.first, piece.second
-        if pair not in seen or bool(np.isfinite(piece.losses[::first, ::first]).all()):
-            seen[pair] = piece
-        yield LandscapeUpdate(own, case, centre, width, tuple(seen.values()))
+        if pair not in newest or bool(np.isfinite(piece.losses[::first, ::first]).all()):
+            newest[pair] = piece
+        yield LandscapeUpdate(own, case, centre, width, tuple(newest.values()))

@@ -134,7 +134,7 @@ def open_photo(now: Document, path: Path, calibration: Calibration | None = None
     camera, is_same = photo.default_camera(), path == before.path
     view, centre = View(photo.name, photo, camera, path=path), now.mesh.centre
     poses = (_corner_view(now.model, camera), now.pose)
-    placed, seen = (pose.camera_from_model.apply(centre) for pose in poses)
+    wanted, old_centre = (pose.camera_from_model.apply(centre) for pose in poses)
     same_pixels = photo.sha256 == before.photo.sha256 and same_undistortion(
         photo.undistortion, before.photo.undistortion
     )
@@ -145,7 +145,7 @@ def open_photo(now: Document, path: Path, calibration: Calibration | None = None
             pose = with_camera(old, camera, one.mesh.centre)
         else:
             turn, shift = old.camera_from_model.rotation, old.camera_from_model.translation
-            pose = Pose(camera, RigidTransform(turn, shift + placed - seen))
+            pose = Pose(camera, RigidTransform(turn, shift + wanted - old_centre))
         scale = one.world_from_model.scale / now.object.world_from_model.scale
         place = view.world_from_model(pose, 1.0 if isinstance(old.camera, Parallel) else scale)
         in_views = (InView(own.mask if same_pixels else None),)

@@ -93,9 +93,9 @@ def outlining(notify: Callable[[], None]) -> Job[OutlineRequest, Edit]:
             depths = [renderer(mesh).depth(pose.scaled(samples)) for mesh, pose in models]
             visible = visibility_of_depths(depths)
             for index, number in enumerate(request.large):
-                seen = visible.seen(index)
-                if not np.array_equal(seen, visible.drawn[index]):
-                    lines[number] = seen_lines(lines[number], seen, samples)
+                visible_pixels = visible.seen(index)
+                if not np.array_equal(visible_pixels, visible.drawn[index]):
+                    lines[number] = seen_lines(lines[number], visible_pixels, samples)
         views = ({number: share(*one) for number, one in view.items()} for view in request.small)
         yield change(outlines=Outlines(lines, tuple(views)))
 

@@ -162,8 +162,8 @@ def find_wheels() -> Task:
         inputs = StartInputs(own.photo, own.mesh, own.model.keypoints, own.own.mask)
         photo, camera = own.photo, own.pose.camera
         is_guess = camera == photo.default_camera() and photo.focal_length_35mm is None
-        found = likely_wheels(inputs, region, camera, is_guess)[0]
-        laid = lay_wheels(own, found.wheels.rear, found.wheels.front, found.fit.pose)
+        best = likely_wheels(inputs, region, camera, is_guess)[0]
+        laid = lay_wheels(own, best.wheels.rear, best.wheels.front, best.fit.pose)
         return Result((set_tool("wheels"), laid))
 
     return Task(run, "Looking for wheels ...", draws=True)
@@ -221,6 +221,6 @@ def grown(photo: Photo, stroke: Stroke) -> NDArray[np.bool_]:
     _, pieces = cv2.connectedComponents(thing, connectivity=4)
     thing *= np.isin(pieces, np.unique(pieces[seeded]))
     thing = cv2.dilate(thing, np.ones((3, 3), np.uint8)).astype(np.float32)  # the edge is blurred
-    found = cv2.resize(thing, (width, height), interpolation=cv2.INTER_LINEAR) >= 0.5
-    drawn[part] |= found
+    cut = cv2.resize(thing, (width, height), interpolation=cv2.INTER_LINEAR) >= 0.5
+    drawn[part] |= cut
     return drawn

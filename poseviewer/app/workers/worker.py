@@ -47,12 +47,12 @@ class Mailbox(Generic[T]):
 
     def take(self, timeout: float) -> list[T]:
         """All items, at once if there are any; else after ``notify``, or ``timeout`` seconds."""
-        found: list[T | None] = []
+        items: list[T | None] = []
         with suppress(Empty):
-            found.append(self._items.get(timeout=timeout))
+            items.append(self._items.get(timeout=timeout))
             while True:
-                found.append(self._items.get_nowait())
-        return [item for item in found if item is not None]
+                items.append(self._items.get_nowait())
+        return [item for item in items if item is not None]
 
 
 class Job(Generic[A, T]):
