@@ -70,17 +70,10 @@ def _fit(job: Job, plan: Batch) -> Scene:
                 f"{photo.name}: {what} with a set of photos; name a pose file; masks are the set's."
             )
         return load(views=photo, model=model, start=start, settings=plan.settings).fit()
-    case = load(
-        photo,
-        model,
-        start,
-        plan.settings,
-        box=job.rectangle(),
-        mask=plan.mask,
-        # A renderer is for one thread at a time, and a cluster's worker may have several.
-        renderer=None if renderer is None else renderer.clone(),
-    )
-    return case.fit()
+    # A renderer is for one thread at a time, and a cluster's worker may have several.
+    own, files = None if renderer is None else renderer.clone(), (photo, model, start)
+    scene = load(*files, plan.settings, box=job.rectangle(), mask=plan.mask, renderer=own)
+    return scene.fit()
 
 
 @lru_cache(maxsize=MODELS_KEPT)
@@ -102,21 +95,13 @@ def _keep(job: Job, plan: Batch, fitted: Scene, picture: Picture) -> JobResult:
     progress, verdict = fitted.progress, fitted.verdict
     assert progress is not None  # it was searched for
     pose, drawn = result_files(job)
-    result = JobResult(
-        progress.status.value,
-        loss=progress.loss,
-        start_loss=progress.start_loss,
-        unexplained=progress.unexplained,
-        start_unexplained=progress.start_unexplained,
-        evaluations=progress.evaluations,
-        seconds=round(progress.seconds, 3),
-        pose=pose,
-        picture=drawn,
-        **standard_deviations(fitted.covariance),
-    )
+    names = "loss", "start_loss", "unexplained", "start_unexplained", "evaluations"
+    numbers = {name: getattr(progress, name) for name in names}
+    numbers |= {"seconds": round(progress.seconds, 3), **standard_deviations(fitted.covariance)}
     if verdict is not None:
-        certain, reasons = round(verdict.probability, 4), "\n".join(verdict.reasons)
-        result = replace(result, verdict=verdict.word, probability=certain, reasons=reasons)
+        numbers |= {"verdict": verdict.word, "probability": round(verdict.probability, 4)}
+        numbers |= {"reasons": "\n".join(verdict.reasons)}
+    result = JobResult(progress.status.value, pose=pose, picture=drawn, **numbers)
     try:
         fitted.save(plan.folder / pose)
         save_image(plan.folder / drawn, picture)

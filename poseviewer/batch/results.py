@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields
 from io import StringIO
 from pathlib import Path
 from typing import Any, Literal
@@ -100,11 +100,6 @@ class Batch:
     """The BOP scene that the rows are from, absolute; None for those of a table."""
     mask: Path | None = None
     """Mask of every photo; not in the file."""
-
-    @property
-    def plan(self) -> Batch:
-        """The batch without its rows, as each job takes it along."""
-        return replace(self, jobs=())
 
     def rows(self) -> list[Row]:
         """Read the rows that have a result, in their order."""

@@ -70,10 +70,8 @@ def save_corrected(
     row = queue.rows[index]
     require_scene_camera(queue.batch, row.job.photo, record.pose.camera)
     pose, drawn = result_files(row.job)
-    path, fitted = (
-        queue.batch.folder / pose,
-        queue.batch.folder / pose.replace(".json", ".fitted.json"),
-    )
+    path = queue.batch.folder / pose
+    fitted = path.with_suffix(".fitted.json")
     if path.is_file() and not fitted.exists():
         write_whole(fitted, path.read_bytes(), BatchError)
     save_pose_and_mask(path, record, mask)

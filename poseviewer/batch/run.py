@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -65,7 +66,8 @@ def run_batch(
     """Results of jobs as they come, from this machine or a Dask ``scheduler``."""
     if not jobs:
         return
-    fit, processes = partial(run_job, plan=batch.plan), processes or processors()
+    plan = replace(batch, jobs=())  # as each job takes it along
+    fit, processes = partial(run_job, plan=plan), processes or processors()
     with alone_in(batch.folder):
         if scheduler is None:
             results = run_in_processes(fit, jobs, processes)

@@ -22,7 +22,7 @@ from scipy.optimize import least_squares
 
 from poseviewer.errors import QuickStartError
 from poseviewer.files.marks import PointPairs
-from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import HALF_PIXEL
 from poseviewer.geometry.lens import opencv_matrix
@@ -145,41 +145,31 @@ def _checked(points: ArrayLike, pixels: ArrayLike, fewest: int) -> tuple[FloatAr
 
 
 def _perspective_poses(points: FloatArray, pixels: FloatArray, camera: Perspective) -> list[Pose]:
-    """Answers of SQPnP, and for points in a plane of IPPE too, each refined."""
+    """Answers of SQPnP, for points in a plane of IPPE, for few of AP3P too, refined over all."""
     # OpenCV works in the unit of the points: about 1 is where its thresholds fit.
     middle = points.mean(axis=0)
     size = float(np.abs(points - middle).max())
-    unit, poses = (points - middle) / size, []
-    for rotation, place in _answers(unit, pixels - HALF_PIXEL, opencv_matrix(camera)):
-        turn = RigidTransform.from_rotation_vector(rotation, place * size)
-        place = turn.apply(-middle)
-        poses.append(Pose(camera, RigidTransform(turn.rotation, place)))
-    return poses
-
-
-def _answers(
-    points: FloatArray, pixels: FloatArray, matrix: FloatArray
-) -> list[tuple[FloatArray, FloatArray]]:
-    """(rotation vector, translation) of each answer, after Levenberg-Marquardt over all pairs."""
-    extents = np.linalg.svd(points, compute_uv=False)
-    solvers = [cv2.SOLVEPNP_SQPNP]
-    if extents[2] <= PLANE_SPREAD * extents[0]:
-        solvers.append(cv2.SOLVEPNP_IPPE)
+    unit, pixels, matrix = (points - middle) / size, pixels - HALF_PIXEL, opencv_matrix(camera)
+    extents = np.linalg.svd(unit, compute_uv=False)
+    is_plane = extents[2] <= PLANE_SPREAD * extents[0]
     starts: list[tuple[Any, Any]] = []
-    for solver in solvers:
+    for solver in (cv2.SOLVEPNP_SQPNP, *((cv2.SOLVEPNP_IPPE,) if is_plane else ())):
         # A solver that finds no answer raises: IPPE wants an exact plane.
         with suppress(cv2.error):
-            _, turns, shifts, *_ = cv2.solvePnPGeneric(points, pixels, matrix, None, flags=solver)
+            _, turns, shifts, *_ = cv2.solvePnPGeneric(unit, pixels, matrix, None, flags=solver)
             starts += zip(turns, shifts, strict=True)
-    if len(points) < MANY:
-        for three in map(list, combinations(range(len(points)), 3)):
-            with suppress(cv2.error):
-                given = points[three], pixels[three], matrix, None
-                _, turns, shifts = cv2.solveP3P(*given, flags=cv2.SOLVEPNP_AP3P)
-                starts += zip(turns, shifts, strict=True)
-    refined = [cv2.solvePnPRefineLM(points, pixels, matrix, None, *start) for start in starts]
-    answers = [frozen_array(np.concatenate([turn, at])[:, 0], (6,)) for turn, at in refined]
-    return [(answer[:3], answer[3:]) for answer in answers if np.isfinite(answer).all()]
+    for three in map(list, combinations(range(len(unit)), 3)) if len(unit) < MANY else ():
+        with suppress(cv2.error):
+            given = unit[three], pixels[three], matrix, None
+            _, turns, shifts = cv2.solveP3P(*given, flags=cv2.SOLVEPNP_AP3P)
+            starts += zip(turns, shifts, strict=True)
+    poses = []
+    for start in starts:
+        turn, shift = map(np.ravel, cv2.solvePnPRefineLM(unit, pixels, matrix, None, *start))
+        if np.isfinite([turn, shift]).all():
+            about = RigidTransform.from_rotation_vector(turn, shift * size)
+            poses.append(Pose(camera, RigidTransform(about.rotation, about.apply(-middle))))
+    return poses
 
 
 def focal_from_pairs(

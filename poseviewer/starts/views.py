@@ -23,8 +23,6 @@ CORRECTIONS = 3
 """The first guess takes the model for flat; each correction leaves a tenth of what is wrong."""
 NEAREST = 0.55
 """Least distance of the camera from the model's centre, in diameters."""
-CHUNK = 256
-"""Rotations at a time, which bounds the memory."""
 
 
 def even_rotations(count: int) -> FloatArray:
@@ -85,16 +83,10 @@ def poses_filling(
         rotations = to_sight.as_matrix() @ rotations
     # Under parallel projection any depth will do.
     depth = 4.0 * float(np.linalg.norm(points - centre, axis=1).max())
-    chunks = [rotations[at : at + CHUNK] for at in range(0, len(rotations), CHUNK)]
-    poses: list[Pose] = []
-    aspect_errors: list[FloatArray] = []
-    for chunk in chunks:
-        turned = (points - centre) @ np.swapaxes(chunk, 1, 2)
-        places, sizes = _place(box, turned, camera)
-        poses += _poses(chunk, places, centre, camera, depth)
-        wanted = np.log(box.width / box.height)
-        aspect_errors.append(np.abs(np.log(sizes[:, 0] / sizes[:, 1]) - wanted))
-    return ViewPoses(tuple(poses), np.concatenate(aspect_errors))
+    places, sizes = _place(box, (points - centre) @ np.swapaxes(rotations, 1, 2), camera)
+    poses = _poses(rotations, places, centre, camera, depth)
+    aspect_errors = np.log(sizes[:, 0] / sizes[:, 1]) - np.log(box.width / box.height)
+    return ViewPoses(tuple(poses), np.abs(aspect_errors))
 
 
 def _place(box: Rectangle, turned: FloatArray, camera: Camera) -> tuple[FloatArray, FloatArray]:

@@ -28,7 +28,7 @@ def test_rows_are_accepted_rejected_corrected_and_noted(
     out = tmp_path / "out"
     batch = open_batch(tmp_path / "jobs.csv", out, FitSettings(limits=Limits(10, 600.0)))
     for job in batch.to_do():
-        run_job(job, batch.plan)
+        run_job(job, batch)
     save_summaries(batch)
     with AppProcess(tmp_path, "review", out) as app, AppPage(browser, app.url) as tab:
         is_open = tab.page.locator(".pv-rows .pv-at")

@@ -45,7 +45,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "jobs.csv").write_text("photo,model,start\n" + "\n".join(lines) + "\n")
     batch = open_batch(folder / "jobs.csv", folder / "out", BRIEFLY)
     for job in batch.to_do():
-        run_job(job, batch.plan)
+        run_job(job, batch)
     save_summaries(batch)
     return folder / "out"
 

@@ -41,7 +41,7 @@ def make_bop(scene: Scene, folder: Path) -> tuple[Path, Path]:
 def fit_all(batch: Batch) -> None:
     """Fit in this process: how jobs are handed out is tested elsewhere."""
     for job in batch.to_do():
-        run_job(job, batch.plan)
+        run_job(job, batch)
     save_summaries(batch)
 
 
