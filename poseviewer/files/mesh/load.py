@@ -73,7 +73,7 @@ def _read_3ds(path: Path) -> Read:
     scene = assimp_py.import_file(str(path), flags)
     parts: list[Part] = []
     notes: list[str] = []
-    names = [next(iter(one.get("TEXTURES", {}).get(1, [])), "") for one in scene.materials]
+    names = [next(iter(paint.get("TEXTURES", {}).get(1, [])), "") for paint in scene.materials]
     textures = load_textures(path.parent, filter(None, names), notes)
     # Assimp's root turns the model y up; left out, so that a pose belongs to the file's own axes.
     root: Any = scene.root_node
@@ -137,12 +137,12 @@ def _read_scene(path: Path, linear: bool = False) -> Read:
     class Beside(FilePathResolver):
         def get(self, name: str) -> bytes:
             name = unquote(name)
-            found = find_named(path.parent, name)
-            if found is None:  # trimesh does without pictures, and says nothing
+            file = find_named(path.parent, name)
+            if file is None:  # trimesh does without pictures, and says nothing
                 missing.append(f"Texture left out: {name[:80]} is not there.")
                 wanted = f"needs the file {name[:80]}; put it beside the model"
                 raise MeshFileError(f"{path.name}: {wanted}.")
-            return found.read_bytes()
+            return file.read_bytes()
 
     scene = trimesh.load_scene(path, resolver=Beside(str(path)), process=False, maintain_order=True)
     nodes = [(node, *scene.graph[node]) for node in scene.graph.nodes_geometry]

@@ -61,8 +61,8 @@ def read_ply(path: Path) -> tuple[list[Part], list[str]]:
         ]  # fmt: skip
         values, at = _read_table(rows, body, at, kinds) or _walk(rows, body, at, kinds)
         tables[name] = {
-            column: found if count else found.astype(value)
-            for (column, (count, value)), found in zip(columns, values, strict=True)
+            key: column if count else column.astype(value)
+            for (key, (count, value)), column in zip(columns, values, strict=True)
         }
     return _parts(path, tables.get("vertex", {}), tables.get("face", {}), textures)
 
