@@ -31,9 +31,10 @@ class Reviewer:
     """The queue of rows, and the reports on them."""
 
     def __init__(self, folder: Path) -> None:
-        self.queue = r.load_queue(folder)
-        self._reported = self.queue
-        self.job: Job[r.ReviewQueue, Edit] = Job("review report", self._to_report, _report)
+        loaded = self.queue = r.load_queue(folder)
+        self.job: Job[r.ReviewQueue, Edit] = Job(
+            "review report", lambda _: None if self.queue is loaded else self.queue, _report
+        )
         """Writes table and report after each word on a row."""
 
     def row_at(self, document: Document) -> int | None:
@@ -114,9 +115,6 @@ class Reviewer:
         """Leave the row that is open for another one; raises as ``_open_from``."""
         _require_saved(now)
         return self._opening(index, by)
-
-    def _to_report(self, _: Session) -> r.ReviewQueue | None:
-        return None if self.queue is self._reported else self.queue
 
     def _opening(self, index: int, by: int, *done: Edit) -> Result:
         """Open a row after what is ``done``; raises as ``_open_from``."""
