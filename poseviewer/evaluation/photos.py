@@ -21,7 +21,6 @@ from poseviewer.files.demo import demo_case
 from poseviewer.files.photo import load_photo, save_image
 from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.files.writing import make_folder
-from poseviewer.fit.scene import LoadedModel
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.mesh import Mesh
@@ -67,8 +66,13 @@ def make_photos(plan: Plan, kind: Kind, tell: Callable[[str], None]) -> list[Cas
     for index in range(min(plan.photos, plan.starts)):
         photo, truth = folder / f"{kind}-{index}.png", folder / f"{kind}-{index}.json"
         if not truth.exists():
-            pose, pixels = _draw(vehicle, kind, plan.size, make_seed(plan.seed, kind, index))
-            save_image(photo, pixels)
+            seed = make_seed(plan.seed, kind, index)
+            random = np.random.default_rng(seed)
+            pose = random_view(vehicle.mesh, vehicle.keypoints, plan.size, random)
+            light, ground = random_lighting(random), np.zeros(3)
+            if kind != "plain":
+                ground = _piece(_demo_without_its_car(), plan.size, random)
+            save_image(photo, photograph(vehicle.mesh, pose, light, ground, seed=seed, **QUALITY))
             save_pose(truth, PoseRecord.of(pose))  # last: where it is, the photo is whole
         pose = load_pose(truth, *plan.size).pose
         cases.append(Case(f"{kind}-{index}", kind, photo, model, pose, is_drawn=True))
@@ -108,17 +112,6 @@ def draw_start(
         f"none of {MOST_DRAWS} starts up to {share:.0%} off is a pose of the vehicle chart; "
         "choose smaller --deviations"
     )
-
-
-def _draw(
-    vehicle: LoadedModel, kind: Kind, size: tuple[int, int], seed: int
-) -> tuple[Pose, NDArray[np.uint8]]:
-    random = np.random.default_rng(seed)
-    assert vehicle.keypoints is not None
-    pose = random_view(vehicle.mesh, vehicle.keypoints, size, random)
-    lighting = random_lighting(random)
-    behind = np.zeros(3) if kind == "plain" else _piece(_demo_without_its_car(), size, random)
-    return pose, photograph(vehicle.mesh, pose, lighting, behind, seed=seed, **QUALITY)
 
 
 def random_view(
