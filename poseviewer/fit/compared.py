@@ -40,7 +40,7 @@ class ComparedView:
     chart: Chart
     """The pose in this view, by the problem's parameters."""
     loss: Loss = registration_loss
-    """What is minimised, from the moments of a pose on ``photo``."""
+    """Function that is minimised, from the moments of a pose on ``photo``."""
     fine_photo: PhotoAttributes | None = None
     """Finer pyramid level, without structure, on which a search is refined, if any."""
     index: int = 0

@@ -26,13 +26,10 @@ def identify(
 ) -> list[tuple[str, FitProgress]]:
     """Fit each model from its start; names and ends of the fits, that of least loss first.
 
-    The scenes are of one photo, each of one model. A model is not the better for looking at fewer
-    pixels (``shared_settings``), and what it leaves of the photo beside it counts against it.
-    ``watch`` is called with the model's name at every evaluation; what it raises ends the search.
-
-    Raises:
-        SettingsError: there are fewer than two models; the pixels are those that each model
-            covers, which no two share; the settings do not go with the photo.
+    The scenes are of one photo, each of one model; all are compared on the same pixels, by
+    ``shared_settings``. ``watch`` is called with the model's name at every evaluation; what it
+    raises ends the search. Raises ``SettingsError``: there are fewer than two models, or the
+    settings do not go with the photo or with several models.
     """
     if len(scenes) < 2:
         raise SettingsError("one model alone: name two or more, to be told apart.")

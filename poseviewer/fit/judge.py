@@ -151,9 +151,7 @@ def better_turn(
     """Parameters (d,) of the best pose of the same outline that descents from turned poses reach on
     a coarse level; None where a descent from the pose itself reaches no worse one.
 
-    A can turned about its axis keeps its outline, and so, nearly, do bottles and cups. Its print
-    tells the turn, but only a few degrees far: a search from farther away ends beside the right
-    turn.
+    A can turned about its axis keeps its outline, and its print tells the turn a few degrees far.
     """
     with suppress(PoseViewerError), closing(Probe(problem, renderer, pose, threads)) as probe:
         photo, level = probe.level.photo, probe.level.renderer

@@ -11,8 +11,8 @@ edges are compared too, a search minimises::
 
     loss = sum_i log(1 + (1 - r_i^2) / NOISE) + EDGE_WEIGHT * (1 - edge cosine)
 
-But for NOISE and a constant the sum is minus twice the mutual information of F and M, were they
-normal: the logarithm makes the last per cent of what is explained count as much as the first.
+The sum is, but for NOISE and a constant, minus twice the mutual information of F and M, were they
+normal: the last per cent of what is explained counts as much as the first.
 
 People read that loss as the *unexplained* share, from 0 (all is explained) to 1 (nothing), the
 geometric mean of three shares::
@@ -50,7 +50,7 @@ PARTS = 3
 """Light, classes, edges: shares whose geometric mean is taken."""
 
 Loss = Callable[[Moments], float]
-"""What a search minimises, from the moments of a pose on a photo."""
+"""Function that a search minimises, from the moments of a pose on a photo."""
 Losses = TypeVar("Losses", float, FloatArray)
 
 
@@ -60,11 +60,10 @@ def fewest_pixels(attributes: int) -> int:
 
 
 def lighting_loss(moments: Moments) -> float:
-    """The paper's loss in [0, min(n, m)]; never nan.
+    """The paper's loss in [0, min(n, m)], the most where too few pixels show the model; never nan.
 
     Singular covariances (a constant photo or reflectance, a flat model) are inverted on their
-    range only, with ``RANK_TOLERANCE``; what is constant explains nothing. A pose that shows no
-    model, or too few pixels of it, costs ``min(n, m)``.
+    range only, with ``RANK_TOLERANCE``; what is constant explains nothing.
     """
     worst = float(_count(moments))
     if moments.pixels < fewest_pixels(len(moments.mean)):

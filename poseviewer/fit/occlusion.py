@@ -48,8 +48,8 @@ Hidden = NDArray[np.bool_] | None
 
 
 def find_hidden(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> Hidden:
-    """The pixels of a ``photo`` with structure in which something else is in front of the model at
-    a ``pose``, and beside it where that hides its outline.
+    """The pixels of a ``photo`` with structure where something is in front of the model at a pose,
+    and beside it where that hides its outline.
     """
     image = renderer.render(level_pose(pose, photo.factor))
     covered = image.mask & (photo.weights > 0.0)

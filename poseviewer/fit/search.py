@@ -170,11 +170,9 @@ class Search:
         return max(sorted(due), key=lambda index: shares[index])
 
     def _place(self, hidden: Hidings) -> Steps[None]:
-        """Search for an object of which others hide some pixels.
-
-        They are looked at again where the coarsest level leads, and after each run; only then the
-        verdict and restarts follow, as with wrong pixels they would be in vain.
-        """
+        """Search for an object of which others hide some pixels."""
+        # These are told again where the coarsest level leads, and after each run; only then follow
+        # the verdict and restarts, as with wrong pixels they would be in vain.
         problem = self._made(hidden)
         is_among, gain = problem.is_among_others, math.inf
         if self._index in self._placings:  # it has been searched for: from there
@@ -239,10 +237,7 @@ class Search:
         return replace(best, problem=problem, loss=loss, start_loss=start_loss)
 
     def _finish(self, best: FitProgress, gain: float) -> Steps[FitProgress]:
-        """Leave out what is in front where a first search has ended, judge, and restart unless the
-        verdict is sure. ``gain``: the loss that the last run has gained, if it continued another
-        one of the same problem.
-        """
+        """Leave out what is in front, judge, restart; ``gain``: loss that the last run gained."""
         whole = best.problem
         for _ in range(OCCLUSION_PASSES):
             if not (best.may_continue and whole.is_structured):
@@ -375,8 +370,8 @@ def is_restarted(best: FitProgress, is_turned: bool) -> bool:
 
 
 def is_taken(after: FitProgress, before: FitProgress, is_turned: bool) -> bool:
-    """Whether the pose of a further search replaces that of the one ``before``: it needs less loss,
-    and to be probable enough, since a wrong pose can have less loss than the right one.
+    """Whether the pose of a further search replaces that of the one ``before``: by less loss and
+    enough probability, since a wrong pose can have less loss than the right one.
     """
     if after.verdict is None or before.verdict is None or after.loss >= before.loss:
         return False

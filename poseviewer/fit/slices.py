@@ -159,9 +159,7 @@ class _Losses:
             yield self._slice(pair)
 
     def interpolate(self, stride: int) -> None:
-        """Fill the grids of this stride from those of twice the stride, where that would have told
-        these from the grids before.
-        """
+        """Fill grids from those of twice the stride, where that told these from the ones before."""
         for losses in self._grids.values():
             coarse, part = losses[:: 2 * stride, :: 2 * stride], losses[::stride, ::stride]
             off = maximum_filter(np.abs(_between(losses, 4 * stride, 2 * stride) - coarse), 3)

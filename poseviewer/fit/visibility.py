@@ -72,11 +72,11 @@ class Hiding:
     """The pixels (height, width) that other models hide of one."""
 
     drawn: Pixels
-    """Where the model would be seen if it were alone."""
+    """Pixels that would show the model if it were alone."""
     hidden: Pixels
-    """Where another stands in front of it, or would, were it there."""
+    """Pixels in which another stands in front of it, or would, were it there."""
     others: Pixels
-    """Where another would be seen if it were alone, in front or behind."""
+    """Pixels that would show another if it were alone, in front or behind."""
 
     @property
     def with_margin(self) -> Pixels:
@@ -91,11 +91,10 @@ class Hiding:
 
 
 def hiding(model: PlacedModel, others: Sequence[PlacedModel]) -> Hiding:
-    """Pixels in which the ``others`` stand in front of a model.
+    """Pixels in which the ``others`` stand in front of a model, by depth where both are drawn.
 
-    Depth decides where both are drawn. Another that is drawn alone is in front if it is so in most
-    of the pixels that they share, or, without any, if its centre is nearer: the model may be found
-    there yet.
+    Where another is drawn alone, it hides the model, which may be found there yet, if it is in
+    front in most pixels that they share, or, without any, if its centre is nearer.
     """
     own = depth_image(model)
     drawn, hidden, anywhere = np.isfinite(own), np.zeros(own.shape, bool), np.zeros(own.shape, bool)
