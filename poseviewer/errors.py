@@ -77,8 +77,8 @@ def sentence_of(error: BaseException) -> str:
     if isinstance(error, OSError) and error.strerror:
         name = "" if error.filename is None else f"{error.filename}: "
         return printable(f"{name}{error.strerror}; check the path and the disk.", LONGEST_MESSAGE)
-    found = printable(f"{type(error).__name__}: {error}", 200)
-    return f"Something went wrong inside ({found}); {LOG_VARIABLE}=1 shows where, please report it."
+    cause = printable(f"{type(error).__name__}: {error}", 200)
+    return f"Something went wrong inside ({cause}); {LOG_VARIABLE}=1 shows where, please report it."
 
 
 LOG_VARIABLE = "POSEVIEWER_LOG"
