@@ -57,6 +57,22 @@ def load_photo(path: str | Path) -> Photo:
     return Photo(pixels, printable(reading.path.name), sha256, focal, notes)
 
 
+def upright_size(path: Path) -> tuple[int, int]:
+    """Width and height of a photo as ``load_photo`` gives it, by the file's head if that can be."""
+    if path.suffix.lower() in (".heic", ".heif", ".tif", ".tiff"):  # Pillow turns TIFF or not
+        photo = load_photo(path)
+        return photo.width, photo.height
+    reading = _reading(path)
+    with (
+        reading.naming_errors(),
+        reading.open() as file,
+        quiet_libraries(),
+        Image.open(file, formats=FORMATS) as image,
+    ):
+        turned = image.getexif().get(ExifTags.Base.Orientation, 1) in (5, 6, 7, 8)
+        return (image.height, image.width) if turned else image.size
+
+
 def is_stored_turned(path: str | Path) -> bool:
     """Whether a photo's EXIF turns or mirrors it: other tools may show it as it is stored."""
     return _exif_tags(path).get(ExifTags.Base.Orientation) in range(2, 9)

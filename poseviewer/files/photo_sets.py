@@ -146,7 +146,8 @@ def _views(
     data = reading.load_object()
     if isinstance(frames := data.get("frames"), list):
         entries = (data | reading.object(frame, "a frame") for frame in frames)
-        return [frame_view(reading, own, ConvertOptions()) for own in entries], None, None
+        chosen = (e for e in entries if _is_chosen(str(e.get("file_path")), choice.photos))
+        return (frame_view(reading, own, ConvertOptions()) for own in chosen), None, None
     if data.get("format") == SCENE:
         scene = load_scene(path)
         return scene.views, scene.unit, None if scene.free_scale or scene.unit else 1.0

@@ -85,6 +85,9 @@ def test_frames_of_nerfstudio_and_of_nerf_are_read(folder):
     found = load_views(write_frames(folder, camera_angle_x=angle))
     assert found.views[1].photo.default_camera().fx == pytest.approx(600.0)
     assert found.views[1].camera.cx == 160.0
+    (folder / "b.png").unlink()
+    found = load_views(write_frames(folder, camera_angle_x=angle), SetChoice(("a", "c")))
+    assert [view.name for view in found.views] == ["a.png", "c.png"]
 
 
 def test_a_bop_scene_is_read_by_its_world_or_by_an_object(folder):

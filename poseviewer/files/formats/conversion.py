@@ -18,7 +18,7 @@ from msgspec import structs
 
 from poseviewer.errors import PhotoFileError, PoseFileError, printable
 from poseviewer.files.checks import Reading, checked_rotation, kind_of
-from poseviewer.files.photo import is_stored_turned, load_photo, save_photo
+from poseviewer.files.photo import is_stored_turned, load_photo, save_photo, upright_size
 from poseviewer.files.scene_file import (
     ModelFile,
     ObjectRecord,
@@ -77,8 +77,7 @@ class ConvertOptions:
         has them, else as the user says.
         """
         if (width is None or height is None) and photo is not None and photo.is_file():
-            opened = load_photo(photo)
-            width, height = opened.width, opened.height
+            width, height = upright_size(photo)
         size = reading.size(width, "the photo's width"), reading.size(height, "the photo's height")
         if size[0] is None or size[1] is None:
             if self.photo_size is None:
