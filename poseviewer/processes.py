@@ -1,7 +1,5 @@
 """Calls in processes of this machine, which end with the process that started them."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

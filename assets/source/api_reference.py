@@ -3,8 +3,6 @@
 Run from the repository's root: ``python -m assets.source.api_reference``.
 """
 
-from __future__ import annotations
-
 import ast
 import inspect
 import re

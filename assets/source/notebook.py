@@ -3,8 +3,6 @@
 Run from the repository's root: ``python -m assets.source.notebook`` (``pip install -e '.[dev]'``).
 """
 
-from __future__ import annotations
-
 import base64
 import re
 from io import BytesIO

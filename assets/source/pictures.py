@@ -4,8 +4,6 @@ Run it from the repository's root, with names of ``PICTURES`` to make those alon
 the bundled demo by the library, the command line, or the real app in chromium.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections.abc import Iterator

@@ -3,8 +3,6 @@
 Run from the repository's root: ``python -m assets.source.rooms``.
 """
 
-from __future__ import annotations
-
 import ast
 import tomllib
 from html import escape

@@ -3,8 +3,6 @@
 Run from the repository's root: ``python -m assets.source.schemas`` writes them.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Annotated, Any

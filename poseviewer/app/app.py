@@ -3,8 +3,6 @@
 Callbacks only post requests; workers only publish updates; the loop waits for nobody.
 """
 
-from __future__ import annotations
-
 import logging
 import sys
 from collections.abc import Iterator

@@ -2,8 +2,6 @@
 tasks, one after the other; their results are taken into the queue by the main loop.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path

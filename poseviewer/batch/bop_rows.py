@@ -1,7 +1,5 @@
 """A BOP scene as a batch: a row for each object in each image, and the poses found as a scene."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections import Counter, defaultdict

@@ -3,8 +3,6 @@
 When a worker dies, Dask gives its jobs to others; those with results are not done again.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeVar

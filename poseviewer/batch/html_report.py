@@ -1,7 +1,5 @@
 """The results of a batch as one HTML page: pictures inside, no script, nothing from elsewhere."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Sequence
 from html import escape

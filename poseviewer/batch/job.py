@@ -1,7 +1,5 @@
 """One job from its files to its result, in a process of this machine or on a cluster."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import replace
 from functools import lru_cache

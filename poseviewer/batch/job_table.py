@@ -1,7 +1,5 @@
 """The rows of a table of jobs: which photo, which model, from which start."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import json

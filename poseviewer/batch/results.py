@@ -4,8 +4,6 @@ A row's result is a JSON file in ``rows/`` named by the job's key, written last:
 or whose fit failed, is still to be done, however the batch ended. ``batch.json`` is the batch.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress

@@ -1,7 +1,5 @@
 """A person's words on a batch's rows, in their files; corrected poses are beside fitted ones."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any

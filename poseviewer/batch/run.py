@@ -1,7 +1,5 @@
 """A batch from its table to its report."""
 
-from __future__ import annotations
-
 from collections.abc import Generator, Sequence
 from dataclasses import replace
 from functools import partial

@@ -3,8 +3,6 @@ paths start from the table's folder. Or fit the images of a BOP scene. Run again
 it was.
 """
 
-from __future__ import annotations
-
 from argparse import Namespace
 from contextlib import closing
 

@@ -1,7 +1,5 @@
 """Measure how long evaluations take on each path, searches and maps."""
 
-from __future__ import annotations
-
 from argparse import Namespace
 from dataclasses import asdict
 

@@ -1,7 +1,5 @@
 """Fit the bundled demo, without the app."""
 
-from __future__ import annotations
-
 from argparse import Namespace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Map the loss around a pose, for all pairs of parameters: a sheet of contours and the numbers."""
 
-from __future__ import annotations
-
 from argparse import Namespace
 
 from poseviewer.cli import options as table

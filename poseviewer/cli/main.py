@@ -4,8 +4,6 @@ Each command is a module, ``NAME_command``, with ``OPTIONS`` and ``run``; the mo
 its description. What is slow to import is imported in ``run``.
 """
 
-from __future__ import annotations
-
 import io
 import logging
 import os

@@ -5,8 +5,6 @@ commands share is here; an option that sets a field of a settings dataclass has 
 that ``made`` takes its value there.
 """
 
-from __future__ import annotations
-
 from argparse import ArgumentTypeError, Namespace, _ActionsContainer
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields

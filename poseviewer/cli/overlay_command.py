@@ -1,7 +1,5 @@
 """Draw the model over the photo at a pose, or over several, or all objects of a scene."""
 
-from __future__ import annotations
-
 from argparse import Namespace
 
 from poseviewer.cli import options as table

@@ -1,7 +1,5 @@
 """Open the app on a batch's folder of results: a list of rows, to accept, correct or reject."""
 
-from __future__ import annotations
-
 from argparse import Namespace
 
 from poseviewer.cli import options as table

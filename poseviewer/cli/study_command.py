@@ -2,8 +2,6 @@
 study.md. Rows that are there are not run again.
 """
 
-from __future__ import annotations
-
 from argparse import Namespace
 from pathlib import Path
 

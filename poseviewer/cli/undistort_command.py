@@ -1,7 +1,5 @@
 """Write the undistorted photo, which the poses belong to; say its camera."""
 
-from __future__ import annotations
-
 from argparse import Namespace
 
 from poseviewer.cli import options as table

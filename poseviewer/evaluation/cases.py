@@ -1,7 +1,5 @@
 """Photos with known poses: folders of ``cases.json``, ``{"cases": [...]}``, and ``starts.json``."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

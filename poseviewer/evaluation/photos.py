@@ -1,7 +1,5 @@
 """Photos of the paper's experiment, each with its true pose: drawn by OpenGL, or the demo's."""
 
-from __future__ import annotations
-
 import math
 import zlib
 from collections.abc import Callable

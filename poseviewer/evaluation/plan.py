@@ -1,7 +1,5 @@
 """Plans of studies: what is fitted, from where, and how often."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args

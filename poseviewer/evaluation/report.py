@@ -1,7 +1,5 @@
 """Tables of trials: shares of fits that found the pose by deviation, and BOP's average recalls."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from typing import TypeVar
 

@@ -5,8 +5,6 @@ paper did it; d: the software renderer, which draws and sums in one kernel, on o
 same on all cores; f: the GPU, many poses in one submission.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import platform

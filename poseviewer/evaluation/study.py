@@ -4,8 +4,6 @@ Poses of a BOP data set are scored as in Hodan et al., *BOP Challenge 2020 on 6D
 Localization* (2020). Where a fit is not sure to be better, its estimate is kept.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product

@@ -1,7 +1,5 @@
 """Synthetic photographs with known poses, drawn by OpenGL, not by the fit's own rasteriser."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

@@ -1,7 +1,5 @@
 """Trials: the fit of a case from a start, and how far it ends from the truth."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache

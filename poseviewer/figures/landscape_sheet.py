@@ -1,7 +1,5 @@
 """A loss landscape on one sheet: a map for every two numbers, in a triangle as a corner plot."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from io import BytesIO
 

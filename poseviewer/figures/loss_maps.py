@@ -11,8 +11,6 @@ k x k points:
 - ``losses`` (P, k, k): row by the second number, column by the first; nan where not evaluated.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO

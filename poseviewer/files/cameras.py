@@ -4,8 +4,6 @@ the one that took a photo, chosen and scaled.
 Pixel centres are at integers but in COLMAP, which counts as we do inside (i + 0.5).
 """
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from dataclasses import dataclass, replace

@@ -2,8 +2,6 @@
 files are silent.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import math

@@ -2,8 +2,6 @@
 centres are at i + 0.5, quaternions w first, axes OpenCV's.
 """
 
-from __future__ import annotations
-
 import struct
 from dataclasses import replace
 from os import SEEK_CUR

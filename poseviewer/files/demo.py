@@ -1,7 +1,5 @@
 """Find the bundled demo: in the package, or in the source tree it was made in."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

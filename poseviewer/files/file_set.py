@@ -4,8 +4,6 @@ Files hold at most one photo or one set of photos, models with their textures, a
 and one camera. What belongs to a model is told by the names inside it; nothing is guessed.
 """
 
-from __future__ import annotations
-
 import os
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence

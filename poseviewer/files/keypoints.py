@@ -1,7 +1,5 @@
 """Key points of a vehicle from the file beside its model."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -3,8 +3,6 @@
 As in all files, pixel centres are at integers; inside at i + 0.5 (``geometry.frames``).
 """
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Sequence

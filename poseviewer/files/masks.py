@@ -2,8 +2,6 @@
 mask, which lies beside it.
 """
 
-from __future__ import annotations
-
 from base64 import b64decode, b64encode
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Photos from files, undistorted where the camera is calibrated; pictures into files."""
 
-from __future__ import annotations
-
 import hashlib
 from contextlib import suppress
 from dataclasses import replace

@@ -3,8 +3,6 @@ another: COLMAP's models, ``transforms.json`` of nerfstudio and NeRF, BOP scenes
 of earlier versions (``SetFile``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath

@@ -4,8 +4,6 @@ sentence; and geometry to and from the structs that pose files and scene files s
 In files, pixel centres are at integers, as in OpenCV; inside at i + 0.5 (``geometry.frames``).
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 import msgspec

@@ -1,7 +1,5 @@
 """Tables that grow by a row at a time, and are taken up again where a run was cut off (CSV)."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import asdict, fields
 from io import StringIO

@@ -1,7 +1,5 @@
 """Write a file whole or not at all, lock one, make a folder for results, and fingerprint a file."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

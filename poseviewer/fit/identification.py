@@ -1,7 +1,5 @@
 """Which of several models a photo shows: each is fitted, all are compared on the same pixels."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import reduce

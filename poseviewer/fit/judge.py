@@ -1,7 +1,5 @@
 """Evidence on a pose, from the losses about it: for its verdict, its covariance, a better turn."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from contextlib import closing, suppress

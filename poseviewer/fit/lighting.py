@@ -1,7 +1,5 @@
 """The lighting that explains the photo best; the loss takes it without asking for it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from poseviewer.geometry.arrays import FloatArray

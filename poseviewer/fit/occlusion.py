@@ -9,8 +9,6 @@ highlight, or paint that the model has not, ends there. Its nearest pixels besid
 it, as they tell nothing where the outline is hidden.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """The share of an outline along which the photo has edges."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Losses about a pose, along the motions that its search was free in."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace

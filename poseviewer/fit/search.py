@@ -11,8 +11,6 @@ the object seen most goes first, and each is compared where those that stand fir
 seen. An object is searched for again where this has changed since.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Generator, Mapping, Sequence

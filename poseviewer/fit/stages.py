@@ -7,8 +7,6 @@ loss end the search, on the finest level there is. Where each pose is compared o
 covers, a restarted simplex searches the coarse level from several starts, and then the photo.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence

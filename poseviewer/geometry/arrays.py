@@ -1,7 +1,5 @@
 """Read-only arrays: what a frozen dataclass holds must be frozen as well."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

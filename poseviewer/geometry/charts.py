@@ -1,7 +1,5 @@
 """Pose charts: a vector of comparable numbers for a pose, and back; and their names."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import ClassVar, Literal

@@ -6,8 +6,6 @@ Camera frames are OpenCV's: x right, y down, z forward. Image coordinates:
 - *files and users* (OpenCV): pixel centres at integers; the picture starts at ``-0.5``.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import TypeVar
 

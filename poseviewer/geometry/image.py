@@ -1,7 +1,5 @@
 """A photo in memory, and the encoding of its colours."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

@@ -1,7 +1,5 @@
 """Whitening and canonical correlations of small covariance matrices, in plain NumPy."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray

@@ -4,8 +4,6 @@ Everything is worked out on *welded* corners (vertices at the same place count a
 seam of the texture or of two parts does not show in the shading.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Error of a pose against the truth."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

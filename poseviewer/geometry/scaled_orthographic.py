@@ -5,8 +5,6 @@ Points in a plane have two answers, mirror images in depth, which start the iter
 Oberkampf, DeMenthon, Davis, *Iterative pose estimation using coplanar feature points*, 1996.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

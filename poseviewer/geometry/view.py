@@ -1,7 +1,5 @@
 """A view: a photo, its camera, and where that camera stands in the world."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache

@@ -6,8 +6,6 @@ not known, one number more makes the model larger about its centre, which stays 
 the cameras; as poses are in the model's unit, it is all cameras that then come nearer.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Literal

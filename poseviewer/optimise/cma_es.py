@@ -4,8 +4,6 @@ Hansen, *The CMA Evolution Strategy: A Tutorial* (arXiv 1604.00772), with its de
 positive weights.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 

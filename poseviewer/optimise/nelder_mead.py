@@ -4,8 +4,6 @@ Moves and their order are scipy's (``minimize(method="Nelder-Mead")``, not adapt
 simplex both visit the same points. Ours can be stopped after any evaluation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

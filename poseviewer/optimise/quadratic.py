@@ -5,8 +5,6 @@ mislead a simplex. Least squares over more points than coefficients evens them o
 can be evaluated in parallel (cf. M. Powell, *The NEWUOA software*, 2006).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Options of a search by restarts; apart from the search, as help texts need no NumPy."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -1,7 +1,5 @@
 """Nelder-Mead from several starts, then restarted at the minimum until nothing improves."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

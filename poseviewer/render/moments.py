@@ -1,7 +1,5 @@
 """The moments that a loss needs, the plain way: pictures of attributes, summed up by NumPy."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -2,8 +2,6 @@
 PYOPENGL_PLATFORM names). Only the texture pyramid is shared with the software renderer.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import threading

@@ -10,8 +10,6 @@
   photo's field and the model's over P tells how well they agree.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

@@ -4,8 +4,6 @@ Those of its shape are scored by the loss on the coarsest pyramid level; the bes
 improved by short descents, the best of these by longer ones, and a few are proposed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Scenes from files, with a start that a file gives or that is found; and records to be saved."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from importlib.metadata import version

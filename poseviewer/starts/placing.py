@@ -1,7 +1,5 @@
 """Placing a model in a photo: seen from one of its sides; and the surface point under a pixel."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -5,8 +5,6 @@ pairs also from AP3P's answers for every three (Ke and Roumeliotis, 2017), as SQ
 wrong. *Parallel*: ``scaled_orthographic``. Of two answers both are given, the best first.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from contextlib import suppress

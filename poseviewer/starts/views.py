@@ -1,7 +1,5 @@
 """Views of a model, spread evenly or on level ground, and poses that fill a rectangle."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from itertools import product

@@ -6,8 +6,6 @@ dark on bright are one. The support of an ellipse is the mean agreement along it
 shapes are tried at all places of a small picture; the best are made better on a larger one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Key points of a vehicle: the wheel centres and the axle that the paper's pose is made of."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Find a vehicle's wheels among the named parts of a model."""
 
-from __future__ import annotations
-
 import re
 import unicodedata
 from collections.abc import Iterable

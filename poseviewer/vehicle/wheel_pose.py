@@ -7,8 +7,6 @@ wheel looks larger. From far away the two are mirror images: then the car is tak
 above its axles.
 """
 
-from __future__ import annotations
-
 import math
 from contextlib import suppress
 from dataclasses import dataclass

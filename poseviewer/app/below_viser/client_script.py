@@ -8,8 +8,6 @@ Written for viser 1.1.1: the message ``RunJavascriptMessage``, put into
 the notice of an upload (``upload-...``).
 """
 
-from __future__ import annotations
-
 import base64
 import json
 from collections.abc import Callable, Mapping

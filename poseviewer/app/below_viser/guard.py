@@ -12,8 +12,6 @@ check is in place before the first connection. Else of viser: ``_websock_server`
 ``ShareUrlRequest`` and ``ShareUrlDisconnect``.
 """
 
-from __future__ import annotations
-
 import errno
 import hmac
 import http

@@ -12,8 +12,6 @@ Written for viser 1.1.1: its handlers ``gui._handle_file_transfer_start``, ``_pa
 button's ``_impl.value``; a page's notice of an upload, ``upload-`` and its transfer's id.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -8,8 +8,6 @@ by ``call_soon_threadsafe``, or at the end of an atomic block; ``infra._infra`` 
 all pages, and one for each.
 """
 
-from __future__ import annotations
-
 import asyncio
 from dataclasses import dataclass, field
 

@@ -2,8 +2,6 @@
 while kernels are compiled.
 """
 
-from __future__ import annotations
-
 from html import escape
 
 from poseviewer.app.page.controls import Controls, on_press, plain

@@ -2,8 +2,6 @@
 written back only where it differs.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import operator

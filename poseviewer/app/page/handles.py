@@ -1,7 +1,5 @@
 """SVG over the photo, in its px: region, box, pins, and marks of a quick start."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import suppress
 

@@ -4,8 +4,6 @@ All maps are one piece of HTML, in a triangle as a corner plot. The looks of its
 stand in ``page.css``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The page: panels left and right, the photo in the middle, notices; brought to each session."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Controls of the left panel: the status above, and the steps in the order of the work."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

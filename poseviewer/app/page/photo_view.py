@@ -5,8 +5,6 @@ sees at the same place: model and photo coincide under any camera model, as exac
 them, at any zoom.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any

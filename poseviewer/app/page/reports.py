@@ -1,7 +1,5 @@
 """Requests that mouse and keys stand for, from the reports of the page's script."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import reduce

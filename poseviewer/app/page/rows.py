@@ -1,7 +1,5 @@
 """The list of a batch's rows in a review, and the controls of the one that is open."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import lru_cache
 from html import escape

@@ -2,8 +2,6 @@
 each says of the active object's pose, and whether it is compared.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from html import escape
 

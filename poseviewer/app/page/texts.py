@@ -1,7 +1,5 @@
 """Texts of the page on a session: what is open, what to do next, how search and verdict stand."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

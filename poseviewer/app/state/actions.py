@@ -1,7 +1,5 @@
 """Table of actions: each one's edit, keys, button with its tooltip, step, and row of the help."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal

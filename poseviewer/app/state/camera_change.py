@@ -1,7 +1,5 @@
 """Another camera for a pose: the model's centre stays in its place, as large as it was."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

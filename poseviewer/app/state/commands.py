@@ -3,8 +3,6 @@
 Bad input raises. Points are photo px, pixel centres at i + 0.5.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from contextlib import suppress

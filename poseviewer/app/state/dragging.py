@@ -4,8 +4,6 @@ All points are in photo px with pixel centres at i + 0.5. The model's centre sta
 the photo under every rotation.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Edits: changes of the session that a page or a worker asks for."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps

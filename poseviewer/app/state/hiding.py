@@ -1,7 +1,5 @@
 """Pixels that do not count, painted over, and parts of the model that are left out."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """Quick starts: marks are set, moved and removed, and the pose follows from them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from poseviewer.app.state.document import UNLOCK, WHEELS, Document, Marks, label_of

@@ -1,7 +1,5 @@
 """Edits of the list of objects and of the strip of views, and a sentence on symmetry."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

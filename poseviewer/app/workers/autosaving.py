@@ -1,7 +1,5 @@
 """Write poses beside their photos, and the session whenever it has changed."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Iterator

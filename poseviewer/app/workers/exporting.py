@@ -1,7 +1,5 @@
 """Exports of the app: pose files, pictures, maps."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal

@@ -1,7 +1,5 @@
 """Opening files for the app: read, check and make ready, away from the main loop."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Work that takes a moment and must all be done, in order: opening files, drawing exports."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path

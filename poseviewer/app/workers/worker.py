@@ -4,8 +4,6 @@ A job works on one request at a time, an iterator, and publishes its newest item
 A new request displaces the old one between two items; no thread waits for another.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 import os

@@ -4,8 +4,6 @@ As published in the BOP toolkit's ``docs/bop_datasets_format.md``: translations 
 K row-major, OpenCV axes, pixel centres at integers.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections import Counter

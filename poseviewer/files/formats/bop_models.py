@@ -4,8 +4,6 @@ As published in the BOP toolkit's ``docs/bop_datasets_format.md`` and
 ``docs/bop_challenge_2019.md``; lengths in mm; symmetries map the model onto itself.
 """
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from pathlib import Path

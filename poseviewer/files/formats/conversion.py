@@ -6,8 +6,6 @@ lens of the photo as taken: the same polynomials under its own names. Every othe
 undistorted photo, written beside its file, and the pinhole camera of that.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from pathlib import Path

@@ -9,8 +9,6 @@ Written here rather than by trimesh, which keeps linear colours in 8 bits (dark 
 other) and knows neither orthographic cameras nor materials without light.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import struct

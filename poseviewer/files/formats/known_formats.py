@@ -1,7 +1,5 @@
 """The formats by name; what their files hold stands in ``assets/docs/formats.md``."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from msgspec import structs

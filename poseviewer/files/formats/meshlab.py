@@ -5,8 +5,6 @@ The axes of the rows of ``RotationMatrix`` (the VCG library's ``Shot``) are Open
 corner of the picture, with pixel centres at i + 0.5.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree

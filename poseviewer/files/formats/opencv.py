@@ -2,8 +2,6 @@
 the names of OpenCV's own calibration sample. Rows first; pixel centres are at integers.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -7,8 +7,6 @@ to world, OpenGL axes; its ``Cameras.generate_rays`` looks through the pixel (i,
 k3 p1 p2`` (or the fisheye's ``k1 .. k4``) to OpenCV in OpenCV's order.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import astuple

@@ -1,7 +1,5 @@
 """Find the files that a model names: its material files, textures and buffers."""
 
-from __future__ import annotations
-
 import re
 import unicodedata
 from pathlib import Path

@@ -4,8 +4,6 @@ Read here rather than by trimesh, which loses group names where materials change
 and gets relative indices in mid-file wrong.
 """
 
-from __future__ import annotations
-
 import re
 from contextlib import suppress
 from dataclasses import replace

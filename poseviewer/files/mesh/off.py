@@ -3,8 +3,6 @@
 Read here rather than by trimesh, which says nothing of lines that are missing or too many.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Read here rather than by ``plyfile``, which takes two to ten times as long on models in text.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from struct import Struct, calcsize, unpack_from

@@ -1,7 +1,5 @@
 """Names of files in a model file."""
 
-from __future__ import annotations
-
 import re
 import struct
 from pathlib import Path

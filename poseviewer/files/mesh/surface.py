@@ -1,7 +1,5 @@
 """From the parts of a model file to a Mesh: checked, mended, with normals and a reflectance."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -4,8 +4,6 @@ A session is a scene, its files named by absolute paths and its masks in it, and
 on. Version 1 had a pose file's content for each object of a photo, or a set of photos by its file.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import secrets

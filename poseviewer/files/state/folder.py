@@ -1,7 +1,5 @@
 """The folder in which poseviewer keeps what should outlive it: uploads and autosaved sessions."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Files that come from a browser: checked, and kept as the sets that they came in."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

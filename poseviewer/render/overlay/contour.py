@@ -1,7 +1,5 @@
 """The model's silhouette as line segments in the photo; a sketch of it needs nothing compiled."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from contourpy import contour_generator

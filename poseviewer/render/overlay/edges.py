@@ -9,8 +9,6 @@ holds:
 - neither point is near the plane of the other's face (one surface ends in front of another).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The model over the photo, in one of several looks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

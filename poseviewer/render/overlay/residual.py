@@ -1,7 +1,5 @@
 """The residual as a picture: a diverging colour map over the greyed photo, and its colour bar."""
 
-from __future__ import annotations
-
 import math
 
 import cv2

@@ -1,7 +1,5 @@
 """The piece of a photo that the model is in: pictures for a person are drawn there alone."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

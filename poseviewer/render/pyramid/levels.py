@@ -1,7 +1,5 @@
 """Coarser levels of a photo: the same poses judged on fewer, larger pixels and triangles."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Decimated models for coarse pictures, their attributes, textures included, averaged."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import fast_simplification

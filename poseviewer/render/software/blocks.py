@@ -5,8 +5,6 @@ time. Of a face there stand numbers in ``steps`` (STEPS, CHUNK) int32 and ``valu
 float32, a column for each face of a chunk.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from llvmlite import ir

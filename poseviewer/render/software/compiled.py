@@ -3,8 +3,6 @@
 The compiler holds the interpreter: so other processes compile, each a part, and this one loads.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time

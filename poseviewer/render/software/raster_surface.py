@@ -2,8 +2,6 @@
 so that what one face reads of vertices and picture is at hand for the next.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -14,8 +14,6 @@ Faces up to SMALL are drawn a CHUNK at a time in 32 bits, larger ones and those 
 the camera are cut into triangles that are drawn in 64 bits.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

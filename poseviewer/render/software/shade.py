@@ -9,8 +9,6 @@ a face's texture is multiplied by, the texture of each face (F,), texels and tab
 ``TexturePyramid``); ``workspace`` is made by ``make_row``.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -9,8 +9,6 @@ attributes (unit normals, grey reflectance, coverage, and R, G, B) with a rim of
 see ``shade.fill_planes``; ``spans`` (height, 2) are the columns of each row that the model is in.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
