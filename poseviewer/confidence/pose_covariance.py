@@ -176,6 +176,11 @@ class PoseCovariance:
             covariance[-1] = covariance[:, -1] = np.nan
         return covariance
 
+    def deviations_of(self, function: Callable[[Pose], FloatArray]) -> FloatArray:
+        """(n,): standard deviations of a function of the pose (n,), to first order."""
+        jacobian = _derivatives(lambda steps: function(self.moved(steps)), self.scales)
+        return np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", jacobian, self.matrix, jacobian), 0.0))
+
     @property
     def deviations(self) -> dict[str, float]:
         """Standard deviations by name: ``depth`` of the centre along its line of sight, or under

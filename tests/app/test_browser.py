@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 
 import numpy as np
@@ -105,6 +106,14 @@ def test_a_press_on_a_map_moves_the_pose_and_undo_brings_it_back(page: AppPage, 
     assert after[1] > before[1]  # upwards on the map is more
     page.page.keyboard.press("z")
     assert page.saved(path)["chart"]["numbers"] == before
+
+
+def test_the_pose_is_copied_as_it_is_saved(page: AppPage, demo: AppProcess):
+    saved = page.saved(demo.folder / "demo_photo.pose.json")
+    page.page.get_by_role("button", name="JSON", exact=True).click()
+    page.page.context.grant_permissions(["clipboard-read"])
+    copied = json.loads(page.page.evaluate("navigator.clipboard.readText()"))
+    assert copied["camera_from_model"] == saved["camera_from_model"]
 
 
 def is_registered(page: AppPage) -> bool:

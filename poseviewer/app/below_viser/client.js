@@ -466,6 +466,20 @@ function report(event) {
 addEventListener("pointerdown", report);
 addEventListener("keydown", report);
 
+// What has a text to copy is copied by way of a field: a page without TLS has no other clipboard.
+addEventListener("click", (event) => {
+  const node = event.target.closest?.("[data-copy]");
+  if (!node) return;
+  const field = document.createElement("textarea");
+  field.value = node.dataset.copy;
+  document.body.append(field);
+  field.select();
+  document.execCommand("copy");
+  field.remove();
+  node.classList.add("pv-copied");
+  setTimeout(() => node.classList.remove("pv-copied"), 1500);
+});
+
 // The page is as light as the browser prefers.
 const light = matchMedia("(prefers-color-scheme: light)");
 const sendTheme = () => send({ kind: "theme", light: light.matches });

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from poseviewer.app.page.controls import Controls, data_url, kept, on_press, plain
+from poseviewer.app.page.result import result_html
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.session import LandscapeUpdate, Session, Whose
 from poseviewer.confidence.pose_covariance import ellipse
@@ -232,8 +233,9 @@ WHOSE: dict[Whose, str] = {"chosen": "selected method", **METHODS, "both": "both
 
 
 def add_maps(controls: Controls) -> None:
-    """The panel: the maps, or why there are none, and what they show."""
+    """The panel: the pose in numbers, the maps, or why there are none, and what they show."""
     gui = controls.gui
+    controls.html(result_html)
     maps = gui.add_html("")
 
     def shown(session: Session) -> tuple[object, ...]:

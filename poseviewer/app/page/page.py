@@ -75,7 +75,7 @@ class Page:
             with tabs.add_tab(step):
                 add_controls(controls)
         maps = gui.add_panel()
-        with maps.add_tab("Loss landscape", viser.Icon.GRID_DOTS):
+        with maps.add_tab("Pose and maps", viser.Icon.GRID_DOTS):
             self._maps = Controls(gui, post, session, MAPS_S)
             add_maps(self._maps)
         maps.dock_right()

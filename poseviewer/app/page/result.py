@@ -1,0 +1,143 @@
+"""The answer: place, angles and focal length at the pose at hand, each with its standard deviation;
+to be copied as matrix, quaternion or JSON.
+"""
+
+from __future__ import annotations
+
+import math
+from html import escape
+from itertools import zip_longest
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from poseviewer.app.state.document import label_of
+from poseviewer.app.state.session import Session
+from poseviewer.confidence.pose_covariance import short
+from poseviewer.files.pose import PoseRecord, pose_bytes
+from poseviewer.files.structs import ModelReference, PhotoReference
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Parallel, Pose
+from poseviewer.geometry.transform import Similarity
+
+DIGITS = 5
+"""Digits that are shown of a number whose deviation is not known."""
+LEAST_SURE_DEG = 90.0
+"""Above this deviation an angle's is linear no more, as where two axes coincide: none is shown."""
+ABOUT = (
+    "Camera axes: X to the right, Y down, Z forward, of the model's origin. Turns: about the "
+    "camera's x, then its y, then its z axis. ±: standard deviations, if the pose is right. mm of "
+    "the focal length: as if on 35-mm film."
+)
+FOLLOW_FOCAL, EMPTY = ("Z", "distance", "focal"), "<th></th><td></td>"
+ASSUMED = "no calibration, no EXIF, no search told the focal length"
+
+
+def numbers_of(pose: Pose) -> dict[str, float]:
+    """X, Y, Z and distance of the model's origin in the camera's frame, in the model's unit; turns
+    about the camera's x, y and z axes, in this order, in degrees; focal length in px. Under
+    parallel projection there is a scale, px per unit, and neither Z nor distance.
+    """
+    place, turn = pose.camera_from_model.translation, pose.camera_from_model.rotation
+    turns = (
+        math.atan2(turn[2, 1], turn[2, 2]),
+        math.atan2(-turn[2, 0], math.hypot(turn[2, 1], turn[2, 2])),
+        math.atan2(turn[1, 0], turn[0, 0]),
+    )
+    said = dict(zip("XYZ", map(float, place), strict=True))
+    said |= {"distance": float(np.linalg.norm(place))}
+    said |= {f"turn {axis}": math.degrees(angle) for axis, angle in zip("xyz", turns, strict=True)}
+    if isinstance(pose.camera, Parallel):
+        del said["Z"], said["distance"]
+        return {**said, "scale": pose.camera.scale}
+    return {**said, "focal": pose.camera.fx}
+
+
+def deviations_of(session: Session) -> dict[str, float]:
+    """Standard deviations of ``numbers_of`` by their names, to first order; only of those known."""
+    covariance, pose = session.covariance_in(session.document.at), session.document.pose
+    if covariance is None:
+        return {}
+    at = numbers_of(pose)
+
+    def off(moved: Pose) -> FloatArray:
+        """The numbers' differences from the pose, those of angles by the short way."""
+        now = numbers_of(moved)
+        return np.array(
+            [math.remainder(now[n] - at[n], 360.0) if "turn" in n else now[n] - at[n] for n in at]
+        )
+
+    deviations = dict(zip(at, covariance.deviations_of(off).tolist(), strict=True))
+    return {
+        name: value
+        for name, value in deviations.items()
+        if value > 0.0 and not ("turn" in name and value > LEAST_SURE_DEG)
+    }
+
+
+def result_html(session: Session) -> str:
+    """The numbers of the active object in the large photo; "" until it is placed."""
+    document = session.document
+    if not document.object.is_placed:
+        return ""
+    numbers, deviations = numbers_of(document.pose), deviations_of(session)
+    is_assumed = bool(document.photo.focal_note(document.pose.camera))
+    left, right = [], []
+    for name, value in numbers.items():
+        text = _with(value, deviations.get(name)) + _unit_of(session, name, value)
+        if is_assumed and name in FOLLOW_FOCAL:
+            text += f' <i title="{ASSUMED}">assumed</i>'
+        column = left if name in ("X", "Y", "Z", "distance") else right
+        column.append(f"<th>{name}</th><td>{text}</td>")
+    rows = "".join(f"<tr>{a}{b}</tr>" for a, b in zip_longest(left, right, fillvalue=EMPTY))
+    buttons = " ".join(
+        f'<button type="button" data-copy="{escape(text)}">{name}</button>'
+        for name, text in copies_of(session).items()
+    )
+    name, unit = escape(label_of(document.object)), document.mesh.unit or "the model's unit"
+    return (
+        f'<div class="pv-result" title="{ABOUT}"><b>{name}</b> as the camera sees it, in {unit}'
+        f"<table>{rows}</table><div>Copy as {buttons}</div></div>"
+    )
+
+
+def _unit_of(session: Session, name: str, value: float) -> str:
+    """Text after a number: its unit, and of a focal length what it is on 35-mm film."""
+    unit, photo = session.document.mesh.unit, session.document.photo
+    if name.startswith("turn"):
+        return "°"
+    if name == "focal":
+        film = value * math.hypot(36.0, 24.0) / math.hypot(photo.width, photo.height)
+        return f" px, {film:.3g} mm"
+    return f" px per {unit or 'unit'}" if name == "scale" else ""
+
+
+def copies_of(session: Session) -> dict[str, str]:
+    """Texts of the pose by their names: 4 x 4 ``camera_from_model``; quaternion w x y z and
+    translation; what a pose file needs.
+    """
+    document, pose = session.document, session.document.pose
+    rigid, model = pose.camera_from_model, document.model
+    quaternion = Rotation.from_matrix(rigid.rotation).as_quat(canonical=True, scalar_first=True)
+    matrix = Similarity(rigid).matrix
+    reference = ModelReference(model.name, model.sha256, model.mesh.unit)
+    photo = PhotoReference(file=document.photo.name, sha256=document.photo.sha256)
+    record = PoseRecord.of(pose, photo, model=reference)
+    return {
+        "Matrix": "\n".join(map(_row, matrix)),
+        "Quaternion": f"{_row(quaternion)}\n{_row(rigid.translation)}",
+        "JSON": pose_bytes(Path("pose.json"), record).decode(),
+    }
+
+
+def _row(numbers: FloatArray) -> str:
+    return " ".join(map(repr, numbers.tolist()))
+
+
+def _with(value: float, deviation: float | None) -> str:
+    """A number with its deviation, to two digits of it; without one to ``DIGITS`` digits."""
+    if deviation is None:
+        return np.format_float_positional(value, DIGITS, fractional=False, trim="-")
+    text = short(deviation)
+    return f"{value:.{len(text.partition('.')[2])}f} ± {text}"
