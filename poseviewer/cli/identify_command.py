@@ -2,6 +2,8 @@
 share a frame: the start is meant for each of them.
 """
 
+from __future__ import annotations
+
 from argparse import Namespace
 from typing import TYPE_CHECKING
 
