@@ -21,6 +21,7 @@ from poseviewer.batch.results import (
     save_failure,
     save_table,
 )
+from poseviewer.cluster import run_on_cluster
 from poseviewer.errors import BatchError
 from poseviewer.files.writing import make_folder
 from poseviewer.fit.settings import FitSettings
@@ -70,8 +71,6 @@ def run_batch(
         if scheduler is None:
             results = run_in_processes(fit, jobs, processes)
         else:
-            from poseviewer.batch.cluster import run_on_cluster
-
             names = [f"poseviewer-{job.key}-{batch.folder}" for job in jobs]
             results = run_on_cluster(fit, dict(zip(names, jobs, strict=True)), scheduler)
         for job, result in results:

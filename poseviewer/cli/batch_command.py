@@ -16,7 +16,7 @@ OPTIONS = {
         table.option("jobs JOBS.csv|BOP_SCENE"),
         table.option("--out FOLDER", required=True),
         table.option("--processes N", "(one for each processor)"),
-        table.option("--scheduler ADDRESS", "of a Dask cluster to run on"),
+        table.SCHEDULER,
         table.QUIET,
     ),
     "of a BOP scene": (

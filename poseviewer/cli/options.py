@@ -115,6 +115,7 @@ def add_all(parser: _ActionsContainer, group: Group) -> None:
             add_all(parser.add_mutually_exclusive_group(), item)
 
 
+SCHEDULER = option("--scheduler ADDRESS", "of a Dask cluster to run on")
 QUIET = option("--quiet", "no progress, no notes")
 PHOTO = option("photo PHOTO|SCENE.json", nargs="?")
 MODEL = option("model MODEL", nargs="?")

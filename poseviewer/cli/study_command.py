@@ -22,6 +22,7 @@ OPTIONS = {
         table.PIXELS,
         table.EVALUATIONS,
         table.option("--jobs N", "processes (one per processor)"),
+        table.SCHEDULER,
         table.QUIET,
     ),
     "deviations of a vehicle's parameters": (
@@ -60,7 +61,7 @@ def run(options: Namespace) -> int:
     try:
         run = open_study(plan, ignore if options.quiet else tell)
         with progress_bar(len(run.left), options.quiet) as bar:
-            for _ in run.trials(options.jobs or processors()):
+            for _ in run.trials(options.jobs or processors(), options.scheduler):
                 bar.update()
     except KeyboardInterrupt:
         tell("poseviewer: stopped; what is done is kept: run the same again to go on.")

@@ -10,6 +10,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from poseviewer.cluster import run_on_cluster
 from poseviewer.errors import SettingsError
 from poseviewer.evaluation.cases import CASES, STARTS, Case, load_cases, load_starts
 from poseviewer.evaluation.photos import draw_start, make_photos, make_seed
@@ -50,12 +51,17 @@ class Run:
     groups: Mapping[str, str]
     """Lines of the report by the names of cases."""
 
-    def trials(self, jobs: int) -> Iterator[Trial]:
-        """Run what is left, here where one job is wanted; each row is in the file when it comes."""
-        trials = map(Task.run, self.left)
-        if jobs > 1:
-            trials = (trial for _, trial in run_in_processes(Task.run, self.left, jobs))
-        for trial in trials:
+    def trials(self, jobs: int, scheduler: str | None = None) -> Iterator[Trial]:
+        """Run what is left, on a Dask ``scheduler`` or in ``jobs`` processes, and without any where
+        one job is wanted; each row is in the file when it comes.
+        """
+        trials = ((task, task.run()) for task in self.left)
+        if scheduler:
+            named = {f"study-{self.out}-{[*task.identity.values()]}": task for task in self.left}
+            trials = run_on_cluster(Task.run, named, scheduler)
+        elif jobs > 1:
+            trials = run_in_processes(Task.run, self.left, jobs)
+        for _, trial in trials:
             if trial is None:
                 raise SettingsError(
                     "a process of the study was ended from outside, perhaps for want of memory; "
@@ -69,6 +75,9 @@ class Run:
 def open_study(plan: Plan, tell: Callable[[str], None]) -> Run:
     """Make the photos, or read cases and starts; see which trials are left."""
     tasks, targets = None, 0
+    given = {name: getattr(plan, name) for name in ("out", "model", "real", "bop", "dataset")}
+    # Workers of a cluster have another working folder.
+    plan = replace(plan, **{name: path.resolve() for name, path in given.items() if path})
     if plan.bop:
         folder = bop_folder(plan.bop, plan.dataset)
         settings = replace(plan.settings()[0], keep_start=True)

@@ -1,4 +1,4 @@
-"""A batch on a real Dask cluster of processes, one of which is killed; skips without Dask."""
+"""Batch and study on a real Dask cluster of processes, one is killed; skips without Dask."""
 
 import json
 import os
@@ -14,6 +14,7 @@ import pytest
 
 from tests.batch.test_batch import LONG, command, kept, wait_until, write_table
 from tests.commands import read_rows, run
+from tests.evaluation.real_folder import write_real_folder
 
 needs_dask = pytest.mark.skipif(
     find_spec("distributed") is None, reason="Dask is not installed: pip install '.[cluster]'"
@@ -73,6 +74,18 @@ def test_a_killed_worker_loses_nothing_and_nothing_is_done_twice(scene, tmp_path
 
 @needs_dask
 @pytest.mark.slow
+def test_a_study_on_a_cluster_ends_as_on_one_machine(scene, cluster, monkeypatch):
+    monkeypatch.chdir(write_real_folder(scene))  # paths of the command line are relative to it
+    line = "study --real . --degrees 5 --evaluations 200 --quiet"
+    assert run(*line.split(), "--out", "far", "--scheduler", cluster.address) == 0
+    assert run(*line.split(), "--out", "here", "--jobs", 1) == 0
+    far, here = (read_rows(Path(out) / "trials.csv") for out in ("far", "here"))
+    assert sorted(row["end"] for row in far) == sorted(row["end"] for row in here)
+    assert len(far) == 4
+
+
+@needs_dask
+@pytest.mark.slow
 def test_a_scheduler_that_goes_away_is_said(scene, tmp_path, cluster, capsys):
     table, out = write_table(scene, tmp_path, 4), tmp_path / "out"
 
@@ -93,7 +106,7 @@ def test_a_scheduler_that_goes_away_is_said(scene, tmp_path, cluster, capsys):
 @needs_dask
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense:://"])
 def test_a_scheduler_that_is_not_there_is_said(scene, tmp_path, address, capsys, monkeypatch):
-    monkeypatch.setattr("poseviewer.batch.cluster.CONNECT_SECONDS", 0.5)
+    monkeypatch.setattr("poseviewer.cluster.CONNECT_SECONDS", 0.5)
     table, out = write_table(scene, tmp_path, 1), tmp_path / "out"
     assert run("batch", table, "--out", out, "--scheduler", address, "--quiet") == 2
     printed = capsys.readouterr().err

@@ -1,6 +1,6 @@
-"""Jobs on a Dask cluster, whose workers see all files under the same paths as this machine.
+"""Calls on a Dask cluster, whose workers see all files under the same paths as this machine.
 
-When a worker dies, Dask gives its jobs to others; those with results are not done again.
+When a worker dies, Dask gives its items to others; those with results are not done again.
 """
 
 import logging
@@ -35,7 +35,7 @@ def run_on_cluster(
                 except (CancelledError, OSError):  # a closed connection is an OSError
                     raise BatchError(
                         f"{address}: the Dask scheduler went away. What is done is kept: start it "
-                        "again, and run the batch again to go on."
+                        "again, and run the same again to go on."
                     ) from None
         finally:
             if running := [future for future in submitted if not future.done()]:
