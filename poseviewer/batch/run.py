@@ -10,9 +10,12 @@ from poseviewer.batch.html_report import save_report
 from poseviewer.batch.job import run_job
 from poseviewer.batch.job_table import Job, load_jobs
 from poseviewer.batch.results import (
+    MANIFEST,
     PICTURES,
     POSES,
+    REPORT,
     ROWS,
+    TABLE,
     Batch,
     JobResult,
     Row,
@@ -23,7 +26,7 @@ from poseviewer.batch.results import (
 )
 from poseviewer.cluster import run_on_cluster
 from poseviewer.errors import BatchError
-from poseviewer.files.writing import make_folder
+from poseviewer.files.writing import make_folder, require_replaceable
 from poseviewer.fit.settings import FitSettings
 from poseviewer.processes import run_in_processes
 from poseviewer.render.pool import processors
@@ -51,6 +54,10 @@ def open_batch(
         )
     else:
         jobs = load_jobs(table, settings)
+    if folder.exists() and folder.samefile(scene or table):
+        raise BatchError(f"--out {folder}: is the BOP scene itself; name another folder.")
+    for name in (TABLE, REPORT, MANIFEST):
+        require_replaceable(folder / name, BatchError)
     batch = Batch(folder, jobs, settings, scene, mask.resolve() if mask else None)
     for name in (ROWS, POSES, PICTURES):
         make_folder(folder / name, BatchError)

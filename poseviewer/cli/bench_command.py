@@ -10,7 +10,7 @@ from poseviewer.errors import SettingsError
 OPTIONS = {
     "": (
         table.option("--quick", "fewer runs, fits of 3 s at most: under a minute"),
-        table.option("--json FILE", "write all rows"),
+        table.option("--json FILE", "write all rows", is_output=True),
         table.QUIET,
     )
 }

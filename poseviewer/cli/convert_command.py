@@ -26,7 +26,7 @@ _NAMES = tuple(FORMATS)
 OPTIONS = {
     "": (
         table.option("source POSE|SCENE"),
-        table.option("out OUT"),
+        table.option("out OUT", is_output=True),
         table.option("--from FORMAT", None, _NAMES, dest="source_format", default=_NAMES[0]),
         table.option(
             "--to FORMAT", ", ".join(_NAMES), _NAMES, dest="out_format", default=_NAMES[0]

@@ -18,8 +18,8 @@ _PROJECTIONS = ("perspective", "parallel")
 OPTIONS = {
     "": (
         *table.FILES,
-        table.option("--out POSE.json", "of a scene: SCENE.json", required=True),
-        table.option("--overlay OVERLAY.png", "draw the pose found"),
+        table.option("--out POSE.json", "of a scene: SCENE.json", required=True, is_output=True),
+        table.option("--overlay OVERLAY.png", "draw the pose found", is_output=True),
         table.LOOK,
     ),
     "start, one of": (
@@ -44,15 +44,21 @@ OPTIONS = {
 
 def run(options: Namespace) -> int:
     """Write the pose found, or the scene, and an overlay, or one for each photo, if wanted."""
-    require_writable(options.out, PoseFileError)
-    if options.overlay:
-        require_writable(options.overlay, PhotoFileError)
-    result = search(open_scene(options), options.quiet).whole
+    _require_writable(options)
+    scene = open_scene(options)
+    _require_writable(options)  # now the files that its own name are known
+    result = search(scene, options.quiet).whole
     result.save(options.out)
     say(f"{'scene' if result.index is None else 'pose'}: {options.out}")
     for path in result.draw(options.overlay, options.look) if options.overlay else ():
         say(f"overlay: {path}")
     return EXIT_INTERRUPTED if result.stopped else 0
+
+
+def _require_writable(options: Namespace) -> None:
+    require_writable(options.out, PoseFileError)
+    if options.overlay:
+        require_writable(options.overlay, PhotoFileError)
 
 
 def search(scene: Scene, quiet: bool) -> Scene:

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
-from poseviewer.cli.options import add_all
+from poseviewer.cli.options import add_all, inputs
 from poseviewer.cli.terminal import tell
 from poseviewer.errors import (
     EXIT_BUG,
@@ -25,6 +25,7 @@ from poseviewer.errors import (
     printable,
     sentence_of,
 )
+from poseviewer.files.writing import keeping
 
 _log = logging.getLogger(__name__)
 
@@ -51,7 +52,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _make_ready()
     try:
         options = parse(sys.argv[1:] if arguments is None else arguments)
-        return import_module(f"poseviewer.cli.{options.command}_command").run(options)
+        command = import_module(f"poseviewer.cli.{options.command}_command")
+        with keeping(inputs(options, command.OPTIONS)):
+            return command.run(options)
     except KeyboardInterrupt:
         tell("poseviewer: stopped; nothing was written.")
         return EXIT_INTERRUPTED

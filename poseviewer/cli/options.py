@@ -6,7 +6,7 @@ that ``made`` takes its value there.
 """
 
 from argparse import ArgumentTypeError, Namespace, _ActionsContainer
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -78,6 +78,8 @@ class Option(NamedTuple):
     flag: str
     settings: Mapping[str, Any]
     """Settings of ``add_argument``."""
+    is_output: bool = False
+    """Whether it names a file to be written, which may be none of those that are read."""
 
     @property
     def name(self) -> str:
@@ -91,7 +93,12 @@ Options = Mapping[str, Group]
 
 
 def option(
-    usage: str, text: str | None = None, choices: Iterable[str] | None = None, **more: Any
+    usage: str,
+    text: str | None = None,
+    choices: Iterable[str] | None = None,
+    *,
+    is_output: bool = False,
+    **more: Any,
 ) -> Option:
     """Make ``--name VALUE`` (by ``READERS``), ``--name`` (choices or a flag), or ``name SHOWN``."""
     flag, _, shown = usage.partition(" ")
@@ -103,7 +110,7 @@ def option(
         more.setdefault("action", "store_true")
     if shown:
         more["metavar"] = shown
-    return Option(flag, {"help": text, **more})
+    return Option(flag, {"help": text, **more}, is_output)
 
 
 def add_all(parser: _ActionsContainer, group: Group) -> None:
@@ -192,6 +199,23 @@ STARTS = (
 """Options that say where the model starts."""
 OF_A_PHOTO = (MASK, CALIBRATION, BOX, FOCAL)
 """Options that a set of photos, or a scene, says itself."""
+
+
+def each(group: Group) -> Iterator[Option]:
+    """Yield the options of a group, and of the groups in it."""
+    for item in group:
+        yield from (item,) if isinstance(item, Option) else each(item)
+
+
+def inputs(options: Namespace, of_command: Options) -> list[Path]:
+    """The paths that are to be read; none for a command that writes no file by its options."""
+    every = [item for group in of_command.values() for item in each(group)]
+    given = [(item, getattr(options, item.name, None)) for item in every]
+    paths = [
+        value if isinstance(value, list) else [value] for item, value in given if not item.is_output
+    ]
+    reads = any(item.is_output for item in every)
+    return [path for group in paths for path in group if isinstance(path, Path)] if reads else []
 
 
 def values(options: Namespace, group: Iterable[Option]) -> dict[str, Any]:

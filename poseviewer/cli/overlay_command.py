@@ -8,7 +8,12 @@ from poseviewer.cli.terminal import require_writable, say
 from poseviewer.errors import PhotoFileError
 
 OPTIONS = {
-    "": (*table.FILES, table.POSE, table.option("--out OVERLAY.png", required=True), table.LOOK),
+    "": (
+        *table.FILES,
+        table.POSE,
+        table.option("--out OVERLAY.png", required=True, is_output=True),
+        table.LOOK,
+    ),
     **table.SCENE,
 }
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from poseviewer.errors import PoseViewerError, printable
+from poseviewer.files.writing import require_replaceable
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -58,8 +59,6 @@ def require_writable(path: Path, error: type[PoseViewerError]) -> None:
     """Refuse a file that cannot be written, before the work and not after it."""
     if not path.parent.is_dir():
         raise error(f"{path}: there is no folder {path.parent}; make it, or write elsewhere")
-    if path.exists() and not path.is_file():
-        what = "is a folder" if path.is_dir() else "is no regular file and would be replaced"
-        raise error(f"{path}: {what}; write elsewhere")
+    require_replaceable(path, error)
     if not os.access(path.parent, os.W_OK):
         raise error(f"{path}: {path.parent} is not yours to write to; write elsewhere")

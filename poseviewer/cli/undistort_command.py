@@ -10,7 +10,7 @@ from poseviewer.errors import PhotoFileError, SettingsError
 OPTIONS = {
     "": (
         table.option("photo PHOTO"),
-        table.option("--out UNDISTORTED.png", required=True),
+        table.option("--out UNDISTORTED.png", required=True, is_output=True),
     ),
     **table.CAMERA,
 }

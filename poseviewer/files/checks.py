@@ -20,7 +20,8 @@ import numpy as np
 from cv2.utils import logging as cv2_logging
 from msgspec import Meta
 
-from poseviewer.errors import PoseFileError, PoseViewerError, printable
+from poseviewer.errors import PoseFileError, PoseViewerError, SettingsError, printable
+from poseviewer.files.writing import keep
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.transform import nearest_rotation
 
@@ -64,6 +65,8 @@ Positive = Annotated[float, Meta(ge=1.0 / LARGEST_NUMBER, le=LARGEST_NUMBER)]
 Pixels = Annotated[int, Meta(ge=1, le=10_000_000)]
 Three = Annotated[tuple[Number, ...], Meta(min_length=3, max_length=3)]
 Rows = Annotated[tuple[Three, ...], Meta(min_length=3, max_length=3)]
+OWN = (PoseFileError, SettingsError)
+"""Errors of files that poseviewer writes itself and may replace; others are the user's own."""
 KEY = re.compile(r"[^.\[\]]+|\.\.\.")
 TYPE = re.compile(r"`(.*?)`")
 NAMES = {
@@ -118,6 +121,8 @@ class Reading:
             raise self.error(f"{status.st_size:,} bytes", wanted)
         if not status.st_size:
             raise self.error("an empty file", f"{wanted}, copy it again")
+        if self.error_type not in OWN:
+            keep(self.path)
 
     def open(self) -> IO[bytes]:
         """The file, once its size is checked, for reading; raises OSError as well."""

@@ -65,7 +65,7 @@ def save_pose_and_mask(path: str | Path, record: PoseRecord, mask: Mask | None) 
     """Write a pose file, and its mask, where there is one, beside it; each whole or not at all."""
     if mask is not None:
         beside = mask_path(path)
-        write_whole(beside, mask_as_png(mask), PhotoFileError)
+        write_whole(beside, mask_as_png(mask), PhotoFileError, is_own=True)
         record = structs.replace(record, mask=beside.name)
     save_pose(path, record)
 

@@ -97,8 +97,10 @@ def _exif_tags(path: str | Path) -> dict[int, Any]:
     return {}
 
 
-def save_image(path: str | Path, rgb: NDArray) -> None:
-    """Write a picture (height, width, 3), RGB, in the format of the file's ending; whole or not."""
+def save_image(path: str | Path, rgb: NDArray, *, is_own: bool = False) -> None:
+    """Write a picture (height, width, 3), RGB, in the format of the file's ending, as by
+    ``write_whole``.
+    """
     path = Path(path)
     try:
         ok, data = cv2.imencode(path.suffix or ".", np.ascontiguousarray(rgb[..., ::-1]))
@@ -107,7 +109,7 @@ def save_image(path: str | Path, rgb: NDArray) -> None:
     if not ok:
         found = f"pictures cannot be written as {path.suffix!r}"
         raise _reading(path).error(found, "use .png or .jpg")
-    write_whole(path, data.tobytes(), PhotoFileError)
+    write_whole(path, data.tobytes(), PhotoFileError, is_own=is_own)
 
 
 def _reading(path: str | Path) -> Reading:
@@ -226,7 +228,8 @@ def photo_text(photo: Photo) -> str:
     return f"{text}; distortion: {distortion}"
 
 
-def save_photo(path: Path, photo: Photo) -> None:
+def save_photo(path: Path, photo: Photo, *, is_own: bool = False) -> None:
     """Write a photo with as many bits as the format of the file's ending holds; whole or not."""
     is_deep = path.suffix.lower() in DEEP_FORMATS
-    save_image(path, photo.pixels if is_deep else photo.as_rgb8(photo.width, photo.height))
+    pixels = photo.pixels if is_deep else photo.as_rgb8(photo.width, photo.height)
+    save_image(path, pixels, is_own=is_own)

@@ -2,7 +2,7 @@
 
 import csv
 from dataclasses import asdict, fields
-from io import StringIO
+from io import StringIO, TextIOWrapper
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -10,7 +10,7 @@ import msgspec
 
 from poseviewer.errors import SettingsError
 from poseviewer.files.checks import Reading
-from poseviewer.files.writing import write_whole
+from poseviewer.files.writing import open_to_append, write_whole
 
 Row = TypeVar("Row")
 LARGEST = 1_000_000_000
@@ -37,7 +37,7 @@ def load_rows(path: Path, row_type: type[Row]) -> list[Row]:
 def append_row(path: Path, row: Any) -> None:
     """Add a dataclass as a row to a table that ``load_rows`` has read; raises ``OSError``."""
     values = asdict(row)
-    with path.open("a", encoding="utf-8", newline="") as file:
+    with TextIOWrapper(open_to_append(path), encoding="utf-8", newline="") as file:
         table = csv.DictWriter(file, values, lineterminator="\n")
         if not file.tell():
             table.writeheader()

@@ -5,7 +5,7 @@ import json
 import os
 import secrets
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
@@ -13,6 +13,44 @@ from typing import IO, Any
 import msgspec
 
 from poseviewer.errors import PoseFileError, PoseViewerError
+
+_kept: set[tuple[int, int, int]] = set()
+"""Device, inode and time of the user's own files that were read."""
+
+
+def keep(path: Path) -> None:
+    """Let no later output replace a file of the user's, by whatever name."""
+    with suppress(OSError, ValueError):
+        _kept.add(_identity(path.stat()))
+
+
+@contextmanager
+def keeping(paths: Iterable[Path]) -> Iterator[None]:
+    """Keep these files, and those read inside the ``with`` block, as long as it lasts."""
+    before = set(_kept)
+    for path in paths:
+        keep(path)
+    try:
+        yield
+    finally:
+        _kept.intersection_update(before)
+
+
+def _identity(status: os.stat_result) -> tuple[int, int, int]:
+    return status.st_dev, status.st_ino, status.st_mtime_ns
+
+
+def require_replaceable(path: Path, error: type[PoseViewerError], *, is_own: bool = False) -> None:
+    """Raise unless ``path`` is free, or a regular file that is no link, and not kept or our own."""
+    if path.is_symlink():  # the file it leads to may be anyone's
+        raise error(f"{path}: is a link and was not written through; name the file itself.")
+    if not path.exists():
+        return
+    if not path.is_file():  # a device would be a file from then on
+        what = "a folder" if path.is_dir() else "no regular file"
+        raise error(f"{path}: is {what} and was not replaced; name another.")
+    if not is_own and _identity(path.stat()) in _kept:
+        raise error(f"{path}: is read as an input and was not replaced; write to another file.")
 
 
 @contextmanager
@@ -27,10 +65,13 @@ def writing_to(folder: Path, name: str, error: type[PoseViewerError]) -> Iterato
         ) from problem
 
 
-def write_whole(path: Path, data: bytes, error: type[PoseViewerError]) -> None:
-    """Write beside ``path`` and then rename, so that no reader sees half a file."""
-    if path.exists() and not path.is_file():  # a device would be a file from then on
-        raise error(f"{path.name}: is no regular file and was not replaced; name another.")
+def write_whole(
+    path: Path, data: bytes, error: type[PoseViewerError], *, is_own: bool = False
+) -> None:
+    """Write beside ``path`` and then rename, so that no reader sees half a file; over what was read
+    where the file ``is_own``, poseviewer's.
+    """
+    require_replaceable(path, error, is_own=is_own)
     temporary = path.with_name(f".{path.name[:40]}.{secrets.token_hex(4)}.part")
     try:
         with writing_to(path.parent, path.name, error):
@@ -67,9 +108,17 @@ def json_bytes(
     return (text + "\n").encode(errors="replace")
 
 
+def open_to_append(path: Path) -> IO[bytes]:
+    """Open a file to append to, through no link and without waiting at a pipe; raises OSError."""
+    flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT
+    for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"):
+        flags |= getattr(os, name, 0)
+    return os.fdopen(os.open(path, flags, 0o666), "ab")
+
+
 def lock_file(path: Path) -> IO[bytes] | None:
     """Open ``path``, locked while open; None where another process has it. Raises OSError."""
-    file = path.open("ab")
+    file = open_to_append(path)
     try:
         if sys.platform == "win32":
             import msvcrt

@@ -148,3 +148,64 @@ def test_the_log_says_where_it_happened() -> None:
         assert found.returncode == 1
         assert ("Traceback" in found.stderr) is traced
         assert "poseviewer: Something went wrong inside (RuntimeError: boom)" in found.stderr
+
+
+@pytest.mark.parametrize("link", [None, os.link, os.symlink], ids=["itself", "hard", "soft"])
+@pytest.mark.parametrize(
+    ("line", "own"),
+    [
+        ("overlay p.png m.ply --pose start.json --out ODD", "p.png"),
+        ("fit p.png m.ply --pose start.json --out o.json --overlay ODD", "p.png"),
+        ("fit p.png m.ply --pose start.json --out ODD", "m.ply"),
+        ("fit p.png m.ply --pose start.json --out ODD", "start.json"),
+        ("fit p.png m.ply --pose start.json --mask three.png --out ODD", "three.png"),
+        ("fit three.scene.json --out ODD", "ball.ply"),
+        ("undistort p.png --calibration camera.yml --out ODD", "camera.yml"),
+        ("convert start.json ODD --overwrite", "start.json"),
+        ("batch jobs.csv --out .", "results.csv"),
+    ],
+)
+def test_a_file_that_is_read_is_never_written_over(folder: Path, capsys, line, own, link) -> None:
+    for name in ("camera.yml", "results.csv"):
+        shutil.copy(folder / "jobs.csv", name)
+    if own == "results.csv":
+        line, link = line.replace("jobs.csv", own), None
+    odd = own if link is None else f"odd{Path(own).suffix}"
+    if link is not None:
+        link(own, odd)
+    before = {path: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+    assert run(*(odd if word == "ODD" else word for word in line.split())) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert f"{odd}: is " in error
+    assert "is read as an input" in error or ("is a link" in error and link is os.symlink)
+    after = {path: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+    assert after == before
+
+
+@pytest.mark.parametrize("own", ["texture.png", "paint.mtl"])
+def test_files_that_a_model_names_are_not_written_over(folder: Path, capsys, own: str) -> None:
+    (folder / "paint.mtl").write_text("newmtl paint\nmap_Kd texture.png\n")
+    shutil.copy("p.png", "texture.png")
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+    (folder / "t.obj").write_text(f"mtllib paint.mtl\n{corners}usemtl paint\nf 1/1 2/2 3/3\n")
+    before = (folder / own).read_bytes()
+    out = "--out" if own == "paint.mtl" else "--out o.json --overlay"
+    line = f"fit p.png t.obj --pose start.json --evaluations 40 {out} {own}"
+    assert run(*line.split()) == 2
+    assert f"{own}: is read as an input" in one_line(
+        capsys.readouterr().err.splitlines()[-1] + "\n"
+    )
+    assert (folder / own).read_bytes() == before
+
+
+def test_a_batch_writes_through_no_link(folder: Path) -> None:
+    (folder / "mine").write_text("mine")
+    for link in ("o/.at-work", "o/results.csv"):
+        (folder / link).parent.mkdir(exist_ok=True)
+        (folder / link).symlink_to(folder / "mine")
+    assert run("batch", "jobs.csv", "--out", "o", "--quiet", "--evaluations", 40) == 2
+    (folder / "o/results.csv").unlink()
+    assert run("batch", "jobs.csv", "--out", "o", "--quiet", "--evaluations", 40) == 0
+    (folder / "mine").unlink()
+    run("batch", "jobs.csv", "--out", "o", "--quiet")
+    assert not (folder / "mine").exists()

@@ -226,7 +226,7 @@ def _of_undistorted(view: ViewRecord, path: Path, options: ConvertOptions) -> Vi
         )
     is_taken = path.exists() and path.samefile(view.path)
     if not path.exists() or (options.overwrite and not is_taken):
-        save_photo(path, opened.photo)
+        save_photo(path, opened.photo, is_own=True)
     elif is_taken or not np.array_equal(load_photo(path).pixels, opened.photo.pixels):
         raise PhotoFileError(
             f"{path}: is there already and was not touched; move it away: the undistorted photo "

@@ -25,6 +25,7 @@ from poseviewer.files.mesh.parts import (
 )
 from poseviewer.files.mesh.ply import read_ply
 from poseviewer.files.mesh.surface import as_mesh
+from poseviewer.files.writing import keep
 from poseviewer.geometry.image import srgb_from_linear
 from poseviewer.geometry.mesh import Mesh
 
@@ -142,6 +143,7 @@ def _read_scene(path: Path, linear: bool = False) -> Read:
                 missing.append(f"Texture left out: {name[:80]} is not there.")
                 wanted = f"needs the file {name[:80]}; put it beside the model"
                 raise MeshFileError(f"{path.name}: {wanted}.")
+            keep(file)
             return file.read_bytes()
 
     scene = trimesh.load_scene(path, resolver=Beside(str(path)), process=False, maintain_order=True)

@@ -16,6 +16,7 @@ from PIL import Image
 from poseviewer.errors import MeshFileError
 from poseviewer.files.checks import quiet_libraries
 from poseviewer.files.mesh.named import bare_name, find_named
+from poseviewer.files.writing import keep
 
 Key = TypeVar("Key")
 LARGEST_SIDE = 8192
@@ -114,6 +115,7 @@ def load_textures(
         if path is None:
             notes.append(f"Texture left out: {bare_name(name)} is not there.")
         elif path not in images:
+            keep(path)
             with _noted(path.name, notes):
                 # From a file, Pillow reads as many bytes as a damaged chunk says it has.
                 images[path] = path.name, Image.open(BytesIO(path.read_bytes()))
