@@ -55,6 +55,17 @@ def shared_data() -> Path:
 
 
 @pytest.fixture(scope="session")
+def shared_cases() -> Path:
+    """The folder of small files that were read wrong once; skips where it is absent."""
+    given, data = os.environ.get("POSEVIEWER_CASES"), os.environ.get("POSEVIEWER_DATA")
+    beside = Path(data).parent if data else REPOSITORY.parent / "shared"
+    folder = Path(given) if given else beside / "cases"
+    if not (folder / "camera_forms").is_dir():
+        pytest.skip(f"no cases in {folder}; set POSEVIEWER_CASES to the folder that has them")
+    return folder
+
+
+@pytest.fixture(scope="session")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     """A small photo, its model, the true pose and a start, as files."""
     return make_scene(tmp_path_factory.mktemp("scene"))

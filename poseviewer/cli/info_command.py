@@ -58,7 +58,11 @@ def _print_photo(path: Path, calibration: Calibration | None) -> None:
     kind = "grey" if photo.pixels.shape[2] == 1 else "colour"
     size = f"{photo.width} x {photo.height} px, {kind}, {8 * photo.pixels.itemsize} bit"
     _print(photo=photo.name, size=size)
-    if photo.camera is not None:
+    if photo.camera is not None and calibration is not None:
+        from poseviewer.files.cameras import load_calibration
+
+        found, _ = load_calibration(calibration, photo.name, photo.width, photo.height)
+        _print(read=f"{found.read}, from {calibration.path.name}")
         print_camera(photo)
     else:
         source = "no focal length in the file: 50 degrees assumed"

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 from poseviewer.errors import FileSetError, PoseViewerError
+from poseviewer.files.camera_forms import TREES
 from poseviewer.files.cameras import load_cameras
 from poseviewer.files.checks import Reading
 from poseviewer.files.colmap_model import model_file
@@ -33,7 +34,7 @@ MOST_FILES = 10_000
 """Limit of a set: a scene of a thousand photos with depths and masks has some thousand."""
 MOST_NAMED = 5
 """Files in one sentence."""
-TEXTS = (".json", ".yml", ".yaml", ".xml", ".txt")
+TEXTS = (".bin", *TREES)
 """Files of cameras and poses."""
 OF_MODELS = (".mtl", ".bin")
 """Files that are nothing without their model."""

@@ -45,8 +45,11 @@ class Lens:
 
     @classmethod
     def of(cls, model: LensModel, coefficients: Sequence[float]) -> Lens | None:
-        """The lens with these coefficients; None where all are 0, and nothing is distorted."""
-        return cls(model, tuple(coefficients)) if any(coefficients) else None
+        """The lens with these coefficients; None where nothing is distorted: all are 0, and the
+        model is no fisheye, whose picture is none of a pinhole even so.
+        """
+        is_pinhole = not any(coefficients) and model == "opencv"
+        return None if is_pinhole else cls(model, tuple(coefficients))
 
     @property
     def array(self) -> FloatArray:

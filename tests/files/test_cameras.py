@@ -155,7 +155,10 @@ def test_bops_cameras_are_read(tmp_path):
     one = {"cx": 640.25, "cy": 355.0625, "fx": MATRIX[0, 0], "fy": 1236.1, "depth_scale": 0.1}
     path = write(tmp_path / "camera.json", {**one, "width": 1280, "height": 720})
     assert load_calibration(Calibration(path), "p.png", 1280, 720)[0].camera == INSIDE
-    scene = {str(i): {"cam_K": (MATRIX * [[i], [i], [1]]).ravel().tolist()} for i in (3, 17)}
+    scene = {
+        str(i): {"cam_K": (MATRIX * [[i, 1, 1], [1, i, 1], [1, 1, 1]]).ravel().tolist()}
+        for i in (3, 17)
+    }
     path = write(tmp_path / "scene_camera.json", scene)
     found, _ = load_calibration(Calibration(path), "000017.png", 1280, 720)
     assert found.camera.fx == pytest.approx(17 * INSIDE.fx)
@@ -189,14 +192,14 @@ BROKEN = {
     "notes.yml": ("just some words", "as OpenCV writes"),
     "cut.yml": ("%YAML:1.0\n---\ncamera_matrix: [1, 2", "as OpenCV writes"),
     "deep.xml": ('<?xml version="1.0"?>\n<opencv_storage>' + "<a>" * 20_000, "as OpenCV writes"),
-    "other.json": ('{"a": 1}', "no camera_matrix"),
+    "other.json": ('{"a": 1}', "no camera in it"),
     "zero.json": ({"K": [[0, 0, 1], [0, 1, 1], [0, 0, 1]]}, "above 0"),
     "columns.json": ({"K": [[9, 0, 0], [0, 9, 0], [4, 3, 1]]}, "rows fx 0 cx"),
     "skew.json": ({"K": [[9, 1, 4], [0, 9, 3], [0, 0, 1]]}, "skew of 1"),
     "three.json": ({"K": [[9, 0, 4], [0, 9, 3], [0, 0, 1]], "D": [1, 2, 3]}, "3 distortion"),
     "model.json": ({"K": [[9, 0, 4], [0, 9, 3], [0, 0, 1]], "model": "mei"}, "'mei'"),
     "size.json": ({"K": [[9, 0, 4], [0, 9, 3], [0, 0, 1]], "width": 3.5, "height": 2}, "whole"),
-    "bop.json": ({"fx": 1, "fy": "x", "cx": 0, "cy": 0}, "camera_matrix[1][1] is 'x'"),
+    "bop.json": ({"fx": 1, "fy": "x", "cx": 0, "cy": 0}, "fy is 'x'"),
     "cameras.txt": ("# only a head\n", "no camera"),
     "words.txt": ("hello there\n", "CAMERA_ID"),
     "fov.txt": ("1 FOV 640 480 1 1 1 1 1\n", "model FOV"),
@@ -204,7 +207,7 @@ BROKEN = {
     "surplus.txt": ("1 PINHOLE 640 480 1 1 1 1 7\n", "5 parameters"),
     "far.txt": ("1 PINHOLE 640 480 1e9 1 1 1\n", "fx is 1000000000; wanted a number <= 10000000"),
     "far.json": ({"K": [[1e308, 0, 4], [0, 9, 3], [0, 0, 1]]}, "at most 1e+30"),
-    "second.yml": ("%YAML:1.0\n---\na: 1\n---\n1\n-x", "no camera_matrix"),
+    "second.yml": ("%YAML:1.0\n---\na: 1\n---\n1\n-x", "no camera in it"),
     "cameras.bin": (b"\x01\x00", ".bin"),
 }
 

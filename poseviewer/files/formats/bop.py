@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.cameras import camera_of_matrix
+from poseviewer.files.camera_forms import camera_of_matrix
 from poseviewer.files.checks import Reading, checked_rotation
 from poseviewer.files.formats.conversion import (
     ConvertOptions,

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.cameras import opencv_cameras, opencv_storage
+from poseviewer.files.camera_forms import cameras_in, load_tree
 from poseviewer.files.checks import Reading, checked_rotation
 from poseviewer.files.formats.conversion import (
     ConvertOptions,
@@ -57,9 +57,8 @@ def write_opencv(scene: SceneRecord, out: Path, _: ConvertOptions) -> Written:
 def read_opencv(path: Path, request: ConvertOptions) -> SceneRecord:
     """Read ``camera_matrix`` or ``K``, ``rvec`` or ``R``, ``tvec`` or ``t``; JSON lists as well."""
     reading = Reading(path, numbers_as_text=True)
-    is_json = path.suffix.lower() == ".json"
-    data = reading.load_object() if is_json else opencv_storage(reading)
-    known = opencv_cameras(reading, data, fisheye=False)[0]
+    data = reading.object(load_tree(reading), "its content")
+    known = cameras_in(reading, data)[0]
     rotation = _numbers(reading, data, ("rvec", "R"), (3, 9))
     translation = _numbers(reading, data, ("tvec", "t"), (3,))
     if len(rotation) == 9:

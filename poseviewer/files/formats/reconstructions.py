@@ -9,12 +9,13 @@ k3 p1 p2`` (or the fisheye's ``k1 .. k4``) to OpenCV in OpenCV's order.
 
 import json
 import math
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from pathlib import Path
 from typing import Any
 
 from scipy.spatial.transform import Rotation
 
+from poseviewer.files.camera_forms import cameras_in
 from poseviewer.files.checks import Reading, is_there
 from poseviewer.files.colmap_model import colmap_cameras, colmap_images, image_pose, model_file
 from poseviewer.files.formats.conversion import (
@@ -26,9 +27,8 @@ from poseviewer.files.formats.conversion import (
     from_4x4,
 )
 from poseviewer.files.scene_file import SceneRecord, ViewRecord, relative_name
-from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
-from poseviewer.geometry.lens import Lens, Undistortion
+from poseviewer.geometry.lens import Undistortion
 from poseviewer.geometry.transform import Similarity
 
 PHOTO_ENDINGS = ("", ".png", ".jpg", ".jpeg")
@@ -140,25 +140,13 @@ def frame_view(reading: Reading, own: dict[str, Any], options: ConvertOptions) -
         angle = reading.positive(own["camera_angle_x"], "camera_angle_x", math.pi)
         focal = 0.5 * width / math.tan(0.5 * angle)
         own = {"fl_x": focal, "cx": 0.5 * width, "cy": 0.5 * height, **own}
-    fx = reading.positive(own.get("fl_x"), "fl_x")
-    fy = reading.positive(own.get("fl_y", fx), "fl_y")
-    cx, cy = (reading.number(own.get(key), key) for key in ("cx", "cy"))
-    camera, lens = Perspective(fx, fy, cx, cy, width, height), _lens(reading, own)
+    said = {key: value for key, value in own.items() if key != "frames"}
+    known = cameras_in(replace(reading, numbers_as_text=True), said)[0]
+    camera, lens = replace(known.camera, width=width, height=height), known.lens
     world_from_camera = from_4x4(reading, own.get("transform_matrix"), "transform_matrix")
     place = OPENGL_FROM_OPENCV @ world_from_camera.inverse()
     undistortion = lens and Undistortion.of(lens, camera)
     return ViewRecord.of(path, camera, undistortion=undistortion, place=place)
-
-
-def _lens(reading: Reading, data: dict[str, Any]) -> Lens | None:
-    said, k4 = data.get("camera_model", "OPENCV"), reading.number(data.get("k4", 0.0), "k4")
-    name = "OPENCV" if said in ("PINHOLE", "SIMPLE_PINHOLE") else said
-    if name not in COEFFICIENTS:
-        raise reading.error(f"camera_model is {said!r}", f"wanted {' or '.join(COEFFICIENTS)}")
-    if name == "OPENCV" and k4:
-        raise reading.error(f"k4 is {k4}", "OpenCV's lens model has no such term: wanted 0")
-    values = [reading.number(data.get(k, 0.0), k) for k in COEFFICIENTS[name]]
-    return Lens.of("opencv" if name == "OPENCV" else "fisheye", values)
 
 
 COLMAP = Format(write_colmap, read_colmap, lenses=COLMAP_LENSES)

@@ -1,0 +1,516 @@
+"""Cameras as the tools of the field write them: one table of forms, of a few lines each.
+
+A file is a tree of mappings, whatever it is written in (YAML, XML, JSON, NumPy, CSV). Each mapping
+that has all keys of a form is a camera. What looks like a lens and belongs to no form is an error
+that names the key: a lens is never lost without a word.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from io import BytesIO, StringIO
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import yaml
+
+from poseviewer.errors import PoseViewerError
+from poseviewer.files.checks import Reading
+from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.frames import HALF_PIXEL, camera_from_integer_centres
+from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
+
+LARGEST_SKEW = 1e-6
+"""Share of the focal length."""
+LARGEST_ARRAY = 1_000_000
+"""Bytes of an array that may say a camera."""
+LARGEST_MATRIX = 2000
+"""Bytes of a matrix in text."""
+DEEPEST = 8
+"""Mappings within mappings."""
+LOADER = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
+"""Every number a text, every tag and anchor plain; libyaml's where PyYAML was built with it."""
+ALIASES = {
+    "matrix": "cameramatrix intrinsicmatrix intrinsicsmatrix camk mtx k m kmatrix matrix",
+    "intrinsics": "intrinsics intrinsic cameraintrinsics",
+    "distortion": "distortioncoefficients distortioncoefficient distortioncoeffs distortioncoeff "
+    "distortion distcoeffs distcoeff distcoefs distcoef dist d coeffs coefficients kc "
+    "distortionparams distortionparameters",
+    "radial": "radialdistortion",
+    "tangential": "tangentialdistortion",
+    "size": "imagesize imgsize resolution size",
+    "width": "imagewidth width w imgwidth",
+    "height": "imageheight height h imgheight",
+    "isfisheye": "fisheyemodel isfisheye",
+    "model": "distortionmodel lensmodel model distortiontype",
+    "cameramodel": "cameramodel projectionmodel",
+    "cx": "cx ppx",
+    "cy": "cy ppy",
+}
+"""Names of a camera's numbers, in small letters without ``_``; others keep their own. A number
+behind a name tells the cameras of a file apart.
+"""
+FIELDS = {alias: name for name, aliases in ALIASES.items() for alias in aliases.split()}
+NUMBERED = ("matrix", "distortion", "size", "width", "height", "model", "cameramodel")
+"""Fields whose names may end in the number of a camera."""
+MERGED = ("intrinsics", "distortion", "size", "lens")
+"""Mappings that say more of the camera that they stand in, if they are none themselves."""
+UNNAMED = ("calibration", "sensor", "intrinsics", "document", "chunk", "sensors", "camera_info")
+"""Mappings whose names tell no cameras apart."""
+LABELS = ("label", "file_path", "#name", "name", "intrinsicId", "id")
+"""Keys of what an entry of a list is called."""
+TYPED = ("Metashape", "Meshroom")
+"""Tools whose ``type`` is that of a lens."""
+OPENCV_ORDER = "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4"
+LENS_NAMES: dict[LensModel | None, str] = {
+    "opencv": "plumbbob rationalpolynomial opencv fullopencv pinhole simplepinhole standard radtan "
+    "radialtangential brownconrady radial simpleradial perspective frame radial1 radial3 radialk1 "
+    "radialk3",
+    "fisheye": "fisheye equidistant opencvfisheye kannalabrandt kannalabrandt4 fisheye4",
+    None: "none inversebrownconrady modifiedbrownconrady",
+}
+"""OpenCV's model by the names of others, in small letters without ``_``; None: a pinhole is read,
+and its coefficients have to be 0."""
+LENS_MODELS: dict[str, LensModel | None] = {
+    name: model for model, names in LENS_NAMES.items() for name in names.split()
+}
+LENS_LIKE = re.compile(
+    r"(?!.*(std|error|sigma|covar|model|type|distance))"
+    r"(.*dist.*|.*coeff?(icient)?s?|kc|.*radial.*|.*tangential.*|(?P<alone>[kpb]\d|t[12]|skew))"
+)
+"""Names, in small letters without ``_``, of what may be a lens; ``alone``: a number, no list."""
+SIDED = re.compile(r"(left|right)?(.*?)(left|right|\d*)")
+"""A name between what tells the cameras of a file apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class FileCamera:
+    """A camera as a file has it."""
+
+    name: str
+    """Name among the file's cameras; "" where there is one alone."""
+    camera: Perspective
+    """Pixel centres at i + 0.5; 0x0 px where the file does not say the size of its pictures."""
+    lens: Lens | None = None
+    """None for a pinhole."""
+    photos: frozenset[str] = frozenset()
+    """File names of the photos it took, as far as the file says."""
+    read: str = ""
+    """Form and keys that it was read from."""
+    is_relative: bool = False
+    """Whether lengths are in the longer side of the photo, the principal point from its middle."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Said:
+    """What a mapping says of a camera: by field, the key as written, and the value."""
+
+    reading: Reading
+    entries: dict[str, tuple[str, Any]]
+    used: dict[str, None] = field(default_factory=dict)
+    """Keys that were read."""
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.entries
+
+    def value(self, name: str, default: Any = None) -> Any:
+        """The value of a field, which is marked as read."""
+        key, value = self.entries.get(name, (name, default))
+        if name in self.entries:
+            self.used[key] = None
+        return value
+
+    def number(self, name: str, default: float | None = None) -> float:
+        """A number."""
+        value = self.value(name, default)
+        return self.reading.number(value, self.entries.get(name, (name,))[0])
+
+    def numbers(self, name: str, count: int | None = None) -> list[float]:
+        """Numbers in a list, a text or a mapping of x and y; [] where there is no such field."""
+        value = self.value(name, [])
+        if isinstance(value, dict) and "data" not in value:
+            value = list(value.values())
+        value = value if isinstance(value, dict | list | tuple | str) else [value]
+        return self.reading.flat_numbers(value, self.entries.get(name, (name,))[0], count)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in px, 0 where they are not said."""
+        value = [self.value("width"), self.value("height")]
+        if None in value:
+            value = self.numbers("size")
+        if len(value) not in (0, 2):
+            found = f"image_size has {len(value)} numbers"
+            raise self.reading.error(found, "wanted width and height")
+        width, height = [self.reading.size(side, "image_size") or 0 for side in value] or [0, 0]
+        return width, height
+
+    def sized(self) -> tuple[int, int]:
+        """Width and height in px, which have to be said."""
+        if not all(self.size):
+            raise self.reading.error("a camera without width and height", "wanted both")
+        return self.size
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """A form of cameras."""
+
+    tools: str
+    needs: tuple[str, ...]
+    """Fields, all of which a camera of the form has."""
+    pinhole: Callable[[_Said], tuple[float, float, float, float]]
+    """fx, fy, cx, cy in px."""
+    shift: float = HALF_PIXEL
+    """px from its pixel coordinates to ours: half a pixel where centres are at integers."""
+    lens: str = OPENCV_ORDER
+    """Names of its coefficients in OpenCV's order."""
+    is_relative: bool = False
+
+
+def _of_matrix(said: _Said, name: str = "matrix") -> Any:
+    key = said.entries[name][0]
+    is_by_columns = key.replace("_", "").lower() == "intrinsicmatrix"
+    camera = camera_of_matrix(said.reading, said.value(name), key, by_columns=is_by_columns)
+    return camera.fx, camera.fy, camera.cx - HALF_PIXEL, camera.cy - HALF_PIXEL
+
+
+def _kalibr(said: _Said) -> Any:
+    values = said.numbers("intrinsics")
+    return values if len(values) == 4 else _of_matrix(said, "intrinsics")
+
+
+def _from_middle(said: _Said, fx: float, fy: float, x: float, y: float) -> tuple[float, ...]:
+    width, height = said.sized()
+    return fx, fy, width / 2.0 + x, height / 2.0 + y
+
+
+def _metashape(said: _Said) -> Any:
+    f = said.number("f")
+    return _from_middle(said, f + said.number("b1", 0.0), f, said.number("cx"), said.number("cy"))
+
+
+def _meshroom(said: _Said) -> Any:
+    """AliceVision's ``loadIntrinsic``; the principal point is absolute before version 1.2.1."""
+    (x, y), (width, height) = said.numbers("principalpoint", 2), said.sized()
+    version = tuple(map(int, said.numbers("version"))) or (1, 2, 5)
+    if version < (1, 2, 1):
+        x, y = x - width / 2.0, y - height / 2.0
+    if version < (1, 2, 2):
+        focals = said.numbers("pxfocallength")
+        return _from_middle(said, focals[0], focals[-1], x, y)
+    if said.number("pixelratio", 1.0) != 1.0:
+        raise said.reading.error("pixelRatio is not 1", "calibrate with square pixels")
+    focal = said.number("focallength") / said.number("sensorwidth") * width
+    return _from_middle(said, focal, focal, x, y)
+
+
+def _fspy(said: _Said) -> Any:
+    half = max(said.sized()) / 2.0
+    (x, y), focal = said.numbers("principalpoint", 2), said.number("relativefocallength") * half
+    return _from_middle(said, focal, focal, x * half, -y * half)
+
+
+def _reality_capture(said: _Said) -> Any:
+    """Lengths are those on 35-mm film, 36 mm wide."""
+    focal, x, y = (said.number(name) / 36.0 for name in ("f", "px", "py"))
+    return focal, focal, x, y
+
+
+def _numbers(*names: str) -> Callable[[_Said], Any]:
+    return lambda said: tuple(said.number(name) for name in names)
+
+
+def _nerfstudio(said: _Said) -> Any:
+    return tuple(said.number(n) for n in ("flx", "fly" if "fly" in said else "flx", "cx", "cy"))
+
+
+FORMS = (
+    Form("OpenCV, ROS, BOP, Open3D, NumPy", ("matrix",), _of_matrix),
+    Form("Kalibr", ("intrinsics",), _kalibr),
+    Form("RealSense, BOP", ("fx", "fy", "cx", "cy"), _numbers("fx", "fy", "cx", "cy")),
+    Form("nerfstudio", ("flx", "cx", "cy"), _nerfstudio, 0.0, "k1 k2 p1 p2 k3"),
+    Form("RealityCapture", ("f", "px", "py"), _reality_capture, 0.0, "k1 k2 p1 p2 k3", True),
+    Form("Metashape", ("f", "cx", "cy"), _metashape, 0.0, "k1 k2 p2 p1 k3"),
+    Form("Meshroom", ("principalpoint", "focallength", "sensorwidth"), _meshroom, 0.0),
+    Form("Meshroom", ("principalpoint", "pxfocallength"), _meshroom, 0.0),
+    Form("fSpy", ("principalpoint", "relativefocallength"), _fspy, 0.0),
+)  # fmt: skip
+"""Forms; the first of which a mapping has all keys is taken."""
+
+
+TREES = (".yml", ".yaml", ".xml", ".json", ".sfm", ".npz", ".npy", ".csv", ".txt")
+"""Endings of files of forms."""
+
+
+def is_matrix(reading: Reading) -> bool:
+    """Whether a file is the text of a matrix: 9 or 16 numbers alone."""
+    if reading.path.stat().st_size > LARGEST_MATRIX:
+        return False
+    with suppress(ValueError, PoseViewerError):
+        return len([float(word) for word in _words(reading)]) in (9, 16)
+    return False
+
+
+def _words(reading: Reading) -> list[str]:
+    return re.sub(r"[\[\](),;]", " ", reading.load_text()).split()
+
+
+def load_tree(reading: Reading) -> Any:
+    """The mappings, lists and texts in a YAML, XML, JSON, NumPy or CSV file."""
+    match reading.path.suffix.lower():
+        case ".json" | ".sfm":
+            return reading.load_json()
+        case ".npy" | ".npz":
+            return _arrays(reading)
+        case ".txt":
+            return {"matrix": _words(reading)}
+        case ".csv":
+            return {"rows": list(csv.DictReader(StringIO(reading.load_text())))}
+    text, data = reading.load_text(), None
+    with suppress(yaml.YAMLError, ElementTree.ParseError, RecursionError):
+        if text.lstrip().startswith("<"):
+            data = _of_element(ElementTree.fromstring(text))  # expat refuses bombs of entities
+        else:  # its head is none that YAML knows; what OpenCV calls a matrix is a mapping
+            body = re.sub(r"\A\s*%YAML:1\.0", "", text)
+            data = next(iter(yaml.load_all(body, LOADER)), None)
+    if isinstance(data, dict | list):
+        return data
+    raise reading.error("not YAML or XML as OpenCV writes it", "wanted a whole file")
+
+
+def _arrays(reading: Reading) -> dict[str, Any]:
+    try:
+        loaded = np.load(BytesIO(reading.load_bytes()), allow_pickle=False)
+        if isinstance(loaded, np.ndarray):
+            return {"camera_matrix": loaded.tolist()}
+        sizes = {info.filename: info.file_size for info in loaded.zip.infolist()}
+        small = [name for name in loaded.files if sizes.get(f"{name}.npy", 0) <= LARGEST_ARRAY]
+        return {name: loaded[name].tolist() for name in small}
+    except ValueError as error:
+        found = f"not arrays of numbers ({str(error)[:60]})"
+        raise reading.error(found, "save them with np.savez(path, K=..., dist=...)") from None
+
+
+def _of_element(element: ElementTree.Element) -> Any:
+    if not len(element) and (element.text or "").strip():
+        return element.text or ""
+    if len(element) and all(child.tag == "_" for child in element):
+        return [_of_element(child) for child in element]
+    entries: dict[str, Any] = dict(element.attrib)
+    for child in element:
+        value = _of_element(child)
+        if child.tag in entries:
+            entries.setdefault(f"{child.tag} ", [entries.pop(child.tag)]).append(value)
+        elif f"{child.tag} " in entries:
+            entries[f"{child.tag} "].append(value)
+        else:
+            entries[child.tag] = value
+    return entries or ""
+
+
+def cameras_in(reading: Reading, data: Any, fisheye: bool = False) -> list[FileCamera]:
+    """All cameras in a tree; ``fisheye``: OpenCV's fisheye model where it names no other.
+
+    Raises the reading's error: there is none, a number makes no sense, a lens is of another model,
+    or is said by a key that no form has.
+    """
+    cameras, said, used = [], [], set[str]()
+    if isinstance(data, list):
+        data = {"cameras" if data and isinstance(data[0], dict) else "camera_matrix": data}
+    for path, mapping in _mappings(data, (), DEEPEST):
+        of_number = _entries_of(mapping)
+        shared = {
+            k: v for k, v in of_number.get("", {}).items() if k not in ("matrix", "distortion")
+        }
+        said += [(key, value) for key, value in mapping.items()]
+        for number, entries in of_number.items():
+            own = _Said(reading, shared | entries if number else entries)
+            form = next((form for form in FORMS if all(name in own for name in form.needs)), None)
+            if form is not None and (number == "" or "matrix" in entries):
+                name = "-".join(part for part in (path, number) if part)
+                cameras.append(_camera(own, form, name, fisheye))
+                used |= own.used.keys()
+    if not cameras:
+        keys = ", ".join(str(key)[:20] for key in data) if isinstance(data, dict) else ""
+        raise reading.error(
+            f"no camera in it (its keys: {keys[:80] or 'none'})",
+            "wanted camera_matrix and distortion_coefficients, or fx, fy, cx, cy",
+        )
+    for key, value in said:
+        like = LENS_LIKE.fullmatch(_plain(key))
+        if (
+            like
+            and key not in used
+            and _is_number(value)
+            and not (like["alone"] and _is_matrix(value))
+        ):
+            wanted = "wanted distortion_coefficients, or k1, k2, p1, p2, k3 ..."
+            raise reading.error(f"{key!r} may be a lens, and is not known here", wanted)
+    return cameras
+
+
+def _plain(key: Any) -> str:
+    return re.sub(r"[_\s-]", "", str(key)).lower()
+
+
+def _is_number(value: Any) -> bool:
+    """Whether there is a number other than 0."""
+    if isinstance(value, dict):
+        value = value.get("data")
+    if isinstance(value, list):
+        return any(map(_is_number, value))
+    with suppress(TypeError, ValueError):
+        return bool(float(value))
+    return False
+
+
+def _is_matrix(value: Any) -> bool:
+    return isinstance(value, list) or (isinstance(value, dict) and "data" in value)
+
+
+def _mappings(node: Any, path: tuple[str, ...], depth: int) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Names of mappings, and each with what others inside it say of the same camera."""
+    if not isinstance(node, dict) or not depth:
+        return
+    entries, inner = {}, []
+    for key, value in node.items():
+        is_merged = FIELDS.get(_plain(key), _plain(key)) in MERGED
+        if isinstance(value, dict) and not _is_matrix(value):
+            if is_merged:
+                entries |= {k: v for k, v in value.items() if not isinstance(v, dict)}
+                inner += [(k, v) for k, v in value.items() if isinstance(v, dict)]
+                continue
+            inner.append((key, value))
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            adjusted = [one for one in value if one.get("class") == "adjusted"]
+            for number, one in enumerate(adjusted or value):
+                is_frame = key == "frames"  # of nerfstudio's, some say cameras of their own
+                more = {k: v for k, v in node.items() if k != key and (k == "version" or is_frame)}
+                label = next((one[k] for k in LABELS if k in one), number)
+                if not is_frame or "fl_x" in one:
+                    inner.append((label, more | one))
+            continue
+        entries[key] = value
+    yield next((part for part in reversed(path) if part not in UNNAMED), ""), entries
+    for key, value in inner:
+        yield from _mappings(value, (*path, str(key).strip()), depth - 1)
+
+
+def _entries_of(mapping: dict[str, Any]) -> dict[str, dict[str, tuple[str, Any]]]:
+    """Fields of a mapping by the number of their camera ("": none)."""
+    of_number: dict[str, dict[str, tuple[str, Any]]] = {}
+    for key, value in mapping.items():
+        plain = _plain(key)
+        name, number, parts = FIELDS.get(plain, plain), "", SIDED.fullmatch(plain)
+        stem = parts[2] if parts else plain
+        if stem != plain and FIELDS.get(stem) in NUMBERED and (_is_matrix(value) or len(stem) > 1):
+            name, number = FIELDS[stem], plain.replace(stem, "", 1)
+        like = LENS_LIKE.fullmatch(plain)
+        if like and like["alone"] and not number and _is_matrix(value):
+            continue  # OpenCV's P1 is a projection
+        if name == "matrix" and not (_is_matrix(value) or isinstance(value, str)):
+            continue  # an object named k may be a camera itself
+        if value is not None:
+            of_number.setdefault(number, {}).setdefault(name, (str(key), value))
+    return of_number
+
+
+def _camera(said: _Said, form: Form, name: str, fisheye: bool) -> FileCamera:
+    fx, fy, cx, cy = form.pinhole(said)
+    keys = [said.entries[name][0] for name in form.needs]
+    for key, focal in ((keys[0], fx), (keys[0], fy)):
+        said.reading.positive(focal, f"a focal length ({key})")
+    width, height = said.size
+    camera = Perspective(fx, fy, cx + form.shift, cy + form.shift, width, height)
+    lens = _lens(said, form, fisheye)
+    read = f"{', '.join(said.used)} (as {form.tools})"
+    photos = frozenset({name.rsplit("/", 1)[-1]} - {""})
+    return FileCamera(name, camera, lens, photos, read, form.is_relative)
+
+
+def _lens(said: _Said, form: Form, fisheye: bool) -> Lens | None:
+    model: LensModel | None = "fisheye" if fisheye else "opencv"
+    text, names = "", ("model", "cameramodel", *("type",) * (form.tools in TYPED))
+    if str(said.value("isfisheye")).lower().rstrip(".0") in ("1", "true"):
+        model = "fisheye"
+    elif text := next((t for n in names if (t := str(said.value(n) or ""))), ""):
+        plain = _plain(text).removeprefix("distortion.")
+        if plain not in LENS_MODELS:
+            wanted = "wanted OpenCV's standard or fisheye model"
+            raise said.reading.error(f"its lens model is {text[:40]!r}", wanted)
+        model = model if fisheye else LENS_MODELS[plain]
+    if "distortion" in said:
+        values = said.numbers("distortion")
+        if form.tools == "Meshroom" and model == "opencv" and any(values):
+            if len(values) not in (1, 3):
+                raise said.reading.error("a lens of Meshroom's Brown model", "wanted radial3")
+            k1, k2, k3 = [*values, 0.0, 0.0][:3]
+            values = [k1, k2, 0.0, 0.0, k3]
+    elif "radial" in said:
+        k1, k2, *k3 = said.numbers("radial")
+        values = [k1, k2, *(said.numbers("tangential") or [0.0, 0.0]), *k3]
+    else:
+        order = ("k1 k2 k3 k4" if model == "fisheye" else form.lens).split()
+        values = [said.number(name, 0.0) for name in order]
+        values = _shortest(values, model or "opencv") if any(n in said for n in order) else []
+    if not any(values) and (model != "fisheye" or not values):
+        return None
+    if model is None:
+        found = f"a lens of the model {text!r} with coefficients other than 0"
+        raise said.reading.error(found, "wanted OpenCV's standard or fisheye model")
+    if len(values) not in COEFFICIENTS[model]:
+        known = "fisheye" if model == "fisheye" else "standard"
+        wanted = f"OpenCV's {known} model has {', '.join(map(str, COEFFICIENTS[model]))}"
+        raise said.reading.error(f"{len(values)} distortion coefficients", wanted)
+    return Lens(model, tuple(values))
+
+
+def _shortest(values: list[float], model: LensModel) -> list[float]:
+    """Coefficients without the zeros that a shorter list of 5 or more does without."""
+    counts = [count for count in COEFFICIENTS[model] if count >= 5] or COEFFICIENTS[model]
+    count = next((count for count in counts if not any(values[count:])), len(values))
+    return (values + [0.0] * count)[:count]
+
+
+def camera_of_matrix(
+    reading: Reading,
+    value: Any,
+    what: str,
+    size: tuple[int, int] = (0, 0),
+    *,
+    by_columns: bool = False,
+) -> Perspective:
+    """The pinhole (centres at i + 0.5) of a 3x3 matrix without skew (centres at integers)."""
+    values = reading.flat_numbers(value, what)
+    if len(values) == 16:  # a 4x4 matrix of which the last row and column say nothing
+        whole = np.reshape(values, (4, 4))
+        if np.array_equal(whole[3], [0, 0, 0, 1]) and not whole[:3, 3].any():
+            values = whole[:3, :3].reshape(-1).tolist()
+    if len(values) != 9:
+        raise reading.error(f"{what} has {len(values)} numbers", "wanted a 3x3 camera matrix")
+    matrix = np.array(values).reshape(3, 3)
+    if by_columns and np.array_equal(matrix[:, 2], [0, 0, 1]):
+        matrix = matrix.T
+    fx, fy = (reading.positive(float(matrix[i, i]), f"{what}: f{'xy'[i]}") for i in range(2))
+    if not np.allclose(matrix[2], [0.0, 0.0, 1.0]) or abs(matrix[1, 0]) > LARGEST_SKEW * fx:
+        raise reading.error(f"{what} is {values}", "wanted rows fx 0 cx, 0 fy cy, 0 0 1")
+    if abs(matrix[0, 1]) > LARGEST_SKEW * fx:
+        raise reading.error(f"{what} has a skew of {matrix[0, 1]:g}", "calibrate without skew")
+    camera = Perspective(fx, fy, float(matrix[0, 2]), float(matrix[1, 2]), *size)
+    return camera_from_integer_centres(camera)
+
+
+def camera_in_photo(found: FileCamera, width: int, height: int) -> FileCamera:
+    """The camera in px of a photo of this size, if the file says it in sides of the photo."""
+    if not found.is_relative:
+        return found
+    camera, side = found.camera, max(width, height)
+    middle = (width / 2.0 + camera.cx * side, height / 2.0 + camera.cy * side)
+    camera = Perspective(camera.fx * side, camera.fy * side, *middle, width, height)
+    return replace(found, camera=camera, is_relative=False)

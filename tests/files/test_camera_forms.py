@@ -1,0 +1,186 @@
+"""Cameras as tools of the field write them, the same one in each form."""
+
+from __future__ import annotations
+
+import json
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from poseviewer.errors import CalibrationFileError
+from poseviewer.files.cameras import Calibration, load_calibration, load_cameras
+from poseviewer.geometry.lens import Lens, opencv_matrix
+
+K = [[500.0, 0.0, 321.0], [0.0, 510.0, 239.0], [0.0, 0.0, 1.0]]
+FLAT, FOCALS = [*K[0], *K[1], *K[2]], {"fx": 500, "fy": 510, "cx": 321, "cy": 239}
+SIZE = {"width": 640, "height": 480}
+BROWN = (-0.3, 0.1, 0.001, -0.001, 0.02)
+NAMED = dict(zip(("k1", "k2", "p1", "p2", "k3"), BROWN, strict=True))
+FISHEYE = (0.02, -0.01, 0.003, -0.001)
+YAML = "camera_matrix:\n- [500, 0, 321]\n- [0, 510, 239]\n- [0, 0, 1]\n"
+LENS = Lens("opencv", BROWN)
+
+
+def saved(**arrays: Any) -> bytes:
+    memory = BytesIO()
+    np.savez(memory, **arrays)
+    return memory.getvalue()
+
+
+def array(values: Any) -> bytes:
+    memory = BytesIO()
+    np.save(memory, values)
+    return memory.getvalue()
+
+
+FORMS: dict[str, tuple[str, Any, Lens | None]] = {
+    "matrix and dist": ("a.json", {"K": K, "dist": BROWN, **SIZE}, LENS),
+    "kc": ("a.json", {"K": K, "kc": [BROWN], **SIZE}, LENS),
+    "coefs": ("a.json", {"mtx": FLAT, "dist_coefs": BROWN}, LENS),
+    "named in a lens": ("a.json", {**FOCALS, "lens": NAMED}, LENS),
+    "named in a distortion": ("a.json", {"intrinsics": FOCALS, "distortion": NAMED}, LENS),
+    "radial and tangential": (
+        "a.json", {"IntrinsicMatrix": K, "RadialDistortion": [-0.3, 0.1, 0.02],
+                   "TangentialDistortion": [0.001, -0.001]}, LENS),
+    "intrinsics of nine": ("a.json", {"intrinsics": FLAT, "distortion": BROWN}, LENS),
+    "rational": ("a.json", {**FOCALS, "k1": 0.1, "k6": 0.3},
+                 Lens("opencv", (0.1, 0, 0, 0, 0, 0, 0, 0.3))),
+    "a matrix alone": ("K.json", K, None),
+    "open3d": ("a.json", {"intrinsic_matrix": np.array(K).T.reshape(-1).tolist()}, None),
+    "realsense": ("a.json", {"fx": 500, "fy": 510, "ppx": 321, "ppy": 239,
+                             "model": "distortion.brown_conrady", "coeffs": BROWN}, LENS),
+    "realsense, inverse without lens": (
+        "a.json", {**FOCALS, "model": "inverse_brown_conrady", "coeffs": [0] * 5}, None),
+    "ros 2": ("a.yaml", "k: [500, 0, 321, 0, 510, 239, 0, 0, 1]\nd: [0.02, -0.01, 0.003, -0.001]\n"
+              "distortion_model: equidistant\n---\n", Lens("fisheye", FISHEYE)),
+    "an equidistant lens of zeros": (
+        "a.yaml", YAML + "distortion_model: equidistant\nD: [0, 0, 0, 0]\n",
+        Lens("fisheye", (0.0, 0.0, 0.0, 0.0))),
+    "kalibr": ("a.yaml", "cam0:\n  camera_model: pinhole\n  distortion_coeffs: [0.02, -0.01, 0.003,"
+               " -0.001]\n  distortion_model: equidistant\n  intrinsics: [500, 510, 321, 239]\n"
+               "  resolution: [640, 480]\n  T_cam_imu:\n  - [1, 0, 0, 0]\n",
+               Lens("fisheye", FISHEYE)),
+    "nerfstudio": ("a.json", {"fl_x": 500, "fl_y": 510, "cx": 321.5, "cy": 239.5, "w": 640,
+                              "h": 480, "camera_model": "OPENCV", **NAMED, "k4": 0}, LENS),
+    "instant-ngp": ("a.json", {"fl_x": 500, "fl_y": 510, "cx": 321.5, "cy": 239.5,
+                               "is_fisheye": True, "k1": 0.02, "k2": -0.01, "k3": 0.003,
+                               "k4": -0.001}, Lens("fisheye", FISHEYE)),
+    "metashape": ("a.xml", "<calibration><projection>frame</projection><width>640</width>"
+                  "<height>480</height><f>510</f><cx>1.5</cx><cy>-0.5</cy><b1>-10</b1>"
+                  "<k1>-0.3</k1><k2>0.1</k2><k3>0.02</k3><p1>-0.001</p1><p2>0.001</p2>"
+                  "</calibration>", LENS),
+    "npz": ("a.npz", saved(mtx=np.array(K), dist=np.array([BROWN]), rvecs=np.ones((4, 3))), LENS),
+    "npy": ("a.npy", array(np.array(K)), None),
+    "text": ("cam_K.txt", "\n".join(" ".join(map(str, row)) for row in K), None),
+    "text with a fourth row": ("K.txt", "500 0 321 0\n0 510 239 0\n0 0 1 0\n0 0 0 1\n", None),
+}  # fmt: skip
+
+
+def write(path: Path, content: Any) -> Path:
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    else:
+        path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return path
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_camera_is_the_same_in_each_form(tmp_path, form):
+    name, content, lens = FORMS[form]
+    found, _ = load_calibration(Calibration(write(tmp_path / name, content)), "p.png", 640, 480)
+    np.testing.assert_allclose(opencv_matrix(found.camera), K, rtol=0.0, atol=1e-9)
+    assert found.lens == lens
+    assert found.read
+
+
+SQUARE = [[500.0, 0.0, 329.5], [0.0, 500.0, 234.5], [0.0, 0.0, 1.0]]
+"""Of a principal point 10 px right of the middle of 640x480 px, and 5 px above it."""
+MESHROOM = {
+    "intrinsicId": 7,
+    "width": "640",
+    "height": "480",
+    "distortionParams": ["0.1", "2", "3"],
+}
+FROM_THE_MIDDLE: dict[str, tuple[str, Any, Lens | None]] = {
+    "metashape": ("a.xml", "<document><chunk><sensors><sensor id='0'><calibration class='initial'>"
+                  "<resolution width='640' height='480'/><f>9</f><cx>0</cx><cy>0</cy></calibration>"
+                  "<calibration class='adjusted'><resolution width='640' height='480'/><f>500</f>"
+                  "<cx>10</cx><cy>-5</cy></calibration></sensor></sensors></chunk></document>",
+                  None),
+    "fspy": ("a.json", {"principalPoint": {"x": 10 / 320, "y": 5 / 320}, "imageWidth": 640,
+                        "imageHeight": 480, "relativeFocalLength": 500 / 320}, None),
+    "realitycapture": ("a.csv", "#name,x,y,alt,heading,pitch,roll,f,px,py,k1,k2,k3,k4,t1,t2\n"
+                       f"p.png,1,2,3,4,5,6,{500 * 36 / 640},{10 * 36 / 640},{-5 * 36 / 640},"
+                       "-0.3,0.1,0.02,0,0,0\nq.png,1,2,3,4,5,6,9,0,0,0,0,0,0,0,0\n",
+                       Lens("opencv", (-0.3, 0.1, 0.0, 0.0, 0.02))),
+    "meshroom": ("a.sfm", {"version": ["1", "2", "6"], "intrinsics": [
+        {**MESHROOM, "type": "pinhole", "distortionType": "radialk3", "sensorWidth": "36",
+         "focalLength": str(500 * 36 / 640), "principalPoint": ["10", "-5"]}]},
+        Lens("opencv", (0.1, 2.0, 0.0, 0.0, 3.0))),
+    "meshroom of 2019": ("a.sfm", {"version": ["1", "0", "0"], "intrinsics": [
+        {**MESHROOM, "type": "radial3", "pxFocalLength": "500", "principalPoint": ["330", "235"]}]},
+        Lens("opencv", (0.1, 2.0, 0.0, 0.0, 3.0))),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", FROM_THE_MIDDLE)
+def test_a_principal_point_may_count_from_the_middle(tmp_path, form):
+    name, content, lens = FROM_THE_MIDDLE[form]
+    found, _ = load_calibration(Calibration(write(tmp_path / name, content)), "p.png", 640, 480)
+    np.testing.assert_allclose(opencv_matrix(found.camera), SQUARE, rtol=0.0, atol=1e-9)
+    assert found.lens == lens
+
+
+def test_the_cameras_of_a_file_are_told_apart_by_names_numbers_and_sides(tmp_path):
+    def names(content: Any) -> list[str]:
+        return [camera.name for camera in load_cameras(write(tmp_path / "a.json", content))]
+
+    assert names({"left": {"K": K, "D": BROWN}, "right": {"K": K}}) == ["left", "right"]
+    assert names({"K1": K, "D1": BROWN, "K2": K, "P1": K}) == ["1", "2"]
+    assert names({"camera_matrix_left": K, "dist_left": BROWN, "cameraMatrixRight": K}) == [
+        "left", "right"]  # fmt: skip
+    assert names({"cameras": [{"name": "a", **FOCALS}, {"name": "b", **FOCALS}]}) == ["a", "b"]
+
+
+LOST = {
+    "a key of its own": ({"K": K, "lens_distortion_vector": BROWN}, "'lens_distortion_vector'"),
+    "beside the camera": ({"color": FOCALS, "extra": {"dist_params": BROWN}}, "'dist_params'"),
+    "a fourth radial term": ({"fl_x": 5, "cx": 1, "cy": 1, "w": 2, "h": 2, "k4": 0.1}, "'k4'"),
+    "metashape's shear": ({**SIZE, "f": 500, "cx": 0, "cy": 0, "b2": 1}, "'b2'"),
+    "realitycapture's t1": ({"f": 35, "px": 0, "py": 0, "t1": 0.1}, "'t1'"),
+    "another model": ({"K": K, "D": FISHEYE, "distortion_model": "fov"}, "'fov'"),
+    "an inverse model": ({**FOCALS, "model": "inverse_brown_conrady", "coeffs": BROWN}, "inverse"),
+    "omnidirectional": ({"camera_model": "omni", "intrinsics": [1, 5, 5, 2, 2]}, "intrinsics"),
+    "meshroom's brown": ({**MESHROOM, "pxFocalLength": 5, "principalPoint": [0, 0], "version": [1],
+                          "distortionParams": [1, 2, 3, 4, 5]}, "Brown"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", LOST)
+def test_a_lens_is_never_dropped(tmp_path, case):
+    content, words = LOST[case]
+    with pytest.raises(CalibrationFileError, match=words):
+        load_cameras(write(tmp_path / "a.json", content))
+
+
+@pytest.mark.parametrize(("cx", "cy"), [(-3.0, 239.0), (321.0, 481.0), (1000.0, 239.0)])
+def test_a_principal_point_outside_the_photo_is_refused(tmp_path, cx, cy):
+    path = write(tmp_path / "a.json", {**FOCALS, "cx": cx, "cy": cy})
+    with pytest.raises(CalibrationFileError, match=r"principal point.*outside"):
+        load_calibration(Calibration(path), "p.png", 640, 480)
+
+
+def test_points_are_where_opencv_projects_them(tmp_path):
+    """The photo's pixels through camera and lens as read are those of cv2."""
+    points = np.random.default_rng(0).uniform((-0.4, -0.3, 1.0), (0.4, 0.3, 1.5), (20, 3))
+    wanted, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), np.array(K), np.array(BROWN))
+    for form in ("realsense", "metashape", "nerfstudio", "npz"):
+        name, content, _ = FORMS[form]
+        (found,) = load_cameras(write(tmp_path / name, content))
+        assert found.lens is not None
+        still = np.zeros(3), np.zeros(3), opencv_matrix(found.camera), found.lens.array
+        np.testing.assert_allclose(cv2.projectPoints(points, *still)[0], wanted, atol=1e-9)
