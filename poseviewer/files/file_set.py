@@ -34,7 +34,7 @@ MOST_FILES = 10_000
 """Limit of a set: a scene of a thousand photos with depths and masks has some thousand."""
 MOST_NAMED = 5
 """Files in one sentence."""
-TEXTS = (".bin", *TREES)
+TEXTS = TREES
 """Files of cameras and poses."""
 OF_MODELS = (".mtl", ".bin")
 """Files that are nothing without their model."""

@@ -20,7 +20,6 @@ import cv2
 import numpy as np
 from msgspec import structs
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.checks import Reading
@@ -33,7 +32,8 @@ from poseviewer.files.formats.conversion import (
     metres_per_unit,
     require_file,
 )
-from poseviewer.files.mesh.load import LARGEST_FILE, gltf_header, load_mesh
+from poseviewer.files.mesh.gltf import LARGEST_FILE, gltf_header, world_matrix
+from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.scene_file import SceneRecord, ViewRecord, open_view
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
@@ -231,7 +231,7 @@ def read_gltf(path: Path, request: ConvertOptions) -> SceneRecord:
         nodes = document.get("nodes", [])
         known = [(str(node.get("name")), i) for i, node in enumerate(nodes) if "camera" in node]
         index = request.the_one(reading, "cameras", known)
-        world_from_camera = _world_matrix(nodes, index)
+        world_from_camera = world_matrix(nodes, index)
         entry = document["cameras"][nodes[index]["camera"]]
         metres = metres_per_unit(request.unit or "m")
         camera = _camera(reading, entry, request, metres)
@@ -242,23 +242,6 @@ def read_gltf(path: Path, request: ConvertOptions) -> SceneRecord:
     place = RigidTransform(place.rotation, place.translation / metres)
     view = ViewRecord.of(Path(), camera, place=OPENGL_FROM_OPENCV @ place.inverse())
     return request.scene_of(reading, view, "m")
-
-
-def _world_matrix(nodes: list[dict[str, Any]], index: int) -> FloatArray:
-    """``world_from_node`` (4, 4): the product of the matrices of all above."""
-    own = _own_matrix(nodes[index])
-    parent = next((i for i, node in enumerate(nodes) if index in node.get("children", [])), None)
-    return own if parent is None else _world_matrix(nodes, parent) @ own
-
-
-def _own_matrix(node: dict[str, Any]) -> FloatArray:
-    if "matrix" in node:
-        return np.array(node["matrix"], dtype=float).reshape(4, 4).T  # glTF: column-major
-    matrix = np.eye(4)
-    rotation = Rotation.from_quat(node.get("rotation", [0.0, 0.0, 0.0, 1.0])).as_matrix()
-    matrix[:3, :3] = rotation * np.array(node.get("scale", [1.0, 1.0, 1.0]), dtype=float)
-    matrix[:3, 3] = node.get("translation", [0.0, 0.0, 0.0])
-    return matrix
 
 
 def _camera(

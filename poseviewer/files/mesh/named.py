@@ -2,6 +2,7 @@
 
 import re
 import unicodedata
+from contextlib import suppress
 from pathlib import Path
 
 TEXTURE_FOLDERS = ("textures", "texture", "maps", "images", "materials")
@@ -23,6 +24,23 @@ def find_named(folder: Path, written: str) -> Path | None:
 
     Sought by its path, by its bare name beside the model, and in any spelling in usual folders.
     """
+    for spelling in spellings(written):
+        if (found := _find(folder, spelling)) is not None:
+            return found
+    return None
+
+
+def spellings(written: str) -> list[str]:
+    """A name as read, and, where its bytes are no UTF-8, in the encodings of Windows."""
+    raw, names = written.encode("utf-8", "surrogateescape"), [written]
+    if not raw.isascii() and "\udc80" <= max(written) <= "\udcff":
+        for encoding in ("gb18030", "cp1252"):
+            with suppress(UnicodeDecodeError):
+                names.append(raw.decode(encoding))
+    return names
+
+
+def _find(folder: Path, written: str) -> Path | None:
     relative = Path(written.strip().strip('"').replace("\\", "/"))
     try:
         for path in (folder / relative, folder / relative.name):

@@ -19,10 +19,10 @@ from poseviewer.files.mesh.parts import (
     Part,
     check_indices,
     colours_from_numbers,
-    fan_corners,
     load_textures,
     split_by,
 )
+from poseviewer.files.mesh.polygons import polygon_corners
 from poseviewer.geometry.normals import weld
 
 Material = tuple[NDArray | None, NDArray[np.uint8] | None]
@@ -38,7 +38,7 @@ OPTIONS = re.compile(r"(-\S* ((-?(\d+\.?\d*|\.\d+)|on|off)? )*)*")
 
 def read_obj(path: Path) -> tuple[list[Part], list[str]]:
     """The parts of an OBJ file, one for each part name and material, and notes for the user."""
-    lines, relative, changes = _sort_lines(path.read_text(encoding="utf-8", errors="replace"))
+    lines, relative, changes = _sort_lines(path.read_text("utf-8-sig", "surrogateescape"))
     vertices, colours = _read_vertices(lines["v"])
     uvs = read_table([f"{line} 0" for line in lines["vt"]], 2)  # the second may be left out
     normals = read_table(lines["vn"], 3)
@@ -48,7 +48,10 @@ def read_obj(path: Path) -> tuple[list[Part], list[str]]:
         check_indices(path.name, column if kind == "v" else column[column != -1], len(table), kind)
     if np.any(counts < 3):
         notes.append(f"Faces of fewer than 3 corners, left out: {np.sum(counts < 3):,}.")
-    materials = _read_materials(path, lines["mtllib"], notes)
+    libraries = [name for line in lines["mtllib"] for name in library_names(line)]
+    materials = _read_materials(path, libraries, notes)
+    if len(materials) == 1 and not any(material for _, (_, material) in changes):
+        materials[""] = next(iter(materials.values()))  # as some scans have it
     starts, names = zip(*changes, strict=True)
     keys = {key: number for number, key in enumerate(dict.fromkeys(names))}
     which = np.repeat([keys[key] for key in names], np.diff([*starts, len(counts)]))
@@ -56,7 +59,7 @@ def read_obj(path: Path) -> tuple[list[Part], list[str]]:
     missing = sorted({m for _, m in keys if m and m not in materials})
     if missing and materials:
         notes.append(f"Materials not in the MTL file: {', '.join(missing)[:120]}.")
-    triangles, parts = fan_corners(counts), []
+    triangles, parts = polygon_corners(counts, vertices[corners[:, 0]]), []
     for (name, material), own in zip(keys, of_part, strict=True):
         if len(own):
             paint, used = materials.get(material, (None, None)), corners[triangles[own]]
@@ -71,7 +74,7 @@ def _sort_lines(text: str) -> tuple[dict[str, list[str]], Relative, Changes]:
     changes: Changes = [(0, ("", ""))]
     faces, thing, group, material = lines["f"], "", "", ""
     for line in text.replace("\\\n", " ").replace("\\\r\n", " ").splitlines():
-        word, _, rest = line.strip().partition(" ")
+        word, rest = (*line.split(None, 1), "", "")[:2]
         if word in lines:
             if word == "f" and "-" in rest:
                 relative[len(faces)] = tuple(len(lines[kind]) for kind in KINDS[:3])
@@ -83,6 +86,12 @@ def _sort_lines(text: str) -> tuple[dict[str, list[str]], Relative, Changes]:
             name = " ".join(dict.fromkeys(n for n in (thing, group) if n))
             changes.append((len(faces), (name, material)))
     return lines, relative, changes
+
+
+def library_names(text: str) -> list[str]:
+    """The MTL files that a line names: one, whose name may have spaces, or several."""
+    words = text.split()
+    return words if all(word.lower().endswith(".mtl") for word in words) else [text.strip()]
 
 
 def read_table(lines: list[str], columns: int) -> NDArray:
@@ -159,8 +168,8 @@ def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[
         reading = Reading(file, error_type=MeshFileError, kind="material file")
         said: dict[str, dict[str, str]] = {}
         own: dict[str, str] = {}
-        for line in reading.load_bytes().decode("utf-8", "replace").splitlines():
-            word, _, rest = line.strip().partition(" ")
+        for line in reading.load_bytes().decode("utf-8-sig", "surrogateescape").splitlines():
+            word, rest = (*line.split(None, 1), "", "")[:2]
             if word.lower() == "newmtl":
                 own = said[rest.strip()] = {}
             elif rest.strip():

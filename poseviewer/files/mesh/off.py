@@ -10,7 +10,8 @@ import numpy as np
 
 from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.obj import read_table
-from poseviewer.files.mesh.parts import Part, fan_corners
+from poseviewer.files.mesh.parts import Part, check_indices
+from poseviewer.files.mesh.polygons import polygon_corners
 
 HEADER = re.compile(r"\s*C?OFF\s+(\d+)\s+(\d+)(\s+\d+)?\s*\n", re.ASCII)
 COMMENT = re.compile(r"#[^\n]*")
@@ -34,4 +35,7 @@ def read_off(path: Path) -> tuple[list[Part], list[str]]:
             "is damaged or cut short, export it again."
         )
     indices = np.array([word for words in corners for word in words], dtype=np.int64)
-    return [Part("", read_table(lines[:vertices], 3), indices[fan_corners(counts)])], []
+    points = read_table(lines[:vertices], 3)
+    check_indices(path.name, indices, len(points))
+    corners = polygon_corners(counts, points[indices])
+    return [Part("", points, indices[corners])], []

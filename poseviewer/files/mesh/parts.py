@@ -68,18 +68,6 @@ class Part:
         return replace(self, faces=np.arange(len(source)).reshape(-1, 3), **own)
 
 
-def fan_corners(counts: NDArray) -> NDArray[np.int64]:
-    """(T, 3) corners of the triangles that polygons with ``counts`` corners (N,) fall into.
-
-    Corners are numbered through all polygons; polygons of fewer than 3 corners give none.
-    """
-    counts = np.asarray(counts, dtype=np.int64)
-    triangles = np.maximum(counts - 2, 0)
-    starts = np.repeat(np.cumsum(counts) - counts, triangles)
-    step = np.arange(len(starts)) - np.repeat(np.cumsum(triangles) - triangles, triangles)
-    return np.stack([starts, starts + step + 1, starts + step + 2], axis=1)
-
-
 def check_indices(name: str, indices: NDArray, size: int, kind: str = "vertex") -> None:
     """Raise unless indices in the faces of the file ``name`` are from 0 to below ``size``."""
     wrong = indices[(indices < 0) | (indices >= size)]
@@ -116,7 +104,7 @@ def load_textures(
             notes.append(f"Texture left out: {bare_name(name)} is not there.")
         elif path not in images:
             keep(path)
-            with _noted(path.name, notes):
+            with noted(path.name, notes):
                 # From a file, Pillow reads as many bytes as a damaged chunk says it has.
                 images[path] = path.name, Image.open(BytesIO(path.read_bytes()))
     textures = textures_from_images(images, notes)
@@ -135,7 +123,7 @@ def textures_from_images(
         notes.append(f"Textures shrunk to {side} px: together they are very large.")
     textures: dict[Key, NDArray[np.uint8]] = {}
     for key, (name, image) in images.items():
-        with _noted(name, notes), image:
+        with noted(name, notes), image:
             if image.width * image.height > MOST_TEXELS:
                 raise Image.DecompressionBombError
             if max(image.size) > side:
@@ -145,7 +133,7 @@ def textures_from_images(
 
 
 @contextmanager
-def _noted(name: str, notes: list[str]) -> Iterator[None]:
+def noted(name: str, notes: list[str]) -> Iterator[None]:
     """Make what goes wrong with a picture a note: a model without it is still one."""
     try:
         with quiet_libraries():

@@ -16,10 +16,10 @@ from poseviewer.files.mesh.parts import (
     Part,
     check_indices,
     colours_from_numbers,
-    fan_corners,
     load_textures,
     split_by,
 )
+from poseviewer.files.mesh.polygons import polygon_corners, strip_corners
 
 TYPES = {
     "char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I",
@@ -62,7 +62,12 @@ def read_ply(path: Path) -> tuple[list[Part], list[str]]:
             key: column if count else column.astype(value)
             for (key, (count, value)), column in zip(columns, values, strict=True)
         }
-    return _parts(path, tables.get("vertex", {}), tables.get("face", {}), textures)
+    if encoding == "ascii" and at < len(body):
+        found = "rows are longer than the header says"
+        raise MeshFileError(f"{path.name}: {found}; export it again.")
+    strips = tables.get("tristrips", {})
+    strips = next((strips[k] for k in INDEX_NAMES if k in strips), None)
+    return _parts(path, tables.get("vertex", {}), tables.get("face", {}), strips, textures)
 
 
 def _read_header(name: str, data: bytes) -> tuple[list[Element], str, list[str], int]:
@@ -155,15 +160,19 @@ def _stack(columns: Columns, *choices: tuple[str, ...]) -> NDArray | None:
 
 
 def _parts(
-    path: Path, vertex: Columns, face: Columns, textures: list[str]
+    path: Path, vertex: Columns, face: Columns, strips: Any, textures: list[str]
 ) -> tuple[list[Part], list[str]]:
     vertices = _stack(vertex, ("x", "y", "z"))
     if vertices is None:
         raise MeshFileError(f"{path.name}: no vertices x, y, z in the PLY header; export it again.")
     counts, indices = next((face[k] for k in INDEX_NAMES if k in face), (np.zeros(0),) * 2)
-    corners, triangles = fan_corners(counts), np.maximum(counts - 2, 0)
-    faces = indices[corners].astype(np.int64)
-    check_indices(path.name, faces, len(vertices))
+    indices, triangles = indices.astype(np.int64), np.maximum(counts - 2, 0)
+    check_indices(path.name, indices, len(vertices))
+    corners = polygon_corners(counts, vertices[indices])
+    faces = indices[corners]
+    if strips:  # a row is one or more of them, with -1 between
+        faces = strip_corners(np.insert(strips[1], np.cumsum(strips[0])[:-1], -1))
+        check_indices(path.name, faces, len(vertices))
     normals, uvs = _stack(vertex, ("nx", "ny", "nz")), _stack(vertex, *UV_NAMES)
     part = Part("", vertices, faces, normals, _stack(vertex, *COLOUR_NAMES), uvs)
     texcoord = face.get("texcoord", (None,))

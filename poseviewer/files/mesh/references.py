@@ -6,8 +6,8 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.mesh.load import GLTF, gltf_header
-from poseviewer.files.mesh.obj import OPTIONS
+from poseviewer.files.mesh.gltf import GLTF, gltf_header
+from poseviewer.files.mesh.obj import OPTIONS, library_names
 from poseviewer.files.mesh.ply import LONGEST_HEADER
 
 WORDS = {
@@ -39,10 +39,11 @@ def names_in(path: Path) -> dict[str, bool]:
             if struct.unpack("<I", length)[0] == CHUNK_HEADER + len(name) + 1:
                 names[name.decode("latin-1")] = True
     elif suffix in WORDS:
-        pattern = rb"^[ \t]*%b[ \t]+([^\r\n]*[^\s])" % WORDS[suffix]
+        pattern = rb"^(?:\xef\xbb\xbf)?[ \t]*%b[ \t]+([^\r\n]*[^\s])" % WORDS[suffix]
         for word, rest in re.findall(pattern, data, re.MULTILINE):
-            if name := OPTIONS.sub("", rest.decode("utf-8", "replace"), count=1):
-                names[name] = names.get(name, False) or word.lower() in READ
+            name = OPTIONS.sub("", rest.decode("utf-8", "surrogateescape"), count=1)
+            for own in library_names(name) if word == b"mtllib" else filter(None, [name]):
+                names[own] = names.get(own, False) or word.lower() in READ
     return names
 
 

@@ -1,0 +1,402 @@
+"""glTF 2.0 and GLB (https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html), with the registered
+extensions that change shape or colour.
+
+Read here rather than by trimesh, which passes over sparse and normalised accessors, texture
+transforms, further texture coordinates, skins and instances without a word.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from base64 import b64decode
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from poseviewer.errors import MeshFileError
+from poseviewer.files.checks import Reading
+from poseviewer.files.mesh.named import find_named
+from poseviewer.files.mesh.parts import (
+    MOST_TEXELS,
+    Part,
+    noted,
+    textures_from_images,
+)
+from poseviewer.files.mesh.polygons import strip_corners
+from poseviewer.geometry.image import srgb_from_linear
+
+GLTF = (".glb", ".gltf")
+GLB_START, GLB_CHUNK = 12, 8
+"""Bytes of the headers of a GLB file and of each of its chunks; the first chunk is JSON."""
+GLB_HEADER = GLB_START + GLB_CHUNK
+LARGEST_FILE = 2_000_000_000
+"""Bytes of a file, or of a buffer beside it."""
+UNDERSTOOD = (
+    "KHR_mesh_quantization", "KHR_texture_transform", "EXT_mesh_gpu_instancing",
+    "KHR_materials_pbrSpecularGlossiness", "EXT_texture_webp",
+)  # fmt: skip
+"""Extensions that change shape or colour, and are read."""
+LOST = {
+    "KHR_draco_mesh_compression": "",
+    "EXT_meshopt_compression": "",
+    "KHR_meshopt_compression": "",
+    "KHR_texture_basisu": "pictures in KTX2",
+    "EXT_texture_avif": "pictures in AVIF",
+    "KHR_node_visibility": "what is hidden",
+}
+"""Extensions that change shape or colour, and are not read: what is lost where a file does not
+require them ("": nothing, it holds the same without)."""
+HARMLESS = ("KHR_materials_", "KHR_lights_", "KHR_xmp", "KHR_animation_", "EXT_lights_", "MSFT_lod")
+"""Beginnings of extensions that change neither shape nor base colour."""
+TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+STRIP, FAN, TRIANGLES = 5, 6, 4
+ALPHA_SAMPLES = np.array([(a, b, 1.0 - a - b) for a in (0.05, 0.35, 0.65) for b in (0.05, 0.3)])
+"""Barycentric coordinates at which a triangle is asked whether its texture's alpha cuts it away."""
+
+Matrix = NDArray[np.float64]
+
+
+def gltf_header(path: Path) -> Any:
+    """The JSON of a glTF or GLB file; raises MeshFileError or ValueError where it is none."""
+    with path.open("rb") as file:
+        head = file.read(GLB_HEADER)
+        if path.suffix.lower() == ".gltf":
+            return json.loads((head + file.read()).decode("utf-8-sig"))
+        if len(head) < GLB_HEADER or head[:4] != b"glTF":
+            raise MeshFileError(f"{path.name}: no GLB header; is it a GLB file? Export it again.")
+        size, end = path.stat().st_size, GLB_START
+        whole, text = struct.unpack("<8xII4x", head)
+        while end + GLB_CHUNK <= size:
+            file.seek(end)
+            end += GLB_CHUNK + struct.unpack("<I", file.read(4))[0]
+        if max(whole, end) > size:
+            raise MeshFileError(f"{path.name}: is cut short; copy or export it again.")
+        file.seek(GLB_HEADER)
+        return json.loads(file.read(text))
+
+
+def read_gltf(path: Path) -> tuple[list[Part], list[str]]:
+    """The parts of a glTF or GLB file, one for each primitive of each node, and notes."""
+    document = _Document(path, gltf_header(path))
+    required = set(document.data.get("extensionsRequired", []))
+    if unknown := sorted(required - set(UNDERSTOOD) - _harmless(required)):
+        raise MeshFileError(
+            f"{path.name}: needs {', '.join(unknown)[:120]}, which is not read here; "
+            "export it without (compression, KTX2 pictures ...)."
+        )
+    used = set(document.data.get("extensionsUsed", []))
+    lost = [LOST[name] for name in sorted(used & set(LOST)) if LOST[name]]
+    lost += sorted(used - set(UNDERSTOOD) - set(LOST) - _harmless(used))
+    document.notes += [f"Not read, left out: {name[:80]}." for name in lost]
+    parts = [part for node in document.placed() for part in document.parts_of(*node)]
+    return parts, document.notes
+
+
+def _harmless(names: set[str]) -> set[str]:
+    return {name for name in names if name.startswith(HARMLESS)} - set(UNDERSTOOD)
+
+
+@dataclass(eq=False)
+class _Document:
+    """A glTF document and its buffers."""
+
+    path: Path
+    data: dict[str, Any]
+    notes: list[str] = field(default_factory=list)
+    _buffers: dict[int, bytes] = field(default_factory=dict)
+    alphas: dict[int, NDArray[np.uint8]] = field(default_factory=dict)
+    """Alpha of pictures that cut, by their indices."""
+
+    def placed(self) -> Iterator[tuple[int, str, Matrix]]:
+        """Each node of the scene that has a mesh: its index, name, and world from node."""
+        nodes, scenes = self.data.get("nodes", []), self.data.get("scenes")
+        children = {child for node in nodes for child in node.get("children", [])}
+        roots = [i for i in range(len(nodes)) if i not in children]
+        if scenes:
+            roots = scenes[self.data.get("scene", 0)].get("nodes", [])
+        names = _unique([node.get("name") or str(i) for i, node in enumerate(nodes)])
+        waiting, visited = list(roots), set[int]()
+        while waiting:
+            index = waiting.pop()
+            if index in visited:
+                raise ValueError(f"node {index} is there twice")
+            visited.add(index)
+            node = nodes[index]
+            waiting += node.get("children", [])
+            if "mesh" in node:
+                yield index, names[index], world_matrix(nodes, index)
+
+    def parts_of(self, index: int, name: str, world: Matrix) -> Iterator[Part]:
+        """The parts of a node's mesh, wherever the node, its instances or its skin put them."""
+        node = self.data["nodes"][index]
+        mesh = self.data["meshes"][node["mesh"]]
+        weights = node.get("weights", mesh.get("weights", []))
+        places = [world]
+        if instancing := _extension(node, "EXT_mesh_gpu_instancing"):
+            read = {k.lower(): self.array(v) for k, v in instancing["attributes"].items()}
+            count = len(next(iter(read.values())))
+            places = [world @ node_matrix({k: v[i] for k, v in read.items()}) for i in range(count)]
+        for primitive in mesh["primitives"]:
+            part = self._part(name, primitive, weights)
+            if part is None:
+                continue
+            if "skin" in node:
+                yield self._skinned(part, primitive["attributes"], self.data["skins"][node["skin"]])
+            else:
+                yield from (part.moved(place) for place in places)
+
+    def _part(self, name: str, primitive: dict[str, Any], weights: list[float]) -> Part | None:
+        attributes, mode = primitive["attributes"], primitive.get("mode", TRIANGLES)
+        if mode not in (TRIANGLES, STRIP, FAN):
+            self.notes.append("Points or lines, left out.")
+            return None
+        if "bufferView" not in self.data["accessors"][attributes["POSITION"]]:
+            for extension in primitive.get("extensions", {}):
+                raise MeshFileError(
+                    f"{self.path.name}: compressed with {extension}; export it plain."
+                )
+        vertices = self.array(attributes["POSITION"]).astype(float)
+        normals = self.array(attributes["NORMAL"]) if "NORMAL" in attributes else None
+        for weight, target in zip(weights, primitive.get("targets", []), strict=False):
+            if weight and "POSITION" in target:
+                vertices, normals = vertices + weight * self.array(target["POSITION"]), None
+        order = np.arange(len(vertices))
+        if "indices" in primitive:
+            order = self.array(primitive["indices"]).reshape(-1).astype(np.int64)
+        part = Part(name, vertices, _triangles(order, mode), normals)
+        colours = self.array(attributes["COLOR_0"])[:, :3] if "COLOR_0" in attributes else None
+        material = (
+            self.data["materials"][primitive["material"]] if "material" in primitive else None
+        )
+        if material is not None:
+            part, factor = self._dressed(part, material, attributes)
+            colours = factor if colours is None else factor * colours
+        if colours is not None and not self.is_encoded:
+            colours = srgb_from_linear(colours)
+        return replace(part, colours=colours)
+
+    @cached_property
+    def is_encoded(self) -> bool:
+        """Whether its colours are display-encoded: trimesh writes them so, against the rules."""
+        return "trimesh" in str(self.data.get("asset", {}).get("generator", ""))
+
+    def _dressed(
+        self, part: Part, material: dict[str, Any], attributes: dict[str, int]
+    ) -> tuple[Part, NDArray]:
+        """The part with its texture, cut as the texture's alpha says; and its base colour."""
+        factor, info = _look(material)
+        if info is None or (image := self._image_of(info)) is None:
+            return part, factor[:3]
+        transform = _extension(info, "KHR_texture_transform") or {}
+        coordinates = f"TEXCOORD_{transform.get('texCoord', info.get('texCoord', 0))}"
+        if coordinates not in attributes:
+            return part, factor[:3]
+        uvs = _transformed(self.array(attributes[coordinates]), transform)
+        uvs = np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)
+        texture = self.textures.get(image)
+        part = replace(part, uvs=uvs if texture is not None else None, texture=texture)
+        if material.get("alphaMode") == "MASK" and texture is not None:
+            part = self._cut(part, image, material.get("alphaCutoff", 0.5) / max(factor[3], 1e-9))
+        return part, factor[:3]
+
+    def _cut(self, part: Part, image: int, cutoff: float) -> Part:
+        """The part without the triangles that are cut away wholly; a note of those in part."""
+        alpha = self.alphas.get(image)
+        if alpha is None or part.uvs is None:
+            return part
+        corners = part.uvs[part.faces]
+        uvs = np.einsum("sk,fkd->fsd", ALPHA_SAMPLES, corners) % 1.0
+        rows = ((1.0 - uvs[..., 1]) * alpha.shape[0]).astype(int).clip(0, alpha.shape[0] - 1)
+        columns = (uvs[..., 0] * alpha.shape[1]).astype(int).clip(0, alpha.shape[1] - 1)
+        shown = alpha[rows, columns] / 255.0 >= cutoff
+        partly = int(np.sum(shown.any(axis=1) & ~shown.all(axis=1)))
+        if partly:
+            self.notes.append(f"Triangles cut out in part by a texture, shown whole: {partly:,}.")
+        return replace(part, faces=part.faces[shown.any(axis=1)])
+
+    def _image_of(self, info: dict[str, Any]) -> int | None:
+        """Index of the picture of a texture, if it is of a kind that is read."""
+        texture = self.data["textures"][info["index"]]
+        return (_extension(texture, "EXT_texture_webp") or texture).get(
+            "source", texture.get("source")
+        )
+
+    @cached_property
+    def textures(self) -> dict[int, NDArray[np.uint8]]:
+        """Pictures of base colours by their indices, RGB (h, w, 3); fills ``alphas``."""
+        used: dict[int | None, bool] = {}
+        for material in self.data.get("materials", []):
+            if (info := _look(material)[1]) is not None:
+                index = self._image_of(info)
+                used[index] = used.get(index, False) or material.get("alphaMode") == "MASK"
+        opened: dict[int, tuple[str, Image.Image]] = {}
+        for index, entry in enumerate(self.data.get("images", [])):
+            uri, name = entry.get("uri", "data:"), "a picture"
+            if index not in used:
+                continue
+            if not uri.startswith("data:"):
+                name = unquote(uri)[:80]
+                if find_named(self.path.parent, name) is None:
+                    self.notes.append(f"Texture left out: {name} is not there.")
+                    continue
+            with noted(name, self.notes):
+                content = (
+                    self.view(entry["bufferView"]) if "bufferView" in entry else self.fetch(uri)
+                )
+                image = Image.open(BytesIO(content))
+                if used[index] and image.width * image.height <= MOST_TEXELS:
+                    self.alphas[index] = np.asarray(image.convert("RGBA").getchannel("A"))
+                opened[index] = name, image
+        return textures_from_images(opened, self.notes)
+
+    def _skinned(self, part: Part, attributes: dict[str, int], skin: dict[str, Any]) -> Part:
+        """The part in the pose in which the file's nodes have its joints."""
+        matrices = np.array([world_matrix(self.data["nodes"], joint) for joint in skin["joints"]])
+        if "inverseBindMatrices" in skin:
+            inverse = self.array(skin["inverseBindMatrices"]).reshape(-1, 4, 4)
+            matrices = matrices @ inverse[: len(matrices)].swapaxes(1, 2).astype(float)
+        blend, total = np.zeros((len(part.vertices), 4, 4)), np.zeros(len(part.vertices))
+        for number in range(len(attributes)):
+            if f"JOINTS_{number}" in attributes:
+                weights = self.array(attributes[f"WEIGHTS_{number}"]).astype(float)
+                joints = self.array(attributes[f"JOINTS_{number}"]).astype(np.int64)
+                blend += np.einsum("vj,vjab->vab", weights, matrices[joints])
+                total += weights.sum(axis=1)
+        blend /= np.where(total > 0.0, total, 1.0)[:, None, None]
+        normals = part.normals
+        if normals is not None:
+            normals = np.einsum("vab,vb->va", blend[:, :3, :3], normals)
+        vertices = np.einsum("vab,vb->va", blend[:, :3, :3], part.vertices) + blend[:, :3, 3]
+        return replace(part, vertices=vertices, normals=normals)
+
+    def array(self, index: int) -> NDArray:
+        """Values of an accessor (count, width); normalised integers as what they stand for."""
+        accessor = self.data["accessors"][index]
+        width, kind = WIDTHS[accessor["type"]], np.dtype(TYPES[accessor["componentType"]])
+        values = self._table(accessor, accessor["count"], width, kind)
+        if sparse := accessor.get("sparse"):
+            of_indices = np.dtype(TYPES[sparse["indices"]["componentType"]])
+            which = self._table(sparse["indices"], sparse["count"], 1, of_indices)[:, 0]
+            values = values.copy()
+            values[which] = self._table(sparse["values"], sparse["count"], width, kind)
+        if accessor.get("normalized"):
+            values = np.maximum(values / float(np.iinfo(kind).max), -1.0)
+        return values
+
+    def _table(self, entry: dict[str, Any], count: int, width: int, kind: np.dtype) -> NDArray:
+        """Rows of a buffer view; zeros where there is none."""
+        if "bufferView" not in entry:
+            return np.zeros((min(count, LARGEST_FILE // (width * kind.itemsize)), width), kind)
+        data = self.view(entry["bufferView"])
+        row, start = width * kind.itemsize, entry.get("byteOffset", 0)
+        stride = self.data["bufferViews"][entry["bufferView"]].get("byteStride", row)
+        if count < 1 or stride < row or start < 0 or start + (count - 1) * stride + row > len(data):
+            raise ValueError("an accessor reaches beyond its buffer")
+        return np.ndarray((count, width), kind, data, start, (stride, kind.itemsize))
+
+    def view(self, index: int) -> memoryview:
+        """The bytes of a buffer view."""
+        entry = self.data["bufferViews"][index]
+        start, number = entry.get("byteOffset", 0), entry["buffer"]
+        if number not in self._buffers:
+            buffer = self.data["buffers"][number]
+            self._buffers[number] = self.fetch(buffer["uri"]) if "uri" in buffer else self._chunk()
+        whole, end = memoryview(self._buffers[number]), start + entry["byteLength"]
+        if not 0 <= start <= end <= len(whole):
+            raise ValueError("a buffer view reaches beyond its buffer")
+        return whole[start:end]
+
+    def _chunk(self) -> bytes:
+        """The second chunk of a GLB file."""
+        with self.path.open("rb") as file:
+            (text,) = struct.unpack("<12xI", file.read(GLB_START + 4))
+            file.seek(GLB_HEADER + text)
+            (size,) = struct.unpack("<I4x", file.read(GLB_CHUNK))
+            return file.read(size)
+
+    def fetch(self, uri: str) -> bytes:
+        """The bytes that a URI means: its own, or those of a file beside the model."""
+        if uri.startswith("data:"):
+            return b64decode(uri.partition(",")[2])
+        name = unquote(uri)
+        found = find_named(self.path.parent, name)
+        if found is None:
+            wanted = f"needs the file {name[:80]}; put it beside the model"
+            raise MeshFileError(f"{self.path.name}: {wanted}.")
+        reading = Reading(found, [], MeshFileError, "file of a model", LARGEST_FILE)
+        return reading.load_bytes()
+
+
+def _extension(entry: dict[str, Any], name: str) -> Any:
+    return entry.get("extensions", {}).get(name)
+
+
+def _look(material: dict[str, Any]) -> tuple[NDArray, dict[str, Any] | None]:
+    """Base colour RGBA (linear), and what is said of its texture."""
+    look, names = material.get("pbrMetallicRoughness", {}), ("baseColorFactor", "baseColorTexture")
+    if glossy := _extension(material, "KHR_materials_pbrSpecularGlossiness"):
+        look, names = glossy, ("diffuseFactor", "diffuseTexture")
+    factor = np.array(look.get(names[0], [1.0] * 4), dtype=float)
+    return factor, look.get(names[1])
+
+
+def _transformed(uvs: NDArray, transform: dict[str, Any]) -> NDArray:
+    """Texture coordinates (n, 2), v downwards, as KHR_texture_transform moves them."""
+    if not transform:
+        return uvs
+    c, s = (f(transform.get("rotation", 0.0)) for f in (np.cos, np.sin))
+    scaled = uvs * np.array(transform.get("scale", (1.0, 1.0)))
+    return scaled @ np.array([[c, -s], [s, c]]) + np.array(transform.get("offset", (0.0, 0.0)))
+
+
+def _triangles(order: NDArray, mode: int) -> NDArray:
+    if mode == STRIP:
+        return strip_corners(order)
+    if mode == FAN:
+        first = np.full(len(order) - 2, order[0])
+        return np.stack([first, order[1:-1], order[2:]], axis=1)
+    return order.reshape(-1, 3)
+
+
+def _unique(names: list[str]) -> list[str]:
+    """Names, each with a number behind it where it has been there before."""
+    taken: dict[str, int] = {}
+    unique = []
+    for name in names:
+        taken[name] = taken.get(name, -1) + 1
+        unique.append(f"{name}_{taken[name]}" if taken[name] else name)
+    return unique
+
+
+def world_matrix(nodes: list[dict[str, Any]], index: int) -> Matrix:
+    """``world_from_node`` (4, 4): the product of the matrices of all above."""
+    parents = {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
+    matrix = np.eye(4)
+    for _ in nodes:
+        matrix = node_matrix(nodes[index]) @ matrix
+        if index not in parents:
+            return matrix
+        index = parents[index]
+    raise ValueError("a node is above itself")
+
+
+def node_matrix(node: dict[str, Any]) -> Matrix:
+    """A node's own matrix (4, 4): translation, rotation (x y z w) and scale, or all in one."""
+    if "matrix" in node:
+        return np.array(node["matrix"], dtype=float).reshape(4, 4).T  # glTF: column-major
+    matrix = np.eye(4)
+    rotation = Rotation.from_quat(node.get("rotation", [0.0, 0.0, 0.0, 1.0])).as_matrix()
+    matrix[:3, :3] = rotation * np.array(node.get("scale", [1.0, 1.0, 1.0]), dtype=float)
+    matrix[:3, 3] = node.get("translation", [0.0, 0.0, 0.0])
+    return matrix
