@@ -39,18 +39,29 @@ class PointPairs:
 
 
 def load_pairs(path: str | Path) -> PointPairs:
-    """Point pairs from CSV: columns x, y, z, u, v, with or without a header."""
+    """Point pairs from a table: columns x, y, z, u, v, or in the order of a header's names among
+    others; parted by commas, semicolons or tabs, the latter two with decimal commas or points.
+    """
     reading = _reading(path)
     with reading.naming_errors():
         text = reading.load_text()
-        separator = ";" if ";" in text and "," not in text else ","
+        first = next((line for line in text.splitlines() if line.strip(" ,;\t#")), "")
+        separator = next((mark for mark in "\t;" if mark in first), ",")
         rows = [
             (f"line {number}", row)
             for number, row in enumerate(csv.reader(StringIO(text), delimiter=separator), 1)
             if any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#")
         ]
-        if rows and [cell.strip().lower() for cell in rows[0][1]] == list(PAIR):
+        names = [cell.strip().lower() for cell in rows[0][1]] if rows else []
+        if set(PAIR) <= set(names):
             del rows[0]
+            for where, row in rows:
+                if len(row) != len(names):
+                    found = f"{where} has {len(row)} values"
+                    raise reading.error(found, f"wanted {len(names)}, as the header has")
+            rows = [(where, [row[names.index(name)] for name in PAIR]) for where, row in rows]
+        if separator != ",":
+            rows = [(where, [cell.replace(",", ".") for cell in row]) for where, row in rows]
         numbers = [_numbers(reading, where, row, PAIR) for where, row in rows]
     table = np.array(numbers, dtype=float).reshape(-1, len(PAIR))
     return PointPairs(table[:, :3], points_from_integer_centres(table[:, 3:]))

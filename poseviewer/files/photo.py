@@ -25,6 +25,11 @@ ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", "
 """Endings of photo files."""
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "PPM")
 """Pillow's names of them; its readers of others believe the lengths that a file claims."""
+RAW_ENDINGS = (".dng", ".nef", ".cr2", ".cr3", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw")
+DNG_VERSION, SUBFILE_TYPE, TILE_WIDTH, BITS = 50706, 254, 322, 258
+"""TIFF's tags."""
+REDUCED = 1
+"""Subfile type of a preview, as that of raw files is."""
 MAX_MEGAPIXELS = 100.0
 LARGEST_FILE = 2_000_000_000
 """Bytes: 100 megapixels of four 16-bit numbers have 8e8, beside what else a file may hold."""
@@ -120,12 +125,23 @@ def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]
     """Pixels (h, w, 1 or 3), 35-mm focal length, and whether there was transparency."""
     try:
         with Image.open(BytesIO(data), formats=FORMATS) as image:
+            tags = getattr(image, "tag_v2", {})
+            is_preview = DNG_VERSION in tags or tags.get(SUBFILE_TYPE, 0) & REDUCED
+            if is_preview or data[8:10] == b"CR" or reading.path.suffix.lower() in RAW_ENDINGS:
+                raise reading.error("a raw photo", "develop it to JPEG, PNG or TIFF first")
             _refuse_size(reading, *image.size)
             focal = focal_35mm(image.getexif(), image.width, image.height)
             is_transparent = image.has_transparency_data
             image.load()  # whether it is whole: OpenCV fills up with grey
+            is_small = image.mode in ("L", "RGB", "RGBA") and max(tags.get(BITS, (8,))) <= 8
+            if TILE_WIDTH in tags and (is_small or image.mode == "I;16"):
+                # OpenCV reads few tiled TIFF files, and turns them wrongly; Pillow has turned it.
+                pixels = np.atleast_3d(np.asarray(image))
+                return pixels[..., : 1 if pixels.shape[2] == 1 else 3], focal, is_transparent
     except UnidentifiedImageError:
         wanted = "wanted JPEG, PNG, TIFF, WebP or BMP with 8 or 16 bits"
+        if reading.path.suffix.lower() in RAW_ENDINGS:
+            wanted = "develop the raw photo to JPEG, PNG or TIFF first"
         raise reading.error("not a picture that can be read", wanted) from None
     except Image.DecompressionBombError:
         found = f"more than {MAX_MEGAPIXELS:.0f} megapixels"

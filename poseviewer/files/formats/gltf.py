@@ -44,6 +44,8 @@ from poseviewer.geometry.transform import RigidTransform, Similarity
 
 PLANE_BEHIND = 1.05
 """Distance of the photo's plane, in those of the model's furthest point."""
+FAR = 100.0
+"""Distance of a model from its origin, in its diameters, at which 1e-5 of it are lost."""
 NEAREST = 1e-3
 """Distance of the near plane, in those of the model's furthest point."""
 FLOAT, UNSIGNED, VERTICES, INDICES = 5126, 5125, 34962, 34963
@@ -66,10 +68,11 @@ def write_gltf(scene: SceneRecord, out: Path, options: ConvertOptions) -> Writte
     ]
     points, file = np.concatenate(corners), _Glb()
     index = {path: file.add_mesh(mesh) for path, mesh in meshes.items()}
-    models = [
-        file.add("nodes", name=item.label, mesh=index[item.path], matrix=place.T.ravel().tolist())
-        for item, place in zip(scene.objects, places, strict=True)
-    ]
+    models = []
+    for item, place in zip(scene.objects, places, strict=True):
+        moved = place @ Similarity(RigidTransform(np.eye(3), _origin(meshes[item.path]))).matrix
+        matrix = moved.T.ravel().tolist()
+        models.append(file.add("nodes", name=item.label, mesh=index[item.path], matrix=matrix))
     nodes = [file.add("nodes", name="models", scale=[scale] * 3, children=models)]
     placed = [_before(pose, points) for pose in poses]
     names = ["photo", *(view.path.name or "another photo" for view in scene.views[1:])]
@@ -80,9 +83,16 @@ def write_gltf(scene: SceneRecord, out: Path, options: ConvertOptions) -> Writte
         return Written({out: file.as_bytes(nodes)}, [note])
     photo = open_view(structs.replace(scene.views[0], mask=None))[0].photo
     (pose, depth), rgb = placed[0], photo.as_rgb8(photo.width, photo.height)
-    plane = file.add_mesh(_photo_plane(pose, PLANE_BEHIND * depth, scale, rgb), "photo")
-    nodes.append(file.add("nodes", name="photo plane", mesh=plane))
+    plane = _photo_plane(pose, PLANE_BEHIND * depth, scale, rgb)
+    index, origin = file.add_mesh(plane, "photo"), _origin(plane).tolist()
+    nodes.append(file.add("nodes", name="photo plane", mesh=index, translation=origin))
     return Written({out: file.as_bytes(nodes)})
+
+
+def _origin(mesh: Mesh) -> FloatArray:
+    """(3,): what is added in a model's node, as its 32-bit floats are exact near 0 alone."""
+    is_far = np.abs(mesh.bounds).max() > FAR * mesh.diameter
+    return mesh.centre if is_far else np.zeros(3)
 
 
 def _before(pose: Pose, points: FloatArray) -> tuple[Pose, float]:
@@ -131,12 +141,12 @@ class _Glb:
         )
 
     def add_mesh(self, mesh: Mesh, unlit: str = "") -> int:
-        """The model, a primitive for each of its textures; returns the mesh's index.
+        """The model about its ``_origin``, a primitive for each texture; returns the mesh's index.
 
         ``unlit``: the name of one that is shown without light.
         """
         attributes = {
-            "POSITION": self.add_array(mesh.vertices),
+            "POSITION": self.add_array(mesh.vertices - _origin(mesh)),
             "NORMAL": self.add_array(mesh.normals),
             "COLOR_0": self.add_array(linear_from_srgb(mesh.colours)),
         }

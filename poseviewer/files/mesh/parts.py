@@ -128,6 +128,8 @@ def textures_from_images(
                 raise Image.DecompressionBombError
             if max(image.size) > side:
                 image.thumbnail((side, side))
+            if image.mode.startswith("I"):  # 16 bits, of which Pillow cuts off all above 255
+                image = Image.fromarray((np.asarray(image) // 256).astype(np.uint8))
             textures[key] = np.asarray(image.convert("RGB"))
     return textures
 
