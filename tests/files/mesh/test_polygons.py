@@ -1,0 +1,151 @@
+"""Polygons, strips and the ways in which programs write OBJ, PLY and STL."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from poseviewer.errors import MeshFileError
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.mesh.polygons import polygon_corners, strip_corners
+from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.normals import face_normals_and_areas
+from poseviewer.geometry.transform import RigidTransform
+
+SHAPES = {
+    "L": [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)],
+    "U": [(0, 0), (5, 0), (5, 4), (4, 4), (4, 1), (1, 1), (1, 4), (0, 4)],
+    "arrow": [(0, 0), (4, 0), (1, 1), (0, 4)],
+    "star": [(np.cos(t) * r, np.sin(t) * r) for t, r in
+             zip(np.linspace(0, 2 * np.pi, 40, endpoint=False), [3, 1] * 20, strict=True)],
+    "a hole with a bridge": [(0, 0), (4, 0), (4, 4), (0, 4), (0, 0), (1, 1), (1, 3), (3, 3), (3, 1),
+                             (1, 1)],
+    "corners on an edge": [(0, 0), (1, 0), (2, 0), (3, 0), (3, 1), (2, 1), (2, 2), (0, 2)],
+    "square": [(0, 0), (1, 0), (1, 1), (0, 1)],
+}  # fmt: skip
+
+
+def shoelace(points: np.ndarray) -> float:
+    x, y = points.T
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("name", SHAPES)
+def test_triangles_cover_a_polygon_once_and_face_its_way(name, turned):
+    flat = np.array(SHAPES[name], float)
+    place = RigidTransform.from_rotation_vector([0.7, -1.2, 0.4], [5.0, 6.0, 7.0])
+    points = place.apply(np.column_stack([flat, np.zeros(len(flat))]))
+    points = points[::-1] if turned else points
+    corners = polygon_corners(np.array([len(flat)]), points)
+    normals, areas = face_normals_and_areas(points, corners)
+    assert areas.sum() == pytest.approx(shoelace(flat))
+    wanted = place.rotation[:, 2] * (-1.0 if turned else 1.0)
+    np.testing.assert_allclose(normals[areas > 1e-9] @ wanted, 1.0)
+
+
+def test_polygons_keep_their_order_and_convex_ones_stay_fans():
+    counts = np.array([3, 6, 4, 2, 4])
+    square, line = SHAPES["square"], [(0, 0), (1, 1)]
+    flat = np.array([*square[:3], *SHAPES["L"], *square, *line, *square], float)
+    corners = polygon_corners(counts, np.column_stack([flat, np.zeros(len(flat))]))
+    assert corners[0].tolist() == [0, 1, 2]
+    assert set(corners[1:5].ravel()) == set(range(3, 9))
+    assert corners[5:].tolist() == [[9, 10, 11], [9, 11, 12], [15, 16, 17], [15, 17, 18]]
+
+
+def test_a_polygon_that_crosses_itself_is_no_endless_loop():
+    flat = np.random.default_rng(0).normal(size=(50, 2))
+    points = np.column_stack([flat, np.zeros(50)])
+    assert polygon_corners(np.array([50]), points).shape == (48, 3)
+
+
+def test_strips_end_at_minus_one_and_turn_every_second_triangle():
+    strips = [0, 1, 2, 3, -1, 4, 5, 6, -1, 7, 8, -1, -1, 2, 1, 0]
+    wanted = [[0, 1, 2], [2, 1, 3], [4, 5, 6], [2, 1, 0]]
+    assert strip_corners(np.array(strips)).tolist() == wanted
+
+
+SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
+FACE = "f 1/1 2/2 3/3 4/4\n"
+
+
+def load_obj(folder: Path, head: str, mtl: bytes | None = None, **more: bytes) -> Mesh:
+    Image.new("RGB", (2, 2), (200, 10, 10)).save(folder / "t.png")
+    (folder / "m.mtl").write_bytes(mtl or MTLS["plain"])
+    for name, data in more.items():
+        (folder / f"{name}.mtl").write_bytes(data)
+    (folder / "m.obj").write_bytes(head.encode("utf-8", "surrogateescape"))
+    return load_mesh(folder / "m.obj")
+
+
+OBJS = {
+    "plain": "mtllib m.mtl\n" + SQUARE + "usemtl m\n" + FACE,
+    "no usemtl": "mtllib m.mtl\n" + SQUARE + FACE,
+    "byte order mark": "\ufeffmtllib m.mtl\r\n" + SQUARE + "usemtl m\r\n" + FACE,
+    "tabs": ("mtllib m.mtl\n" + SQUARE + "usemtl m\n" + FACE).replace(" ", "\t"),
+    "two libraries": "mtllib a.mtl m.mtl\n" + SQUARE + "usemtl m\n" + FACE,
+    "spaces behind": "mtllib m.mtl  \n" + SQUARE + "usemtl m \t\n" + FACE,
+}
+MTLS = {
+    "plain": b"newmtl m\nmap_Kd t.png\n",
+    "byte order mark": b"\xef\xbb\xbfnewmtl m\r\nmap_Kd t.png\r\n",
+    "tabs": b"newmtl\tm\n\tmap_Kd\tt.png\n",
+}
+
+
+@pytest.mark.parametrize("mtl", MTLS)
+@pytest.mark.parametrize("obj", OBJS)
+def test_an_obj_has_its_texture(tmp_path, obj, mtl):
+    mesh = load_obj(tmp_path, OBJS[obj], MTLS[mtl], a=b"newmtl a\nKd 1 0 0\n")
+    assert (len(mesh.textures), mesh.notes) == (1, ())
+    assert mesh.face_texture.tolist() == [0, 0]
+
+
+@pytest.mark.parametrize(("name", "encoding"), [("Räder.png", "cp1252"), ("车漆.png", "gbk")])
+def test_names_in_the_encodings_of_windows_are_found(tmp_path, name, encoding):
+    Image.new("RGB", (2, 2)).save(tmp_path / name)
+    mtl = b"newmtl m\nmap_Kd " + name.encode(encoding) + b"\n"
+    assert len(load_obj(tmp_path, OBJS["plain"], mtl).textures) == 1
+
+
+def test_a_texture_of_16_bit_grey_keeps_its_tones(tmp_path):
+    load_obj(tmp_path, OBJS["plain"])
+    Image.fromarray(np.full((2, 2), 40_000, np.uint16)).save(tmp_path / "t.png")
+    assert np.all(load_mesh(tmp_path / "m.obj").textures[0] == 40_000 // 256)
+
+
+def test_rows_of_ply_that_are_longer_than_the_header_are_an_error(tmp_path):
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+    head += "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    (tmp_path / "m.ply").write_text(head + "0 0 0 9\n1 0 0 9\n0 1 0 9\n3 0 1 2\n")
+    with pytest.raises(MeshFileError):
+        load_mesh(tmp_path / "m.ply")
+    (tmp_path / "m.ply").write_text(head + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2 255\n")
+    with pytest.raises(MeshFileError, match="longer than the header"):
+        load_mesh(tmp_path / "m.ply")
+
+
+@pytest.mark.parametrize(
+    ("promised", "more", "notes"),
+    [(2, b"", 0), (2, b"\0" * 30, 0), (0, b"", 1), (2, b"\0" * 100, 1)],
+)
+def test_stl_whose_header_says_another_length(tmp_path, promised, more, notes):
+    triangles = [[(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(1, 0, 0), (1, 1, 0), (0, 1, 0)]]
+    rows = [struct.pack("<12fH", 0, 0, 1, *np.ravel(t), 0) for t in triangles]
+    (tmp_path / "m.stl").write_bytes(
+        b" " * 80 + struct.pack("<I", promised) + b"".join(rows) + more
+    )
+    mesh = load_mesh(tmp_path / "m.stl")
+    assert (len(mesh.faces), len(mesh.notes)) == (2, notes)
+
+
+@pytest.mark.parametrize("name", ["m.fbx", "m.dae", "m.usdz", "m.blend"])
+def test_models_of_other_programs_are_to_be_exported_as_glb(tmp_path, name):
+    (tmp_path / name).write_bytes(b"Kaydara FBX Binary")
+    with pytest.raises(MeshFileError, match="export it as GLB"):
+        load_mesh(tmp_path / name)
