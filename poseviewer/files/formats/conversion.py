@@ -56,6 +56,10 @@ class ConvertOptions:
     """Which image of a file with several: its name, or its number (BOP)."""
     object_id: int | None = None
     """Which object (BOP)."""
+    calibration: Path | None = None
+    """The file of the photo's camera, for files that do not say it."""
+    opengl: bool = False
+    """Whether a matrix's camera looks along -z, y up."""
     overwrite: bool = False
 
     def image_of(self, view: int) -> str | None:
@@ -164,7 +168,7 @@ class Format:
         if several and not self.several_objects:
             raise PoseFileError(
                 "Such a file holds one pose; choose an object of the scene with --object ID, or "
-                "convert all to bop, gltf or meshlab."
+                "convert all to bop, dope, gltf or meshlab."
             )
         if len(views) > 1 and (not self.several_photos or (several and not self.is_own)):
             notes.append(f"It holds one photo: the other {len(views) - 1} of the set are left out.")

@@ -8,6 +8,7 @@ from poseviewer.files.checks import Reading
 from poseviewer.files.formats.bop import BOP
 from poseviewer.files.formats.conversion import ConvertOptions, Format, Written
 from poseviewer.files.formats.gltf import GLTF
+from poseviewer.files.formats.matrices import DOPE, MATRIX
 from poseviewer.files.formats.meshlab import MESHLAB
 from poseviewer.files.formats.opencv import OPENCV
 from poseviewer.files.formats.reconstructions import COLMAP, NERFSTUDIO
@@ -41,6 +42,8 @@ FORMATS = {
     "nerfstudio": NERFSTUDIO,
     "gltf": GLTF,
     "meshlab": MESHLAB,
+    "matrix": MATRIX,
+    "dope": DOPE,
     "scene": Format(
         lambda scene, out, _: Written(scene_contents(out, scene)),
         lambda path, _: load_scene(path),

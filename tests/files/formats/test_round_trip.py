@@ -26,6 +26,7 @@ from tests.files.formats.cases import (
 ENDINGS = {
     "poseviewer": "json", "nerfstudio": "json", "gltf": "glb", "meshlab": "mlp", "bop": "scene",
     "colmap": "model", "scene": "scene.json",
+    "dope": "dope.json",
 }  # fmt: skip
 PARALLEL = ("poseviewer", "gltf", "scene")
 HEADINGS = (

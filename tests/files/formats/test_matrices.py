@@ -1,0 +1,118 @@
+"""Bare matrices and DOPE's poses: numbers are those of cv2, SciPy and the formats' descriptions."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from poseviewer.cli.main import main
+from poseviewer.errors import PoseViewerError
+from poseviewer.files.formats.conversion import ConvertOptions
+from poseviewer.files.formats.known_formats import FORMATS
+from poseviewer.files.pose import load_pose
+from poseviewer.files.scene_file import scene_of_pose
+from tests.files.formats.cases import perspective_record
+
+K = np.array([[300.0, 0.0, 111.5], [0.0, 270.0, 65.5], [0.0, 0.0, 1.0]])
+TURN, SHIFT = np.array([0.4, -2.3, 0.7]), np.array([0.15, -0.1, 6.0])
+MATRIX = np.eye(4)
+MATRIX[:3, :3], MATRIX[:3, 3] = cv2.Rodrigues(TURN)[0], SHIFT
+OPENGL = np.diag([1.0, -1.0, -1.0, 1.0]) @ MATRIX
+POINTS = np.random.default_rng(1).uniform(-1.0, 1.0, (20, 3))
+
+
+def write(path: Path, matrix: np.ndarray) -> Path:
+    if path.suffix == ".npy":
+        np.save(path, matrix)
+    elif path.suffix == ".json":
+        path.write_text(json.dumps(matrix.tolist()))
+    else:
+        np.savetxt(path, matrix)
+    return path
+
+
+@pytest.mark.parametrize("opengl", [False, True])
+@pytest.mark.parametrize("rows", [3, 4])
+@pytest.mark.parametrize("ending", [".txt", ".npy", ".json"])
+def test_a_matrix_shows_points_where_opencv_projects_them(tmp_path, ending, rows, opengl):
+    path = write(tmp_path / f"pose{ending}", (OPENGL if opengl else MATRIX)[:rows])
+    camera = write(tmp_path / "cam_K.txt", K)
+    out = tmp_path / "pose.out.json"
+    options = ["--calibration", str(camera), "--photo-size", "200x150", *["--opengl"] * opengl]
+    assert main(["convert", str(path), "--from", "matrix", str(out), *options]) == 0
+    wanted = cv2.projectPoints(POINTS, TURN, SHIFT, K, None)[0][:, 0]
+    np.testing.assert_allclose(load_pose(out).pose.project(POINTS) - 0.5, wanted, atol=1e-6)
+
+
+@pytest.mark.parametrize("opengl", [False, True])
+@pytest.mark.parametrize("ending", [".txt", ".npy", ".json"])
+def test_the_matrix_of_a_pose_is_opencvs(tmp_path, ending, opengl):
+    scene, out = scene_of_pose(tmp_path, perspective_record()), tmp_path / f"out{ending}"
+    FORMATS["matrix"].convert(scene, out, ConvertOptions(opengl=opengl))
+    if ending == ".npy":
+        rows = np.load(out)
+    else:
+        rows = json.loads(out.read_text()) if ending == ".json" else np.loadtxt(out)
+    np.testing.assert_allclose(rows, OPENGL if opengl else MATRIX, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("1 2 3", "3 numbers"),
+        ("a b", "wanted a number"),
+        ("2 0 0 0 0 2 0 0 0 0 2 0", "not a rotation"),
+        (" ".join(["1 0 0 0 0 1 0 0 0 0 1 0", "1 2 3 1"]), "last row"),
+        ("1 0 0 0 0 1 0 0 0 0 1 0", "--calibration"),
+    ],
+)
+def test_a_matrix_that_is_none_is_refused(tmp_path, text, words):
+    (tmp_path / "pose.txt").write_text(text)
+    with pytest.raises(PoseViewerError, match=words):
+        FORMATS["matrix"].read(tmp_path / "pose.txt", ConvertOptions(photo_size=(200, 150)))
+
+
+DOPE = {
+    "camera_data": {
+        "width": 200, "height": 150,
+        "intrinsics": {"fx": 300.0, "fy": 270.0, "cx": 111.5, "cy": 65.5},
+    },
+    "objects": [
+        {"class": "soup", "visibility": 1, "location": (100.0 * SHIFT).tolist(),
+         # sin(a/2) of the axis, cos(a/2)
+         "quaternion_xyzw": [*(TURN / np.linalg.norm(TURN) * np.sin(np.linalg.norm(TURN) / 2)),
+                             np.cos(np.linalg.norm(TURN) / 2)]},
+        {"class": "mustard", "location": [0, 0, 50.0], "quaternion_xyzw": [0, 0, 0, 1]},
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("unit", "size"), [("cm", 100.0), ("m", 1.0), ("mm", 1000.0)])
+def test_dopes_poses_are_in_centimetres(tmp_path, unit, size):
+    (tmp_path / "d.json").write_text(json.dumps(DOPE))
+    scene = FORMATS["dope"].read(tmp_path / "d.json", ConvertOptions(unit=unit))
+    assert [item.name for item in scene.objects] == ["soup", "mustard"]
+    wanted = cv2.projectPoints(POINTS, TURN, SHIFT, K, None)[0][:, 0]
+    np.testing.assert_allclose(scene.pose(0).project(size * POINTS) - 0.5, wanted, atol=1e-6)
+    assert scene.pose(1).camera_from_model.translation[2] == pytest.approx(0.5 * size)
+    one = FORMATS["dope"].read(tmp_path / "d.json", ConvertOptions(unit=unit, image="mustard"))
+    assert len(one.objects) == 1
+
+
+def test_a_pose_for_dope_is_as_its_description_says(tmp_path):
+    record = perspective_record(unit="m")
+    scene, out = scene_of_pose(tmp_path, record), tmp_path / "d.json"
+    FORMATS["dope"].convert(scene, out, ConvertOptions())
+    data = json.loads(out.read_text())
+    assert data["camera_data"] == DOPE["camera_data"]
+    found, wanted = data["objects"][0], DOPE["objects"][0]
+    np.testing.assert_allclose(found["location"], wanted["location"])
+    sign = np.sign(np.dot(found["quaternion_xyzw"], wanted["quaternion_xyzw"]))
+    np.testing.assert_allclose(sign * np.array(found["quaternion_xyzw"]), wanted["quaternion_xyzw"])
+    unitless = scene_of_pose(tmp_path, perspective_record(unit=None))
+    with pytest.raises(PoseViewerError, match="--unit"):
+        FORMATS["dope"].convert(unitless, out, ConvertOptions(overwrite=True))
