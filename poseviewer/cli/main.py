@@ -38,6 +38,7 @@ COMMANDS = {
     "info": "say what poseviewer understood of a file",
     "bench": "measure how fast this machine is",
     "convert": "write a pose for another tool, or read one from it",
+    "render": "write masks, depth, normals and object coordinates of a pose",
     "undistort": "write the photo that the poses belong to",
     "study": "measure from how far off fits find the pose",
     "batch": "fit many photos",

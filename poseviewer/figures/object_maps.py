@@ -1,0 +1,100 @@
+"""What data sets want out of a pose: masks, depth, normals and coordinates of objects as pictures,
+by the names and in the folders of BOP.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.files.formats.conversion import metres_per_unit
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.scene_file import SceneRecord
+from poseviewer.fit.scene import PlacedModel
+from poseviewer.fit.visibility import depth_image, visibility_of_depths
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.lens import opencv_matrix
+from poseviewer.render.software.software_renderer import SoftwareRenderer
+
+DEEPEST = 65535
+"""Largest number of 16 bits."""
+
+
+def model_coordinates(model: PlacedModel, depth: NDArray[np.float32]) -> FloatArray:
+    """(height, width, 3): the point of the model, in its frame, that each pixel centre shows; NaN
+    where ``depth`` (height, width) is not finite.
+    """
+    pose, (height, width) = model.pose, depth.shape
+    camera = pose.camera
+    pixels = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1)
+    z = np.where(np.isfinite(depth), depth, np.nan)[..., None].astype(float)
+    if isinstance(camera, Perspective):
+        points = z * camera.rays(pixels.reshape(-1, 2)).reshape(height, width, 3)
+    else:
+        points = np.concatenate([(pixels - (camera.cx, camera.cy)) / camera.scale, z], axis=-1)
+    place = pose.camera_from_model.inverse()
+    return place.apply(points.reshape(-1, 3)).reshape(height, width, 3)
+
+
+def object_coordinates(model: PlacedModel, depth: NDArray[np.float32]) -> FloatArray:
+    """(height, width, 3): normalised object coordinates (NOCS, Wang et al. 2019): 0.5 in the middle
+    of the model's bounding box, whose diagonal has length 1; 0 where nothing is.
+    """
+    points = (model_coordinates(model, depth) - model.mesh.centre) / model.mesh.diameter + 0.5
+    return np.nan_to_num(points)
+
+
+def pictures_of_objects(scene: SceneRecord) -> Mapping[str, bytes]:
+    """PNG pictures, and ``scene_camera.json``, by their names in a folder: of image i and object j
+    ``mask/i_j`` (alone), ``mask_visib/i_j`` (what the others leave to be seen), ``normal/i_j``
+    (camera axes, -1 to 1 in 16 bits) and ``nocs/i_j``; and ``depth/i`` of all, whose steps are
+    ``depth_scale`` mm, or of the models' unit where that is not known.
+    """
+    contents, cameras = dict[str, bytes](), {}
+    meshes = {item.path: load_mesh(item.path) for item in scene.objects}
+    unit = next((item.model.unit for item in scene.objects if item.model.unit), None)
+    mm = 1.0 if unit is None else 1000.0 * metres_per_unit(unit)
+    for number, view in enumerate(scene.views):
+        models = [
+            PlacedModel(meshes[item.path].without(item.without), scene.pose(index, number))
+            for index, item in enumerate(scene.objects)
+        ]
+        depths = [depth_image(model) for model in models]
+        shown = visibility_of_depths(depths)
+        for index, (model, depth) in enumerate(zip(models, depths, strict=True)):
+            drawn = shown.drawn[index]
+            normals = SoftwareRenderer(model.mesh).render(model.pose).normals
+            pictures = {
+                "mask": np.where(drawn, 255, 0).astype(np.uint8),
+                "mask_visib": np.where(shown.seen(index), 255, 0).astype(np.uint8),
+                "normal": _in_16_bits(0.5 * (normals + 1.0), drawn),
+                "nocs": _in_16_bits(object_coordinates(model, depth), drawn),
+            }
+            for kind, picture in pictures.items():
+                contents[f"{kind}/{number:06d}_{index:06d}.png"] = _png(picture)
+        nearest = mm * np.minimum.reduce(depths).astype(float)
+        nearest[~np.isfinite(nearest)] = 0.0
+        step = 10.0 ** math.ceil(math.log10(max(nearest.max(), 1e-9) / DEEPEST))
+        contents[f"depth/{number:06d}.png"] = _png(np.rint(nearest / step).astype(np.uint16))
+        cameras[str(number)] = {"depth_scale": step}
+        if isinstance(view.camera, Perspective):
+            cameras[str(number)]["cam_K"] = opencv_matrix(view.camera).ravel().tolist()
+    contents["scene_camera.json"] = json.dumps(cameras, indent=2).encode() + b"\n"
+    return contents
+
+
+def _in_16_bits(values: NDArray, drawn: NDArray[np.bool_]) -> NDArray[np.uint16]:
+    """Values in [0, 1], as a picture that is black where nothing is ``drawn``."""
+    levels = np.rint(DEEPEST * np.clip(values, 0.0, 1.0))
+    return np.where(drawn[..., None], levels, 0).astype(np.uint16)
+
+
+def _png(picture: NDArray) -> bytes:
+    rows = picture if picture.ndim == 2 else picture[..., ::-1]
+    return cv2.imencode(".png", np.ascontiguousarray(rows))[1].tobytes()

@@ -1,0 +1,107 @@
+"""Maps of two spheres, whose silhouettes, depths and normals follow from geometry alone."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+
+from poseviewer.cli.main import main
+
+WIDTH, HEIGHT, F, CX, CY = 160, 120, 150.0, 70.0, 65.0
+"""px; the principal point counts from pixel centres."""
+CENTRES, RADIUS = np.array([[0.0, 0.0, 6.0], [0.7, 0.2, 9.0]]), 1.0
+TURN, _ = cv2.Rodrigues(np.array([0.3, -0.8, 0.5]))
+
+
+def sphere_seen(centre: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where a sphere is seen, its depths, and its normals towards the camera, by its equation."""
+    v, u = np.mgrid[:HEIGHT, :WIDTH].astype(float)
+    rays = np.stack([(u - CX) / F, (v - CY) / F, np.ones_like(u)], axis=-1)
+    a, b = np.sum(rays**2, axis=-1), rays @ centre
+    root = b**2 - a * (centre @ centre - RADIUS**2)
+    depth = (b - np.sqrt(np.maximum(root, 0.0))) / a
+    return root > 0.0, depth, (depth[..., None] * rays - centre) / RADIUS
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("maps")
+    ball = trimesh.creation.icosphere(subdivisions=6, radius=RADIUS)
+    ball.export(folder / "ball.ply")
+    cv2.imwrite(str(folder / "p.png"), np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+    objects = [
+        {"id": f"{i}", "model": {"file": "ball.ply", "unit": "cm"},
+         "world_from_model": {"rotation": TURN.tolist(), "translation": centre.tolist()}}
+        for i, centre in enumerate(CENTRES)
+    ]  # fmt: skip
+    camera = {"fx": F, "fy": F, "cx": CX, "cy": CY}
+    view = {"photo": {"file": "p.png", "width": WIDTH, "height": HEIGHT},
+            "projection": "perspective", "camera": camera}  # fmt: skip
+    scene = {"format": "poseviewer-scene", "version": 2, "views": [view], "objects": objects}
+    (folder / "s.scene.json").write_text(json.dumps(scene))
+    assert main(["render", str(folder / "s.scene.json"), "--out", str(folder / "out")]) == 0
+    return folder
+
+
+def load(written: Path, name: str) -> np.ndarray:
+    picture = cv2.imread(str(written / "out" / name), cv2.IMREAD_UNCHANGED)
+    assert picture is not None
+    return picture if picture.ndim == 2 else picture[..., ::-1]
+
+
+def inner(mask: np.ndarray) -> np.ndarray:
+    """A mask without its outer two pixels, where triangles are not the sphere."""
+    return cv2.erode(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+
+
+@pytest.mark.parametrize("index", [0, 1])
+def test_masks_are_those_of_the_spheres(written, index):
+    seen, depth, _ = sphere_seen(CENTRES[index])
+    drawn = load(written, f"mask/000000_{index:06d}.png")
+    assert set(np.unique(drawn)) == {0, 255}
+    assert np.count_nonzero((drawn > 0) != seen) <= 0.01 * seen.sum()
+    other_seen, other_depth, _ = sphere_seen(CENTRES[1 - index])
+    visible = seen & ~(other_seen & (other_depth < depth))
+    shown = load(written, f"mask_visib/000000_{index:06d}.png") > 0
+    assert np.count_nonzero(shown != visible) <= 0.01 * seen.sum()
+    assert not np.any(shown & (drawn == 0))
+
+
+def test_depth_is_in_steps_of_depth_scale_in_millimetres(written):
+    camera = json.loads((written / "out" / "scene_camera.json").read_text())["0"]
+    assert camera["cam_K"] == [F, 0.0, CX, 0.0, F, CY, 0.0, 0.0, 1.0]
+    depth = load(written, "depth/000000.png").astype(float) * camera["depth_scale"]
+    wanted = np.full(depth.shape, np.inf)
+    for centre in CENTRES[::-1]:
+        seen, own, _ = sphere_seen(centre)
+        wanted = np.where(seen & (own < wanted), 10.0 * own, wanted)  # cm to mm
+    inside = inner(np.isfinite(wanted)) & ~cv2.Canny((wanted < 70).astype(np.uint8), 0, 1).astype(
+        bool
+    )
+    assert np.mean(np.abs(depth - wanted)[inside] < 0.05) > 0.98
+    assert np.all(depth[~np.isfinite(wanted) & inner(~np.isfinite(wanted))] == 0.0)
+
+
+@pytest.mark.parametrize("index", [0, 1])
+def test_normals_and_object_coordinates(written, index):
+    seen, _, normals = sphere_seen(CENTRES[index])
+    inside = inner(seen)
+    shown = load(written, f"normal/000000_{index:06d}.png") / 65535.0 * 2.0 - 1.0
+    assert np.abs(shown - normals)[inside].max() < 0.05
+    in_model = normals @ TURN  # RADIUS 1, about the sphere's middle
+    wanted = in_model / (2.0 * np.sqrt(3.0)) + 0.5  # the box's diagonal
+    nocs = load(written, f"nocs/000000_{index:06d}.png") / 65535.0
+    assert np.abs(nocs - wanted)[inside].max() < 0.01
+    assert np.all(nocs[~seen & inner(~seen)] == 0.0)
+
+
+def test_nothing_is_overwritten_unasked(written, capsys):
+    arguments = ["render", str(written / "s.scene.json"), "--out", str(written / "out")]
+    assert main(arguments) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert main([*arguments, "--overwrite"]) == 0
