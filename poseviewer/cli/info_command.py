@@ -76,6 +76,7 @@ def _print_photo(path: Path, calibration: Calibration | None) -> None:
 def _print_model(path: Path) -> None:
     from poseviewer.files.keypoints import load_keypoints
     from poseviewer.files.mesh.load import load_mesh
+    from poseviewer.files.mesh.size import size_words
     from poseviewer.files.symmetry import load_symmetry
 
     mesh = load_mesh(path)
@@ -93,7 +94,7 @@ def _print_model(path: Path) -> None:
         triangles=f"{len(mesh.faces):,} on {len(mesh.vertices):,} vertices",
         parts=f"{len(names)}: {', '.join(names[:8] + more)}",
         box=f"{' to '.join(map(_vector, mesh.bounds))}, diagonal {mesh.diameter:.6g}",
-        unit=mesh.unit or "not said in the file",
+        size=size_words(mesh),
         reflectance=reflectance,
         wheels=wheels,
         symmetry=f"{symmetry.words} (from a file)" if symmetry.words else (),

@@ -30,20 +30,18 @@ SILENT = logging.CRITICAL + 1
 
 @contextmanager
 def quiet_libraries() -> Iterator[None]:
-    """Silence trimesh, Pillow and OpenCV (not libjpeg) inside the ``with`` block."""
-    levels = {logging.getLogger(name): logging.getLogger(name).level for name in ("trimesh", "PIL")}
-    cv2_level = cv2_logging.getLogLevel()
+    """Silence Pillow and OpenCV (not libjpeg) inside the ``with`` block."""
+    pillow, cv2_level = logging.getLogger("PIL"), cv2_logging.getLogLevel()
+    level = pillow.level
     cv2_logging.setLogLevel(cv2_logging.LOG_LEVEL_SILENT)
-    for logger in levels:
-        logger.setLevel(SILENT)
+    pillow.setLevel(SILENT)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             yield
     finally:
         cv2_logging.setLogLevel(cv2_level)
-        for logger, level in levels.items():
-            logger.setLevel(level)
+        pillow.setLevel(level)
 
 
 ROUNDING = 1e-6

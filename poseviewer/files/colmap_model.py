@@ -30,6 +30,13 @@ MODELS: dict[str, tuple[int, int, LensModel | None]] = {
     "SIMPLE_RADIAL_FISHEYE": (1, 1, "fisheye"),
     "RADIAL_FISHEYE": (1, 2, "fisheye"),
     "THIN_PRISM_FISHEYE": (2, 8, None),
+    "RAD_TAN_THIN_PRISM_FISHEYE": (2, 12, None),
+    "SIMPLE_DIVISION": (1, 1, None),
+    "DIVISION": (2, 1, None),
+    "SIMPLE_FISHEYE": (1, 0, "fisheye"),
+    "FISHEYE": (2, 0, "fisheye"),
+    "EUCM": (2, 2, None),
+    "EQUIRECTANGULAR": (0, 0, None),
 }
 """Camera models by number: how many focal lengths and distortion parameters, the principal point
 between them; and OpenCV's model, whose first coefficients the parameters are.

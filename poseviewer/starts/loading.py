@@ -14,6 +14,7 @@ from poseviewer.files.formats.conversion import METRES
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.masks import load_mask, mask_beside, mask_text
 from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.mesh.size import distance_notes
 from poseviewer.files.photo import load_calibrated_photo, undistorted
 from poseviewer.files.photo_sets import (
     LoadedViews,
@@ -142,6 +143,7 @@ def open_photo(
             mask, of_mask = mask_beside(start, record, opened.width, opened.height)
             notes += of_mask
         start = record.pose
+        notes += distance_notes(loaded.mesh, start)
     if mask is not None and not isinstance(mask, Mask):
         mask = load_mask(mask, opened.width, opened.height)
     if not isinstance(start, Pose):

@@ -13,7 +13,7 @@ from poseviewer.api import load
 from poseviewer.errors import CalibrationFileError
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo import load_calibrated_photo, load_photo, save_image
+from poseviewer.files.photo import load_calibrated_photo, load_photo, save_image, undistorted
 from poseviewer.files.pose import load_pose, save_pose
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.lens import Lens, Undistortion, same_undistortion
@@ -125,8 +125,7 @@ def test_a_camera_without_distortion_leaves_the_photo_as_it_is(folder, capsys):
 
 
 def test_a_lens_that_shows_nothing_is_refused(folder):
-    matrix = [[300, 0, 5000.0], [0, 300, 5000.0], [0, 0, 1]]
-    data = {"K": matrix, "D": [-900.0, 0.0, 0.0, 0.0, 0.0]}
-    (folder / "c.json").write_text(json.dumps(data))
+    camera = Perspective(300.0, 300.0, 5000.0, 5000.0, 160, 120)
+    lens = Lens("opencv", (-900.0, 0.0, 0.0, 0.0, 0.0))
     with pytest.raises(CalibrationFileError, match="shows nothing"):
-        load_calibrated_photo("p.png", Calibration(folder / "c.json"))
+        undistorted(load_photo(folder / "p.png"), Undistortion.of(lens, camera))

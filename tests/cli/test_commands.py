@@ -82,7 +82,7 @@ def test_a_command_says_and_writes_its_results(folder, capsys, line, words, writ
         ("convert named.json o --to gltf", "end in .glb"),
         ("convert named.json o.txt --to opencv", ".yaml"),
         ("convert none.json o.yml --to opencv", "no such file"),
-        ("convert named.json o.json --from opencv", "camera_matrix"),
+        ("convert named.json o.json --from opencv", "rvec"),
         ("convert named.json o --to nothing", "invalid choice"),
         ("convert named.json o --photo-size 20", "1920x1080"),
         ("convert named.json o --photo-size 100x75", "200x150"),

@@ -10,6 +10,7 @@ from poseviewer.app.state.document import WHEELS, label_of
 from poseviewer.app.state.marking import MARKING, pair_errors
 from poseviewer.app.state.objects import symmetry_text
 from poseviewer.app.state.session import SearchUpdate, Session
+from poseviewer.files.mesh.size import size_words
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.starts.point_pairs import fewest_pairs
@@ -59,7 +60,8 @@ def opened_text(session: Session) -> str:
     return (
         f"**{plain(photo.label)}**  \n{photo.width} x {photo.height} px  \n"
         f"**{plain(model.name)}**  \n{len(mesh.faces):,} triangles, "
-        f"{_counted(len(mesh.part_names) or 1, 'part')}, {colours}; {symmetry_text(model)}"
+        f"{_counted(len(mesh.part_names) or 1, 'part')}, {colours}; {symmetry_text(model)}  \n"
+        f"{plain(size_words(mesh))}"
     )
 
 
