@@ -23,8 +23,9 @@ BALL = make_bumpy(2)
     ],
 )
 def test_a_models_size_and_origin_are_said(size, unit, shift, words):
-    vertices = (BALL.vertices - BALL.centre) * size / np.ptp(BALL.vertices, axis=0).max()
-    said = size_words(replace(BALL, vertices=vertices + (shift, 0.0, 0.0), unit=unit))
+    moved = np.array([shift, 0.0, 0.0])
+    vertices = moved + (BALL.vertices - BALL.centre) * size / np.ptp(BALL.vertices, axis=0).max()
+    said = size_words(replace(BALL, vertices=vertices, unit=unit))
     for word in words:
         assert word in said
 
