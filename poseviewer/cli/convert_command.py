@@ -55,7 +55,12 @@ def run(options: Namespace) -> int:
         say(f"note: {warning}")
     files, notes = FORMATS[options.out_format].convert(scene, options.out, request)
     if options.out_format == "bop" and len(scene.objects) > 1:
-        _save_masks(scene, request, options.out)
+        from poseviewer.figures.object_maps import pictures_of_objects, save_pictures
+        from poseviewer.files.formats.bop import image_number
+
+        first = structs.replace(scene, views=scene.views[:1])
+        pictures = pictures_of_objects(first, image_number(scene, request), masks_alone=True)
+        save_pictures(options.out, pictures, overwrite=True)
     for note in notes:
         say(f"note: {note}")
     for path in files:
@@ -120,17 +125,3 @@ def _named(reference: Any, path: Path, named: Path | None) -> Any:
         return reference
     sha256 = reference.sha256 if named.name == path.name else None
     return structs.replace(reference, file=str(named), sha256=sha256)
-
-
-def _save_masks(scene: SceneRecord, request: ConvertOptions, out: Path) -> None:
-    """Write which pixels show each object of a BOP image, alone and among the others."""
-    from poseviewer.files.formats.bop import image_number, save_masks
-    from poseviewer.files.mesh.load import load_mesh
-    from poseviewer.fit.scene import PlacedModel
-    from poseviewer.fit.visibility import visibility
-
-    paths = [item.path for item in scene.objects]
-    meshes = {path: load_mesh(path) for path in set(paths)}
-    shown = visibility([PlacedModel(meshes[p], scene.pose(i)) for i, p in enumerate(paths)])
-    visible = [shown.seen(index) for index in range(len(paths))]
-    save_masks(out, image_number(scene, request), shown.drawn, visible)

@@ -8,7 +8,6 @@ from argparse import Namespace
 
 from poseviewer.cli import options as table
 from poseviewer.cli.terminal import say
-from poseviewer.errors import PoseFileError
 
 OPTIONS = {
     "": (
@@ -24,12 +23,11 @@ def run(options: Namespace) -> int:
     """Write the pictures, all or none."""
     from msgspec import structs
 
-    from poseviewer.figures.object_maps import pictures_of_objects
+    from poseviewer.figures.object_maps import pictures_of_objects, save_pictures
     from poseviewer.files.file_set import is_scene_file
     from poseviewer.files.formats.conversion import require_file
     from poseviewer.files.pose import load_pose
     from poseviewer.files.scene_file import load_scene, scene_of_pose
-    from poseviewer.files.writing import make_folder, write_whole
 
     path = options.scene
     scene = load_scene(path) if is_scene_file(path) else scene_of_pose(path, load_pose(path))
@@ -38,16 +36,10 @@ def run(options: Namespace) -> int:
         scene = structs.replace(scene, objects=(structs.replace(scene.objects[0], model=model),))
     for item in scene.objects:
         require_file(item.path, "model", "Rendered")
-    pictures = {options.out / name: data for name, data in pictures_of_objects(scene).items()}
-    for file in pictures:
-        if file.exists() and not options.overwrite:
-            found = "is there already and was not touched"
-            raise PoseFileError(f"{file}: {found}; name another folder, or add --overwrite.")
-    for file, data in pictures.items():
-        make_folder(file.parent)
-        write_whole(file, data, PoseFileError)
+    pictures = pictures_of_objects(scene)
+    save_pictures(options.out, pictures, options.overwrite)
     if any(view.distortion is not None for view in scene.views):
         say("note: all pictures belong to the undistorted photo.")
-    for folder in sorted({file.parent for file in pictures}):
+    for folder in sorted({(options.out / name).parent for name in pictures}):
         say(f"render: {folder}")
     return 0

@@ -7,14 +7,17 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.conversion import metres_per_unit
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.scene_file import SceneRecord
+from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.fit.scene import PlacedModel
 from poseviewer.fit.visibility import depth_image, visibility_of_depths
 from poseviewer.geometry.arrays import FloatArray
@@ -50,34 +53,36 @@ def object_coordinates(model: PlacedModel, depth: NDArray[np.float32]) -> FloatA
     return np.nan_to_num(points)
 
 
-def pictures_of_objects(scene: SceneRecord) -> Mapping[str, bytes]:
+def pictures_of_objects(
+    scene: SceneRecord, first: int = 0, masks_alone: bool = False
+) -> dict[str, bytes]:
     """PNG pictures, and ``scene_camera.json``, by their names in a folder: of image i and object j
     ``mask/i_j`` (alone), ``mask_visib/i_j`` (what the others leave to be seen), ``normal/i_j``
     (camera axes, -1 to 1 in 16 bits) and ``nocs/i_j``; and ``depth/i`` of all, whose steps are
-    ``depth_scale`` mm, or of the models' unit where that is not known.
+    ``depth_scale`` mm, or of the models' unit where that is not known. ``first``: i of the first.
     """
     contents, cameras = dict[str, bytes](), {}
     meshes = {item.path: load_mesh(item.path) for item in scene.objects}
     unit = next((item.model.unit for item in scene.objects if item.model.unit), None)
     mm = 1.0 if unit is None else 1000.0 * metres_per_unit(unit)
-    for number, view in enumerate(scene.views):
+    for number, view in enumerate(scene.views, first):
         models = [
-            PlacedModel(meshes[item.path].without(item.without), scene.pose(index, number))
+            PlacedModel(meshes[item.path].without(item.without), scene.pose(index, number - first))
             for index, item in enumerate(scene.objects)
         ]
         depths = [depth_image(model) for model in models]
         shown = visibility_of_depths(depths)
         for index, (model, depth) in enumerate(zip(models, depths, strict=True)):
-            drawn = shown.drawn[index]
-            normals = SoftwareRenderer(model.mesh).render(model.pose).normals
-            pictures = {
-                "mask": np.where(drawn, 255, 0).astype(np.uint8),
-                "mask_visib": np.where(shown.seen(index), 255, 0).astype(np.uint8),
-                "normal": _in_16_bits(0.5 * (normals + 1.0), drawn),
-                "nocs": _in_16_bits(object_coordinates(model, depth), drawn),
-            }
+            masks = {"mask": shown.drawn[index], "mask_visib": shown.seen(index)}
+            pictures = {kind: np.where(m, 255, 0).astype(np.uint8) for kind, m in masks.items()}
+            if not masks_alone:
+                normals = SoftwareRenderer(model.mesh).render(model.pose).normals
+                maps = {"normal": 0.5 * (normals + 1.0), "nocs": object_coordinates(model, depth)}
+                pictures |= {kind: _in_16_bits(m, masks["mask"]) for kind, m in maps.items()}
             for kind, picture in pictures.items():
                 contents[f"{kind}/{number:06d}_{index:06d}.png"] = _png(picture)
+        if masks_alone:
+            continue
         nearest = mm * np.minimum.reduce(depths).astype(float)
         nearest[~np.isfinite(nearest)] = 0.0
         step = 10.0 ** math.ceil(math.log10(max(nearest.max(), 1e-9) / DEEPEST))
@@ -85,8 +90,22 @@ def pictures_of_objects(scene: SceneRecord) -> Mapping[str, bytes]:
         cameras[str(number)] = {"depth_scale": step}
         if isinstance(view.camera, Perspective):
             cameras[str(number)]["cam_K"] = opencv_matrix(view.camera).ravel().tolist()
-    contents["scene_camera.json"] = json.dumps(cameras, indent=2).encode() + b"\n"
+    if cameras:
+        contents["scene_camera.json"] = json.dumps(cameras, indent=2).encode() + b"\n"
     return contents
+
+
+def save_pictures(folder: Path, pictures: Mapping[str, bytes], overwrite: bool) -> None:
+    """Write all pictures into a folder, or, where one is there and is not to be replaced, none."""
+    for name in pictures:
+        if (folder / name).exists() and not overwrite:
+            found = "is there already and was not touched"
+            raise PoseFileError(
+                f"{folder / name}: {found}; name another folder, or add --overwrite."
+            )
+    for name, data in pictures.items():
+        make_folder((folder / name).parent)
+        write_whole(folder / name, data, PoseFileError)
 
 
 def _in_16_bits(values: NDArray, drawn: NDArray[np.bool_]) -> NDArray[np.uint16]:

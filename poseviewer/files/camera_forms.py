@@ -27,8 +27,8 @@ from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
 
 LARGEST_SKEW = 1e-6
 """Share of the focal length."""
-LARGEST_ARRAY = 1_000_000
-"""Bytes of an array that may say a camera."""
+LARGEST_ARRAY = 1000
+"""Numbers of an array that may say a camera."""
 LARGEST_MATRIX = 2000
 """Bytes of a matrix in text."""
 DEEPEST = 8
@@ -150,11 +150,9 @@ class _Said:
         width, height = [self.reading.size(side, "image_size") or 0 for side in value] or [0, 0]
         return width, height
 
-    def sized(self) -> tuple[int, int]:
-        """Width and height in px, which have to be said."""
-        if not all(self.size):
-            raise self.reading.error("a camera without width and height", "wanted both")
-        return self.size
+    def from_middle(self, fx: float, fy: float, x: float, y: float) -> tuple[float, ...]:
+        """fx, fy, cx, cy of a principal point that counts from the picture's middle."""
+        return fx, fy, self.size[0] / 2.0 + x, self.size[1] / 2.0 + y
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,35 +183,30 @@ def _kalibr(said: _Said) -> Any:
     return values if len(values) == 4 else _of_matrix(said, "intrinsics")
 
 
-def _from_middle(said: _Said, fx: float, fy: float, x: float, y: float) -> tuple[float, ...]:
-    width, height = said.sized()
-    return fx, fy, width / 2.0 + x, height / 2.0 + y
-
-
 def _metashape(said: _Said) -> Any:
     f = said.number("f")
-    return _from_middle(said, f + said.number("b1", 0.0), f, said.number("cx"), said.number("cy"))
+    return said.from_middle(f + said.number("b1", 0.0), f, said.number("cx"), said.number("cy"))
 
 
 def _meshroom(said: _Said) -> Any:
     """AliceVision's ``loadIntrinsic``; the principal point is absolute before version 1.2.1."""
-    (x, y), (width, height) = said.numbers("principalpoint", 2), said.sized()
+    x, y = said.numbers("principalpoint", 2)
     version = tuple(map(int, said.numbers("version"))) or (1, 2, 5)
     if version < (1, 2, 1):
-        x, y = x - width / 2.0, y - height / 2.0
+        x, y = x - said.size[0] / 2.0, y - said.size[1] / 2.0
     if version < (1, 2, 2):
         focals = said.numbers("pxfocallength")
-        return _from_middle(said, focals[0], focals[-1], x, y)
+        return said.from_middle(focals[0], focals[-1], x, y)
     if said.number("pixelratio", 1.0) != 1.0:
         raise said.reading.error("pixelRatio is not 1", "calibrate with square pixels")
-    focal = said.number("focallength") / said.number("sensorwidth") * width
-    return _from_middle(said, focal, focal, x, y)
+    focal = said.number("focallength") / said.number("sensorwidth") * said.size[0]
+    return said.from_middle(focal, focal, x, y)
 
 
 def _fspy(said: _Said) -> Any:
-    half = max(said.sized()) / 2.0
+    half = max(said.size) / 2.0
     (x, y), focal = said.numbers("principalpoint", 2), said.number("relativefocallength") * half
-    return _from_middle(said, focal, focal, x * half, -y * half)
+    return said.from_middle(focal, focal, x * half, -y * half)
 
 
 def _reality_capture(said: _Said) -> Any:
@@ -236,10 +229,10 @@ FORMS = (
     Form("RealSense, BOP", ("fx", "fy", "cx", "cy"), _numbers("fx", "fy", "cx", "cy")),
     Form("nerfstudio", ("flx", "cx", "cy"), _nerfstudio, 0.0, "k1 k2 p1 p2 k3"),
     Form("RealityCapture", ("f", "px", "py"), _reality_capture, 0.0, "k1 k2 p1 p2 k3", True),
-    Form("Metashape", ("f", "cx", "cy"), _metashape, 0.0, "k1 k2 p2 p1 k3"),
-    Form("Meshroom", ("principalpoint", "focallength", "sensorwidth"), _meshroom, 0.0),
-    Form("Meshroom", ("principalpoint", "pxfocallength"), _meshroom, 0.0),
-    Form("fSpy", ("principalpoint", "relativefocallength"), _fspy, 0.0),
+    Form("Metashape", ("f", "cx", "cy", "width"), _metashape, 0.0, "k1 k2 p2 p1 k3"),
+    Form("Meshroom", ("principalpoint", "focallength", "sensorwidth", "width"), _meshroom, 0.0),
+    Form("Meshroom", ("principalpoint", "pxfocallength", "width"), _meshroom, 0.0),
+    Form("fSpy", ("principalpoint", "relativefocallength", "width"), _fspy, 0.0),
 )  # fmt: skip
 """Forms; the first of which a mapping has all keys is taken."""
 
@@ -285,16 +278,9 @@ def load_tree(reading: Reading) -> Any:
 
 
 def _arrays(reading: Reading) -> dict[str, Any]:
-    try:
-        loaded = np.load(BytesIO(reading.load_bytes()), allow_pickle=False)
-        if isinstance(loaded, np.ndarray):
-            return {"camera_matrix": loaded.tolist()}
-        sizes = {info.filename: info.file_size for info in loaded.zip.infolist()}
-        small = [name for name in loaded.files if sizes.get(f"{name}.npy", 0) <= LARGEST_ARRAY]
-        return {name: loaded[name].tolist() for name in small}
-    except ValueError as error:
-        found = f"not arrays of numbers ({str(error)[:60]})"
-        raise reading.error(found, "save them with np.savez(path, K=..., dist=...)") from None
+    loaded = np.load(BytesIO(reading.load_bytes()), allow_pickle=False)
+    arrays = {"camera_matrix": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
+    return {name: array.tolist() for name, array in arrays.items() if array.size <= LARGEST_ARRAY}
 
 
 def _of_element(element: ElementTree.Element) -> Any:
@@ -302,16 +288,11 @@ def _of_element(element: ElementTree.Element) -> Any:
         return element.text or ""
     if len(element) and all(child.tag == "_" for child in element):
         return [_of_element(child) for child in element]
-    entries: dict[str, Any] = dict(element.attrib)
+    values: dict[str, list[Any]] = {}
     for child in element:
-        value = _of_element(child)
-        if child.tag in entries:
-            entries.setdefault(f"{child.tag} ", [entries.pop(child.tag)]).append(value)
-        elif f"{child.tag} " in entries:
-            entries[f"{child.tag} "].append(value)
-        else:
-            entries[child.tag] = value
-    return entries or ""
+        values.setdefault(child.tag, []).append(_of_element(child))
+    entries = {tag: own[0] if len(own) == 1 else own for tag, own in values.items()}
+    return {**element.attrib, **entries} or ""
 
 
 def cameras_in(reading: Reading, data: Any, fisheye: bool = False) -> list[FileCamera]:
@@ -423,11 +404,7 @@ def _entries_of(mapping: dict[str, Any]) -> dict[str, dict[str, tuple[str, Any]]
 
 def _camera(said: _Said, form: Form, name: str, fisheye: bool) -> FileCamera:
     fx, fy, cx, cy = form.pinhole(said)
-    keys = [said.entries[name][0] for name in form.needs]
-    for key, focal in ((keys[0], fx), (keys[0], fy)):
-        said.reading.positive(focal, f"a focal length ({key})")
-    width, height = said.size
-    camera = Perspective(fx, fy, cx + form.shift, cy + form.shift, width, height)
+    camera = Perspective(fx, fy, cx + form.shift, cy + form.shift, *said.size)
     lens = _lens(said, form, fisheye)
     read = f"{', '.join(said.used)} (as {form.tools})"
     photos = frozenset({name.rsplit("/", 1)[-1]} - {""})

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.camera_forms import camera_of_matrix
@@ -25,13 +24,11 @@ from poseviewer.files.formats.conversion import (
     metres_per_unit,
     perspective_of,
 )
-from poseviewer.files.masks import mask_as_png
 from poseviewer.files.scene_file import ModelFile, ObjectRecord, Place, SceneRecord, ViewRecord
 from poseviewer.files.structs import checked_camera
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import opencv_matrix
-from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
 
 MOST_DIGITS = 18
@@ -45,7 +42,6 @@ WORLD = ("cam_R_w2c", "cam_t_w2c")
 IN_CAMERA = ("cam_R_m2c", "cam_t_m2c")
 """BOP's names of the camera from a model."""
 PHOTO_NAME, MODEL_NAME = r"(\d+)\.\w+", r"obj_(\d+)\.\w+"
-MASKS, VISIBLE_MASKS = "mask", "mask_visib"
 PHOTO_FOLDERS = ("rgb", "gray")
 PHOTO_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 MODEL_FILE = "obj_{:06d}.ply"
@@ -112,20 +108,6 @@ def write_bop(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written
             raise in_poses.error(f"image {image} is not a list", "wanted a list of poses")
         of_image += [entry for entry in entries if entry not in of_image]
     return Written(_scene_texts(out, cameras, poses))
-
-
-def save_masks(
-    folder: Path,
-    image: int,
-    silhouettes: Sequence[NDArray[np.bool_]],
-    visible: Sequence[NDArray[np.bool_]],
-) -> None:
-    """Write an image's ``mask/`` (objects alone) and ``mask_visib/`` (what is seen of them)."""
-    for name, masks in ((MASKS, silhouettes), (VISIBLE_MASKS, visible)):
-        make_folder(folder / name)
-        for number, mask in enumerate(masks):
-            path = folder / name / f"{image:06d}_{number:06d}.png"
-            write_whole(path, mask_as_png(Mask.of(mask)), PoseFileError)
 
 
 def read_bop(path: Path, request: ConvertOptions) -> SceneRecord:
