@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from assets.source import understood
 from assets.source.api_reference import api_as_markdown
 from assets.source.rooms import PICTURE, rooms_as_svg
 from poseviewer.cli import main as cli
@@ -72,6 +73,11 @@ def test_commands_are_commands(page: Path):
             cli.parse(words)
         except SystemExit as ended:
             pytest.fail(f"{line}: ends with {ended.code}")
+
+
+def test_the_table_of_files_is_that_of_the_readers():
+    page = understood.PAGE.read_text("utf-8")
+    assert page == understood.page(), "run: python -m assets.source.understood"
 
 
 def test_the_api_reference_is_that_of_the_docstrings():
