@@ -27,6 +27,7 @@ def table() -> str:
     colmap = {True: [], False: []}
     for name, (*_, lens) in MODELS.items():
         colmap[lens is not None].append(name)
+    tools = ", ".join(dict.fromkeys(form.tools for form in FORMS))
     rows = [
         ("format", "understood", "noted", "refused"),
         ("---", "---", "---", "---"),
@@ -37,7 +38,7 @@ def table() -> str:
         ),
         (
             "glTF",
-            "sparse, normalised and quantised accessors, all texture coordinates, alpha masks, skins "
+            "sparse, normalised and quantised accessors, texture coordinates, alpha masks, skins "
             f"at rest, morph weights, strips and fans; {_codes(UNDERSTOOD)}; without need: "
             f"{_codes(f'{name}...' for name in HARMLESS)}",
             _codes(name for name, lost in LOST.items() if lost) + " and unknown extensions; lines, "
@@ -45,7 +46,7 @@ def table() -> str:
             "any other extension in `extensionsRequired`, as " + _codes(LOST),
         ),
         (
-            "cameras", f"{_codes(TREES)}: forms of {', '.join(dict.fromkeys(f.tools for f in FORMS))}",
+            "cameras", f"{_codes(TREES)}: {tools}",
             "another size in the same ratio",
             "skew; a principal point outside the photo; keys that may be a lens and are not known",
         ),

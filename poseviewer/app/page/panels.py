@@ -31,7 +31,8 @@ from poseviewer.app.state.document import is_alone
 from poseviewer.app.state.marking import MARKING
 from poseviewer.app.state.objects import alter_object
 from poseviewer.app.state.session import SearchUpdate, Session
-from poseviewer.app.workers.tasks import Request, ShowHelp, find_wheels
+from poseviewer.app.workers.exporting import CONVERTED
+from poseviewer.app.workers.tasks import Request, ShowHelp, download, find_wheels
 from poseviewer.fit.settings import METHODS
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel
@@ -351,6 +352,8 @@ def add_saving(controls: Controls) -> None:
     controls.action("save", **label, color="cyan", icon="device-floppy")
     controls.download("Download pose", "pose")
     controls.download("Download overlay", "overlay", icon="photo-down")
+    kind = controls.gui.add_dropdown("Format", tuple(CONVERTED))
+    controls.button("Export as ...", lambda _, client: download(kind.value, client), icon="share")
 
 
 STEPS = {

@@ -1,8 +1,11 @@
 """Exports of the app: pose files, pictures, maps."""
 
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Literal
+from zipfile import ZipFile
 
 import cv2
 import numpy as np
@@ -13,14 +16,23 @@ from poseviewer.app.state.document import Document, stands
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.errors import SettingsError
+from poseviewer.figures.object_maps import pictures_of_objects, save_pictures
+from poseviewer.files.formats.conversion import ConvertOptions
+from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.masks import mask_as_png, mask_path
 from poseviewer.files.pose import pose_bytes
 from poseviewer.fit.scene import Scene, SearchResult
 from poseviewer.fit.settings import settings_as_json
 from poseviewer.render.overlay.looks import SOLID_OPACITY, Picture
-from poseviewer.starts.loading import pose_record
+from poseviewer.starts.loading import pose_record, record_of
 
-Export = Literal["pose", "overlay", "sheet", "maps-npz"]
+Export = Literal["pose", "overlay", "sheet", "maps-npz"] | str
+"""What the page asks for, or a key of ``CONVERTED``."""
+CONVERTED = {
+    "opencv": ".yml", "bop": "", "colmap": "", "nerfstudio": ".json", "gltf": ".glb",
+    "meshlab": ".mlp", "matrix": ".txt", "dope": ".dope.json", "masks, depth, normals": "",
+}  # fmt: skip
+"""Other tools' formats, and the ending of each; "": a folder."""
 
 
 def saved_scene(session: Session) -> Scene:
@@ -53,6 +65,8 @@ def export(what: Export, session: Session) -> dict[str, bytes]:
     ``PoseViewerError``: there is nothing of that kind yet.
     """
     own = session.document
+    if what in CONVERTED:
+        return _converted(what, session)
     view = filed_view(own) if what == "pose" else own.at
     photo = own.scene.views[view].photo
     stem = Path(photo.name).stem + (".undistorted" if photo.undistortion is not None else "")
@@ -76,6 +90,29 @@ def export(what: Export, session: Session) -> dict[str, bytes]:
         f"{stem}.{endings[update.case.settings.method]}": update.maps.as_bytes(kind)
         for update in mapped
     }
+
+
+def _converted(what: str, session: Session) -> dict[str, bytes]:
+    """One file of another tool, or a zip of several; of all objects where it holds several."""
+    own, scene = session.document, record_of(saved_scene(session))
+    stem = Path(own.photo.name).stem
+    with TemporaryDirectory() as folder:
+        out = Path(folder, f"{stem}{CONVERTED[what]}")
+        if what in FORMATS:
+            if not FORMATS[what].several_objects:
+                scene = structs.replace(scene, objects=(scene.objects[own.active],))
+            options = ConvertOptions(image="0", object_id=1, overwrite=True)
+            FORMATS[what].convert(scene, out, options)
+        else:
+            save_pictures(out, pictures_of_objects(scene), overwrite=True)
+        files = sorted(path for path in Path(folder).rglob("*") if path.is_file())
+        if len(files) == 1:
+            return {files[0].name: files[0].read_bytes()}
+        memory = BytesIO()
+        with ZipFile(memory, "w") as archive:
+            for path in files:
+                archive.write(path, path.relative_to(folder))
+        return {f"{stem}.{what.partition(',')[0]}.zip": memory.getvalue()}
 
 
 def picture_of(

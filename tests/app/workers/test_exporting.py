@@ -1,0 +1,33 @@
+"""What the page sends in other tools' formats is what ``convert`` and ``render`` write."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from zipfile import ZipFile
+
+import numpy as np
+import pytest
+
+from poseviewer.app.state.session import Session
+from poseviewer.app.workers.exporting import CONVERTED, export
+from poseviewer.app.workers.opening import open_files
+from poseviewer.files.formats.known_formats import FORMATS
+
+
+def test_every_format_of_convert_is_there():
+    own = {name for name, known in FORMATS.items() if known.is_own}
+    assert set(FORMATS) - own <= set(CONVERTED)
+
+
+@pytest.mark.parametrize("what", [name for name in CONVERTED if name not in ("bop", "dope")])
+def test_a_pose_is_sent_in_every_format(scene, what):
+    document = open_files(scene.photo, scene.model, scene.start)
+    ((name, data),) = export(what, Session(document)).items()
+    if what == "matrix":
+        place = document.pose.camera_from_model
+        wanted = np.column_stack([place.rotation, place.translation])
+        np.testing.assert_allclose(np.loadtxt(BytesIO(data))[:3], wanted)
+    if name.endswith(".zip"):
+        names = ZipFile(BytesIO(data)).namelist()
+        assert any("cameras.txt" in file or "/nocs/" in file for file in names)
+    assert data
