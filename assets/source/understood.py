@@ -4,8 +4,6 @@ readers' own lists.
 Run from the repository's root: ``python -m assets.source.understood`` writes it.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from pathlib import Path

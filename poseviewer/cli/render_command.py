@@ -2,8 +2,6 @@
 sets want them.
 """
 
-from __future__ import annotations
-
 from argparse import Namespace
 
 from poseviewer.cli import options as table

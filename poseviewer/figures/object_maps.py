@@ -2,8 +2,6 @@
 by the names and in the folders of BOP.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

@@ -5,8 +5,6 @@ that has all keys of a form is a camera. What looks like a lens and belongs to n
 that names the key: a lens is never lost without a word.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Callable, Iterator

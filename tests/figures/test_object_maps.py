@@ -1,7 +1,5 @@
 """Maps of two spheres, whose silhouettes, depths and normals follow from geometry alone."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Cameras as tools of the field write them, the same one in each form."""
 
-from __future__ import annotations
-
 import json
 from io import BytesIO
 from pathlib import Path

@@ -2,8 +2,6 @@
 values are said in the README beside each, and were computed without us.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

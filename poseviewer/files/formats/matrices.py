@@ -7,8 +7,6 @@ FoundationPose, SAM-6D and most scripts print. It says no camera, which a file o
 quaternions x y z w, pixel centres at integers.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from io import BytesIO

@@ -5,8 +5,6 @@ Read here rather than by trimesh, which passes over sparse and normalised access
 transforms, further texture coordinates, skins and instances without a word.
 """
 
-from __future__ import annotations
-
 import json
 import struct
 from base64 import b64decode

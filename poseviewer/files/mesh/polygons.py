@@ -1,7 +1,5 @@
 """Polygons and strips into triangles."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

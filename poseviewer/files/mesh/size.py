@@ -1,7 +1,5 @@
 """Words on a model's size, its origin, and the unit that both make likely."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from poseviewer.geometry.camera import Perspective, Pose

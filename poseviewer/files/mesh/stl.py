@@ -3,8 +3,6 @@
 Read here rather than by trimesh, which refuses bytes behind the last triangle and a count of 0.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

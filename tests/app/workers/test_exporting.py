@@ -1,7 +1,5 @@
 """What the page sends in other tools' formats is what ``convert`` and ``render`` write."""
 
-from __future__ import annotations
-
 from io import BytesIO
 from zipfile import ZipFile
 

@@ -1,7 +1,5 @@
 """Bare matrices and DOPE's poses: numbers are those of cv2, SciPy and the formats' descriptions."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """glTF as its specification and the registered extensions say it, of files made here by hand."""
 
-from __future__ import annotations
-
 import json
 import struct
 from io import BytesIO

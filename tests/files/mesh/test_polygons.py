@@ -1,7 +1,5 @@
 """Polygons, strips and the ways in which programs write OBJ, PLY and STL."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 
