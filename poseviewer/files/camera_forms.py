@@ -13,9 +13,11 @@ from dataclasses import dataclass, field, replace
 from io import BytesIO, StringIO
 from typing import Any
 from xml.etree import ElementTree
+from zipfile import ZipFile
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.checks import Reading
@@ -25,8 +27,8 @@ from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
 
 LARGEST_SKEW = 1e-6
 """Share of the focal length."""
-LARGEST_ARRAY = 1000
-"""Numbers of an array that may say a camera."""
+LARGEST_ARRAY = 10_000
+"""Bytes of an array that may say a camera."""
 LARGEST_MATRIX = 2000
 """Bytes of a matrix in text."""
 DEEPEST = 8
@@ -276,9 +278,26 @@ def load_tree(reading: Reading) -> Any:
 
 
 def _arrays(reading: Reading) -> dict[str, Any]:
-    loaded = np.load(BytesIO(reading.load_bytes()), allow_pickle=False)
-    arrays = {"camera_matrix": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
-    return {name: array.tolist() for name, array in arrays.items() if array.size <= LARGEST_ARRAY}
+    if reading.path.suffix.lower() == ".npy":
+        return {"camera_matrix": load_array(reading.load_bytes()).tolist()}
+    with ZipFile(BytesIO(reading.load_bytes())) as archive:
+        small = [info for info in archive.infolist() if info.file_size <= LARGEST_ARRAY]
+        return {
+            info.filename.removesuffix(".npy"): load_array(archive.read(info)).tolist()
+            for info in small
+        }
+
+
+def load_array(data: bytes) -> NDArray:
+    """The numbers in the bytes of a ``.npy`` file; NumPy's own reader makes room for all that a
+    damaged one promises. Raises ValueError where they are not as many, or are objects.
+    """
+    file = BytesIO(data)
+    is_first = np.lib.format.read_magic(file)[0] == 1
+    read = np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0
+    shape, by_columns, kind = read(file)
+    values = np.frombuffer(data, kind, offset=file.tell())
+    return values.reshape(shape, order="F" if by_columns else "C")
 
 
 def _of_element(element: ElementTree.Element) -> Any:

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.camera_forms import cameras_in
+from poseviewer.files.camera_forms import cameras_in, load_array
 from poseviewer.files.cameras import Calibration, load_calibration
 from poseviewer.files.checks import Reading
 from poseviewer.files.formats.conversion import (
@@ -64,7 +64,7 @@ def read_matrix(path: Path, request: ConvertOptions) -> SceneRecord:
     """Read 4 rows of 4 numbers (or 3), and the camera in the file ``request.calibration``."""
     reading = Reading(path, numbers_as_text=True, kind="4x4 matrix")
     if path.suffix.lower() == ".npy":
-        values: Any = np.load(BytesIO(reading.load_bytes()), allow_pickle=False).tolist()
+        values: Any = load_array(reading.load_bytes()).tolist()
     elif path.suffix.lower() == ".json":
         values = reading.load_json()
     else:
