@@ -16,7 +16,6 @@ from poseviewer.app.state.document import Document, stands
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.errors import SettingsError
-from poseviewer.figures.object_maps import pictures_of_objects, save_pictures
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.masks import mask_as_png, mask_path
@@ -104,6 +103,11 @@ def _converted(what: str, session: Session) -> dict[str, bytes]:
             options = ConvertOptions(image="0", object_id=1, overwrite=True)
             FORMATS[what].convert(scene, out, options)
         else:
+            from poseviewer.figures.object_maps import (  # numba takes a quarter of a second
+                pictures_of_objects,
+                save_pictures,
+            )
+
             save_pictures(out, pictures_of_objects(scene), overwrite=True)
         files = sorted(path for path in Path(folder).rglob("*") if path.is_file())
         if len(files) == 1:
