@@ -1,10 +1,11 @@
-"""Load a model file as a Mesh. The only importer of assimp."""
+"""Load a model file as a Mesh. The only importer of assimp and cascadio."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -21,10 +22,13 @@ from poseviewer.files.mesh.surface import as_mesh
 from poseviewer.geometry.mesh import Mesh
 
 Read = tuple[list[Part], list[str]]
+STEP = (".step", ".stp")
+FINE_ANGLE = 0.2
+"""Largest angle (rad) between triangles of a curved face."""
 
 
 def load_mesh(path: str | Path) -> Mesh:
-    """The model in an OBJ, PLY, STL, OFF, GLB, glTF or 3DS file.
+    """The model in an OBJ, PLY, STL, OFF, GLB, glTF, STEP or 3DS file.
 
     Reflectance comes from textures, vertex colours or material colours, whichever the file has.
     Normals are the file's where they make sense, else computed. What had to be mended or left
@@ -41,7 +45,8 @@ def load_mesh(path: str | Path) -> Mesh:
             wanted = "export it as GLB" if ending in ELSEWHERE else f"wanted one of {known}"
             raise reading.error(found, wanted)
         parts, notes = READERS[ending](path)
-        return as_mesh(printable(path.name), parts, notes, ending in GLTF)
+        mesh = as_mesh(printable(path.name), parts, notes, ending in GLTF)
+        return replace(mesh, unit="m") if ending in STEP else mesh
 
 
 def _read_3ds(path: Path) -> Read:
@@ -78,6 +83,22 @@ def _read_3ds(path: Path) -> Read:
     return parts, notes
 
 
+def _read_step(path: Path) -> Read:
+    """Read by cascadio (an extra: ``pip install 'poseviewer[step]'``): OpenCASCADE, in m."""
+    try:
+        import cascadio  # pyright: ignore[reportMissingImports]
+    except ImportError:
+        raise MeshFileError(
+            f"{path.name}: STEP files need cascadio; pip install 'poseviewer[step]'."
+        ) from None
+    with TemporaryDirectory() as folder:
+        out = Path(folder, "m.glb")
+        cascadio.step_to_glb(str(path), str(out), tol_relative=True, tol_angular=FINE_ANGLE)
+        if not out.exists():
+            raise MeshFileError(f"{path.name}: not a readable STEP file; export it again.")
+        return read_gltf(out)
+
+
 READERS: dict[str, Callable[[Path], Read]] = {
     ".obj": read_obj,
     ".ply": read_ply,
@@ -86,6 +107,7 @@ READERS: dict[str, Callable[[Path], Read]] = {
     ".glb": read_gltf,
     ".gltf": read_gltf,
     ".3ds": _read_3ds,
+    **dict.fromkeys(STEP, _read_step),
 }
 ELSEWHERE = (".dae", ".fbx", ".usd", ".usda", ".usdc", ".usdz", ".blend", ".ifc", ".x", ".wrl")
 """Endings of models that other programs make GLB of."""

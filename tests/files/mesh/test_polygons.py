@@ -1,5 +1,6 @@
 """Polygons, strips and the ways in which programs write OBJ, PLY and STL."""
 
+import importlib
 import struct
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from poseviewer.files.mesh.polygons import polygon_corners, strip_corners
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.normals import face_normals_and_areas
 from poseviewer.geometry.transform import RigidTransform
+from tests.files.mesh.step import box_in_step
 
 SHAPES = {
     "L": [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)],
@@ -147,3 +149,17 @@ def test_models_of_other_programs_are_to_be_exported_as_glb(tmp_path, name):
     (tmp_path / name).write_bytes(b"Kaydara FBX Binary")
     with pytest.raises(MeshFileError, match="export it as GLB"):
         load_mesh(tmp_path / name)
+
+
+def test_a_step_file_is_in_metres_or_says_what_it_needs(tmp_path):
+    """A box of 2 x 0.6 x 0.8 mm, its faces and edges as AP214 has them."""
+    (tmp_path / "box.step").write_text(box_in_step(2.0, 0.6, 0.8))
+    try:
+        importlib.import_module("cascadio")
+    except ImportError:
+        with pytest.raises(MeshFileError, match=r"poseviewer\[step\]"):
+            load_mesh(tmp_path / "box.step")
+        return
+    mesh = load_mesh(tmp_path / "box.step")
+    np.testing.assert_allclose(mesh.bounds, [[0, 0, 0], [0.002, 0.0006, 0.0008]], atol=1e-9)
+    assert (len(mesh.faces), mesh.unit, mesh.y_up) == (12, "m", False)
