@@ -130,13 +130,13 @@ class App:
                 self._tasks.add(request)
                 if request.working:
                     self._page.working(request.working, STOPPED_BY)
-            case SavePose():
-                self._save()
+            case SavePose(on_taken):
+                self._save(on_taken)
             case ShowHelp(client):
                 self._page.show_help(client)
             case Restore(wanted):
                 kept = self._autosaver.take_offer(wanted)
-                self._page.close_offer()
+                self._page.close_question()
                 if wanted and kept is not None:
                     self._tasks.add(restore(kept))
 
@@ -148,11 +148,16 @@ class App:
         row = "" if self._review is None else self._review.where(self.session.document)
         return row or self._autosaver.where(self.session)
 
-    def _save(self) -> None:
+    def _save(self, on_taken: str) -> None:
         if self._review is not None and self._review.row_at(self.session.document) is not None:
             self._tasks.add(self._review.decide("accepted", goes_on=False))
             return
-        path = self._autosaver.save(self.session)
+        self._page.close_question()
+        taken = self._autosaver.taken(self.session.document)
+        if taken is not None and on_taken == "ask":
+            self._page.ask_to_replace(taken)
+            return
+        path = self._autosaver.save(self.session, on_taken == "beside")
         self._page.tell(f"Saved {path.name}", str(path))
         self._edit(c.change(saved=self.session.document))
 

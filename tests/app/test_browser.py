@@ -93,7 +93,7 @@ FIRST_CELL = """() => {
 
 
 def test_a_press_on_a_map_moves_the_pose_and_undo_brings_it_back(page: AppPage, demo: AppProcess):
-    path = demo.folder / "demo_photo.pose.json"
+    path = demo.folder / "demo_photo.demo_car.pose.json"
     before = page.saved(path)["chart"]["numbers"]
     page.page.wait_for_function(MAPS_ARE_NEW)  # those about an older pose would lead to that
     width, height = page.page.wait_for_function(FIRST_CELL).json_value()[2:]
@@ -109,11 +109,27 @@ def test_a_press_on_a_map_moves_the_pose_and_undo_brings_it_back(page: AppPage, 
 
 
 def test_the_pose_is_copied_as_it_is_saved(page: AppPage, demo: AppProcess):
-    saved = page.saved(demo.folder / "demo_photo.pose.json")
+    saved = page.saved(demo.folder / "demo_photo.demo_car.pose.json")
     page.page.get_by_role("button", name="JSON", exact=True).click()
     page.page.context.grant_permissions(["clipboard-read"])
     copied = json.loads(page.page.evaluate("navigator.clipboard.readText()"))
     assert copied["camera_from_model"] == saved["camera_from_model"]
+
+
+def test_a_file_of_others_is_replaced_only_when_that_is_said(page: AppPage, demo: AppProcess):
+    path = demo.folder / "demo_photo.demo_car.pose.json"
+    path.write_text("another program's")
+    page.page.keyboard.press("s")
+    page.page.get_by_role("button", name="Use another name").click()
+    other = path.with_name("demo_photo.demo_car.2.pose.json")
+    page.until(other.exists)
+    page.page.get_by_role("dialog").wait_for(state="hidden")
+    assert path.read_text() == "another program's"
+    other.write_text("another program's, too")
+    page.page.keyboard.press("s")
+    page.page.get_by_role("button", name="Replace it").click()
+    page.until(other.with_name(f"{other.name}.bak").exists)
+    assert other.with_name(f"{other.name}.bak").read_text() == "another program's, too"
 
 
 def is_registered(page: AppPage) -> bool:

@@ -92,7 +92,7 @@ def test_what_is_painted_over_is_kept_and_compared_alike(tab: AppPage, scene: Sc
     red, green, _ = tab.settled_picture((x, y), 12.0)[int(y), int(x)]
     assert red > green
     tab.page.keyboard.press("Escape")
-    path, mask = folder / "p.pose.json", folder / "p.mask.png"
+    path, mask = folder / "p.halves.pose.json", folder / "p.halves.mask.png"
     record = tab.saved(path)
     assert record["mask"] == mask.name
     hidden = hidden_in(mask)
@@ -127,7 +127,7 @@ def test_a_polygon_is_clicked_or_dragged(tab: AppPage) -> None:
 
 
 def test_a_part_is_left_out_and_comes_back(tab: AppPage, scene: Scene) -> None:
-    mesh, path = load_mesh(scene.model), scene.photo.with_name("p.pose.json")
+    mesh, path = load_mesh(scene.model), scene.photo.with_name("p.halves.pose.json")
     pose = load_pose(scene.start, *PHOTO).pose
     tab.page.keyboard.press("h")
     tab.page.get_by_role("button", name="Part").click()

@@ -95,8 +95,8 @@ def test_three_photos_are_looked_at_dragged_searched_and_saved(page: AppPage, tm
     page.until(lambda: large(page) == "c.png")
     page.open_step(4)
     page.wait_for_text("How sure, if right")
-    page.saved(tmp_path / SAVED)
-    scene = load_scene(tmp_path / SAVED)
+    page.saved(tmp_path / "a.m.scene.json")
+    scene = load_scene(tmp_path / "a.m.scene.json")
     for index, truth in enumerate(TRUTH):
         assert pose_error(MESH, scene.pose(0, index), truth).percent < 1.0
     result = scene.objects[0].result

@@ -1,6 +1,7 @@
 """The page: panels left and right, the photo in the middle, notices; brought to each session."""
 
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,10 @@ from poseviewer.app.page.strip import show_strip
 from poseviewer.app.page.texts import hint_of
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.actions import help_table
+from poseviewer.app.state.edits import SavePose
 from poseviewer.app.state.hiding import SHAPES
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.tasks import Restore, Result
+from poseviewer.app.workers.tasks import Request, Restore, Result
 from poseviewer.files.file_set import MOST_FILES
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.files.state.uploads import LARGEST_UPLOAD
@@ -82,7 +84,7 @@ class Page:
         maps.set_width(MAPS_PX)
         self._shown: Session | None = None
         self._working: list[viser.NotificationHandle] = []
-        self._offer: Any = None
+        self._question: Any = None
         check_incoming(server, lambda client, why: self.show_error(why, client))
 
     def show(self, session: Session, where: str) -> None:
@@ -157,20 +159,36 @@ class Page:
 
     def offer(self, offer: AutosavedSession) -> None:
         """Offer all pages, those to come too, what an earlier session left."""
-        gui = self._server.gui
         when = time.strftime("%d %B %Y, %H:%M", time.localtime(offer.saved_at))
-        with gui.add_modal("An earlier session ended without saving") as self._offer:
-            gui.add_markdown(
-                f"**{plain(offer.photo_name)}** with **{plain(offer.model_name)}**, last kept on "
-                f"{when}."
-            )
-            self._controls.button("Open it again", Restore(True), color="cyan")
-            self._controls.button("Discard", Restore(False))
+        self._ask(
+            "An earlier session ended without saving",
+            f"**{plain(offer.photo_name)}** with **{plain(offer.model_name)}**, last kept on "
+            f"{when}.",
+            {"Open it again": Restore(True), "Discard": Restore(False)},
+        )
 
-    def close_offer(self) -> None:
-        """Take the offer off all pages."""
-        if self._offer is not None:
-            close_modal(self._offer)
+    def ask_to_replace(self, path: Path) -> None:
+        """Ask all pages whether to replace a file that this session did not write."""
+        self._ask(
+            "There is such a file already",
+            f"**{plain(path.name)}** was not written by this session. What is replaced is kept as "
+            "`.bak`.",
+            {"Use another name": SavePose("beside"), "Replace it": SavePose("replace")},
+        )
+
+    def _ask(self, title: str, text: str, answers: Mapping[str, Request]) -> None:
+        """Ask all pages something with two answers, of which the first is the main one."""
+        self.close_question()
+        with self._server.gui.add_modal(title) as question:
+            self._server.gui.add_markdown(text)
+            for colour, (label, request) in zip(("cyan", "gray"), answers.items(), strict=True):
+                self._controls.button(label, request, color=colour)
+        self._question = question
+
+    def close_question(self) -> None:
+        """Take the question off all pages."""
+        if self._question is not None:
+            close_modal(self._question)
 
 
 def close_modal(modal: Any) -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
-from typing import Annotated, Any, Concatenate, ParamSpec
+from typing import Annotated, Any, Concatenate, Literal, ParamSpec
 
 from msgspec import Meta
 
@@ -36,6 +36,9 @@ class Edit:
 @dataclass(frozen=True, slots=True)
 class SavePose:
     """Request to write the pose beside the photo."""
+
+    on_taken: Literal["ask", "replace", "beside"] = "ask"
+    """What becomes of a file that this session did not write."""
 
 
 def edit(

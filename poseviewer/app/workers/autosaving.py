@@ -15,7 +15,7 @@ from poseviewer.app.state.commands import refuse
 from poseviewer.app.state.document import Document, is_alone
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.exporting import filed_view, saved_scene
+from poseviewer.app.workers.exporting import filed_view, saved_scene, stem_of
 from poseviewer.app.workers.worker import Job
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.masks import mask_path, save_pose_and_mask
@@ -47,8 +47,9 @@ class Autosaver:
     """
 
     def __init__(self, state: Path) -> None:
-        self._uploads = state / "uploads"
-        self._own: set[Path] = set()
+        self._uploads = (state / "uploads").resolve()
+        self._own: dict[Path, tuple[object, ...]] = {}
+        self._named: dict[Path, Path] = {}  # by the usual path of each
         self._offered, self.offer = left_behind(state / "sessions") or (None, None)
         """Session that an earlier run left unsaved, until it is taken or refused."""
         self._is_adopted = False  # whether the offer has been opened: it is this session's own now
@@ -101,16 +102,25 @@ class Autosaver:
         """The file's name, as it is shown; its folder is told when it is written."""
         return self._path(session.document).name
 
-    def save(self, session: Session) -> Path:
+    def taken(self, document: Document) -> Path | None:
+        """The file that saving would replace, if this session did not write it."""
+        path = self._path(document)
+        is_own = self._own.get(path) == _mark(path, document)
+        return None if is_own or not any(_on_disk(path)) else path
+
+    def save(self, session: Session, beside: bool = False) -> Path:
         """Write the pose of one object in one photo with its mask, else the scene with copies of
-        uploads, beside the photo; another session's file is kept as ``.bak``.
+        uploads, beside the photo; under the next free name where ``beside``, else what is
+        ``taken`` is kept as ``.bak``.
 
         Raises ``PoseViewerError``: it cannot be written there, or photo or models are no files.
         """
         own, scene = session.document, saved_scene(session)
-        path = self._path(own)
-        is_others = path.exists() and path not in self._own
-        kept = [one for one in (path, mask_path(path)) if is_others and one.exists()]
+        path, kept = self._path(own), list[Path]()
+        if beside:
+            path = self._named[self._usual_path(own)] = _next_free(self._usual_path(own))
+        elif self.taken(own):
+            kept = [one for one in (path, mask_path(path)) if one.exists()]
         for one in kept:
             one.replace(one.with_suffix(f"{one.suffix}.bak"))
         try:
@@ -122,20 +132,23 @@ class Autosaver:
             for one in kept:
                 one.with_suffix(f"{one.suffix}.bak").replace(one)
             raise
-        self._own.add(path)
+        self._own[path] = _mark(path, own)
         return path
 
     def _path(self, document: Document) -> Path:
+        """The usual path, or the one that was taken beside it."""
+        usual = self._usual_path(document)
+        return self._named.get(usual, usual)
+
+    def _usual_path(self, document: Document) -> Path:
         """Beside the photo; for uploads and the demo in the working directory."""
-        view = document.scene.views[filed_view(document)]
-        path, ending = view.path, "pose.json" if is_alone(document) else "scene.json"
-        if path is None or self._uploads in path.parents:
-            # An uploaded name never becomes a path.
-            return Path.cwd() / f"photo-{view.photo.sha256[:8]}.{ending}"
-        folder = path.resolve().parent
-        if not os.access(folder, os.W_OK) or folder.name in ("demo_files", "assets"):
+        view, ending = filed_view(document), "pose.json" if is_alone(document) else "scene.json"
+        path = document.scene.views[view].path
+        folder = Path.cwd() if path is None else path.resolve().parent
+        is_ours = folder.name in ("demo_files", "assets") or self._uploads in folder.parents
+        if is_ours or not os.access(folder, os.W_OK):
             folder = Path.cwd()
-        return folder / f"{path.stem}.{ending}"
+        return folder / f"{stem_of(document, view)}.{ending}"
 
     def _to_keep(self, session: Session) -> Kept:
         self._is_adopted |= session.saved is None
@@ -145,6 +158,24 @@ class Autosaver:
         if self._offered is not None:
             discard(self._offered)
             self._offered = None
+
+
+def _on_disk(path: Path) -> list[int]:
+    """Times (ns) of a pose file and its mask, 0 where there is none."""
+    return [f.stat().st_mtime_ns if f.exists() else 0 for f in (path, mask_path(path))]
+
+
+def _mark(path: Path, document: Document) -> tuple[object, ...]:
+    """Values that are equal while a file stays as it was written, for one photo and model."""
+    scene = document.scene
+    return *_on_disk(path), scene.views[0].photo.sha256, scene.objects[0].model.sha256
+
+
+def _next_free(path: Path) -> Path:
+    """The path with the first number from 2 on of which there is no file."""
+    stem, kind, ending = path.name.rsplit(".", 2)
+    numbered = (path.with_name(f"{stem}.{number}.{kind}.{ending}") for number in count(2))
+    return next(one for one in numbered if not any(_on_disk(one)))
 
 
 def kept_of(document: Document) -> AutosavedSession:

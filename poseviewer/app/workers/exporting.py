@@ -20,6 +20,7 @@ from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.masks import mask_as_png, mask_path
 from poseviewer.files.pose import pose_bytes
+from poseviewer.files.state.uploads import safe_path
 from poseviewer.fit.scene import Scene, SearchResult
 from poseviewer.fit.settings import settings_as_json
 from poseviewer.render.overlay.looks import SOLID_OPACITY, Picture
@@ -32,6 +33,8 @@ CONVERTED = {
     "meshlab": ".mlp", "matrix": ".txt", "dope": ".dope.json", "masks, depth, normals": "",
 }  # fmt: skip
 """Other tools' formats, and the ending of each; "": a folder."""
+LONGEST_STEM = 90
+"""Bytes of a photo's and a model's name each: file systems take 255 in all."""
 
 
 def saved_scene(session: Session) -> Scene:
@@ -59,6 +62,16 @@ def filed_view(document: Document) -> int:
     return document.at if document.object.result is None else document.object.result.view
 
 
+def stem_of(document: Document, view: int) -> str:
+    """``PHOTO.MODEL``, as files of a pose are named, of several objects ``PHOTO``; safe on any
+    system, and short enough for what follows it.
+    """
+    names = [document.scene.views[view].photo.name]
+    names += [document.model.name] * (len(document.scene.objects) == 1)
+    stems = (safe_path(name).stem.encode() for name in names)
+    return ".".join(stem[:LONGEST_STEM].decode(errors="ignore") for stem in stems)
+
+
 def export(what: Export, session: Session) -> dict[str, bytes]:
     """The contents of files by their names: of maps, one for each loss that is shown; raises
     ``PoseViewerError``: there is nothing of that kind yet.
@@ -70,7 +83,7 @@ def export(what: Export, session: Session) -> dict[str, bytes]:
     photo = own.scene.views[view].photo
     stem = Path(photo.name).stem + (".undistorted" if photo.undistortion is not None else "")
     if what == "pose":
-        name, scene = f"{stem}.pose.json", saved_scene(session)
+        name, scene = f"{stem_of(own, view)}.pose.json", saved_scene(session)
         record, mask = pose_record(scene, own.active, view), scene.mask(own.active, view)
         beside = mask_path(name).name
         record = structs.replace(record, mask=None if mask is None else beside)

@@ -31,7 +31,7 @@ def click(tab: AppPage, point) -> None:
 
 
 def saved(tab: AppPage, app: AppProcess) -> Pose:
-    path = app.folder / "demo_photo.pose.json"
+    path = app.folder / "demo_photo.demo_car.pose.json"
     tab.saved(path)
     return load_pose(path, *PHOTO).pose
 

@@ -1,0 +1,108 @@
+"""Names of saved poses, and what becomes of files that are there already."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from poseviewer.app.state.commands import nudge
+from poseviewer.app.state.session import Session
+from poseviewer.app.workers.autosaving import Autosaver
+from poseviewer.app.workers.exporting import export
+from poseviewer.app.workers.opening import open_files
+from poseviewer.files.pose import load_pose
+from poseviewer.files.state.uploads import keep_set, pack
+from tests.app.state.documents import after
+from tests.scene import Scene, make_scene
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Scene:
+    (tmp_path / "photos").mkdir()
+    return make_scene(tmp_path / "photos")
+
+
+@pytest.fixture
+def session(scene: Scene) -> Session:
+    return Session(open_files(scene.photo, scene.model, scene.start))
+
+
+@pytest.fixture
+def saver(tmp_path: Path) -> Autosaver:
+    return Autosaver(tmp_path / "state")
+
+
+def test_models_on_one_photo_have_files_of_their_own(
+    scene: Scene, session: Session, saver: Autosaver
+):
+    other = scene.model.rename(scene.model.with_name("other.ply"))
+    second = Session(open_files(scene.photo, other, scene.start))
+    names = [saver.save(each).name for each in (session, second)]
+    assert names == ["p.m.pose.json", "p.other.pose.json"]
+    assert next(iter(export("pose", session))) == names[0]  # as it is downloaded
+
+
+def test_what_others_wrote_is_asked_about_and_kept(
+    session: Session, saver: Autosaver, scene: Scene
+):
+    path = scene.photo.with_name("p.m.pose.json")
+    assert saver.taken(session.document) is None
+    path.write_text("mine")
+    assert saver.taken(session.document) == path
+    assert saver.save(session) == path
+    backup = path.with_name("p.m.pose.json.bak")
+    assert backup.read_text() == "mine"
+    assert saver.taken(session.document) is None  # this session's own by now
+    saver.save(after(session, nudge("move", 1.0)))
+    assert backup.read_text() == "mine"
+    path.write_text("changed by another program")
+    assert saver.taken(session.document) == path
+
+
+def test_a_mask_of_others_is_asked_about(session: Session, saver: Autosaver, scene: Scene):
+    mask = scene.photo.with_name("p.m.mask.png")
+    mask.write_bytes(b"painted elsewhere")
+    assert saver.taken(session.document) is not None
+    saver.save(session)
+    assert mask.with_name("p.m.mask.png.bak").read_bytes() == b"painted elsewhere"
+
+
+def test_another_model_of_the_same_name_does_not_replace_the_first_ones_pose(
+    session: Session, saver: Autosaver
+):
+    saver.save(session)
+    model = replace(session.document.model, sha256="1" * 64)
+    other = replace(session, document=session.document.with_object(model=model))
+    assert saver.taken(other.document) is not None
+
+
+def test_another_name_stays_the_sessions_own(session: Session, saver: Autosaver, scene: Scene):
+    path = scene.photo.with_name("p.m.pose.json")
+    path.write_text("mine")
+    second = path.with_name("p.m.2.pose.json")
+    assert saver.save(session, beside=True) == second
+    assert saver.where(session) == second.name
+    assert saver.taken(session.document) is None
+    moved = after(session, nudge("move", 5.0))
+    assert saver.save(moved) == second
+    place = load_pose(second).pose.camera_from_model
+    assert place.translation == pytest.approx(moved.document.pose.camera_from_model.translation)
+    assert path.read_text() == "mine"
+
+
+def test_a_dropped_photo_saves_under_its_own_name(
+    scene: Scene, saver: Autosaver, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    uploads = tmp_path / "state" / "uploads"
+    photo = keep_set(uploads, pack([("Mein Foto.png", scene.photo.read_bytes())])) / "Mein Foto.png"
+    dropped = Session(open_files(photo, scene.model, scene.start))
+    assert saver.save(dropped) == tmp_path / "Mein Foto.m.pose.json"
+
+
+def test_very_long_names_can_be_saved(scene: Scene, saver: Autosaver):
+    photo = scene.photo.rename(scene.photo.with_name("ä" * 120 + ".png"))
+    model = scene.model.rename(scene.model.with_name("ß" * 120 + ".ply"))
+    assert saver.save(Session(open_files(photo, model, scene.start))).exists()
