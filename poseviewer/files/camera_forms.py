@@ -43,9 +43,9 @@ ALIASES = {
     "distortionparams distortionparameters",
     "radial": "radialdistortion",
     "tangential": "tangentialdistortion",
-    "size": "imagesize imgsize resolution size",
-    "width": "imagewidth width w imgwidth",
-    "height": "imageheight height h imgheight",
+    "imagesize": "imgsize resolution",
+    "width": "imagewidth width imgwidth",
+    "height": "imageheight height imgheight",
     "isfisheye": "fisheyemodel isfisheye",
     "model": "distortionmodel lensmodel model distortiontype",
     "cameramodel": "cameramodel projectionmodel",
@@ -55,12 +55,12 @@ ALIASES = {
 """Names of a camera's numbers, in small letters without ``_``; others keep their own. A number
 behind a name tells the cameras of a file apart.
 """
-FIELDS = {alias: name for name, aliases in ALIASES.items() for alias in aliases.split()}
-NUMBERED = ("matrix", "distortion", "size", "width", "height", "model", "cameramodel")
+FIELDS = {a: name for name, aliases in ALIASES.items() for a in (name, *aliases.split())}
+NUMBERED = ("matrix", "distortion", "imagesize", "width", "height", "model", "cameramodel")
 """Fields whose names may end in the number of a camera."""
-MERGED = ("intrinsics", "distortion", "size", "lens")
+MERGED = ("intrinsics", "distortion", "imagesize", "lens")
 """Mappings that say more of the camera that they stand in, if they are none themselves."""
-UNNAMED = ("calibration", "sensor", "intrinsics", "document", "chunk", "sensors", "camera_info")
+UNNAMED = ("calibration", "camera", "camera_info", "intrinsics", "sensor", "sensors")
 """Mappings whose names tell no cameras apart."""
 LABELS = ("label", "file_path", "#name", "name", "intrinsicId", "id")
 """Keys of what an entry of a list is called."""
@@ -141,9 +141,10 @@ class _Said:
     @property
     def size(self) -> tuple[int, int]:
         """Width and height in px, 0 where they are not said."""
-        value = [self.value("width"), self.value("height")]
+        names = ("w", "h") if "flx" in self else ("width", "height")  # w may be a chessboard's
+        value = [self.value(name) for name in names]
         if None in value:
-            value = self.numbers("size")
+            value = self.numbers("imagesize")
         if len(value) not in (0, 2):
             found = f"image_size has {len(value)} numbers"
             raise self.reading.error(found, "wanted width and height")

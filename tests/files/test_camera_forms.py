@@ -141,7 +141,13 @@ def test_the_cameras_of_a_file_are_told_apart_by_names_numbers_and_sides(tmp_pat
     assert names({"K1": K, "D1": BROWN, "K2": K, "P1": K}) == ["1", "2"]
     assert names({"camera_matrix_left": K, "dist_left": BROWN, "cameraMatrixRight": K}) == [
         "left", "right"]  # fmt: skip
+    assert names([{"id": "p", "camera": FOCALS}, {"id": "q", "camera": FOCALS}]) == ["p", "q"]
     assert names({"cameras": [{"name": "a", **FOCALS}, {"name": "b", **FOCALS}]}) == ["a", "b"]
+
+
+def test_the_size_of_a_chessboard_is_not_that_of_pictures(tmp_path):
+    path = write(tmp_path / "a.json", {"K": K, "w": 9, "h": 6, "size": [9, 6], "square_size": 25})
+    assert load_cameras(path)[0].camera.width == 0
 
 
 LOST = {

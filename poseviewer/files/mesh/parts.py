@@ -142,5 +142,5 @@ def noted(name: str, notes: list[str]) -> Iterator[None]:
             yield
     except Image.DecompressionBombError:
         notes.append(f"Texture left out: {name} has too many pixels.")
-    except (OSError, SyntaxError, ValueError) as error:
+    except (OSError, SyntaxError, ValueError, NotImplementedError) as error:
         notes.append(f"Texture left out: {error}.")
