@@ -132,6 +132,15 @@ def test_a_file_of_others_is_replaced_only_when_that_is_said(page: AppPage, demo
     assert other.with_name(f"{other.name}.bak").read_text() == "another program's, too"
 
 
+def test_the_same_refusal_is_one_notice(page: AppPage):
+    middle = page.on_screen((480.0, 360.0), DEMO_PHOTO)
+    page.page.keyboard.press("1")
+    for _ in range(3):
+        page.page.mouse.dblclick(*middle)
+        page.wait_for_text("has its pins already")
+    page.until(lambda: page.page.get_by_text("has its pins already").count() == 1)
+
+
 def is_registered(page: AppPage) -> bool:
     """Whether the photo's middle is that of its box, for the page as well; not while that moves."""
     width, height = page.view()["box"][2:]

@@ -241,13 +241,7 @@ def add_maps(controls: Controls) -> None:
     def shown(session: Session) -> tuple[object, ...]:
         return session.landscapes, session.document.pose, session.own_search, session.large_map
 
-    def html(session: Session) -> str:
-        if not session.landscapes:
-            return maps.content  # those before stay until then
-        grids = "".join(grid_of(session, latest).html() for latest in session.landscapes)
-        return f'<div class="pv-both">{grids}</div>'
-
-    controls.add(maps, content=kept(shown, html))
+    controls.add(maps, content=kept(shown, lambda s: maps_html(s, maps.content)))
     waiting = "Drawing the maps ..."
     controls.text(lambda s: plain(s.maps_note) or ("" if maps.content else waiting))
     controls.dropdown("Loss of", WHOSE, lambda whose: c.change(whose=whose), attrgetter("whose"))
@@ -259,6 +253,14 @@ def add_maps(controls: Controls) -> None:
     with gui.add_folder("Save the maps", expand_by_default=False):
         controls.download("Sheet (PNG)", "sheet")
         controls.download("Numbers (NPZ)", "maps-npz")
+
+
+def maps_html(session: Session, before: str) -> str:
+    """The maps; until there are any for this photo and model those ``before``, dimmed."""
+    if not session.landscapes:
+        return before.replace('"pv-land"', '"pv-land pv-dim"')
+    grids = "".join(grid_of(session, latest).html() for latest in session.landscapes)
+    return f'<div class="pv-both">{grids}</div>'
 
 
 def grid_of(session: Session, latest: LandscapeUpdate) -> LossGrid:

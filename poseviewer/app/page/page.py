@@ -84,6 +84,7 @@ class Page:
         maps.set_width(MAPS_PX)
         self._shown: Session | None = None
         self._working: list[viser.NotificationHandle] = []
+        self._said: dict[int, tuple[str, viser.NotificationHandle]] = {}
         self._question: Any = None
         check_incoming(server, lambda client, why: self.show_error(why, client))
 
@@ -124,16 +125,23 @@ class Page:
 
     def show_error(self, sentence: str, client: int | None = None) -> None:
         """Tell all pages, or one, what could not be done, and why; from any thread."""
-        for tab in self._tabs(client):
-            tab.add_notification(
-                "That did not work", sentence, color="orange", auto_close_seconds=12.0
-            )
+        self._notify("That did not work", sentence, client, "orange", 12.0)
 
     def tell(self, title: str, *texts: str) -> None:
-        """Tell all pages that something is done, a notice for each text."""
-        for tab in self._tabs():
-            for text in texts:
-                tab.add_notification(title, text, color="cyan", auto_close_seconds=5.0)
+        """Tell all pages that something is done, or all that is to be noted in one notice."""
+        if texts:
+            self._notify(title, "\n".join(dict.fromkeys(texts)), None, "cyan", 5.0 * len(texts))
+
+    def _notify(
+        self, title: str, text: str, client: int | None, colour: str, seconds: float
+    ) -> None:
+        """Show a notice; of the same one twice in a row the new one alone stays."""
+        for tab in self._tabs(client):
+            said, before = self._said.get(tab.client_id, (None, None))
+            if before is not None and said == text:
+                before.remove()
+            options: Any = {"color": colour, "auto_close_seconds": seconds}
+            self._said[tab.client_id] = text, tab.add_notification(title, text, **options)
 
     def working(self, what: str, note: str = "") -> None:
         """Say that something is being done that takes a moment; "" when it is over."""

@@ -18,7 +18,8 @@ from poseviewer.confidence.pose_covariance import short
 from poseviewer.files.pose import PoseRecord, pose_bytes
 from poseviewer.files.structs import ModelReference, PhotoReference
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Parallel, Pose
+from poseviewer.geometry.camera import Camera, Parallel, Pose
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.transform import Similarity
 
 DIGITS = 5
@@ -31,7 +32,12 @@ ABOUT = (
     "the focal length: as if on 35-mm film."
 )
 FOLLOW_FOCAL, EMPTY = ("Z", "distance", "focal"), "<th></th><td></td>"
-ASSUMED = "no calibration, no EXIF, no search told the focal length"
+SOURCES = {
+    "calibrated": "by a calibration",
+    "EXIF": "by the photo's EXIF",
+    "assumed": "no calibration, no EXIF, no search told the focal length",
+}
+"""Sources of a focal length, and the tooltip of each."""
 
 
 def numbers_of(pose: Pose) -> dict[str, float]:
@@ -82,12 +88,12 @@ def result_html(session: Session) -> str:
     if not document.object.is_placed:
         return ""
     numbers, deviations = numbers_of(document.pose), deviations_of(session)
-    is_assumed = bool(document.photo.focal_note(document.pose.camera))
+    source = source_of(document.photo, document.pose.camera)
     left, right = [], []
     for name, value in numbers.items():
         text = _with(value, deviations.get(name)) + _unit_of(session, name, value)
-        if is_assumed and name in FOLLOW_FOCAL:
-            text += f' <i title="{ASSUMED}">assumed</i>'
+        if source and name in FOLLOW_FOCAL[-1 if source != "assumed" else 0 :]:
+            text += f' <i class="pv-{source}" title="{SOURCES[source]}">{source}</i>'
         column = left if name in ("X", "Y", "Z", "distance") else right
         column.append(f"<th>{name}</th><td>{text}</td>")
     rows = "".join(f"<tr>{a}{b}</tr>" for a, b in zip_longest(left, right, fillvalue=EMPTY))
@@ -100,6 +106,15 @@ def result_html(session: Session) -> str:
         f'<div class="pv-result" title="{ABOUT}"><b>{name}</b> as the camera sees it, in {unit}'
         f"<table>{rows}</table><div>Copy as {buttons}</div></div>"
     )
+
+
+def source_of(photo: Photo, camera: Camera) -> str:
+    """The source, of ``SOURCES``, of a focal length that the photo has; "" of any other one."""
+    if isinstance(camera, Parallel) or camera.fx != photo.default_camera().fx:
+        return ""
+    if photo.camera is not None:
+        return "calibrated"
+    return "assumed" if photo.focal_length_35mm is None else "EXIF"
 
 
 def _unit_of(session: Session, name: str, value: float) -> str:

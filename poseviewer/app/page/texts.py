@@ -57,8 +57,9 @@ def opened_text(session: Session) -> str:
     colours = "coloured" if mesh.has_reflectance else "no colours"
     if mesh.textures:
         colours = _counted(len(mesh.textures), "texture")
+    camera = ", calibrated camera" if photo.camera is not None else ""
     return (
-        f"**{plain(photo.label)}**  \n{photo.width} x {photo.height} px  \n"
+        f"**{plain(photo.label)}**  \n{photo.width} x {photo.height} px{camera}  \n"
         f"**{plain(model.name)}**  \n{len(mesh.faces):,} triangles, "
         f"{_counted(len(mesh.part_names) or 1, 'part')}, {colours}; {symmetry_text(model)}  \n"
         f"{plain(size_words(mesh))}"

@@ -50,6 +50,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.frames import camera_as_integer_centres
+from poseviewer.geometry.transform import RigidTransform
 from poseviewer.starts.loading import scale_of_sight
 from poseviewer.starts.placing import framed, look_from, surface_point
 from poseviewer.vehicle.chart import VehicleChart
@@ -265,9 +266,16 @@ def make_start(session: Session) -> Session:
 
 @edit
 def view_from(session: Session, side: str) -> Session:
-    """Show the whole model in the middle of the photo, from one of its sides."""
-    own, camera = session.document.model, session.document.pose.camera
-    return session.with_pose(look_from(side, own.mesh, own.keypoints, camera))
+    """Turn the model so that one of its sides is seen: where it is and as large, if it is placed,
+    else in the middle of the photo.
+    """
+    document, own, pose = session.document, session.document.model, session.document.pose
+    seen = look_from(side, own.mesh, own.keypoints, pose.camera)
+    if document.object.is_placed:
+        rotation, centre = seen.camera_from_model.rotation, own.mesh.centre
+        place = pose.camera_from_model.apply(centre) - rotation @ centre
+        seen = replace(pose, camera_from_model=RigidTransform(rotation, place))
+    return session.with_pose(seen)
 
 
 @edit

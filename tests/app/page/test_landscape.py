@@ -13,10 +13,11 @@ import numpy as np
 from lxml import html
 from PIL import Image
 
-from poseviewer.app.page.map_panel import PALETTE, LossGrid, on_map
+from poseviewer.app.page.map_panel import PALETTE, LossGrid, maps_html, on_map
 from poseviewer.app.state.commands import picked_parameters
 from poseviewer.confidence.pose_covariance import region_reach
 from poseviewer.fit.slices import Slice
+from tests.app.state.documents import make_session
 
 NAMES = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y")
 CENTRE = np.array([0.3, 0.6, -0.2, 0.1, 0.5, 0.0])
@@ -84,6 +85,12 @@ def test_the_page_is_small_and_says_what_it_shows():
     (key,) = tree.xpath("//div[@class='pv-key']")
     assert "good to 0.8\xa0% of its range" in key.text_content()
     assert key.xpath(".//b")[0].text_content() == "<ours> & theirs"
+
+
+def test_maps_of_another_model_are_dimmed_until_there_are_new_ones():
+    before = LossGrid(make_slices(9), NAMES, CENTRE).html()
+    assert "pv-dim" not in before
+    assert "pv-dim" in maps_html(make_session(), before)
 
 
 def test_every_corner_of_a_simplex_is_a_dot_on_every_map():

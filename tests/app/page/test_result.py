@@ -12,13 +12,14 @@ from lxml import html as lxml_html
 from scipy.spatial.transform import Rotation
 
 from poseviewer.app.page.result import copies_of, deviations_of, numbers_of, result_html
+from poseviewer.app.page.texts import opened_text
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.session import Session
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.files.pose import load_pose
 from poseviewer.fit.scene import SearchResult
 from poseviewer.geometry.transform import RigidTransform
-from tests.app.state.documents import BUMPY, PARALLEL, PERSPECTIVE, after, make_session
+from tests.app.state.documents import BUMPY, PARALLEL, PERSPECTIVE, after, make_photo, make_session
 
 
 def searched(session: Session, spread: float = 1e-3) -> Session:
@@ -80,6 +81,20 @@ def test_a_guessed_focal_length_is_said_to_be_assumed_and_the_distance_with_it()
     assumed = {name for name, text in rows_of(session).items() if "assumed" in text}
     assert assumed == {"Z", "distance", "focal"}
     assert not any("assumed" in text for text in rows_of(make_session()).values())
+
+
+def test_a_calibration_and_exif_are_named() -> None:
+    calibrated, by_exif = make_photo(), make_photo()
+    calibrated = replace(calibrated, camera=PERSPECTIVE)
+    by_exif = replace(by_exif, focal_length_35mm=28.0)
+    for photo, word in ((calibrated, "calibrated"), (by_exif, "EXIF")):
+        session = make_session(photo.default_camera(), photo=photo)
+        assert [text for text in rows_of(session).values() if word in text] == [
+            rows_of(session)["focal"]
+        ]
+        assert (f"{word} camera" in opened_text(session)) == (word == "calibrated")
+        changed = after(session, c.set_field_of_view(20.0))
+        assert word not in rows_of(changed)["focal"]
 
 
 def test_the_pose_is_copied_in_three_forms(tmp_path: Path) -> None:

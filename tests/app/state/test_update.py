@@ -12,6 +12,7 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state.dragging import pins_in_photo, radius_in_photo
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.camera import Parallel, Perspective
+from poseviewer.geometry.transform import rotation_angle
 from tests.app.state.documents import (
     BUMPY,
     PARALLEL,
@@ -230,6 +231,19 @@ def test_unsaved_is_told():
 )
 def test_bad_input_is_refused_with_a_sentence(command):
     refused(make_session(), command)
+
+
+@pytest.mark.parametrize("camera", [PERSPECTIVE, PARALLEL])
+def test_a_view_turns_the_model_where_it_is(camera):
+    session = make_session(camera)
+    before, centre = session.document.pose, BUMPY.centre
+    left, right = (after(session, c.view_from(side)).document.pose for side in ("left", "right"))
+    for pose in (left, right):
+        there = pose.camera_from_model.apply(centre)
+        np.testing.assert_allclose(there, before.camera_from_model.apply(centre), atol=1e-12)
+        assert pose.camera == before.camera
+    turn = rotation_angle(left.camera_from_model.rotation, right.camera_from_model.rotation)
+    assert turn == pytest.approx(math.pi)
 
 
 def test_a_pose_behind_the_camera_is_refused():
