@@ -26,6 +26,7 @@ OPTIONS = {
         table.QUIET,
     ),
     "deviations of a vehicle's parameters": (
+        table.option("--paper", "the paper's figure: by its method, where --method names none"),
         table.option("--starts N", f"for each point ({PLAN.starts})"),
         table.option("--deviations PERCENT,..."),
         table.option("--readings NAME,...", ",".join(READINGS), type=table.some_of(READINGS)),
@@ -57,6 +58,8 @@ def run(options: Namespace) -> int:
     from poseviewer.evaluation.study import open_study, write_report
     from poseviewer.render.pool import processors
 
+    if options.paper and not options.method:
+        options.method = "paper"
     plan = table.made(Plan, options, limits=table.made(Limits, options))
     try:
         run = open_study(plan, ignore if options.quiet else tell)
@@ -66,7 +69,7 @@ def run(options: Namespace) -> int:
     except KeyboardInterrupt:
         tell("poseviewer: stopped; what is done is kept: run the same again to go on.")
         return EXIT_INTERRUPTED
-    say(write_report(run).as_markdown())
+    say(write_report(run))
     say(f"\nrows, summary: {run.out}")
     return 0
 

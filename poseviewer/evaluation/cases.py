@@ -1,5 +1,6 @@
 """Photos with known poses: folders of ``cases.json``, ``{"cases": [...]}``, and ``starts.json``."""
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,21 +33,17 @@ class Case:
     truth: Pose
     accuracy_percent: float = 0.0
     """Error of the truth itself, as a share of the model's size in the photo."""
-    visible: float | None = None
-    """Share of the model's pixels that nothing hides; None: unknown."""
+    visible: float = math.nan
+    """Share of the model's pixels that nothing hides; nan: unknown."""
     is_drawn: bool = False
     """Whether OpenGL drew the photo: the pose counts as found within 1 px."""
     bop: BopModel | None = None
     """Diameter and symmetries of the model in a BOP data set."""
 
-    @property
-    def group(self) -> str:
-        """The set and the class of visibility: the case's line of the report."""
-        if self.visible is None:
-            return self.set
-        return (
-            f"{self.set}, {next(text for least, text in SHARES.items() if self.visible >= least)}"
-        )
+
+def visibility(visible: float) -> str:
+    """Label of a visible share, see ``SHARES``; empty: unknown."""
+    return next((label for least, label in SHARES.items() if visible >= least), "")
 
 
 class Entry(Struct, frozen=True):
@@ -61,7 +58,7 @@ class Entry(Struct, frozen=True):
     accuracy: str
     """Largest error of the truth, "2-4 px" or "exact"."""
     image_diagonal_px: Positive
-    visible: float | None = None
+    visible: float = math.nan
 
     def __post_init__(self) -> None:
         self.camera.perspective(1, 1)

@@ -1,13 +1,16 @@
-"""Tables of trials: shares of fits that found the pose by deviation, and BOP's average recalls."""
+"""Tables and figures of trials: shares found, trust in the verdict, and BOP's average recalls."""
 
+import math
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from typing import TypeVar
+from typing import NamedTuple, Self, TypeVar
 
 import numpy as np
 from scipy.stats import binomtest
 
+from poseviewer.evaluation.cases import visibility
 from poseviewer.evaluation.plan import KINDS
-from poseviewer.evaluation.trials import FOUND_PERCENT, Trial
+from poseviewer.evaluation.trials import Trial
+from poseviewer.figures.study_sheet import Panel
 from poseviewer.figures.text_table import Table
 from poseviewer.fit.progress import Status
 from poseviewer.geometry.arrays import FloatArray
@@ -15,11 +18,31 @@ from poseviewer.geometry.arrays import FloatArray
 Key = TypeVar("Key", bound=Hashable)
 Column = Callable[[Sequence[Trial]], str]
 NONE = "-"
-WRONG_PERCENT = 2.0
-"""Error beyond the truth's own from which a pose that is called found counts as wrong."""
 LABELS = {str(kind): label for kind, label in KINDS.items()}
 THRESHOLDS = {"mssd": np.arange(0.05, 0.501, 0.05), "mspd": np.arange(5.0, 50.1, 5.0)}
 """Shares of the model's diameter; px of a photo that is 640 px wide."""
+
+
+class Share(NamedTuple):
+    """Share and its 95 % interval (Wilson, 1927), right for few and for none or all; per cent."""
+
+    value: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, trials: Iterable[Trial], test: Callable[[Trial], bool] = lambda t: t.found) -> Self:
+        """Share of trials that pass a test; nan where there are no trials."""
+        flags = [test(trial) for trial in trials]
+        if not flags:
+            return cls(math.nan, math.nan, math.nan)
+        interval = binomtest(sum(flags), len(flags)).proportion_ci(method="wilson")
+        return cls(100.0 * sum(flags) / len(flags), 100.0 * interval.low, 100.0 * interval.high)
+
+    def __str__(self) -> str:
+        if math.isnan(self.value):
+            return NONE
+        return f"{self.value:.0f} ({self.low:.0f} to {self.high:.0f})"
 
 
 def _values(trials: Iterable[Trial], name: str) -> FloatArray:
@@ -30,75 +53,89 @@ def _median(name: str, shown: str) -> Column:
     return lambda trials: format(np.median(_values(trials, name)), shown)
 
 
-def _share(test: Callable[[Trial], bool], among: Callable[[Trial], bool] | None = None) -> Column:
-    def share(trials: Sequence[Trial]) -> str:
-        tested = [test(trial) for trial in trials if among is None or among(trial)]
-        return f"{np.mean(tested):.0%}" if tested else NONE
-
-    return share
-
-
-def _is_called_found(trial: Trial) -> bool:
+def is_called_found(trial: Trial) -> bool:
+    """Whether the verdict is ``found``."""
     return trial.verdict == "found"
-
-
-def _is_worse(trial: Trial) -> bool:
-    margin = max(trial.accuracy_percent, FOUND_PERCENT)
-    return trial.error_percent_end > trial.error_percent_start + margin
-
-
-def _is_wrong(trial: Trial) -> bool:
-    return trial.error_percent_end > trial.accuracy_percent + WRONG_PERCENT
 
 
 COLUMNS: Mapping[str, Column] = {
     "start": _median("error_percent_start", ".2f"),
     "end": _median("error_percent_end", ".2f"),
-    "improved": _share(lambda trial: trial.error_percent_end < trial.error_percent_start),
-    "made worse": _share(_is_worse),
-    "called found": _share(_is_called_found),
-    "of these wrongly": _share(_is_wrong, _is_called_found),
-    "loss below truth's": _share(lambda trial: trial.loss_end < trial.loss_truth),
     "evaluations": _median("evaluations", ".0f"),
     "seconds": _median("seconds", ".2g"),
 }
 
 
-def study_table(trials: Sequence[Trial], groups: Mapping[str, str]) -> Table:
-    """Tabulate fits by method, reading and group of photos: that of ``groups``, else the set."""
+def study_table(trials: Sequence[Trial]) -> Table:
+    """Tabulate fits by method, reading and photos: their kind, or set and visible share."""
 
     def line(trial: Trial) -> tuple[str, ...]:
-        group = groups.get(trial.case, trial.set)
-        return trial.method, trial.reading or "angle", LABELS.get(group, group), trial.pixels
+        label = LABELS.get(trial.set, trial.set), visibility(trial.visible)
+        return trial.method, trial.reading or "angle", ", ".join(filter(None, label)), trial.pixels
 
     deviations, rows = sorted({_deviation(trial) for trial in trials}), []
-    for (method, reading, label, pixels), some in sorted(_grouped(trials, line).items()):
+    for (method, reading, label, pixels), some in sorted(grouped(trials, line).items()):
         name = f"{method}: {label}" + ("" if pixels == "near" else f", {pixels}")
-        at = _grouped(some, _deviation)
-        shares = (_interval(at.get(deviation, ())) for deviation in deviations)
+        at = grouped(some, _deviation)
+        shares = (str(Share.of(at.get(deviation, ()))) for deviation in deviations)
         rows.append((name, reading, *shares, *(of(some) for of in COLUMNS.values())))
     offs = (f"{degrees}°" if degrees else f"{percent:g} %" for percent, degrees in deviations)
     title = "Fits that found the pose, % (95 % interval), by deviation"
     return Table(title, ("method: photos", "off by", *offs, *COLUMNS), tuple(rows))
 
 
+def reliability_panels(trials: Sequence[Trial]) -> list[list[Panel]]:
+    """Shares found against the deviation: a row for a reading, a panel for a kind of photo."""
+    percents, rows = sorted({trial.percent for trial in trials}), []
+    axes = {"ylabel": "found, %", "ylim": (-3, 103), "xscale": "log", "xticks": percents}
+    axes |= {"xticklabels": [f"{percent:g}" for percent in percents]}
+    axes |= {"xlim": (percents[0] / 1.3, percents[-1] * 1.3)}
+    for reading, of_reading in sorted(grouped(trials, lambda t: t.reading).items(), reverse=True):
+        rows.append([])
+        for kind, of_kind in grouped(of_reading, lambda t: t.set).items():
+            lines = {
+                name: [(x, *Share.of(at)) for x, at in grouped(own, lambda t: t.percent).items()]
+                for name, own in grouped(of_kind, lambda t: f"{t.method}, {t.pixels}").items()
+            }
+            names = {"title": LABELS[kind], "xlabel": f"{reading} deviation, %"}
+            rows[-1].append(Panel({k: sorted(v) for k, v in lines.items()}, axes | names))
+    return rows
+
+
+def calibration_table(trials: Iterable[Trial]) -> Table:
+    """Tabulate the stated probability and the true share by stratum: what makes a case hard."""
+    judged = [trial for trial in trials if not math.isnan(trial.probability)]
+    strata: dict[str, list[Trial]] = {}
+    for trial in judged:
+        for name in filter(None, (visibility(trial.visible), *trial.traits.split(", "))):
+            strata.setdefault(name, []).append(trial)
+    rows = []
+    for name, some in (("all", judged), *sorted(strata.items())) if judged else ():
+        stated, called = _values(some, "probability").mean(), list(filter(is_called_found, some))
+        right = str(Share.of(some)), str(len(called)), str(Share.of(called))
+        rows.append((name, str(len(some)), f"{100.0 * stated:.0f}", *right))
+    columns = "stratum", "fits", "stated", "right", "called found", "of these right"
+    return Table("Stated probability of a right end, and true share, %", columns, tuple(rows))
+
+
 def bop_table(trials: Sequence[Trial], targets: int) -> Table:
     """Tabulate average recalls before and after, of all targets and of each object's fits."""
     names = [f"{error}_{when}" for error in THRESHOLDS for when in ("start", "end")]
-    is_kept, rows = _share(lambda trial: trial.status == Status.KEPT.name), []
-    for method, own in _grouped(trials, lambda trial: f"{trial.method}, {trial.pixels}").items():
-        objects = sorted(_grouped(own, lambda trial: trial.set).items())
+    rows = []
+    for method, own in grouped(trials, lambda trial: f"{trial.method}, {trial.pixels}").items():
+        objects = sorted(grouped(own, lambda trial: trial.set).items())
         groups = [("all targets", own, targets)]
         groups += [(f"fits of {name}", some, len(some)) for name, some in objects]
         for name, some, count in groups:
             shares = (average_recall(_values(some, n), THRESHOLDS[n[:4]], count) for n in names)
-            columns = is_kept, COLUMNS["called found"], COLUMNS["seconds"]
             recalls = (f"{share:.3f}" for share in shares)
-            rows.append((name, method, str(count), *recalls, *(of(some) for of in columns)))
+            kept = Share.of(some, lambda trial: trial.status == Status.KEPT.name)
+            tests = str(kept), str(Share.of(some, is_called_found)), COLUMNS["seconds"](some)
+            rows.append((name, method, str(count), *recalls, *tests))
     recalls = ("MSSD before", "after", "MSPD before", "after")
     return Table(
         "Average recall of BOP's MSSD and MSPD, of the estimates and after the fits",
-        ("targets", "method", "n", *recalls, "estimate kept", "called found", "seconds"),
+        ("targets", "method", "n", *recalls, "estimate kept, %", "called found, %", "seconds"),
         tuple(rows),
     )
 
@@ -112,18 +149,9 @@ def _deviation(trial: Trial) -> tuple[float, int]:
     return trial.percent, trial.degrees
 
 
-def _grouped(trials: Sequence[Trial], key: Callable[[Trial], Key]) -> dict[Key, list[Trial]]:
+def grouped(trials: Iterable[Trial], key: Callable[[Trial], Key]) -> dict[Key, list[Trial]]:
+    """Group trials by a key, in the order in which keys come."""
     groups: dict[Key, list[Trial]] = {}
     for trial in trials:
         groups.setdefault(key(trial), []).append(trial)
     return groups
-
-
-def _interval(trials: Sequence[Trial]) -> str:
-    """Share found and its interval (Wilson, 1927), right for few trials and for none or all."""
-    if not trials:
-        return NONE
-    count = sum(trial.found for trial in trials)
-    interval = binomtest(count, len(trials)).proportion_ci(method="wilson")
-    low, high = 100.0 * interval.low, 100.0 * interval.high
-    return f"{100.0 * count / len(trials):.0f} ({low:.0f} to {high:.0f})"

@@ -1,6 +1,7 @@
 """Trials: the fit of a case from a start, and how far it ends from the truth."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -40,6 +41,10 @@ class Trial:
     case: str
     set: str
     """Kind of photo, or the set of the case."""
+    visible: float = math.nan
+    """Share of the model's pixels that nothing hides."""
+    traits: str = ""
+    """What makes the case easy or hard, with commas between."""
     method: str
     pixels: str
     reading: str = ""
@@ -72,6 +77,8 @@ class Trial:
     """Name of the ``Status``, or of the error that kept the fit from beginning."""
     verdict: str = ""
     """The verdict on the end; empty where there is none."""
+    probability: float = math.nan
+    """Stated probability that the end is right."""
     evidence: str = ""
     """The features that the verdict comes from: ``name=value``, with blanks between them."""
 
@@ -141,7 +148,17 @@ class Task:
         if case.is_drawn:
             is_found = outcome["error_px_end"] < FOUND_PX
         about = {"set": case.set, "found": is_found, "accuracy_percent": case.accuracy_percent}
+        about |= {"visible": case.visible, "traits": ", ".join(self._traits(model))}
         return Trial(**self.identity, **about, **outcome)
+
+    def _traits(self, model: LoadedModel) -> Iterator[str]:
+        colours = model.mesh.colours
+        has_colours = bool(model.mesh.textures) or bool(np.ptp(colours, axis=0).any())
+        yield "model with colours" if has_colours else "model of one colour"
+        if self.settings.free_focal:
+            yield "focal length free"
+        if not model.symmetry.is_none:
+            yield "symmetric"
 
 
 def _outcome(result: Scene, truth: Pose) -> dict[str, Any]:
@@ -158,6 +175,7 @@ def _outcome(result: Scene, truth: Pose) -> dict[str, Any]:
         "evaluations": progress.evaluations,
         "status": progress.status.name,
         "verdict": "" if verdict is None else verdict.word,
+        "probability": math.nan if verdict is None else verdict.probability,
         "evidence": " ".join(f"{name}={value:.6g}" for name, value in features.items()),
     }
 

@@ -40,7 +40,10 @@ def test_every_start_is_fitted_and_both_methods_share_a_table(capsys):
     for row in rows[:4]:
         assert float(row["error_percent_end"]) < 1.0 < float(row["error_percent_start"])
         assert float(row["accuracy_percent"]) == pytest.approx(2.0)
-    assert "100%" in capsys.readouterr().out
+        assert (float(row["probability"]) > 0.5) == (row["verdict"] != "lost")
+        assert row["traits"] == "model with colours"
+    printed = capsys.readouterr().out
+    assert "| model with colours | 8 |" in printed
     assert "| default: scene |" in Path("out/study.md").read_text()
 
 
@@ -53,7 +56,7 @@ def test_cases_and_draws_are_chosen_and_the_report_tells_how_much_is_seen(folder
     assert [(r["case"], r["draw"]) for r in read_rows(Path("out/trials.csv"))] == [("ball-b", "0")]
     assert run(*line.split()) == 0
     head, _, *rows = Path("out/study.md").read_text().splitlines()[4:8]
-    assert "| called found | of these wrongly |" in head
+    assert "| 5° | start | end |" in head
     names = ["default: scene", "default: scene, seen 50-90 %"]
     assert [row.split("|")[1].strip() for row in rows] == names
 

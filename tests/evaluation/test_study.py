@@ -4,6 +4,7 @@ import shutil
 
 import pytest
 
+from poseviewer.files.photo import load_photo
 from tests.commands import read_rows
 from tests.commands import run as run_command
 from tests.renderers import require_opengl
@@ -26,7 +27,7 @@ def run(model, out, *more) -> int:
 def study(model, tmp_path_factory):
     out = tmp_path_factory.mktemp("study")
     assert run(model, out) == 0
-    assert run(model, out, "--method", "paper") == 0
+    assert run(model, out, "--paper") == 0
     return out
 
 
@@ -43,7 +44,10 @@ def test_there_is_a_row_for_every_trial_and_a_report(study):
         assert len(row["end"].split()) == 6
         assert row["verdict"] in ("found", "doubtful", "lost")
         assert row["error_px_start"] == same["error_px_start"]  # methods start at one pose
-    assert "paper: synthetic, plain black ground, whole" in (study / "study.md").read_text()
+    written = (study / "study.md").read_text()
+    assert "paper: synthetic, plain black ground, whole" in written
+    assert "](reliability.png)" in written
+    assert load_photo(study / "reliability.png").width > 500
 
 
 @pytest.mark.slow

@@ -23,7 +23,7 @@ from poseviewer.api import Scene, load, make_scene
 from poseviewer.cli.options import listed, whole
 from poseviewer.confidence.pose_covariance import region_reach
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError
-from poseviewer.evaluation.cases import Case, load_cases, load_starts
+from poseviewer.evaluation.cases import Case, load_cases, load_starts, visibility
 from poseviewer.evaluation.trials import open_model, open_photo
 from poseviewer.files.photo import load_photo
 from poseviewer.files.photo_sets import LoadedViews
@@ -151,7 +151,7 @@ def _trial(case: Case, way: str, start: Pose, end: Scene, seconds: float) -> Tri
         away = sure.deviation(case.truth)
         deviations = float(np.sqrt(away @ np.linalg.solve(sure.matrix, away)))
     return Trial(
-        case.group,
+        case.set + f", {visibility(case.visible)}" * (case.visible >= 0.0),
         way,
         case.name,
         pose_error(mesh, start, case.truth, symmetry).percent,
@@ -172,7 +172,7 @@ def view_trials(
     """Fits by so many photos of one model as there are, all from the start 15 degrees off."""
     starts = {s.case: s.camera_from_model.rigid for s in load_starts(folder, (15,), 1)}
     exact = [case for case in cases if case.accuracy_percent == 0.0]
-    exact = [case for case in exact if case.visible is None or case.visible >= MIN_SEEN]
+    exact = [case for case in exact if not case.visible < MIN_SEEN]  # nan: unknown
     for first in exact[::every]:
         chosen = [first]
         for other in exact:
