@@ -46,7 +46,7 @@ ALIASES = {
     "imagesize": "imgsize resolution",
     "width": "imagewidth width imgwidth",
     "height": "imageheight height imgheight",
-    "isfisheye": "fisheyemodel isfisheye",
+    "isfisheye": "fisheyemodel fisheye",
     "model": "distortionmodel lensmodel model distortiontype",
     "cameramodel": "cameramodel projectionmodel",
     "cx": "cx ppx",
@@ -65,7 +65,11 @@ UNNAMED = ("calibration", "camera", "camera_info", "intrinsics", "sensor", "sens
 LABELS = ("label", "file_path", "#name", "name", "intrinsicId", "id")
 """Keys of what an entry of a list is called."""
 TYPED = ("Metashape", "Meshroom")
-"""Tools whose ``type`` is that of a lens."""
+"""Tools whose ``type`` or ``projection`` is that of a lens."""
+TYPE_LIKE = re.compile(r".*(type|model|lens|projection)")
+OTHER_LENS = re.compile(r".*(fish|equidist|omni|mei|eucm|kannala|division|sphere)")
+"""Names, in small letters without ``_``, of what may say a lens model, and models but OpenCV's
+standard one."""
 OPENCV_ORDER = "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4"
 LENS_NAMES: dict[LensModel | None, str] = {
     "opencv": "plumbbob rationalpolynomial opencv fullopencv pinhole simplepinhole standard radtan "
@@ -81,7 +85,7 @@ LENS_MODELS: dict[str, LensModel | None] = {
 }
 LENS_LIKE = re.compile(
     r"(?!.*(std|error|sigma|covar|model|type|distance))"
-    r"(.*dist.*|.*coeff?(icient)?s?|kc|.*radial.*|.*tangential.*|(?P<alone>[kpb]\d|t[12]|skew))"
+    r"(.*dist.*|.*coeff?(icient)?s?|kc|d\d*|.*radial.*|.*tangential.*|(?P<alone>[kpb]\d|t[12]|skew))"
 )
 """Names, in small letters without ``_``, of what may be a lens; ``alone``: a number, no list."""
 SIDED = re.compile(r"(left|right)?(.*?)(left|right|\d*)")
@@ -176,7 +180,8 @@ def _of_matrix(said: _Said, name: str = "matrix") -> Any:
     key = said.entries[name][0]
     is_by_columns = key.replace("_", "").lower() == "intrinsicmatrix"
     camera = camera_of_matrix(said.reading, said.value(name), key, by_columns=is_by_columns)
-    return camera.fx, camera.fy, camera.cx - HALF_PIXEL, camera.cy - HALF_PIXEL
+    shift = HALF_PIXEL + (key == "IntrinsicMatrix")  # MATLAB counts pixel centres from 1
+    return camera.fx, camera.fy, camera.cx - shift, camera.cy - shift
 
 
 def _kalibr(said: _Said) -> Any:
@@ -342,6 +347,8 @@ def cameras_in(reading: Reading, data: Any, fisheye: bool = False) -> list[FileC
             "wanted camera_matrix and distortion_coefficients, or fx, fy, cx, cy",
         )
     for key, value in said:
+        if key not in used and TYPE_LIKE.match(_plain(key)) and OTHER_LENS.match(_plain(value)):
+            raise reading.error(f"{key!r} is {str(value)[:40]!r}", "wanted it as distortion_model")
         like = LENS_LIKE.fullmatch(_plain(key))
         if (
             like
@@ -431,7 +438,7 @@ def _camera(said: _Said, form: Form, name: str, fisheye: bool) -> FileCamera:
 
 def _lens(said: _Said, form: Form, fisheye: bool) -> Lens | None:
     model: LensModel | None = "fisheye" if fisheye else "opencv"
-    text, names = "", ("model", "cameramodel", *("type",) * (form.tools in TYPED))
+    text, names = "", ("model", "cameramodel", *("type", "projection") * (form.tools in TYPED))
     if str(said.value("isfisheye")).lower().rstrip(".0") in ("1", "true"):
         model = "fisheye"
     elif text := next((t for n in names if (t := str(said.value(n) or ""))), ""):

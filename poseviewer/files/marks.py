@@ -40,16 +40,17 @@ class PointPairs:
 
 def load_pairs(path: str | Path) -> PointPairs:
     """Point pairs from a table: columns x, y, z, u, v, or in the order of a header's names among
-    others; parted by commas, semicolons or tabs, the latter two with decimal commas or points.
+    others; parted by tabs, semicolons, commas or spaces; decimal commas are points.
     """
     reading = _reading(path)
     with reading.naming_errors():
         text = reading.load_text()
-        first = next((line for line in text.splitlines() if line.strip(" ,;\t#")), "")
-        separator = next((mark for mark in "\t;" if mark in first), ",")
+        first = next((line for line in text.splitlines() if line.strip() and "#" not in line), "")
+        separator = next((mark for mark in "\t;," if mark in first), " ")
+        table = csv.reader(StringIO(text), delimiter=separator, skipinitialspace=True)
         rows = [
             (f"line {number}", row)
-            for number, row in enumerate(csv.reader(StringIO(text), delimiter=separator), 1)
+            for number, row in enumerate(table, 1)
             if any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#")
         ]
         names = [cell.strip().lower() for cell in rows[0][1]] if rows else []
@@ -60,11 +61,10 @@ def load_pairs(path: str | Path) -> PointPairs:
                     found = f"{where} has {len(row)} values"
                     raise reading.error(found, f"wanted {len(names)}, as the header has")
             rows = [(where, [row[names.index(name)] for name in PAIR]) for where, row in rows]
-        if separator != ",":
-            rows = [(where, [cell.replace(",", ".") for cell in row]) for where, row in rows]
+        rows = [(where, [cell.replace(",", ".") for cell in row]) for where, row in rows]
         numbers = [_numbers(reading, where, row, PAIR) for where, row in rows]
-    table = np.array(numbers, dtype=float).reshape(-1, len(PAIR))
-    return PointPairs(table[:, :3], points_from_integer_centres(table[:, 3:]))
+    values = np.array(numbers, dtype=float).reshape(-1, len(PAIR))
+    return PointPairs(values[:, :3], points_from_integer_centres(values[:, 3:]))
 
 
 def wheels_from_text(text: str) -> Wheels:

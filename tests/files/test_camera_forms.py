@@ -15,6 +15,8 @@ from poseviewer.geometry.lens import Lens, opencv_matrix
 
 K = [[500.0, 0.0, 321.0], [0.0, 510.0, 239.0], [0.0, 0.0, 1.0]]
 FLAT, FOCALS = [*K[0], *K[1], *K[2]], {"fx": 500, "fy": 510, "cx": 321, "cy": 239}
+MATLAB = [[500.0, 0.0, 0.0], [0.0, 510.0, 0.0], [322.0, 240.0, 1.0]]
+"""By columns; pixel centres count from 1."""
 SIZE = {"width": 640, "height": 480}
 BROWN = (-0.3, 0.1, 0.001, -0.001, 0.02)
 NAMED = dict(zip(("k1", "k2", "p1", "p2", "k3"), BROWN, strict=True))
@@ -37,12 +39,13 @@ def array(values: Any) -> bytes:
 
 FORMS: dict[str, tuple[str, Any, Lens | None]] = {
     "matrix and dist": ("a.json", {"K": K, "dist": BROWN, **SIZE}, LENS),
+    "fisheye said": ("a.json", {"K": K, "D": FISHEYE, "fisheye": True}, Lens("fisheye", FISHEYE)),
     "kc": ("a.json", {"K": K, "kc": [BROWN], **SIZE}, LENS),
     "coefs": ("a.json", {"mtx": FLAT, "dist_coefs": BROWN}, LENS),
     "named in a lens": ("a.json", {**FOCALS, "lens": NAMED}, LENS),
     "named in a distortion": ("a.json", {"intrinsics": FOCALS, "distortion": NAMED}, LENS),
     "radial and tangential": (
-        "a.json", {"IntrinsicMatrix": K, "RadialDistortion": [-0.3, 0.1, 0.02],
+        "a.json", {"IntrinsicMatrix": MATLAB, "RadialDistortion": [-0.3, 0.1, 0.02],
                    "TangentialDistortion": [0.001, -0.001]}, LENS),
     "intrinsics of nine": ("a.json", {"intrinsics": FLAT, "distortion": BROWN}, LENS),
     "rational": ("a.json", {**FOCALS, "k1": 0.1, "k6": 0.3},
@@ -157,6 +160,8 @@ LOST = {
     "metashape's shear": ({**SIZE, "f": 500, "cx": 0, "cy": 0, "b2": 1}, "'b2'"),
     "realitycapture's t1": ({"f": 35, "px": 0, "py": 0, "t1": 0.1}, "'t1'"),
     "another model": ({"K": K, "D": FISHEYE, "distortion_model": "fov"}, "'fov'"),
+    "a type of lens": ({"K": K, "D": FISHEYE, "lens_type": "Fisheye"}, "'lens_type'"),
+    "coefficients of another camera": ({"K": K, "D1": BROWN}, "'D1'"),
     "an inverse model": ({**FOCALS, "model": "inverse_brown_conrady", "coeffs": BROWN}, "inverse"),
     "omnidirectional": ({"camera_model": "omni", "intrinsics": [1, 5, 5, 2, 2]}, "intrinsics"),
     "meshroom's brown": ({**MESHROOM, "pxFocalLength": 5, "principalPoint": [0, 0], "version": [1],

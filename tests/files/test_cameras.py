@@ -107,6 +107,8 @@ COLMAP = {
     "OPENCV_FISHEYE 1280 720 1000 1010 640.5 360 1 2 3 4": ("fisheye", (1, 2, 3, 4)),
     "SIMPLE_RADIAL_FISHEYE 1280 720 1000 640.5 360 0.1": ("fisheye", (0.1, 0, 0, 0)),
     "RADIAL_FISHEYE 1280 720 1000 640.5 360 0.1 0.2": ("fisheye", (0.1, 0.2, 0, 0)),
+    "SIMPLE_FISHEYE 1280 720 1000 640.5 360": ("fisheye", (0, 0, 0, 0)),
+    "FISHEYE 1280 720 1000 1010 640.5 360": ("fisheye", (0, 0, 0, 0)),
 }  # fmt: skip
 """Pixel centres at i + 0.5 in COLMAP's file as well: no shift."""
 

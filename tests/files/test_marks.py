@@ -73,3 +73,29 @@ def test_wheels_are_read_from_text():
 def test_broken_wheels_are_told(text: str, words: str):
     with pytest.raises(QuickStartError, match=words):
         wheels_from_text(text)
+
+
+WRITTEN = {
+    "tabs": "x\ty\tz\tu\tv\n1.5\t2\t3\t10\t20\n",
+    "semicolons and decimal commas": "\ufeffx;y;z;u;v\r\n1,5;2;3;10;20,0\r\n",
+    "quoted decimal commas": '"1,5",2,3,10,20\n',
+    "spaces": "1.5 2  3 10 20\n",
+    "another order": "u,v,z,y,x\n10,20,3,2,1.5\n",
+    "capitals, quotes and other columns": '"ID","X","Y","Z","U","V"\n7,1.5,2,3,10,20\n',
+    "a comment with marks": "# x; y\t z\nv,u,x,y,z\n20,10,1.5,2,3\n",
+    "tabs and decimal commas without a header": "1,5\t2\t3\t10\t20\n",
+}
+
+
+@pytest.mark.parametrize("way", WRITTEN)
+def test_a_table_may_be_written_in_many_ways(tmp_path: Path, way: str):
+    (tmp_path / "pairs.csv").write_text(WRITTEN[way], "utf-8")
+    pairs = load_pairs(tmp_path / "pairs.csv")
+    assert pairs.points.tolist() == [[1.5, 2.0, 3.0]]
+    assert pairs.pixels.tolist() == [[10.5, 20.5]]
+
+
+def test_a_row_that_is_not_as_long_as_its_header_is_told(tmp_path: Path):
+    (tmp_path / "pairs.csv").write_text("id,x,y,z,u,v\n1,2,3,4,5\n")
+    with pytest.raises(QuickStartError, match="line 2 has 5 values; wanted 6"):
+        load_pairs(tmp_path / "pairs.csv")

@@ -180,3 +180,49 @@ def test_pictures_of_unknown_kind_are_not_saved(tmp_path: Path, name: str) -> No
     with pytest.raises(PhotoFileError, match=rf"^{name}: .*use \.png or \.jpg"):
         save_image(tmp_path / name, RGB)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["a.dng", "a.nef", "a.cr2", "a.arw", "a.tif", "a.jpg"])
+@pytest.mark.parametrize("tags", [{254: 1}, {50706: b"\1\4\0\0"}])
+def test_a_raw_photo_is_not_opened_as_its_preview(tmp_path: Path, name: str, tags) -> None:
+    info = TiffImagePlugin.ImageFileDirectory_v2()
+    for tag, value in tags.items():
+        info[tag] = value
+        info.tagtype[tag] = 4 if tag == 254 else 1
+    Image.fromarray(RGB).save(tmp_path / name, "TIFF", tiffinfo=info)
+    with pytest.raises(PhotoFileError, match="a raw photo; develop it"):
+        load_photo(tmp_path / name)
+
+
+def tiled_tiff(pixels: np.ndarray, orientation: int) -> bytes:
+    """A TIFF 6.0 file of tiles of 16 x 16 px, without compression, written by hand."""
+    height, width, channels = pixels.shape
+    tiles = [
+        pixels[y : y + 16, x : x + 16] for y in range(0, height, 16) for x in range(0, width, 16)
+    ]
+    data = b"".join(np.ascontiguousarray(tile).tobytes() for tile in tiles)
+    size, start = len(data) // len(tiles), 8
+    more = start + len(data)
+    bits, at = struct.pack("<3H", 8, 8, 8) + b"\0\0", more + 8
+    offsets = struct.pack(f"<{len(tiles)}I", *(start + i * size for i in range(len(tiles))))
+    counts = struct.pack(f"<{len(tiles)}I", *[size] * len(tiles))
+    entries = [(256, 4, 1, width), (257, 4, 1, height),
+               (258, 3, channels, more if channels > 1 else 8), (259, 3, 1, 1),
+               (262, 3, 1, 2 if channels > 1 else 1), (274, 3, 1, orientation),
+               (277, 3, 1, channels), (322, 3, 1, 16), (323, 3, 1, 16),
+               (324, 4, len(tiles), at), (325, 4, len(tiles), at + len(offsets))]  # fmt: skip
+    head = struct.pack("<2sHI", b"II", 42, at + len(offsets) + len(counts))
+    table = struct.pack("<H", len(entries)) + b"".join(struct.pack("<HHII", *e) for e in entries)
+    return head + data + bits + offsets + counts + table + bytes(4)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_tiled_tiff_is_turned_upright(tmp_path: Path, orientation: int, channels: int) -> None:
+    """EXIF's orientations by their definition: where the 0th row and the 0th column are."""
+    stored = RGB[:, :, :channels]
+    (tmp_path / "a.tif").write_bytes(tiled_tiff(stored, orientation))
+    wanted = stored.transpose(1, 0, 2) if orientation >= 5 else stored
+    wanted = wanted[:, ::-1] if orientation in (2, 3, 6, 7) else wanted
+    wanted = wanted[::-1] if orientation in (3, 4, 7, 8) else wanted
+    np.testing.assert_array_equal(load_photo(tmp_path / "a.tif").pixels, wanted)

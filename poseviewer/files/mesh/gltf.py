@@ -48,8 +48,8 @@ LOST = {
     "KHR_draco_mesh_compression": "",
     "EXT_meshopt_compression": "",
     "KHR_meshopt_compression": "",
-    "KHR_texture_basisu": "pictures in KTX2",
-    "EXT_texture_avif": "pictures in AVIF",
+    "KHR_texture_basisu": "",
+    "EXT_texture_avif": "",
     "KHR_node_visibility": "what is hidden",
 }
 """Extensions that change shape or colour, and are not read: what is lost where a file does not
@@ -226,9 +226,12 @@ class _Document:
     def _image_of(self, info: dict[str, Any]) -> int | None:
         """Index of the picture of a texture, if it is of a kind that is read."""
         texture = self.data["textures"][info["index"]]
-        return (_extension(texture, "EXT_texture_webp") or texture).get(
-            "source", texture.get("source")
-        )
+        index = (_extension(texture, "EXT_texture_webp") or texture).get("source")
+        index = texture.get("source") if index is None else index
+        if index is None:
+            kinds = ", ".join(texture.get("extensions", {}))[:80] or "no kind"
+            self.notes.append(f"Texture left out: its picture is of {kinds}.")
+        return index
 
     @cached_property
     def textures(self) -> dict[int, NDArray[np.uint8]]:

@@ -52,6 +52,8 @@ def read_obj(path: Path) -> tuple[list[Part], list[str]]:
     materials = _read_materials(path, libraries, notes)
     if len(materials) == 1 and not any(material for _, (_, material) in changes):
         materials[""] = next(iter(materials.values()))  # as some scans have it
+    elif materials and not any(material for _, (_, material) in changes):
+        notes.append(f"No usemtl says where its {len(materials):,} materials are: left out.")
     starts, names = zip(*changes, strict=True)
     keys = {key: number for number, key in enumerate(dict.fromkeys(names))}
     which = np.repeat([keys[key] for key in names], np.diff([*starts, len(counts)]))

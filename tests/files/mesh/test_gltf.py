@@ -250,7 +250,7 @@ def test_an_extension_that_is_not_read_is_refused_where_it_is_required(tmp_path,
 @pytest.mark.parametrize(
     ("name", "note"),
     [
-        ("KHR_texture_basisu", "pictures in KTX2"),
+        ("KHR_texture_basisu", ""),
         ("ACME_unknown", "ACME_unknown"),
         ("KHR_materials_clearcoat", ""),
         ("KHR_draco_mesh_compression", ""),
@@ -259,3 +259,14 @@ def test_an_extension_that_is_not_read_is_refused_where_it_is_required(tmp_path,
 def test_an_extension_that_is_not_required_is_noted_where_something_is_lost(tmp_path, name, note):
     mesh = Plate().load(tmp_path, extensionsUsed=[name])
     assert mesh.notes == ((f"Not read, left out: {note}.",) if note else ())
+
+
+@pytest.mark.parametrize("has_other", [True, False])
+def test_a_picture_of_a_kind_that_is_not_read_is_noted_unless_there_is_another(tmp_path, has_other):
+    texture = {"extensions": {"KHR_texture_basisu": {"source": 0}}} | (
+        {"source": 0} if has_other else {}
+    )
+    mesh = Plate().load(tmp_path, textures=[texture], extensionsUsed=["KHR_texture_basisu"])
+    assert len(mesh.textures) == has_other
+    note = "Texture left out: its picture is of KHR_texture_basisu."
+    assert mesh.notes == (() if has_other else (note,))
