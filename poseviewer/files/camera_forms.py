@@ -9,7 +9,7 @@ import csv
 import re
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from io import BytesIO, StringIO
 from typing import Any
 from xml.etree import ElementTree
@@ -106,8 +106,6 @@ class FileCamera:
     """File names of the photos it took, as far as the file says."""
     read: str = ""
     """Form and keys that it was read from."""
-    is_relative: bool = False
-    """Whether lengths are in the longer side of the photo, the principal point from its middle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +114,7 @@ class _Said:
 
     reading: Reading
     entries: dict[str, tuple[str, Any]]
+    photo: tuple[int, int]
     used: dict[str, None] = field(default_factory=dict)
     """Keys that were read."""
 
@@ -144,7 +143,7 @@ class _Said:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height in px, 0 where they are not said."""
+        """Width and height in px, as said, or else those of the photo."""
         names = ("w", "h") if "flx" in self else ("width", "height")  # w may be a chessboard's
         value = [self.value(name) for name in names]
         if None in value:
@@ -152,7 +151,7 @@ class _Said:
         if len(value) not in (0, 2):
             found = f"image_size has {len(value)} numbers"
             raise self.reading.error(found, "wanted width and height")
-        width, height = [self.reading.size(side, "image_size") or 0 for side in value] or [0, 0]
+        width, height = [self.reading.size(side, "image_size") or 0 for side in value] or self.photo
         return width, height
 
     def from_middle(self, fx: float, fy: float, x: float, y: float) -> tuple[float, ...]:
@@ -173,7 +172,6 @@ class Form:
     """px from its pixel coordinates to ours: half a pixel where centres are at integers."""
     lens: str = OPENCV_ORDER
     """Names of its coefficients in OpenCV's order."""
-    is_relative: bool = False
 
 
 def _of_matrix(said: _Said, name: str = "matrix") -> Any:
@@ -216,9 +214,10 @@ def _fspy(said: _Said) -> Any:
 
 
 def _reality_capture(said: _Said) -> Any:
-    """Lengths are those on 35-mm film, 36 mm wide."""
-    focal, x, y = (said.number(name) / 36.0 for name in ("f", "px", "py"))
-    return focal, focal, x, y
+    """Lengths are those on 35-mm film, whose 36 mm are the longer side."""
+    px_per_mm = (max(said.size) or 1) / 36.0
+    focal, x, y = (px_per_mm * said.number(name) for name in ("f", "px", "py"))
+    return said.from_middle(focal, focal, x, y)
 
 
 def _numbers(*names: str) -> Callable[[_Said], Any]:
@@ -234,7 +233,7 @@ FORMS = (
     Form("Kalibr", ("intrinsics",), _kalibr),
     Form("RealSense, BOP", ("fx", "fy", "cx", "cy"), _numbers("fx", "fy", "cx", "cy")),
     Form("nerfstudio", ("flx", "cx", "cy"), _nerfstudio, 0.0, "k1 k2 p1 p2 k3"),
-    Form("RealityCapture", ("f", "px", "py"), _reality_capture, 0.0, "k1 k2 p1 p2 k3", True),
+    Form("RealityCapture", ("f", "px", "py"), _reality_capture, 0.0, "k1 k2 p1 p2 k3"),
     Form("Metashape", ("f", "cx", "cy", "width"), _metashape, 0.0, "k1 k2 p2 p1 k3"),
     Form("Meshroom", ("principalpoint", "focallength", "sensorwidth", "width"), _meshroom, 0.0),
     Form("Meshroom", ("principalpoint", "pxfocallength", "width"), _meshroom, 0.0),
@@ -318,8 +317,11 @@ def _of_element(element: ElementTree.Element) -> Any:
     return {**element.attrib, **entries} or ""
 
 
-def cameras_in(reading: Reading, data: Any, fisheye: bool = False) -> list[FileCamera]:
-    """All cameras in a tree; ``fisheye``: OpenCV's fisheye model where it names no other.
+def cameras_in(
+    reading: Reading, data: Any, fisheye: bool = False, photo: tuple[int, int] = (0, 0)
+) -> list[FileCamera]:
+    """All cameras in a tree; ``fisheye``: OpenCV's fisheye model where it names no other;
+    ``photo``: size of the pictures where it says none.
 
     Raises the reading's error: there is none, a number makes no sense, a lens is of another model,
     or is said by a key that no form has.
@@ -334,7 +336,7 @@ def cameras_in(reading: Reading, data: Any, fisheye: bool = False) -> list[FileC
         }
         said += [(key, value) for key, value in mapping.items()]
         for number, entries in of_number.items():
-            own = _Said(reading, shared | entries if number else entries)
+            own = _Said(reading, shared | entries if number else entries, photo)
             form = next((form for form in FORMS if all(name in own for name in form.needs)), None)
             if form is not None and (number == "" or "matrix" in entries):
                 name = "-".join(part for part in (path, number) if part)
@@ -433,7 +435,7 @@ def _camera(said: _Said, form: Form, name: str, fisheye: bool) -> FileCamera:
     lens = _lens(said, form, fisheye)
     read = f"{', '.join(said.used)} (as {form.tools})"
     photos = frozenset({name.rsplit("/", 1)[-1]} - {""})
-    return FileCamera(name, camera, lens, photos, read, form.is_relative)
+    return FileCamera(name, camera, lens, photos, read)
 
 
 def _lens(said: _Said, form: Form, fisheye: bool) -> Lens | None:
@@ -460,7 +462,8 @@ def _lens(said: _Said, form: Form, fisheye: bool) -> Lens | None:
     else:
         order = ("k1 k2 k3 k4" if model == "fisheye" else form.lens).split()
         values = [said.number(name, 0.0) for name in order]
-        values = _shortest(values, model or "opencv") if any(n in said for n in order) else []
+        count = next(count for count in (5, 8, 12) if not any(values[count:]))
+        values = values[:count] if any(name in said for name in order) else []
     if not any(values) and (model != "fisheye" or not values):
         return None
     if model is None:
@@ -471,13 +474,6 @@ def _lens(said: _Said, form: Form, fisheye: bool) -> Lens | None:
         wanted = f"OpenCV's {known} model has {', '.join(map(str, COEFFICIENTS[model]))}"
         raise said.reading.error(f"{len(values)} distortion coefficients", wanted)
     return Lens(model, tuple(values))
-
-
-def _shortest(values: list[float], model: LensModel) -> list[float]:
-    """Coefficients without the zeros that a shorter list of 5 or more does without."""
-    counts = [count for count in COEFFICIENTS[model] if count >= 5] or COEFFICIENTS[model]
-    count = next((count for count in counts if not any(values[count:])), len(values))
-    return (values + [0.0] * count)[:count]
 
 
 def camera_of_matrix(
@@ -506,13 +502,3 @@ def camera_of_matrix(
         raise reading.error(f"{what} has a skew of {matrix[0, 1]:g}", "calibrate without skew")
     camera = Perspective(fx, fy, float(matrix[0, 2]), float(matrix[1, 2]), *size)
     return camera_from_integer_centres(camera)
-
-
-def camera_in_photo(found: FileCamera, width: int, height: int) -> FileCamera:
-    """The camera in px of a photo of this size, if the file says it in sides of the photo."""
-    if not found.is_relative:
-        return found
-    camera, side = found.camera, max(width, height)
-    middle = (width / 2.0 + camera.cx * side, height / 2.0 + camera.cy * side)
-    camera = Perspective(camera.fx * side, camera.fy * side, *middle, width, height)
-    return replace(found, camera=camera, is_relative=False)

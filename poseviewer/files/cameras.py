@@ -10,7 +10,6 @@ from poseviewer.errors import CalibrationFileError
 from poseviewer.files.camera_forms import (
     TREES,
     FileCamera,
-    camera_in_photo,
     cameras_in,
     is_matrix,
     load_tree,
@@ -23,8 +22,10 @@ from poseviewer.geometry.camera import Perspective
 KIND = "file of cameras"
 
 
-def load_cameras(path: str | Path, fisheye: bool = False) -> list[FileCamera]:
-    """All cameras in a file; ``fisheye``: OpenCV's fisheye model where it names no other."""
+def load_cameras(
+    path: str | Path, fisheye: bool = False, photo: tuple[int, int] = (0, 0)
+) -> list[FileCamera]:
+    """All cameras in a file, as ``cameras_in`` has them."""
     path = Path(path)
     reading = Reading(path, [], CalibrationFileError, KIND, numbers_as_text=True)
     with reading.naming_errors():
@@ -34,7 +35,7 @@ def load_cameras(path: str | Path, fisheye: bool = False) -> list[FileCamera]:
             case ".txt" if not is_matrix(reading):
                 cameras = _colmap_cameras(reading)
             case ending if ending in TREES:
-                cameras = cameras_in(reading, load_tree(reading), fisheye)
+                cameras = cameras_in(reading, load_tree(reading), fisheye, photo)
             case ending:
                 wanted = f"wanted {', '.join(TREES)} or .bin"
                 raise reading.error(f"its ending is {ending or 'missing'}", wanted)
@@ -73,22 +74,22 @@ def load_calibration(
     choice: Calibration, photo: str, width: int, height: int
 ) -> tuple[FileCamera, tuple[str, ...]]:
     """Load the camera of a photo of this name and size, scaled if need be; notes say so."""
-    chosen = _chosen(choice, load_cameras(choice.path, choice.fisheye), photo)
-    chosen = camera_in_photo(chosen, width, height)
-    camera, (w, h) = chosen.camera, (chosen.camera.width or width, chosen.camera.height or height)
-    if not (0.0 <= camera.cx <= w and 0.0 <= camera.cy <= h):
+    known = load_cameras(choice.path, choice.fisheye, (width, height))
+    chosen, reading = (
+        _chosen(choice, known, photo),
+        Reading(choice.path, error_type=CalibrationFileError),
+    )
+    camera = chosen.camera
+    if not (0.0 <= camera.cx <= camera.width and 0.0 <= camera.cy <= camera.height):
         said = f"its principal point, {camera.cx - 0.5:g}, {camera.cy - 0.5:g}, lies outside"
-        raise Reading(choice.path, error_type=CalibrationFileError).error(
-            f"{said} the photo's {w}x{h} px", "calibrate on pictures of the photo's size"
-        )
-    if not camera.width:
-        return replace(chosen, camera=replace(camera, width=width, height=height)), ()
+        wanted = "calibrate on pictures of the photo's size"
+        raise reading.error(f"{said} the photo's {camera.width}x{camera.height} px", wanted)
     if (camera.width, camera.height) == (width, height):
         return chosen, ()
     said = f"the camera is for {camera.width}x{camera.height} px, the photo has {width}x{height} px"
     if not _is_scaling(camera, width, height):
         wanted = "calibrate on pictures of the photo's size and orientation"
-        raise Reading(choice.path, error_type=CalibrationFileError).error(said, wanted)
+        raise reading.error(said, wanted)
     scaled = replace(chosen, camera=camera.resized(width, height))
     return scaled, (f"{choice.path.name}: {said}; it was scaled to the photo's size.",)
 

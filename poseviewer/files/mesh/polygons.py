@@ -3,26 +3,32 @@
 import numpy as np
 from numpy.typing import NDArray
 
-CONCAVE = -1e-9
-"""Cross product at a corner, in the whole polygon's, below which the corner points inwards."""
+TURNED = -1e-9
+"""Area of a triangle, in that of its polygon, below which it faces the other way."""
 
 
 def polygon_corners(counts: NDArray, points: NDArray) -> NDArray[np.int64]:
     """(T, 3) corners of the triangles that polygons with ``counts`` corners (N,) at ``points``
-    (C, 3) fall into: fans of convex polygons, ears of others.
+    (C, 3) fall into: fans about their first corners, or ears where a fan leaves the polygon.
 
     Corners are numbered through all polygons; polygons of fewer than 3 corners give none.
     """
     counts = np.asarray(counts, dtype=np.int64)
-    triangles = np.maximum(counts - 2, 0)
-    ends = np.cumsum(triangles)
-    starts = np.repeat(np.cumsum(counts) - counts, triangles)
-    step = np.arange(len(starts)) - np.repeat(ends - triangles, triangles)
-    corners = np.stack([starts, starts + step + 1, starts + step + 2], axis=1)
-    for polygon in np.flatnonzero(counts > 3)[_is_concave(counts, points)]:
-        first = int(counts[:polygon].sum())
-        flat = _flattened(points[first : first + counts[polygon]])
-        corners[ends[polygon] - triangles[polygon] : ends[polygon]] = first + _ears(flat)
+    triangles, firsts = np.maximum(counts - 2, 0), np.cumsum(counts) - counts
+    which, ends = np.repeat(np.arange(len(counts)), triangles), np.cumsum(triangles)
+    step = np.arange(len(which)) - np.repeat(ends - triangles, triangles)
+    corners = firsts[which][:, None] + np.stack([0 * step, step + 1, step + 2], axis=1)
+    if counts.max(initial=0) <= 3:
+        return corners
+    a, b, c = points[corners].swapaxes(0, 1)
+    areas = np.cross(b - a, c - a)  # a fan's add up to the polygon's, whatever its shape
+    wholes = np.stack([np.bincount(which, axis, len(counts)) for axis in areas.T], axis=1)
+    shares = np.einsum("td,td->t", areas, wholes[which])
+    turned = shares < TURNED * np.einsum("nd,nd->n", wholes, wholes)[which]
+    for polygon in np.unique(which[turned]):
+        own = firsts[polygon] + np.arange(int(counts[polygon]))
+        ears = _ears(_flattened(points[own], wholes[polygon]))
+        corners[ends[polygon] - triangles[polygon] : ends[polygon]] = own[ears]
     return corners
 
 
@@ -37,31 +43,10 @@ def strip_corners(indices: NDArray) -> NDArray[np.int64]:
     return windows[(windows >= 0).all(axis=1)]
 
 
-def _is_concave(counts: NDArray, points: NDArray) -> NDArray[np.bool_]:
-    """Whether a corner points inwards, of each polygon of more than 3 corners."""
-    large = np.repeat(counts > 3, counts)
-    points, counts = points[large], counts[counts > 3]
-    if not len(counts):
-        return np.zeros(0, bool)
-    starts = np.cumsum(counts) - counts
-    after = np.arange(1, len(points) + 1)
-    after[starts + counts - 1] = starts
-    before = np.empty_like(after)
-    before[after] = np.arange(len(points))
-    centred = points - np.repeat(points[starts], counts, axis=0)
-    normals = np.add.reduceat(np.cross(centred, centred[after]), starts)
-    turns = np.cross(points - points[before], points[after] - points)
-    each = np.einsum("cd,cd->c", turns, np.repeat(normals, counts, axis=0))
-    return np.minimum.reduceat(each, starts) < CONCAVE * np.einsum("nd,nd->n", normals, normals)
-
-
-def _flattened(points: NDArray) -> NDArray:
+def _flattened(points: NDArray, normal: NDArray) -> NDArray:
     """(n, 2): a polygon in its own plane, counter-clockwise."""
-    centred = points - points[0]
-    normal = np.cross(centred, np.roll(centred, -1, axis=0)).sum(axis=0)
-    axis = np.eye(3)[np.argmin(np.abs(normal))]
-    x = np.cross(axis, normal)
-    return centred @ np.stack([x, np.cross(normal, x)], axis=1)
+    x = np.cross(np.eye(3)[np.argmin(np.abs(normal))], normal)
+    return (points - points[0]) @ np.stack([x, np.cross(normal, x)], axis=1)
 
 
 def _ears(flat: NDArray) -> NDArray[np.int64]:
