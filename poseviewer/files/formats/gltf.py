@@ -32,7 +32,7 @@ from poseviewer.files.formats.conversion import (
     metres_per_unit,
     require_file,
 )
-from poseviewer.files.mesh.gltf import LARGEST_FILE, gltf_header, world_matrix
+from poseviewer.files.mesh.gltf import LARGEST_FILE, gltf_header, parents_of, world_matrix
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.scene_file import SceneRecord, ViewRecord, open_view
 from poseviewer.geometry.arrays import FloatArray
@@ -241,7 +241,7 @@ def read_gltf(path: Path, request: ConvertOptions) -> SceneRecord:
         nodes = document.get("nodes", [])
         known = [(str(node.get("name")), i) for i, node in enumerate(nodes) if "camera" in node]
         index = request.the_one(reading, "cameras", known)
-        world_from_camera = world_matrix(nodes, index)
+        world_from_camera = world_matrix(nodes, index, parents_of(nodes))
         entry = document["cameras"][nodes[index]["camera"]]
         metres = metres_per_unit(request.unit or "m")
         camera = _camera(reading, entry, request, metres)

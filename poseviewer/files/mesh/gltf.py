@@ -119,8 +119,7 @@ class _Document:
     def placed(self) -> Iterator[tuple[int, str, Matrix]]:
         """Each node of the scene that has a mesh: its index, name, and world from node."""
         nodes, scenes = self.data.get("nodes", []), self.data.get("scenes")
-        children = {child for node in nodes for child in node.get("children", [])}
-        roots = [i for i in range(len(nodes)) if i not in children]
+        roots = [i for i in range(len(nodes)) if i not in self.parents]
         if scenes:
             roots = scenes[self.data.get("scene", 0)].get("nodes", [])
         names = _unique([node.get("name") or str(i) for i, node in enumerate(nodes)])
@@ -133,7 +132,12 @@ class _Document:
             node = nodes[index]
             waiting += node.get("children", [])
             if "mesh" in node:
-                yield index, names[index], world_matrix(nodes, index)
+                yield index, names[index], world_matrix(nodes, index, self.parents)
+
+    @cached_property
+    def parents(self) -> dict[int, int]:
+        """The parent of each node that has one."""
+        return parents_of(self.data.get("nodes", []))
 
     def parts_of(self, index: int, name: str, world: Matrix) -> Iterator[Part]:
         """The parts of a node's mesh, wherever the node, its instances or its skin put them."""
@@ -263,7 +267,8 @@ class _Document:
 
     def _skinned(self, part: Part, attributes: dict[str, int], skin: dict[str, Any]) -> Part:
         """The part in the pose in which the file's nodes have its joints."""
-        matrices = np.array([world_matrix(self.data["nodes"], joint) for joint in skin["joints"]])
+        nodes, parents = self.data["nodes"], self.parents
+        matrices = np.array([world_matrix(nodes, joint, parents) for joint in skin["joints"]])
         if "inverseBindMatrices" in skin:
             inverse = self.array(skin["inverseBindMatrices"]).reshape(-1, 4, 4)
             matrices = matrices @ inverse[: len(matrices)].swapaxes(1, 2).astype(float)
@@ -380,9 +385,13 @@ def _unique(names: list[str]) -> list[str]:
     return unique
 
 
-def world_matrix(nodes: list[dict[str, Any]], index: int) -> Matrix:
+def parents_of(nodes: list[dict[str, Any]]) -> dict[int, int]:
+    """The parent of each node that has one."""
+    return {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
+
+
+def world_matrix(nodes: list[dict[str, Any]], index: int, parents: dict[int, int]) -> Matrix:
     """``world_from_node`` (4, 4): the product of the matrices of all above."""
-    parents = {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
     matrix = np.eye(4)
     for _ in nodes:
         matrix = node_matrix(nodes[index]) @ matrix
