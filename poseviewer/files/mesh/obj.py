@@ -75,8 +75,8 @@ def _sort_lines(text: str) -> tuple[dict[str, list[str]], Relative, Changes]:
     relative: Relative = {}
     changes: Changes = [(0, ("", ""))]
     faces, thing, group, material = lines["f"], "", "", ""
-    for line in text.replace("\\\n", " ").replace("\\\r\n", " ").splitlines():
-        word, rest = (*line.split(None, 1), "", "")[:2]
+    for line in text.replace("\t", " ").replace("\\\n", " ").replace("\\\r\n", " ").splitlines():
+        word, _, rest = line.strip().partition(" ")
         if word in lines:
             if word == "f" and "-" in rest:
                 relative[len(faces)] = tuple(len(lines[kind]) for kind in KINDS[:3])
@@ -171,7 +171,7 @@ def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[
         said: dict[str, dict[str, str]] = {}
         own: dict[str, str] = {}
         for line in reading.load_bytes().decode("utf-8-sig", "surrogateescape").splitlines():
-            word, rest = (*line.split(None, 1), "", "")[:2]
+            word, _, rest = line.strip().replace("\t", " ").partition(" ")
             if word.lower() == "newmtl":
                 own = said[rest.strip()] = {}
             elif rest.strip():
