@@ -20,11 +20,11 @@ from poseviewer.files.checks import Reading
 from poseviewer.files.colmap_model import model_file
 from poseviewer.files.formats.bop import CAMERAS
 from poseviewer.files.keypoints import keypoints_path
-from poseviewer.files.mesh.load import READERS
+from poseviewer.files.mesh.load import ELSEWHERE, READERS
 from poseviewer.files.mesh.named import bare_name, find_named, plain_name
 from poseviewer.files.mesh.references import names_in
 from poseviewer.files.photo import ENDINGS as PICTURES
-from poseviewer.files.photo import was_taken_by_a_camera
+from poseviewer.files.photo import RAW_ENDINGS, was_taken_by_a_camera
 from poseviewer.files.structs import SCENE, VIEWS
 from poseviewer.files.symmetry import symmetry_path
 
@@ -197,12 +197,13 @@ def _walk(root: Path) -> Iterator[Path]:
 def _kind_of(path: Path, as_pose: bool, sole: bool) -> str:
     """``model``, ``picture``, ``scene``, ``set``, ``reconstruction``, ``pose``, ``camera`` or "".
 
-    A ``sole`` JSON file is a pose if nothing else, so that its reader says why it is none.
+    A ``sole`` JSON file is a pose if nothing else, so that its reader says why it is none; so do
+    those of raw photos, and of models that are to be exported as GLB.
     """
     suffix = path.suffix.lower()
-    if suffix in READERS:
+    if suffix in READERS or (sole and suffix in ELSEWHERE):
         return "model"
-    if suffix in PICTURES:
+    if suffix in PICTURES or (sole and suffix in RAW_ENDINGS):
         return "picture"
     is_json = suffix == ".json"
     if is_json and is_scene_file(path):

@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 from poseviewer.cli.main import main
+from tests.renderers import require_opengl
 
 WIDTH, HEIGHT, F, CX, CY = 160, 120, 150.0, 70.0, 65.0
 """px; the principal point counts from pixel centres."""
@@ -96,6 +97,37 @@ def test_normals_and_object_coordinates(written, index):
     nocs = load(written, f"nocs/000000_{index:06d}.png") / 65535.0
     assert np.abs(nocs - wanted)[inside].max() < 0.01
     assert np.all(nocs[~seen & inner(~seen)] == 0.0)
+
+
+def test_masks_depth_and_coordinates_are_those_of_pyrender(written):
+    """Its depth by OpenGL, of both balls alone and together, to a pixel at their rims."""
+    require_opengl()
+    import pyrender
+
+    gl, ball = pyrender.OffscreenRenderer(WIDTH, HEIGHT), trimesh.load_mesh(written / "ball.ply")
+    camera = pyrender.IntrinsicsCamera(F, F, CX + 0.5, CY + 0.5, znear=1.0, zfar=20.0)
+    flip, alone = np.diag([1.0, -1.0, -1.0, 1.0]), []
+    for centre in CENTRES:
+        place = np.eye(4)
+        place[:3, :3], place[:3, 3] = TURN, centre
+        scene = pyrender.Scene()
+        scene.add(pyrender.Mesh.from_trimesh(ball), pose=flip @ place)
+        scene.add(camera)
+        alone.append(gl.render(scene, flags=pyrender.RenderFlags.DEPTH_ONLY))
+    gl.delete()
+    depth = np.min([np.where(d > 0.0, d, np.inf) for d in alone], axis=0)
+    step = json.loads((written / "out" / "scene_camera.json").read_text())["0"]["depth_scale"]
+    ours = load(written, "depth/000000.png") * step / 10.0
+    for index, own in enumerate(alone):
+        mask = load(written, f"mask/000000_{index:06d}.png") > 0
+        visible = load(written, f"mask_visib/000000_{index:06d}.png") > 0
+        for ours_shown, theirs in ((mask, own > 0.0), (visible, (own > 0.0) & (own == depth))):
+            wide, narrow = cv2.dilate(theirs.astype(np.uint8), np.ones((3, 3))), inner(theirs)
+            assert np.all(wide[ours_shown] > 0)
+            assert np.all(ours_shown[narrow])
+    both = inner(alone[0] > 0.0) | inner((alone[1] > 0.0) & (alone[0] == 0.0))
+    assert np.abs(ours - depth)[both].max() < 0.1
+    assert np.abs(ours - depth)[both].mean() < 0.01
 
 
 def test_nothing_is_overwritten_unasked(written, capsys):

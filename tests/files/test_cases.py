@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from poseviewer.cli.main import main
+from poseviewer.files.file_set import sort_set
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.normals import face_normals_and_areas
@@ -38,6 +39,7 @@ def test_cameras(shared_cases, name, capsys):
     camera = f"fx 500, fy {fy}, cx 321, cy 239" if fy else "fx 500, fy 500, cx 320, cy 240"
     assert camera in said
     assert f"distortion:  {lens}" in said
+    assert f"from {path.name}" in said  # and the keys
 
 
 def test_lenses_of_instant_ngp_and_nerfstudio(shared_cases, tmp_path):
@@ -79,6 +81,15 @@ def test_textures_of_obj(shared_cases, name):
     assert len(mesh.textures) == 1
     assert mesh.notes == ()
     assert np.all(mesh.face_texture == 0)
+
+
+@pytest.mark.parametrize("folder", ["obj_bom", "obj_no_usemtl", "obj_tabs"])
+def test_a_texture_that_comes_with_its_model_is_no_photo(shared_cases, folder):
+    files = [path for path in (shared_cases / folder).iterdir() if path.name != "README"]
+    model = "two_libraries.obj" if folder == "obj_tabs" else "m.obj"
+    found = sort_set([path for path in files if path.suffix != ".obj" or path.name == model])
+    assert found.photo is None
+    assert "t.png" in found.models[0].named
 
 
 QUARTERS = {(-1, 1): (230, 20, 20), (1, 1): (20, 200, 20),

@@ -210,3 +210,17 @@ def test_the_cameras_of_a_reconstruction_are_those_of_one_photo(tmp_path: Path) 
     model = write_colmap(tmp_path / "sparse")
     files = sort(tmp_path)
     assert (files.photo, files.camera, files.views) == (photo, model / "cameras.txt", None)
+
+
+@pytest.mark.parametrize(("name", "kind"), [("a.dng", "photo"), ("a.fbx", "model")])
+def test_what_is_to_be_developed_or_exported_first_is_left_to_its_reader_alone(
+    tmp_path, name, kind
+):
+    """Beside others, as downloads have them, it is passed over."""
+    path, model = tmp_path / name, tmp_path / "m.ply"
+    path.write_bytes(b"x")
+    model.write_bytes(b"x")
+    found = sort_set([path])
+    assert (found.photo or found.models[0].path) == path
+    assert bool(found.photo) == (kind == "photo")
+    assert sort_set([path, model]).unused == (path,)
