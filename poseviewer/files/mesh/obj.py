@@ -164,8 +164,9 @@ def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[
     materials: dict[str, Material] = {}
     for library in dict.fromkeys(libraries):
         file = find_named(path.parent, library)
-        if file is None:
-            notes.append(f"Material file left out: {bare_name(library)} is not there.")
+        if file is None or not file.stat().st_size:
+            why = "is not there" if file is None else "is empty"
+            notes.append(f"Material file left out: {bare_name(library)} {why}.")
             continue
         reading = Reading(file, error_type=MeshFileError, kind="material file")
         said: dict[str, dict[str, str]] = {}

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.checks import quiet_libraries
+from poseviewer.files.checks import Reading, quiet_libraries
 from poseviewer.files.mesh.named import bare_name, find_named
-from poseviewer.files.writing import keep
 
 Key = TypeVar("Key")
 LARGEST_SIDE = 8192
@@ -24,6 +23,8 @@ LARGEST_SIDE = 8192
 MOST_TEXELS = 100_000_000
 """Limit of a model's textures together, and of one before it is shrunk: no photo shows more."""
 MOST_TEXTURES = 2000
+LARGEST_FILE = 2_000_000_000
+"""Bytes of a picture."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,10 +104,10 @@ def load_textures(
         if path is None:
             notes.append(f"Texture left out: {bare_name(name)} is not there.")
         elif path not in images:
-            keep(path)
+            reading = Reading(path, error_type=MeshFileError, kind="picture", largest=LARGEST_FILE)
             with noted(path.name, notes):
                 # From a file, Pillow reads as many bytes as a damaged chunk says it has.
-                images[path] = path.name, Image.open(BytesIO(path.read_bytes()))
+                images[path] = path.name, Image.open(BytesIO(reading.load_bytes()))
     textures = textures_from_images(images, notes)
     return {name: textures[path] for name, path in paths.items() if path in textures}
 
@@ -142,5 +143,6 @@ def noted(name: str, notes: list[str]) -> Iterator[None]:
             yield
     except Image.DecompressionBombError:
         notes.append(f"Texture left out: {name} has too many pixels.")
-    except (OSError, SyntaxError, ValueError, NotImplementedError) as error:
-        notes.append(f"Texture left out: {error}.")
+    except Exception as error:  # noqa: BLE001 - Pillow's readers raise errors of all kinds
+        said = str(error).rstrip(".") or type(error).__name__
+        notes.append(f"Texture left out: {said if name in said else f'{name}: {said}'}.")

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from trimesh.visual import TextureVisuals
+from trimesh.visual.material import PBRMaterial
 
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.geometry.image import srgb_from_linear
@@ -71,10 +73,30 @@ def test_a_damaged_texture_is_noted(tmp_path: Path, content: bytes) -> None:
     assert mesh.notes[0].startswith("Texture left out: ")
 
 
+@pytest.mark.parametrize("damage", ["", "not a picture", "BLP2"])
+def test_a_damaged_picture_in_a_glb_is_noted(tmp_path: Path, damage: str) -> None:
+    paint = PBRMaterial(baseColorTexture=Image.fromarray(TEXTURE))
+    uvs = np.array(CORNERS)[:, :2]
+    visual = TextureVisuals(uvs, material=paint)
+    quad = trimesh.Trimesh(CORNERS, [[0, 1, 2], [0, 2, 3]], visual=visual, process=False)
+    quad.export(tmp_path / "quad.glb")
+    data = (tmp_path / "quad.glb").read_bytes()
+    at = data.index(b"\x89PNG")
+    if damage:
+        data = data[:at] + damage.encode().ljust(40, b"\xff") + data[at + 40 :]
+        (tmp_path / "quad.glb").write_bytes(data)
+    mesh = load_mesh(tmp_path / "quad.glb")
+    assert len(mesh.faces) == 2
+    assert len(mesh.textures) == (0 if damage else 1)
+    assert [note[:17] for note in mesh.notes] == (["Texture left out:"] if damage else [])
+
+
 def test_missing_materials_are_noted(folder: Path) -> None:
     path = write_obj(folder, PICTURE)
     (folder / "quad.mtl").write_text("newmtl other\nKd 1 0 0\n")
     assert load_mesh(path).notes == ("Materials not in the MTL file: paint.",)
+    (folder / "quad.mtl").write_bytes(b"")
+    assert load_mesh(path).notes == ("Material file left out: quad.mtl is empty.",)
     (folder / "quad.mtl").unlink()
     assert load_mesh(path).notes == ("Material file left out: quad.mtl is not there.",)
 
