@@ -4,6 +4,7 @@ import csv
 import hashlib
 import json
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from io import StringIO
@@ -90,10 +91,11 @@ def _read_rows(path: Path) -> list[dict[str, str]]:
             f"no column {missing[0]!r} in its first line, which has {given}",
             f"wanted {', '.join(COLUMNS)}",
         )
-    double = next((name for name in names if name and names.count(name) > 1), None)
+    double = next((name for name, count in Counter(names).items() if name and count > 1), None)
     if double is not None:
         raise reading.error(f"two columns are called {double[:100]!r}", "wanted each name once")
-    return [dict.fromkeys(names, "") | dict(zip(names, line, strict=False)) for line in lines[1:]]
+    columns = [(name, names.index(name)) for name in (*COLUMNS, BOX) if name in names]
+    return [{name: "".join(line[at : at + 1]) for name, at in columns} for line in lines[1:]]
 
 
 def _key(job: Job, settings: Mapping[str, Any]) -> str:

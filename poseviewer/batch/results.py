@@ -17,13 +17,18 @@ from msgspec import Struct
 
 from poseviewer.batch.job_table import Job
 from poseviewer.confidence.pose_covariance import PoseCovariance
-from poseviewer.errors import BatchError
+from poseviewer.errors import BatchError, PoseViewerError
+from poseviewer.files.checks import Reading, is_there
 from poseviewer.files.writing import lock_file, write_json, write_whole
 from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
 
 ROWS, POSES, PICTURES = "rows", "poses", "pictures"
 TABLE, REPORT, MANIFEST = "results.csv", "report.html", "batch.json"
 LOCK = ".at-work"
+LARGEST_MANIFEST = 1_000_000_000
+"""Bytes: a million rows have fewer."""
+FORMULA = ("=", "+", "-", "@", "\t", "\r")
+"""Beginnings of a cell that spreadsheets compute."""
 ABOUT_JOB = ("row", "photo", "model", "start")
 """Columns of the table from the job; the others are those of ``JobResult``."""
 ACCEPTED, MENDED, REJECTED = "accepted", "mended", "rejected"
@@ -154,14 +159,18 @@ def alone_in(folder: Path) -> Iterator[None]:
 
 
 def load_result(folder: Path, key: str) -> JobResult | None:
-    """Read the result of the job with this key; None where it or one of its files is not there."""
+    """Read the result of the job with this key; None where it or one of its files is not there, in
+    the folder.
+    """
     try:
-        data = (folder / ROWS / f"{key}.json").read_bytes()
+        data = Reading(folder / ROWS / f"{key}.json").load_bytes()
         result = msgspec.json.decode(data, type=JobResult)
-    except (OSError, msgspec.MsgspecError):
+    except (PoseViewerError, msgspec.MsgspecError, RecursionError):
         return None
     files = () if result.failed else (result.pose, result.picture)
-    return result if all((folder / name).is_file() for name in files) else None
+    paths = [(folder / name).resolve() for name in files]
+    inside = all(is_there(path) and folder.resolve() in path.parents for path in paths)
+    return result if inside else None
 
 
 def save_result(folder: Path, job: Job, result: JobResult) -> JobResult:
@@ -183,8 +192,14 @@ def save_table(folder: Path, rows: Sequence[Row]) -> None:
     table.writeheader()
     for row in rows:
         about = {name: getattr(row.job, name) for name in ABOUT_JOB}
-        table.writerow(about | asdict(row.result))
+        values = about | asdict(row.result)
+        table.writerow({name: _as_text(value) for name, value in values.items()})
     write_whole(folder / TABLE, text.getvalue().encode(), BatchError)
+
+
+def _as_text(value: Any) -> Any:
+    """The value, a text so that no spreadsheet takes it for a formula."""
+    return f"'{value}" if isinstance(value, str) and value.startswith(FORMULA) else value
 
 
 def save_batch(batch: Batch) -> None:
@@ -197,14 +212,15 @@ def save_batch(batch: Batch) -> None:
 
 def load_batch(folder: Path) -> Batch:
     """Read what ``save_batch`` wrote."""
-    try:
-        manifest = msgspec.json.decode((folder / MANIFEST).read_bytes(), type=Manifest)
-    except FileNotFoundError:
+    if not (folder / MANIFEST).exists():
         raise BatchError(
             f"{folder}: no {MANIFEST} in it; name the folder of results that "
             "`poseviewer batch ... --out` filled (run it again if an older version did)."
-        ) from None
-    except (OSError, msgspec.MsgspecError) as error:
+        )
+    try:
+        data = Reading(folder / MANIFEST, kind="batch", largest=LARGEST_MANIFEST).load_bytes()
+        manifest = msgspec.json.decode(data, type=Manifest)
+    except (PoseViewerError, msgspec.MsgspecError, RecursionError) as error:
         raise BatchError(
             f"{folder / MANIFEST}: cannot be used ({type(error).__name__}: {error}); run the batch "
             "again, what is done is not done twice."

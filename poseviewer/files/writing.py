@@ -5,6 +5,7 @@ import json
 import os
 import secrets
 import sys
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -14,6 +15,8 @@ import msgspec
 
 from poseviewer.errors import PoseFileError, PoseViewerError
 
+OLD_PART_S = 600.0
+"""Age (s) of a file half written at which nobody writes it any more."""
 _kept: set[tuple[int, int, int]] = set()
 """Device, inode and time of the user's own files that were read."""
 
@@ -72,9 +75,11 @@ def write_whole(
     where the file ``is_own``, poseviewer's.
     """
     require_replaceable(path, error, is_own=is_own)
-    temporary = path.with_name(f".{path.name[:40]}.{secrets.token_hex(4)}.part")
+    start = f".{path.name[:40]}."
+    temporary = path.with_name(f"{start}{secrets.token_hex(4)}.part")
     try:
         with writing_to(path.parent, path.name, error):
+            _remove_old_parts(path.parent, start)
             with temporary.open("xb") as file:
                 file.write(data)
                 file.flush()
@@ -85,6 +90,15 @@ def write_whole(
     finally:
         with suppress(OSError):
             temporary.unlink()
+
+
+def _remove_old_parts(folder: Path, start: str) -> None:
+    """Remove what a kill left half written."""
+    for entry in os.scandir(folder):
+        if entry.name.startswith(start) and entry.name.endswith(".part"):
+            with suppress(OSError):
+                if time.time() - entry.stat().st_mtime > OLD_PART_S:
+                    Path(entry).unlink()
 
 
 def write_json(path: Path, data: Any, error: type[PoseViewerError], *, indent: int = 2) -> None:

@@ -18,7 +18,8 @@ from poseviewer.batch.run import open_batch, run_batch
 from poseviewer.errors import BatchError
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import load_pose
-from poseviewer.fit.settings import FitSettings
+from poseviewer.files.writing import OLD_PART_S, write_whole
+from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.pose_error import pose_error
 from tests.commands import read_rows, run
 from tests.ctrl_c import ctrl_c_ends_them
@@ -229,6 +230,61 @@ def test_a_table_that_cannot_be_used_is_said(tmp_path, content, words, capsys):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_table_of_very_many_columns_is_read_at_once(tmp_path):
+    table = tmp_path / "jobs.csv"
+    many = ",".join(f"c{number}" for number in range(100_000))
+    table.write_text(f"photo,model,start,{many}\n" + "p.png,m.ply,s.json\n" * 1000)
+    begun = time.process_time()
+    assert len(load_jobs(table, FitSettings())) == 1000
+    assert time.process_time() - begun < 5.0
+
+
+@pytest.mark.usefixtures("one_process")
+def test_results_hold_no_formula_and_no_file_from_elsewhere(scene, tmp_path):
+    table, out = write_table(scene, tmp_path, 1, "=1+1,@a,-b\n"), tmp_path / "out"
+    line = ("batch", table, "--out", out, "--quiet", *QUICK)
+    assert run(*line) == 2
+    assert [read_rows(out / "results.csv")[1][name] for name in ("photo", "model", "start")] == [
+        "'=1+1", "'@a", "'-b"
+    ]  # fmt: skip
+    (row,) = (path for path in (out / "rows").iterdir() if b'"reason": ""' in path.read_bytes())
+    result, secret = json.loads(row.read_bytes()), tmp_path / "secret"
+    secret.write_text("secret")
+    (out / "pictures/link.jpg").symlink_to(secret)
+    for picture in (str(secret), "../secret", "pictures/link.jpg"):
+        row.write_text(json.dumps(result | {"picture": picture}))
+        assert len(open_batch(table, out, FitSettings(limits=Limits(40))).rows()) == 1
+    assert run(*line) == 2
+    assert b"c2VjcmV0" not in (out / "report.html").read_bytes()
+    assert json.loads(row.read_bytes())["picture"] == result["picture"]
+
+
+@pytest.mark.usefixtures("one_process")
+@pytest.mark.parametrize("damage", ["deep", "pipe"])
+def test_a_kept_row_or_batch_that_is_damaged_is_said_or_done_again(scene, tmp_path, capsys, damage):
+    table, out = write_table(scene, tmp_path, 1), tmp_path / "out"
+    line = ("batch", table, "--out", out, "--quiet", *QUICK)
+    assert run(*line) == 0
+    (row,) = (out / "rows").iterdir()
+    result = row.read_bytes()
+    for path in (row, out / "batch.json"):
+        path.unlink()
+        if damage == "deep":
+            path.write_text('{"status": ' + "[" * 100_000)
+        else:
+            os.mkfifo(path)
+    if damage == "pipe":  # is no regular file, and not replaced
+        assert run("review", out, "--no-browser") == 2
+        assert "batch.json: cannot be used" in capsys.readouterr().err
+        (out / "batch.json").unlink()
+        row.unlink()
+    assert run(*line) == 0
+    assert json.loads(row.read_bytes())["unexplained"] == json.loads(result)["unexplained"]
+    (out / "batch.json").write_text('{"jobs": ' + "[" * 100_000)
+    assert run("review", out, "--no-browser") == 2
+    assert "batch.json: cannot be used" in capsys.readouterr().err
+
+
 def test_a_table_of_a_spreadsheet_is_read(tmp_path):
     table = tmp_path / "jobs.csv"
     table.write_text("Start; Photo ;Model;note\np.json;a b.jpg;m.ply;x\n", encoding="utf-8-sig")
@@ -250,3 +306,13 @@ def test_a_row_can_be_a_set_of_photos(tmp_path: Path):
     assert found["verdict"]
     assert float(found["unexplained"]) < float(found["start_unexplained"])
     assert "with a set of photos" in refused["reason"]
+
+
+def test_what_a_kill_left_half_written_goes_with_the_next_writing(tmp_path: Path):
+    old, new, other = (tmp_path / f".{name}.part" for name in ("a.json.0", "a.json.1", "b.json.0"))
+    for path in (old, new, other):
+        path.write_text("half")
+        if path != new:
+            os.utime(path, (0.0, time.time() - 2.0 * OLD_PART_S))
+    write_whole(tmp_path / "a.json", b"whole", BatchError)
+    assert {path.name for path in tmp_path.iterdir()} == {"a.json", new.name, other.name}

@@ -209,3 +209,21 @@ def test_a_batch_writes_through_no_link(folder: Path) -> None:
     (folder / "mine").unlink()
     run("batch", "jobs.csv", "--out", "o", "--quiet")
     assert not (folder / "mine").exists()
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("camera", "shift", "words"),
+    [
+        ({"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 1e-29}}, 0.0, "camera.scale"),
+        ({"type": "perspective", "perspective": {"yfov": 0.6}}, 9e29, "1.8e+30; wanted a number"),
+    ],
+)
+def test_no_pose_is_written_that_cannot_be_read(capsys, camera, shift: float, words: str) -> None:
+    nodes = [{"children": [1], "translation": [shift, 0, 0]}, {"translation": [shift, 0, 0]}]
+    nodes[1]["camera"] = 0
+    scene = {"asset": {"version": "2.0"}, "nodes": nodes, "cameras": [camera]}
+    Path("c.gltf").write_text(json.dumps(scene))
+    assert run(*"convert --from gltf c.gltf o.json --photo p.png --model m.ply".split()) == 2  # noqa: SIM905
+    assert words in one_line(capsys.readouterr().err)
+    assert not Path("o.json").exists()
