@@ -37,10 +37,10 @@ LOADER = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 """Every number a text, every tag and anchor plain; libyaml's where PyYAML was built with it."""
 ALIASES = {
     "matrix": "cameramatrix intrinsicmatrix intrinsicsmatrix camk mtx k m kmatrix matrix",
-    "intrinsics": "intrinsics intrinsic cameraintrinsics",
+    "intrinsics": "intrinsic cameraintrinsics projectionparameters",
     "distortion": "distortioncoefficients distortioncoefficient distortioncoeffs distortioncoeff "
     "distortion distcoeffs distcoeff distcoefs distcoef dist d coeffs coefficients kc "
-    "distortionparams distortionparameters",
+    "distortionparams distortionparameters distortions",
     "radial": "radialdistortion",
     "tangential": "tangentialdistortion",
     "imagesize": "imgsize resolution",
@@ -85,7 +85,7 @@ LENS_MODELS: dict[str, LensModel | None] = {
 }
 LENS_LIKE = re.compile(
     r"(?!.*(std|error|sigma|covar|model|type|distance))"
-    r"(.*dist.*|.*coeff?(icient)?s?|kc|d\d*|.*radial.*|.*tangential.*|(?P<alone>[kpb]\d|t[12]|skew))"
+    r"(.*dist.*|.*coeff?(icient)?s?|kc|d\d*|.*radial.*|.*tangential.*|(?P<alone>[kpb]\d|t[12]|skew|xi|alpha))"
 )
 """Names, in small letters without ``_``, of what may be a lens; ``alone``: a number, no list."""
 SIDED = re.compile(r"(left|right)?(.*?)(left|right|\d*)")
@@ -364,7 +364,7 @@ def cameras_in(
 
 
 def _plain(key: Any) -> str:
-    return re.sub(r"[_\s-]", "", str(key)).lower()
+    return re.sub(r"^camera\.|[_\s-]", "", str(key).lower())  # ORB-SLAM has Camera.fx
 
 
 def _is_number(value: Any) -> bool:

@@ -20,6 +20,8 @@ from poseviewer.files.structs import checked_camera
 from poseviewer.geometry.camera import Perspective
 
 KIND = "file of cameras"
+LEAST_FOCAL = 0.02
+"""Focal length in widths of the photo, which then shows 175 degrees."""
 
 
 def load_cameras(
@@ -84,6 +86,10 @@ def load_calibration(
         said = f"its principal point, {camera.cx - 0.5:g}, {camera.cy - 0.5:g}, lies outside"
         wanted = "calibrate on pictures of the photo's size"
         raise reading.error(f"{said} the photo's {camera.width}x{camera.height} px", wanted)
+    if camera.fx < LEAST_FOCAL * camera.width:
+        raise reading.error(
+            f"a focal length of {camera.fx:g} px", "wanted px, not sides of a photo"
+        )
     if (camera.width, camera.height) == (width, height):
         return chosen, ()
     said = f"the camera is for {camera.width}x{camera.height} px, the photo has {width}x{height} px"

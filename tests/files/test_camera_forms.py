@@ -74,6 +74,13 @@ FORMS: dict[str, tuple[str, Any, Lens | None]] = {
                   "<height>480</height><f>510</f><cx>1.5</cx><cy>-0.5</cy><b1>-10</b1>"
                   "<k1>-0.3</k1><k2>0.1</k2><k3>0.02</k3><p1>-0.001</p1><p2>0.001</p2>"
                   "</calibration>", LENS),
+    "orb-slam": ("a.yaml", "%YAML:1.0\nCamera.fx: 500.0\nCamera.fy: 510.0\nCamera.cx: 321.0\n"
+                 "Camera.cy: 239.0\nCamera.k1: -0.3\nCamera.k2: 0.1\nCamera.p1: 0.001\n"
+                 "Camera.p2: -0.001\nCamera.k3: 0.02\nCamera.fps: 30.0\n", LENS),
+    "camodocal": ("a.yaml", "%YAML:1.0\n---\nmodel_type: PINHOLE\nimage_width: 640\n"
+                  "image_height: 480\ndistortion_parameters:\n   k1: -0.3\n   k2: 0.1\n"
+                  "   p1: 0.001\n   p2: -0.001\n   k3: 0.02\nprojection_parameters:\n   fx: 500\n   fy: 510\n"
+                  "   cx: 321\n   cy: 239\n", LENS),
     "npz": ("a.npz", saved(mtx=np.array(K), dist=np.array([BROWN]), rvecs=np.ones((4, 3))), LENS),
     "npy": ("a.npy", array(np.array(K)), None),
     "text": ("cam_K.txt", "\n".join(" ".join(map(str, row)) for row in K), None),
@@ -162,6 +169,7 @@ LOST = {
     "another model": ({"K": K, "D": FISHEYE, "distortion_model": "fov"}, "'fov'"),
     "a type of lens": ({"K": K, "D": FISHEYE, "lens_type": "Fisheye"}, "'lens_type'"),
     "coefficients of another camera": ({"K": K, "D1": BROWN}, "'D1'"),
+    "double sphere": ({"camera_type": "ds", "intrinsics": {**FOCALS, "xi": -0.2}}, "'xi'"),
     "an inverse model": ({**FOCALS, "model": "inverse_brown_conrady", "coeffs": BROWN}, "inverse"),
     "omnidirectional": ({"camera_model": "omni", "intrinsics": [1, 5, 5, 2, 2]}, "intrinsics"),
     "meshroom's brown": ({**MESHROOM, "pxFocalLength": 5, "principalPoint": [0, 0], "version": [1],
@@ -180,6 +188,12 @@ def test_a_lens_is_never_dropped(tmp_path, case):
 def test_a_principal_point_outside_the_photo_is_refused(tmp_path, cx, cy):
     path = write(tmp_path / "a.json", {**FOCALS, "cx": cx, "cy": cy})
     with pytest.raises(CalibrationFileError, match=r"principal point.*outside"):
+        load_calibration(Calibration(path), "p.png", 640, 480)
+
+
+def test_shares_of_a_photo_are_no_pixels(tmp_path):
+    path = write(tmp_path / "a.json", {"K": [[0.78, 0, 0.5], [0, 1.04, 0.5], [0, 0, 1]]})
+    with pytest.raises(CalibrationFileError, match=r"focal length of 0\.78 px"):
         load_calibration(Calibration(path), "p.png", 640, 480)
 
 
