@@ -20,7 +20,7 @@ import yaml
 from numpy.typing import NDArray
 
 from poseviewer.errors import PoseViewerError
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import Reading, quiet_libraries
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import HALF_PIXEL, camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
@@ -300,7 +300,8 @@ def load_array(data: bytes) -> NDArray:
     file = BytesIO(data)
     is_first = np.lib.format.read_magic(file)[0] == 1
     read = np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0
-    shape, by_columns, kind = read(file)
+    with quiet_libraries():
+        shape, by_columns, kind = read(file)
     values = np.frombuffer(data, kind, offset=file.tell())
     return values.reshape(shape, order="F" if by_columns else "C")
 

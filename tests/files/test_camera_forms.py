@@ -79,8 +79,8 @@ FORMS: dict[str, tuple[str, Any, Lens | None]] = {
                  "Camera.p2: -0.001\nCamera.k3: 0.02\nCamera.fps: 30.0\n", LENS),
     "camodocal": ("a.yaml", "%YAML:1.0\n---\nmodel_type: PINHOLE\nimage_width: 640\n"
                   "image_height: 480\ndistortion_parameters:\n   k1: -0.3\n   k2: 0.1\n"
-                  "   p1: 0.001\n   p2: -0.001\n   k3: 0.02\nprojection_parameters:\n   fx: 500\n   fy: 510\n"
-                  "   cx: 321\n   cy: 239\n", LENS),
+                  "   p1: 0.001\n   p2: -0.001\n   k3: 0.02\nprojection_parameters:\n"
+                  "   fx: 500\n   fy: 510\n   cx: 321\n   cy: 239\n", LENS),
     "npz": ("a.npz", saved(mtx=np.array(K), dist=np.array([BROWN]), rvecs=np.ones((4, 3))), LENS),
     "npy": ("a.npy", array(np.array(K)), None),
     "text": ("cam_K.txt", "\n".join(" ".join(map(str, row)) for row in K), None),
