@@ -112,7 +112,8 @@ def test_what_is_painted_over_is_kept_and_compared_alike(tab: AppPage, scene: Sc
 
 
 def test_a_polygon_is_clicked_or_dragged(tab: AppPage) -> None:
-    tab.page.keyboard.press("h")
+    tab.open_step(2)
+    tab.page.keyboard.press("h")  # the tools come into sight
     tab.page.get_by_role("button", name="● Brush").wait_for()
     tab.page.get_by_role("button", name="Polygon").click()
     tab.wait_for_text("Polygon:")

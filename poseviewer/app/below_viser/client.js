@@ -329,6 +329,7 @@ addEventListener("keydown", (event) => {
   document.activeElement?.blur();
   if (event.code === "KeyF") { showAll(); return; }
   if (event.code === "Space") openSearch();
+  if (event.code === "KeyH") openStep(CONFIG.search);
   if (event.key === "Escape" && state.pointer === "drag") state.pointer = null;
   const { code, key, repeat } = event;
   send({ kind: "key", code, key, repeat, shift: event.shiftKey, ctrl: ctrl(event) });

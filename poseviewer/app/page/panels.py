@@ -230,8 +230,8 @@ def add_fitting(controls: Controls) -> None:
     controls.action("search all", **several)
     controls.action("keep", visible=_has_ended, color=None, icon="check")
     controls.action("revert", visible=_has_ended, icon="x")
-    _add_curve(controls)
     _add_hiding(controls)
+    _add_curve(controls)
     _add_comparison(controls)
     with controls.gui.add_folder("Settings", expand_by_default=False):
         _add_settings(controls)
@@ -281,17 +281,20 @@ def _add_hiding(controls: Controls) -> None:
     def hidden(session: Session) -> tuple[Any, ...]:
         document = session.document
         ended = None if session.searching else session.search
-        return document.own.mask, document.object.result, document.at, ended
+        return *h.masks_of(session), document.object.result, document.at, ended
 
     controls.action("hide", is_hiding, icon="brush")
     tools = {tool.capitalize(): c.set_tool(tool) for tool in h.HIDING}
     controls.choices("Tool", tools, lambda s: s.tool.capitalize(), visible=is_hiding)
     erase = controls.gui.add_checkbox("Erase (alt)", False)
     controls.bind(erase, "erasing", visible=lambda s: s.tool in h.SHAPES)
+    for_one = controls.gui.add_checkbox("For this object only", False)
+    several = lambda s: s.tool in h.SHAPES and len(s.document.scene.objects) > 1  # noqa: E731
+    controls.bind(for_one, "for_one", visible=several)
     controls.text(kept(hidden, hidden_text))
     has_found = kept(hidden, lambda s: h.found_hidden(s) is not None)
     controls.action("hide found", visible=has_found)
-    controls.action("unhide", visible=lambda s: is_hiding(s) and s.document.own.mask is not None)
+    controls.action("unhide", visible=lambda s: is_hiding(s) and any(h.masks_of(s)))
     controls.html(lambda s: parts_left_out(s.document.mesh))
 
 

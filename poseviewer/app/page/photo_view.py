@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from poseviewer.app.page.above_steps import object_colour
 from poseviewer.app.page.controls import kept, set_properties
-from poseviewer.app.state.hiding import HIDING, found_hidden
+from poseviewer.app.state.hiding import HIDING, found_hidden, masks_of
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import scaled_size
@@ -79,7 +79,7 @@ class PhotoScene:
         """Content of each node, for the photo that is shown."""
         self._photo: Photo | None = None
         self._pixels = kept(lambda s: (s.document.photo,), _photo_pixels)
-        self._painted = kept(lambda s: (s.document.own.mask, s.tool in HIDING), _painted)
+        self._painted = kept(lambda s: (*masks_of(s), s.tool in HIDING), _painted)
         self._found = kept(
             lambda s: (not s.searching and s.search, s.document.object.result, s.document.at),
             lambda s: _tint(found_hidden(s), FOUND_COLOUR, HIDDEN_OPACITY),
@@ -125,7 +125,7 @@ class PhotoScene:
         yield Drawing("/photo", 1.0, *self._pixels(session))
         if session.photo_alone:
             return
-        if session.document.own.mask is not None:
+        if any(masks_of(session)):
             yield Drawing("/hidden/painted", TINT, *self._painted(session))
         yield Drawing("/hidden/found", TINT, *self._found(session))
         yield from _other_objects(session)
@@ -163,7 +163,7 @@ def _photo_pixels(session: Session) -> Picture:
 
 def _painted(session: Session) -> Picture:
     """A tint over what is painted, stronger while it is."""
-    mask, painting = session.document.own.mask, session.tool in HIDING
+    mask, painting = session.document.mask, session.tool in HIDING
     opacity = HIDDEN_OPACITY_WHILE_PAINTED if painting else HIDDEN_OPACITY
     return _tint(None if mask is None else 1.0 - mask.weights, HIDDEN_COLOUR, opacity)
 

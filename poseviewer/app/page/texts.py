@@ -195,7 +195,7 @@ def verdict_text(session: Session) -> str:
 
 def hidden_text(session: Session) -> str:
     """Say how much of the photo is hidden (markdown); "" where nothing is."""
-    mask, occluders = session.document.own.mask, h.found_hidden(session)
+    mask, occluders = session.document.mask, h.found_hidden(session)
     lines = []
     if mask is not None:
         lines.append(f"**{1.0 - float(np.mean(mask.weights)):.1%}** of the photo is hidden")

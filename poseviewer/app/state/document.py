@@ -100,23 +100,22 @@ class Document:
 
     @classmethod
     def of(cls, scene: Scene, active: int = 0, at: int = 0) -> Document:
-        """The document of a scene, started where all is. Masks of views, and regions in the
-        settings, become the objects' own: so each can be edited.
+        """The document of a scene, started where all is. Regions in the settings become the
+        objects' own: so each can be edited.
         """
         objects, are_numbers = [], all(one.id.isdecimal() for one in scene.objects)
         for index, one in enumerate(scene.objects):
-            bare, in_views = scene.with_object(index, result=None), []
+            in_views = []
             for number in range(len(scene.views)):
-                own, mask = scene.in_view(index, number), bare.mask(index, number)
+                own = scene.in_view(index, number)
                 region = own.region or one.settings.region
-                in_views.append(replace(own, mask=mask, region=region))
+                in_views.append(replace(own, region=region))
             named = {} if are_numbers else {"id": str(index + 1), "name": one.name or one.id}
             settings = replace(one.settings, region=None)
             objects.append(replace(one, in_views=tuple(in_views), settings=settings, **named))
-        views = tuple(replace(view, mask=None) for view in scene.views)
-        cameras = tuple(view.camera for view in views)
+        cameras = tuple(view.camera for view in scene.views)
         states = tuple(ObjectState(one.world_from_model, cameras) for one in objects)
-        return cls(replace(scene, views=views, objects=tuple(objects)), states, active, at)
+        return cls(replace(scene, objects=tuple(objects)), states, active, at)
 
     @property
     def object(self) -> SceneObject:
@@ -207,9 +206,21 @@ class Document:
         in_views[self.at] = replace(in_views[self.at], **changes)
         return self.with_object(in_views=tuple(in_views))
 
-    def with_mask(self, mask: Mask | None) -> Document:
-        """The document with another mask in the view; what was searched for was by the old one."""
-        return self.with_own(mask=mask).with_object(result=None)
+    @property
+    def mask(self) -> Mask | None:
+        """Pixels of the view that count by hand, by its mask and the active object's own one."""
+        return self.scene.with_object(self.active, result=None).mask(self.active, self.at)
+
+    def with_mask(self, mask: Mask | None, own: bool = False) -> Document:
+        """The document with another mask of the view, or of the active object alone there, without
+        results of searches by the old one.
+        """
+        if own:
+            return self.with_own(mask=mask).with_object(result=None)
+        views = list(self.scene.views)
+        views[self.at] = replace(self.view, mask=mask)
+        objects = tuple(replace(one, result=None) for one in self.scene.objects)
+        return replace(self, scene=replace(self.scene, views=tuple(views), objects=objects))
 
     def with_state(self, **changes: Any) -> Document:
         """The document with changed fields of the active object's state."""
@@ -332,7 +343,7 @@ class Document:
     @property
     def placement(self) -> tuple[object, ...]:
         """Places that files keep; equal where none of them has changed."""
-        views = ((view.photo, view.camera) for view in self.scene.views)
+        views = ((view.photo, view.camera, view.mask) for view in self.scene.views)
         objects = self.scene.objects
         return *views, *((o.model.mesh, o.world_from_model, o.in_views) for o in objects)
 

@@ -67,25 +67,32 @@ def paint(session: Session, stroke: Stroke) -> Session:
 def paint_found(
     session: Session, photo: Photo, where: NDArray[np.bool_], erase: bool = False
 ) -> Session:
-    """Hide the pixels ``where`` (height, width) that were found for a photo, or bring them back."""
-    own = session.document
-    if own.photo is not photo:  # another one by now
+    """Hide the pixels ``where`` (height, width) that were found for a photo, for all objects or the
+    active one alone; or bring them back, whatever hides them from it.
+    """
+    document, is_own = session.document, is_for_one(session)
+    if document.photo is not photo:  # another one by now
         return session
-    mask = own.own.mask
-    before = np.ones((photo.height, photo.width), np.float32) if mask is None else mask.weights
-    weights = np.where(where, np.float32(erase), before)
-    if not np.array_equal(weights, before):
-        mask = None if np.all(weights == 1.0) else Mask.of(weights)
-        session = session.with_document(own.with_mask(mask))
+    for own in (True,) if is_own else (False, True) if erase else (False,):
+        mask = document.own.mask if own else document.view.mask
+        before = np.ones((photo.height, photo.width), np.float32) if mask is None else mask.weights
+        weights = np.where(where, np.float32(erase), before)
+        if not np.array_equal(weights, before):
+            mask = None if np.all(weights == 1.0) else Mask.of(weights)
+            document = document.with_mask(mask, own)
+    if document is not session.document:
+        session = session.with_document(document)
     return replace(session, strokes=session.strokes + 1)
 
 
 @edit
 def unhide(session: Session) -> Session:
-    """Let all pixels count again."""
-    if session.document.own.mask is None:
+    """Let all pixels count again, or those that the active object alone has hidden."""
+    document, is_own = session.document, is_for_one(session)
+    if not any(masks_of(session)[is_own:]):
         return session
-    return session.with_document(session.document.with_mask(None))
+    document = document.with_mask(None, own=True)
+    return session.with_document(document if is_own else document.with_mask(None))
 
 
 @edit
@@ -123,6 +130,16 @@ def hide_found(session: Session) -> Session:
     mask = document.own.mask
     weights = ~in_front if mask is None else mask.weights * ~in_front
     return session.with_document(document.with_own(mask=Mask.of(weights)))
+
+
+def is_for_one(session: Session) -> bool:
+    """Whether strokes are about the active one of several objects alone."""
+    return session.for_one and len(session.document.scene.objects) > 1
+
+
+def masks_of(session: Session) -> tuple[Mask | None, Mask | None]:
+    """The masks of the large photo, and of the active object alone there."""
+    return session.document.view.mask, session.document.own.mask
 
 
 def found_hidden(session: Session) -> NDArray[np.bool_] | None:

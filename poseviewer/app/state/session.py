@@ -156,7 +156,7 @@ def start_query(document: Document) -> StartQuery:
     """Request for start poses at a document, by its camera."""
     own = document.own
     settings = replace(document.settings, region=own.region)
-    inputs = StartInputs(document.photo, document.mesh, document.model.keypoints, own.mask)
+    inputs = StartInputs(document.photo, document.mesh, document.model.keypoints, document.mask)
     box = document.marks.box or own.region
     return StartQuery(inputs, document.pose.camera, box, settings)
 
@@ -186,6 +186,8 @@ class Session:
     tool: str = "pose"
     erasing: bool = False
     """Whether strokes of the tools that hide bring back what they cover."""
+    for_one: bool = False
+    """Whether they are about the active object alone, instead of the photo."""
     strokes: int = 0
     """Number of strokes that were taken: a page shows its own until then."""
     look: str = "outline"

@@ -130,12 +130,13 @@ def open_photo(now: Document, path: Path, calibration: Calibration | None = None
     """
     photo, before = load_calibrated_photo(path, calibration), now.view
     camera, is_same = photo.default_camera(), path == before.path
-    view, centre = View(photo.name, photo, camera, path=path), now.mesh.centre
+    centre = now.mesh.centre
     poses = (_corner_view(now.model, camera), now.pose)
     wanted, old_centre = (pose.camera_from_model.apply(centre) for pose in poses)
     same_pixels = photo.sha256 == before.photo.sha256 and same_undistortion(
         photo.undistortion, before.photo.undistortion
     )
+    view = View(photo.name, photo, camera, mask=before.mask if same_pixels else None, path=path)
     objects = []
     for index, one in enumerate(now.scene.objects):
         old, own = now.scene.pose(index, now.at), now.scene.in_view(index, now.at)
@@ -201,10 +202,11 @@ def open_pose(now: Document, path: Path) -> Document:
     for view in opened.views:
         document = document.with_view(names.index(view.name))
         if view.photo is not document.photo:
-            shown = replace(document.view, photo=view.photo)
-            document = replace(document, scene=replace(now.scene, views=(shown,))).with_mask(None)
+            shown = replace(document.view, photo=view.photo, mask=None)
+            document = replace(document, scene=replace(now.scene, views=(shown,)))
+            document = document.with_mask(None, own=True)
         if view.mask is not None:
-            document = document.with_mask(view.mask)
+            document = document.with_mask(view.mask, own=len(now.scene.objects) > 1)
     mesh = opened.objects[0].mesh
     document = document if mesh is now.mesh else document.with_mesh(mesh)
     document = document.with_view(names.index(opened.views[0].name))

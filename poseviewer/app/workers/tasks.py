@@ -157,7 +157,7 @@ def find_wheels() -> Task:
         own, region = session.document, session.document.own.region
         if region is None:
             raise QuickStartError("Draw a region about the car first; wheels are sought in it.")
-        inputs = StartInputs(own.photo, own.mesh, own.model.keypoints, own.own.mask)
+        inputs = StartInputs(own.photo, own.mesh, own.model.keypoints, own.mask)
         photo, camera = own.photo, own.pose.camera
         is_guess = camera == photo.default_camera() and photo.focal_length_35mm is None
         best = likely_wheels(inputs, region, camera, is_guess)[0]

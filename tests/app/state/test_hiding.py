@@ -17,6 +17,7 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import run_search
 from poseviewer.app.workers.opening import open_files
 from poseviewer.files.pose import PoseRecord
+from poseviewer.fit.scene import SearchResult
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.mask import Mask
 from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -39,7 +40,7 @@ def brush(*points: tuple[float, float], radius: float = 5.0, erase: bool = False
 
 
 def counts(session: Session) -> np.ndarray:
-    mask = session.document.own.mask
+    mask = session.document.mask
     return np.ones((HEIGHT, WIDTH)) if mask is None else mask.weights
 
 
@@ -140,8 +141,28 @@ def test_what_a_search_found_is_hidden_and_can_be_corrected(scene):
     assert np.array_equal(counts(taken) == 0.0, found)
     assert h.found_hidden(taken) is None  # it is painted now: erase corrects it
     corrected = after(taken, brush((0.0, 0.0), radius=300.0, erase=True))
-    assert corrected.document.own.mask is None
-    assert after(taken, c.undo()).document.own.mask is None
+    assert h.masks_of(corrected) == (None, None)
+    assert h.masks_of(after(taken, c.undo())) == (None, None)
+
+
+def test_what_is_painted_is_hidden_from_every_object_or_from_one_alone():
+    session = after(make_session(PERSPECTIVE), brush((40.5, 30.5)), add_object())
+    assert np.sum(counts(session) == 0.0) > 50  # of the object that came later, too
+    result = SearchResult(None, 0.1, 0.1)
+    searched = replace(session, document=session.document.with_object(0, result=result))
+    alone = after(searched, c.change(for_one=True), brush((90.5, 60.5)))
+    assert counts(alone)[60, 90] == 0.0
+    other = after(alone, pick_object(1))
+    assert counts(other)[60, 90] == 1.0
+    assert other.document.object.result is result  # its pixels are as they were
+    painted = after(other, c.change(for_one=False), brush((20.5, 90.5)))
+    assert [one.result for one in painted.document.scene.objects] == [None, None]
+    # Erasing shows what is seen to be hidden, whatever hides it; a part is undone alone.
+    erased = after(alone, c.change(for_one=False), brush((90.5, 60.5), radius=9.0, erase=True))
+    assert counts(erased)[60, 90] == 1.0
+    assert counts(erased)[30, 40] == 0.0
+    assert counts(after(alone, h.unhide()))[30, 40] == 0.0
+    assert h.masks_of(after(alone, c.change(for_one=False), h.unhide())) == (None, None)
 
 
 def record_of(session: Session) -> PoseRecord:

@@ -82,7 +82,7 @@ def test_masks_and_regions_belong_to_their_photo(session: Session):
     held = c.set_tool("region"), c.press(10.0, 10.0), c.drag_to(50.0, 50.0), c.release()
     drawn = after(session, paint(STROKE), show_view(1), *held, show_view(0))
     own = drawn.document.object.in_views
-    assert [one.mask is None for one in own] == [False, True, True]
+    assert [view.mask is None for view in drawn.document.scene.views] == [False, True, True]
     assert [one.region for one in own] == [None, Rectangle(10, 10, 40, 40), None]
 
 
@@ -128,16 +128,16 @@ def test_several_objects_in_several_photos(session: Session):
     placed = after(added, c.press(x, y), c.release())
     np.testing.assert_allclose(poses_of(placed, 1)[0].project(model.mesh.centre), [x, y], atol=1e-6)
     assert_poses_are(placed, TRUTH)
-    # What is done in one photo is done in all, to the active object alone.
+    # What is done in one photo is done in all, to the active object alone; a mask is the photo's.
     there = after(
         placed, show_view(2), c.nudge("move", 9.0), paint(STROKE), alter_object(2, locked=True)
     )
     moved = poses_of(there, 1)[0].project(model.mesh.centre)
     assert np.linalg.norm(moved - [x, y]) > 2.0
     assert_poses_are(there, TRUTH)
-    assert [own.mask is None for own in there.document.object.in_views] == [True, True, False]
+    assert [view.mask is None for view in there.document.scene.views] == [True, True, False]
     back = after(there, pick_object(1))
-    assert (back.document.own.mask, back.document.at) == (None, 2)
+    assert (back.document.mask is None, back.document.at) == (False, 2)
     assert asked_of(after(back, show_view(0), c.search_all())).indices == (0,)
     # Unless nothing tells how large they are.
     free = make_set_session(free_scale=True)

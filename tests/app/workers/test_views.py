@@ -147,6 +147,7 @@ def test_objects_in_several_photos_come_back_from_scene_and_session(
             assert_same_pose(again.pose(index, view), scene.pose(index, view), tolerance)
             own, its = again.in_view(index, view), scene.in_view(index, view)
             assert own.is_compared == its.is_compared
-            assert (own.mask is None) == (its.mask is None)
-            if own.mask is not None and its.mask is not None:
-                np.testing.assert_array_equal(own.mask.weights, its.mask.weights)
+            masks = again.masks(index, view), scene.masks(index, view)
+            assert len(masks[1]) == (view == 1)
+            for mask, other in zip(*masks, strict=True):
+                np.testing.assert_array_equal(mask.weights, other.weights)
