@@ -56,6 +56,10 @@ FORMS: dict[str, tuple[str, Any, Lens | None]] = {
                              "model": "distortion.brown_conrady", "coeffs": BROWN}, LENS),
     "realsense, inverse without lens": (
         "a.json", {**FOCALS, "model": "inverse_brown_conrady", "coeffs": [0] * 5}, None),
+    "ros 1": ("a.yaml", "image_width: 640\nimage_height: 480\ncamera_name: front\ncamera_matrix:\n"
+              "  rows: 3\n  cols: 3\n  data: [500, 0, 321, 0, 510, 239, 0, 0, 1]\n"
+              "distortion_model: plumb_bob\ndistortion_coefficients:\n  rows: 1\n  cols: 5\n"
+              "  data: [-0.3, 0.1, 0.001, -0.001, 0.02]\n", LENS),
     "ros 2": ("a.yaml", "k: [500, 0, 321, 0, 510, 239, 0, 0, 1]\nd: [0.02, -0.01, 0.003, -0.001]\n"
               "distortion_model: equidistant\n---\n", Lens("fisheye", FISHEYE)),
     "an equidistant lens of zeros": (

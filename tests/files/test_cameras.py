@@ -60,21 +60,6 @@ def test_opencvs_fisheye_is_known_by_its_mark_or_by_the_users_word(tmp_path):
     assert load_cameras(path, fisheye=True)[0].lens == Lens("fisheye", FISHEYE)
 
 
-def test_ros_camera_info_is_read(tmp_path):
-    text = (
-        "image_width: 1280\nimage_height: 720\ncamera_name: front\ncamera_matrix:\n  rows: 3\n"
-        f"  cols: 3\n  data: [{', '.join(repr(float(v)) for v in MATRIX.ravel())}]\n"
-        "distortion_model: {model}\ndistortion_coefficients:\n  rows: 1\n  cols: {count}\n"
-        "  data: {numbers}\n"
-    )
-    path = write(tmp_path / "ros.yaml", text.format(
-        model="plumb_bob", count=5, numbers=list(COEFFICIENTS[5])))  # fmt: skip
-    (found,) = load_cameras(path)
-    assert (found.camera, found.lens) == (INSIDE, Lens("opencv", COEFFICIENTS[5]))
-    write(path, text.format(model="equidistant", count=4, numbers=list(FISHEYE)))
-    assert load_cameras(path)[0].lens == Lens("fisheye", FISHEYE)
-
-
 def test_a_stereo_pair_has_two_cameras(tmp_path):
     path = tmp_path / "intrinsics.yml"
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
