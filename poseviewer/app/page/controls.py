@@ -148,11 +148,11 @@ class Controls:
             label = lambda s: own.end_label if ends(s) else own.label  # noqa: E731
         self.button(label or own.label, own.asked, **{"hint": own.tooltip, **options})
 
-    def actions(self, label: str, *names: str) -> None:
+    def actions(self, label: str, *names: str, **options: Any) -> None:
         """The buttons of actions in one line."""
         chosen = [ACTIONS[name] for name in names]
         hint = "; ".join(f"{own.name}: {own.tooltip}" for own in chosen)
-        self.choices(label, {own.label: own.asked for own in chosen}, hint=hint)
+        self.choices(label, {own.label: own.asked for own in chosen}, hint=hint, **options)
 
     def choices(
         self, label: str, asked: Mapping[str, Request], selected: Read | None = None, **options: Any

@@ -132,7 +132,7 @@ def _add_quick_start(controls: Controls) -> None:
     controls.action("box", label=label, color=None, icon="frame")
     controls.html(lambda s: WAITING if s.proposing else "")
     controls.text(proposals_text)
-    controls.action("next", visible=lambda s: proposals_of(s) > 1)
+    controls.actions("Proposal", "previous", "next", visible=lambda s: proposals_of(s) > 1)
     controls.action("take", color=None, icon="check", visible=lambda s: proposals_of(s) > 0)
     with controls.gui.add_folder("Quick start", expand_by_default=False):
         controls.actions("Mark", "pairs", "wheels")

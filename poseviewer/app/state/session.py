@@ -204,6 +204,8 @@ class Session:
     """Whose loss is mapped: that of the chosen method, of one of them, or both."""
     search: Search | None = None
     proposals: ProposedStarts | None = None
+    other_proposals: Mapping[int, ProposedStarts | None] = field(default_factory=dict)
+    """Those of objects that are not active, by their numbers."""
     landscapes: tuple[LandscapeUpdate, ...] = ()
     """One for each loss that is shown."""
     maps_note: str = ""
@@ -234,7 +236,7 @@ class Session:
     @property
     def request(self) -> Session:
         """The session as workers keep it: without results and history, which fill the memory."""
-        return replace(self, **OF_A_PHOTO, history=History(), outlines=None)
+        return replace(self, **OF_A_PHOTO, history=History(), outlines=None, other_proposals={})
 
     @property
     def pixels(self) -> tuple[object, ...]:
@@ -319,8 +321,15 @@ class Session:
 
     def with_active(self, index: int) -> Session:
         """Make another object active, which is no step; the same session where it is."""
-        document = self.document.with_active(index)
-        return self if document is self.document else self.at(self.history, document)
+        document, number = self.document.with_active(index), self.document.number
+        if document is self.document:
+            return self
+        others = {**self.other_proposals, number: self.proposals}
+        proposals = others.pop(document.number, None)
+        if proposals is not None and proposals.document.shown != document.shown:
+            proposals = None
+        session = self.at(self.history, document)
+        return replace(session, proposals=proposals, other_proposals=others)
 
     def with_document(self, document: Document, key: object = None) -> Session:
         """One undoable step to another document; of steps in a row with one ``key`` (what is

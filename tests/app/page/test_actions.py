@@ -23,8 +23,8 @@ def test_each_button_is_in_the_step_that_the_table_says():
             super().action(name, *given, **options)
             used.add((steps[-1], name))
 
-        def actions(self, label: str, *names: str) -> None:
-            super().actions(label, *names)
+        def actions(self, label: str, *names: str, **options: Any) -> None:
+            super().actions(label, *names, **options)
             used.update((steps[-1], name) for name in names)
 
     guarded = serve("127.0.0.1", 0)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from poseviewer.app.state import commands as c
+from poseviewer.app.state.objects import add_object, pick_object
 from poseviewer.app.state.session import Session, start_query
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform
 from tests.app.state.documents import (
+    CAR,
     PERSPECTIVE,
     after,
     assert_same_pose,
@@ -74,6 +78,19 @@ def test_the_one_taken_becomes_the_start():
     assert taken.proposals is None
     assert after(taken, c.step_proposals(1)).document is taken.document
     assert after(taken, c.undo()).document is session.document
+
+
+def test_proposals_for_an_object_wait_while_another_one_is_active():
+    first = proposed(after(make_session(), add_object(), pick_object(1)))
+    other = after(first, pick_object(2))
+    assert other.proposals is None
+    again = after(other, c.propose_starts(), pick_object(1), c.step_proposals(1))
+    assert_same_pose(again.document.pose, POSES[1])
+    assert after(again, pick_object(2)).proposing  # these are still looked for
+    # Another model, or photo, is another matter.
+    replaced = other.document.with_object(0, model=replace(other.document.model, mesh=CAR))
+    changed = replace(other, document=replaced)
+    assert after(changed, pick_object(1)).proposals is None
 
 
 def test_old_news_and_other_photos_change_nothing():
