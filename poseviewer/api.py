@@ -562,8 +562,8 @@ class Scene:
 
     def maps_at(self, centre: FloatArray, slices: Iterable[Slice], half_width: float) -> LossMaps:
         """``slices`` about parameters (d,) as maps that can be written to files."""
-        problem, name = self.problem, self.settings.method_name
-        whose = "loss" if self.settings.method == "default" else f"loss of {name}"
+        problem, name = self.problem, self.settings.loss_name
+        whose = "loss" if self.settings.loss == "default" else f"loss of {name}"
         title = f"{self.photo.label}: {whose} about the pose, ±{half_width:.0%}"
         slices = tuple(slices)
         error = max((piece.error or 0.0 for piece in slices), default=0.0)

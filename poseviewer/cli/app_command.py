@@ -12,7 +12,6 @@ from poseviewer.cli import options as table
 from poseviewer.cli.case import SAYS, calibration_of, named_files
 from poseviewer.cli.terminal import say
 from poseviewer.errors import SettingsError
-from poseviewer.fit.settings import CHOICES
 
 if TYPE_CHECKING:
     from poseviewer.app.state.document import Document
@@ -23,7 +22,7 @@ OPTIONS = {
         table.option("photo PHOTO|FOLDER|ZIP|SCENE.json", "what is to be opened", nargs="?"),
         table.MODEL,
         table.POSE,
-        table.option("--method", "chosen at first", CHOICES["method"], default="default"),
+        *table.METHODS,
         table.MASK,
         table.WITHOUT,
         *table.SERVER,
@@ -103,7 +102,8 @@ def run(options: Namespace) -> int:
 
     def open_first() -> tuple[Document, None]:
         document = opening()
-        settings = document.settings.of_method(options.method)
+        settings = document.settings.of_loss(options.loss or "default")
+        settings = replace(settings, search=options.search or "auto")
         return document.with_object(settings=settings), None
 
     serve_app(open_first, tell=say, **table.values(options, table.SERVER))

@@ -21,11 +21,11 @@ SAYS = "with {}, which says it itself; leave it out"
 
 
 def refuse_with_paper(options: Namespace) -> None:
-    """Refuse the paper's method with what it does not have."""
-    if getattr(options, "method", None) == "paper":
+    """Refuse the paper's loss with what it does not have."""
+    if getattr(options, "loss", None) == "paper":
         if options.pixels == "near":
-            raise SettingsError("--method paper with --pixels near; it has clip and whole alone")
-        compares_grey = "with --method paper, which compares grey; leave one of them out"
+            raise SettingsError("--loss paper with --pixels near; it has clip and whole alone")
+        compares_grey = "with --loss paper, which compares grey; leave one of them out"
         table.refuse(options, (table.REFLECTANCE,), compares_grey)
 
 

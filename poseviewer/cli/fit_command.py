@@ -34,7 +34,7 @@ OPTIONS = {
     **table.SCENE,
     "search": (
         *table.LIMITS,
-        table.METHOD,
+        *table.METHODS,
         table.option("--lock NAME,...", "parameters of the chart to hold"),
         table.option("--seed SEED"),
         table.KEEP_START,

@@ -128,8 +128,14 @@ PHOTO = option("photo PHOTO|SCENE.json", nargs="?")
 MODEL = option("model MODEL", nargs="?")
 FILES = (PHOTO, MODEL, QUIET)
 LOOK = option("--look", "how the model is drawn", LOOKS, default=LOOKS[0])
-PAPER = "light, classes and edges; or exactly the paper's: grey, clip or whole, no coarser levels"
-METHOD = option("--method", PAPER, CHOICES["method"])
+LOSS = option(
+    "--loss", "light, classes and edges; or the paper's of grey, clip or whole", CHOICES["loss"]
+)
+SEARCH = option(
+    "--search", "(auto: the paper's simplex for its loss, else models)", CHOICES["search"]
+)
+METHOD = option("--method", "the loss with its own search", CHOICES["loss"], dest="loss")
+METHODS = ((LOSS, METHOD), SEARCH)
 PIXELS = option(
     "--pixels",
     "those in a box about the start (near), the whole photo, or what the model covers (clip: the "

@@ -18,7 +18,7 @@ SMALLEST_SIDE_PX = 32
 OPTIONS = {
     "": (
         table.option("--out DIR", required=True),
-        table.METHOD,
+        *table.METHODS,
         table.PIXELS,
         table.EVALUATIONS,
         table.option("--jobs N", "processes (one per processor)"),

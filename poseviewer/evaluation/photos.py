@@ -3,6 +3,7 @@
 import math
 import zlib
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import cv2
@@ -32,6 +33,8 @@ PHOTOS = "photos"
 QUALITY = {"highlights": 0.4, "blur_px": 0.7, "noise": 2.0}
 MARGIN_PX, INPAINT_PX = (81, 141), 5
 """Width and height by which the demo's car and shadow are dilated; radius of the inpainting."""
+EXPOSURE = 3.0
+"""Factor of the light: with it the bundled car is as bright as its street, and hardly clipped."""
 LARGEST_SHARE = 0.8
 """Largest share of the photo's width and height that a random view of the vehicle fills."""
 TURN_DEG, LEAST_RISE_DEG, MOST_RISE_DEG, ROLL_DEG = 50.0, 4.0, 25.0, 3.0
@@ -68,6 +71,9 @@ def make_photos(plan: Plan, kind: Kind, tell: Callable[[str], None]) -> list[Cas
             random = np.random.default_rng(seed)
             pose = random_view(vehicle.mesh, vehicle.keypoints, plan.size, random)
             light, ground = random_lighting(random), np.zeros(3)
+            light = replace(
+                light, ambient=EXPOSURE * light.ambient, intensity=EXPOSURE * light.intensity
+            )
             if kind != "plain":
                 ground = _piece(_demo_without_its_car(), plan.size, random)
             save_image(photo, photograph(vehicle.mesh, pose, light, ground, seed=seed, **QUALITY))

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
 
-from poseviewer.fit.settings import ChartName, FitSettings, Limits, Method, PixelsName
+from poseviewer.fit.settings import ChartName, FitSettings, Limits, LossName, PixelsName, SearchName
 
 Kind = Literal["plain", "background", "photo-parallel", "photo-perspective"]
 KINDS: dict[Kind, str] = {
@@ -26,9 +26,10 @@ class Plan:
     """Plan of a study: of ``real`` photos, of ``bop`` estimates, else the paper's deviations."""
 
     out: Path
-    method: Method = "default"
+    loss: LossName = "default"
+    search: SearchName | Literal["auto"] = "auto"
     pixels: PixelsName | None = None
-    """None: all that the method has for a kind of photo."""
+    """None: all that the loss has for a kind of photo."""
     limits: Limits = field(default_factory=Limits)
     starts: int = 10
     """For each kind of photo, pixels, reading and deviation."""
@@ -57,11 +58,12 @@ class Plan:
     """Folder of ``models`` and ``test``; None: the nearest above the table."""
 
     def settings(self, kind: Kind | None = None) -> list[FitSettings]:
-        """Settings of fits on a kind of photo of a vehicle, by the paper's method on the whole of
+        """Settings of fits on a kind of photo of a vehicle, by the paper's loss on the whole of
         drawn ones, and clipped but on black ground; None: of models that may be no vehicle.
         """
         chart: ChartName = "vehicle" if kind else "free-body"
         pixels: tuple[PixelsName, ...] = (self.pixels or "near",)
-        if self.method == "paper" and not self.pixels and kind in DRAWN:
+        if self.loss == "paper" and not self.pixels and kind in DRAWN:
             pixels = ("whole",) if kind == "plain" else ("whole", "clip")
-        return [FitSettings(self.method, chart, pixels=p, limits=self.limits) for p in pixels]
+        own = {"chart": chart, "limits": self.limits}
+        return [FitSettings(self.loss, self.search, pixels=p, **own) for p in pixels]

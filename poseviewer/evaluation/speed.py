@@ -25,7 +25,7 @@ from poseviewer.files.pose import load_pose
 from poseviewer.fit.loss import lighting_loss
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.scene import Scene
-from poseviewer.fit.settings import METHODS, FitSettings, Limits, Method
+from poseviewer.fit.settings import LOSSES, FitSettings, Limits, LossName
 from poseviewer.fit.slices import landscape
 from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.geometry.camera import Pose
@@ -134,10 +134,10 @@ def measure_speed(
     paths = tuple(time_paths(work, letters, 4 if quick else 12))
     tell(f"making maps of {map_size}x{map_size}")
     maps, fits = time_maps(demo, truth, map_size), []
-    for method in METHODS:
+    for loss in LOSSES:
         limit_s = 3.0 if quick else 30.0
-        tell(f"fitting by --method {method}, for {limit_s:.0f} s at most")
-        fits.append(time_fit(demo, truth, method, limit_s))
+        tell(f"fitting by --method {loss}, for {limit_s:.0f} s at most")
+        fits.append(time_fit(demo, truth, loss, limit_s))
     covered = SoftwareRenderer(work.mesh).covers(work.poses[0])
     size = f"{covered.shape[1]}x{covered.shape[0]}"
     about = f"{TRIANGLES:,} triangles, {size}, {covered.sum():,} covered pixels"
@@ -202,18 +202,18 @@ def time_paths(work: Workload, letters: str, rounds: int) -> list[Timing]:
     return [Timing(name, paths[name][0].threads, tuple(each)) for name, each in seconds.items()]
 
 
-def time_fit(demo: Scene, truth: Pose, method: Method, limit_s: float) -> Timing:
+def time_fit(demo: Scene, truth: Pose, loss: LossName, limit_s: float) -> Timing:
     """Time a fit from the demo's start, 8 % off in each parameter, without the verdict."""
-    settings = FitSettings(method=method, limits=Limits(seconds=limit_s))
+    settings = FitSettings(loss, limits=Limits(seconds=limit_s))
     problem, _ = make_problem(demo.with_object(0, settings=settings))
     renderer = SoftwareRenderer(demo.objects[0].mesh)
-    threads = 1 if method == "paper" else processors()
+    threads = 1 if loss == "paper" else processors()
     make_stages(problem, renderer)  # simplifies the model, which is then kept
     *_, end = fit_pose(problem, renderer, threads)
     error = pose_error(demo.objects[0].mesh, end.pose, truth).percent
     status = end.status.name.lower().replace("_", " ")
     words = f"{end.evaluations:,} evaluations, {status}, {error:.2f} % off"
-    return Timing(f"fit of the demo, --method {method}", threads, (end.seconds,), words)
+    return Timing(f"fit of the demo, --method {loss}", threads, (end.seconds,), words)
 
 
 def time_maps(demo: Scene, truth: Pose, size: int) -> Timing:

@@ -45,6 +45,8 @@ class ComparedView:
     """Finer pyramid level, without structure, on which a search is refined, if any."""
     index: int = 0
     """Number of the view in the scene."""
+    fewest: float = 0.0
+    """Pixels, of the photo's own size, that a pose must show to be better than the worst."""
     behind: Hiding | None = None
     """Pixels that other objects hide, which do not count; None: there are none."""
     hidden: NDArray[np.bool_] | None = None
@@ -103,7 +105,7 @@ def compared_view(
     counted = np.count_nonzero(weights)
     mesh, pose = scene.objects[index].mesh, scene.pose(index, number)
     factor, finest = (working_factor(mesh, pose, most) for most in (WORKING_PIXELS, FINE_PIXELS))
-    if counted and not is_clipped and settings.method == "default":
+    if counted and not is_clipped and settings.loss == "default":
         photo = structured(plain, factor, is_steep=factor == finest)
     fewest = fewest_pixels(photo.photo_channels + photo.model_channels)
     if counted < fewest:
@@ -113,9 +115,9 @@ def compared_view(
         )
     is_refined = photo.structure is not None and (finest < factor or not is_alone)
     fine = smaller(plain, finest) if is_refined else None
-    is_papers = settings.method == "paper" and not is_clipped
+    is_papers = settings.loss == "paper" and not is_clipped
     loss = whole_photo_loss if is_papers else registration_loss
-    return ComparedView(photo, chart, loss, fine, number, behind)
+    return ComparedView(photo, chart, loss, fine, number, behind=behind)
 
 
 def _weights(

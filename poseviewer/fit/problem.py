@@ -25,6 +25,9 @@ from poseviewer.render.types import PhotoAttributes, Renderer
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 
+LEAST_COVERED = 0.6
+"""Share of the start's pixels that a pose covers: more than starts 16 % off lack."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FitProblem:
@@ -116,10 +119,23 @@ def pose_loss(
     for view, renderer in zip(problem.views, each, strict=True):
         try:
             pose = view.chart.to_pose(parameters)
-            losses.append(view.loss(renderer.moments(pose, view.photo)))
+            moments = renderer.moments(pose, view.photo)
+            is_shown = moments.pixels * view.photo.factor**2 >= view.fewest
+            losses.append(view.loss(moments) if is_shown else LossScale.of(view.photo).worst)
         except OutsideChartError:
             losses.append(LossScale.of(view.photo).worst)
     return _mean(losses)
+
+
+def guarded(problem: FitProblem, renderer: Renderer) -> FitProblem:
+    """The problem where poses that cover much less than the start have the worst loss.
+
+    On the pixels that a pose covers, few of one grey are explained better than all at the truth.
+    """
+    pairs = zip(problem.views, problem.poses(problem.start), strict=True)
+    covered = ((view, renderer.moments(pose, view.photo).pixels) for view, pose in pairs)
+    views = tuple(replace(view, fewest=LEAST_COVERED * pixels) for view, pixels in covered)
+    return replace(problem, views=views)
 
 
 def _mean(losses: Sequence[float]) -> float:
@@ -215,7 +231,7 @@ def _view_charts(scene: Scene, index: int, order: Sequence[int]) -> list[ViewCha
     one, first = scene.objects[index], scene.views[order[0]]
     if one.settings.chart == "vehicle":
         raise SettingsError("--chart vehicle with several photos; leave it out.")
-    if one.settings.pixels == "clip" and one.settings.method == "default":
+    if one.settings.pixels == "clip" and one.settings.loss == "default":
         raise SettingsError(
             "--pixels clip with several photos; take near or whole, or leave it out."
         )

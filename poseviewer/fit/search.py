@@ -383,5 +383,5 @@ def _is_focal_moved(before: Pose, end: FitProgress) -> bool:
     """Whether a run from a pose has moved the focal length far; not by the paper's method."""
     cameras = before.camera, end.pose.camera
     focals = [camera.fx for camera in cameras if isinstance(camera, Perspective)]
-    is_searched = len(focals) == 2 and end.problem.settings.method != "paper"
+    is_searched = len(focals) == 2 and end.problem.settings.loss != "paper"
     return is_searched and abs(focals[1] / focals[0] - 1.0) > FOCAL_THRESHOLD

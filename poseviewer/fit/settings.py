@@ -13,16 +13,22 @@ from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.optimise.restart_options import RestartOptions
 from poseviewer.render.renderers import RendererName
 
-Method = Literal["default", "paper"]
+LossName = Literal["default", "paper"]
+SearchName = Literal["simplex", "models"]
 ChartName = Literal["auto", "vehicle", "free-body"]
 PixelsName = Literal["near", "whole", "clip"]
-METHODS: dict[Method, str] = {
+LOSSES: dict[LossName, str] = {
     "default": "Default (light, colour classes, edges)",
     "paper": "Paper (2010)",
 }
-"""Names of the methods for people: what the default compares, and the year of the paper."""
-OF_METHOD = ("grey", "colour_reflectance", "pixels")
-"""The settings that each method has its own of: what it compares."""
+"""Names of the losses for people: what the default compares, and the year of the paper."""
+SEARCHES: dict[SearchName, str] = {
+    "simplex": "Restarted simplex",
+    "models": "CMA-ES and quadratic models",
+}
+"""Names of the searches for people."""
+OF_LOSS = ("grey", "colour_reflectance", "pixels")
+"""The settings that each loss has its own of: what it compares."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +40,8 @@ class Limits:
 
 
 CHOICES: dict[str, tuple[str, ...]] = {
-    "method": get_args(Method),
+    "loss": get_args(LossName),
+    "search": ("auto", *get_args(SearchName)),
     "chart": get_args(ChartName),
     "pixels": get_args(PixelsName),
     "renderer": get_args(RendererName),
@@ -45,12 +52,14 @@ CHOICES: dict[str, tuple[str, ...]] = {
 class FitSettings:
     """Settings of a fit; by default it compares all of the photo's colour, near the start.
 
-    The method ``paper`` has grey, grey reflectance, and ``clip`` unless ``whole`` is chosen:
+    The loss ``paper`` has grey, grey reflectance, and ``clip`` unless ``whole`` is chosen:
     settings that say otherwise are set so.
     """
 
-    method: Method = "default"
-    """The default, or exactly the paper's, kept as a reference."""
+    loss: LossName = "default"
+    """The default, or exactly the paper's."""
+    search: SearchName | Literal["auto"] = "auto"
+    """How the loss is minimised; ``auto`` as ``searched_by`` tells."""
     chart: ChartName = "auto"
     free_focal: bool = False
     """Search for the focal length as well: a seventh number."""
@@ -73,7 +82,7 @@ class FitSettings:
     renderer: RendererName = "auto"
     """``auto`` is ``software``; ``gpu`` is experimental: it was never timed on a real GPU."""
     options: RestartOptions = field(default_factory=RestartOptions)
-    """Options of the restarted simplex."""
+    """Options of the restarted simplex on the photo alone, by the paper's loss."""
     limits: Limits = field(default_factory=Limits)
     seed: int = 0
     keep_start: bool = False
@@ -92,29 +101,42 @@ class FitSettings:
             raise SettingsError(f"seed={self.seed!r}: wanted a whole number of 0 or more.")
         if self.region is not None:
             object.__setattr__(self, "region", Rectangle(*self.region))
-        if self.method == "paper":
+        if self.loss == "paper":
             pixels = "clip" if self.pixels == "near" else self.pixels
-            for name, value in zip(OF_METHOD, (True, False, pixels), strict=True):
+            for name, value in zip(OF_LOSS, (True, False, pixels), strict=True):
                 object.__setattr__(self, name, value)
 
     @property
-    def method_name(self) -> str:
+    def loss_name(self) -> str:
         """Name of the loss for people: ``Paper (2010), pixels inside the model``."""
         compared = {"near": "", "whole": ", whole photo", "clip": ", pixels inside the model"}
-        return METHODS[self.method] + compared[self.pixels]
+        return LOSSES[self.loss] + compared[self.pixels]
 
-    def of_method(self, method: Method, like: FitSettings | None = None) -> FitSettings:
-        """The fit by another method, with what that compares in ``like``, if that is of it, else by
+    @property
+    def searched_by(self) -> SearchName:
+        """The search: if ``auto``, the paper's simplex for its loss and for clipped pixels."""
+        if self.search != "auto":
+            return self.search
+        return "simplex" if self.loss == "paper" or self.pixels == "clip" else "models"
+
+    @property
+    def method(self) -> str:
+        """Loss, and search unless ``auto``, for tables: ``paper``, ``default by simplex``."""
+        return self.loss if self.search == "auto" else f"{self.loss} by {self.search}"
+
+    def of_loss(self, loss: LossName, like: FitSettings | None = None) -> FitSettings:
+        """The fit by another loss, with what that compares in ``like``, if that is of it, else by
         default.
         """
-        if method == self.method:
+        if loss == self.loss:
             return self
-        if like is None or like.method != method:
-            like = FitSettings(method)
-        return replace(self, method=method, **{name: getattr(like, name) for name in OF_METHOD})
+        if like is None or like.loss != loss:
+            like = FitSettings(loss)
+        return replace(self, loss=loss, **{name: getattr(like, name) for name in OF_LOSS})
 
 
 OLD_NAMES = {
+    "method": "loss",
     "rules": "options",
     "scouts": "multi_starts",
     "scout_x_tolerance": "multi_start_x_tolerance",

@@ -1,10 +1,10 @@
 """The stages of a search, coarse to fine, and running them.
 
 A coarse pyramid level shows the same valleys at a fraction of the cost: its minimum lies within one
-of its pixels of the photo's. Where all poses are compared on the same pixels, CMA-ES goes first, on
-the coarsest level and then on the photo itself with a lighter model, and quadratic models of the
-loss end the search, on the finest level there is. Where each pose is compared on the pixels that it
-covers, a restarted simplex searches the coarse level from several starts, and then the photo.
+of its pixels of the photo's. CMA-ES goes first, on the coarsest level and then on the photo itself
+with a lighter model, and quadratic models of the loss end the search, on the finest level there is;
+or a restarted simplex searches the three levels. By the paper's loss that simplex has the photo
+alone, with edges that are shares of the numbers' values.
 """
 
 import math
@@ -16,17 +16,19 @@ from typing import Any
 
 import numpy as np
 
-from poseviewer.fit.problem import FitProblem, pose_loss
+from poseviewer.fit.problem import FitProblem, guarded, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import level_pose
 from poseviewer.optimise import cma_es, quadratic, restarts
 from poseviewer.optimise.cma_es import CmaOptions
 from poseviewer.optimise.quadratic import QuadraticOptions
+from poseviewer.optimise.restart_options import RestartOptions
 from poseviewer.optimise.state import State
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, coarsest_level, lighter_level, structured
 from poseviewer.render.types import Renderer
+from poseviewer.vehicle.chart import VehicleChart
 
 FEWEST_PIXELS = 5000
 """Pixels of the model at the start on the coarsest level: on coarser ones side valleys reach it."""
@@ -40,14 +42,23 @@ LAST_MODELS = QuadraticOptions(reach=2.0, rise=0.6)
 """Reach in deviations of the population; its least gain moves the model a twentieth of a pixel."""
 REFINING_MODELS = QuadraticOptions(reach=1.0, rise=0.3)
 """Reach in that of the models before: the fine photo's minimum is a pixel away at most."""
-COARSE_STARTS, COARSE_STEP, COARSE_TOLERANCE = 1.5, 2.0, 8.0
-"""Number of starts, edge of the simplex and tolerances on a coarse level, times the options'."""
-FINE_STEP = 0.3
-"""Edge of the simplex on the photo after a coarse level, times the options': one coarse pixel."""
-PAPER_WHOLE_STEP = 0.3
-"""Edge of the paper's simplex over the whole photo, as wide as the deviations to be mended."""
-PAPER_PATIENCE = 3
-"""Number of the paper's restarts in a row without improvement that ends its search."""
+COARSE_SIMPLEX = RestartOptions(
+    step=0.2, multi_starts=4, multi_start_step=0.2, multi_start_x_tolerance=0.05,
+    multi_start_f_tolerance=0.5, x_tolerance=0.02, f_tolerance=0.1, least_gain=0.1,
+)  # fmt: skip
+"""As wide as CMA-ES reaches, on the coarsest level."""
+LIGHT_SIMPLEX = RestartOptions(
+    step=0.05, multi_starts=0, x_tolerance=4e-3, f_tolerance=0.03, least_gain=0.05
+)
+"""On the photo itself: as wide as the coarse level can be wrong."""
+FINE_SIMPLEX = RestartOptions(
+    step=0.015, multi_starts=0, x_tolerance=1.5e-3, f_tolerance=0.01, least_gain=0.02
+)
+"""On the fine photo, whose minimum is a pixel away."""
+PAPER_SHARE = 1.0 / 40.0
+"""Change of the paper's loss that goes with 1 of the default's about the truth."""
+LEAST_VALUE = 0.05
+"""Share of a number's scale that its value counts for at least: some are 0 by chance."""
 RESCORE_EVERY = 32
 """Number of evaluations after which the best point of a coarse level is scored on the photo."""
 REFINE_TOLERANCE = 1.0
@@ -78,44 +89,52 @@ def make_stages(
     at = problem.start if start is None else start
     poses = [(view.photo, renderer, view.chart.to_pose(at)) for view in problem.views]
     full = tuple(Level(1, view.photo, renderer) for view in problem.views)
-    options, is_clipped = problem.settings.options, problem.photo.clipped
-    if problem.settings.method == "paper":
-        step = options.step if is_clipped else PAPER_WHOLE_STEP
-        alone = replace(options, multi_starts=0, step=step, patience=PAPER_PATIENCE)
-        return (Stage(full, restarts.minimise, alone),)
-    fewest = FEWEST_PIXELS if is_clipped else FEWEST_OF_STRUCTURE
+    if _is_by_papers_simplex(problem):
+        return (Stage(full, restarts.minimise, problem.settings.options),)
+    is_structured = problem.is_structured
+    fewest = FEWEST_OF_STRUCTURE if is_structured else FEWEST_PIXELS
     coarse = tuple(coarsest_level(*pose, fewest) for pose in poses)
-    if is_clipped:
-        if coarse[0].factor == 1:  # the model covers too few pixels for a coarser level
-            return (Stage(full, restarts.minimise, options),)
-        wide = replace(
-            options,
-            multi_starts=round(COARSE_STARTS * options.multi_starts),
-            step=COARSE_STEP * options.step,
-            patience=1,
-            x_tolerance=COARSE_TOLERANCE * options.x_tolerance,
-            f_tolerance=COARSE_TOLERANCE * options.f_tolerance,
-            least_gain=COARSE_TOLERANCE * options.least_gain,
-        )
-        near = replace(options, multi_starts=0, step=FINE_STEP * options.step, patience=1)
-        return (
-            Stage(coarse, restarts.minimise, wide, rescore_every=RESCORE_EVERY),
-            Stage(full, restarts.minimise, near),
-        )
     light = tuple(lighter_level(*pose) for pose in poses)
     least = tuple(c if c.factor > 1 else own for c, own in zip(coarse, light, strict=True))
-    stages = (
-        Stage(least, cma_es.minimise, COARSE_POPULATION, rescore_every=RESCORE_EVERY),
-        Stage(light, cma_es.minimise, FINE_POPULATION, rescore_every=RESCORE_EVERY),
-    )
     fine = tuple(Level(1, view.fine_photo, renderer) for view in problem.views if view.fine_photo)
+    if problem.settings.searched_by == "simplex":
+        first = Stage(least, restarts.minimise, COARSE_SIMPLEX, False, RESCORE_EVERY)
+        if not fine:
+            return first, Stage(full, restarts.minimise, LIGHT_SIMPLEX)
+        return (
+            first,
+            Stage(light, restarts.minimise, LIGHT_SIMPLEX, False, RESCORE_EVERY),
+            Stage(fine, restarts.minimise, FINE_SIMPLEX, False, math.inf, REFINE_TOLERANCE),
+        )
+    populations, last = (COARSE_POPULATION, FINE_POPULATION), LAST_MODELS
+    if not is_structured:
+        nearness = PAPER_SHARE * COARSE_POPULATION.nearness
+        populations = tuple(replace(options, nearness=nearness) for options in populations)
+        gain = PAPER_SHARE * last.least_gain
+        last = replace(last, rise=PAPER_SHARE * last.rise, least_gain=gain)
+    stages = tuple(
+        Stage(levels, cma_es.minimise, options, rescore_every=RESCORE_EVERY)
+        for levels, options in zip((least, light), populations, strict=True)
+    )
     if not fine:
-        return *stages, Stage(full, quadratic.minimise, LAST_MODELS, along_axes=True)
+        return *stages, Stage(full, quadratic.minimise, last, along_axes=True)
     return (
         *stages,
         Stage(light, quadratic.minimise, LAST_MODELS, True, RESCORE_EVERY),
         Stage(fine, quadratic.minimise, REFINING_MODELS, True, math.inf, REFINE_TOLERANCE),
     )
+
+
+def _is_by_papers_simplex(problem: FitProblem) -> bool:
+    return problem.settings.searched_by == "simplex" and not problem.is_structured
+
+
+def _scales(problem: FitProblem, at: FloatArray) -> FloatArray:
+    """(d,): the unit of a search's lengths about parameters (d,)."""
+    scales = problem.chart.scales(at)
+    if _is_by_papers_simplex(problem) and isinstance(problem.chart, VehicleChart):
+        return np.maximum(np.abs(at), LEAST_VALUE * scales)
+    return scales
 
 
 def fit_pose(
@@ -134,6 +153,8 @@ def fit_pose(
     but for ``Limits.seconds``, on any number of ``threads``: poses that a minimiser asks for
     together are evaluated in parallel. ``seed``: by default that of the settings.
     """
+    if problem.photo.clipped:
+        problem = guarded(problem, renderer)
     if before is None:
         before, parts = FitProgress.at_start(problem), slice(0, 1 if is_coarse else None)
     else:
@@ -160,7 +181,7 @@ class _Run:
         self._best = replace(before, loss=np.inf, verdict=None, covariance=None)
         self._evaluations, self._evaluations_before = 0, before.evaluations
         self._restart = before.restart
-        scales = problem.chart.scales(before.parameters)[problem.free_indices]
+        scales = _scales(problem, before.parameters)[problem.free_indices]
         self._scale = self._axes = np.diag(scales)
         self._score: Callable[[], None] | None = None
         self._ready: Callable[[], FitProblem] | None = None

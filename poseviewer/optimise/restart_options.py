@@ -7,17 +7,19 @@ from dataclasses import dataclass
 class RestartOptions:
     """Size, tolerances and number of the descents. Lengths are in units of the scale."""
 
-    step: float = 0.05
+    step: float = 0.02
     """Edge of each new simplex."""
-    multi_starts: int = 4
-    """Short descents from the start, the best of which goes on: one often ends in a side valley."""
-    multi_start_x_tolerance: float = 1e-2
+    multi_starts: int = 8
+    """Most short descents from the start; the best goes on: one often ends in a side valley."""
+    multi_start_step: float = 0.2
+    """Edge of their simplex."""
+    multi_start_x_tolerance: float = 2e-2
     multi_start_f_tolerance: float = 1e-3
-    x_tolerance: float = 5e-4
+    x_tolerance: float = 1e-3
     """A descent ends when its simplex is this small ..."""
-    f_tolerance: float = 2e-5
+    f_tolerance: float = 2e-4
     """... and its losses differ by no more than this."""
-    least_gain: float = 2e-4
+    least_gain: float = 2e-3
     """A restart that gains less has not improved anything."""
-    patience: int = 2
+    patience: int = 1
     """Number of restarts in a row without improvement that ends the search."""

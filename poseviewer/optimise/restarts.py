@@ -39,7 +39,7 @@ def minimise(
         states = nelder_mead.minimise(
             objective,
             x0 if is_short else state.best,
-            (options.step * scale) @ turn,
+            ((options.multi_start_step if is_short else options.step) * scale) @ turn,
             short if is_short else long,
         )
         for inner in states:

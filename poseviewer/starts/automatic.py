@@ -293,7 +293,7 @@ def best_start(
     watch: Callable[[], object] = lambda: None,
 ) -> Start:
     """The least-loss end of a short fit from each proposal; each evaluation calls ``watch``."""
-    settings = replace(query.settings, method="default", lock=(), limits=TRIAL)
+    settings = replace(query.settings, loss="default", search="auto", lock=(), limits=TRIAL)
     poses, photo = [], query.photo
     for pose in (proposal.pose for proposal in proposals):
         with suppress(SettingsError):

@@ -45,10 +45,10 @@ def test_five_steps_lead_through_the_demo(page: AppPage):
     page.wait_for_text("at this pose")
     page.page.get_by_role("button", name="Undo (Z)").wait_for()  # the step Place is open
     page.drag((450.0, 400.0), (480.0, 410.0), DEMO_PHOTO)
-    assert not page.page.get_by_label("Method", exact=True).is_visible()
+    assert not page.page.get_by_label("Loss", exact=True).is_visible()
     page.page.keyboard.press("Space")
     page.wait_for_text("evaluations, restart")
-    page.page.get_by_label("Method", exact=True).wait_for()  # that of the search is open
+    page.page.get_by_label("Loss", exact=True).wait_for()  # that of the search is open
     page.page.keyboard.press("Space")
     page.wait_for_text("Stopped: the best pose so far is shown")
     page.page.get_by_role("button", name="Go back").click()
@@ -56,6 +56,33 @@ def test_five_steps_lead_through_the_demo(page: AppPage):
         page.page.get_by_role("tab", name=following).click()
     page.page.get_by_role("button", name="Save pose (S)").wait_for()
     page.page.get_by_role("button", name="Undo (Z)").wait_for(state="hidden")
+
+
+def test_loss_and_search_are_two_choices(page: AppPage):
+    def choose(label: str, option: str) -> None:
+        page.page.get_by_label(label, exact=True).click()
+        page.page.get_by_role("option", name=option, exact=True).click()
+
+    def wait_for_search(text: str) -> None:
+        field = page.page.get_by_label("Search", exact=True).and_(page.page.locator("input"))
+        page.until(lambda: field.input_value() == text)
+
+    page.open_step(3)
+    wait_for_search("CMA-ES and quadratic models")
+    choose("Loss", "Paper (2010)")
+    wait_for_search("Restarted simplex")  # the paper's own, until one is chosen
+    choose("Search", "CMA-ES and quadratic models")
+    page.page.keyboard.press("Space")
+    page.wait_for_text("Loss: Paper (2010), pixels inside the model")
+    page.page.keyboard.press("Space")
+    page.wait_for_text("Stopped: the best pose so far is shown")
+    choose("Loss", "Default (light, colour classes, edges)")
+    choose("Search", "Restarted simplex")
+    page.page.keyboard.press("Space")
+    page.wait_for_text("Loss: Default (light, colour classes, edges)")
+    page.page.keyboard.press("Space")
+    page.wait_for_text("Stopped: the best pose so far is shown")
+    choose("Search", "CMA-ES and quadratic models")
 
 
 def test_wheel_zooms_at_the_cursor_and_a_key_returns(page: AppPage):

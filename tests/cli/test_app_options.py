@@ -44,7 +44,10 @@ def test_a_folder_with_a_set_of_photos_is_opened(folder: Path, served: list[Docu
     for opened in served:
         assert len(opened.scene.views) == 3
         assert opened.object.is_placed
-    assert served[0].settings.method == "paper"
+    assert served[0].settings.searched_by == "simplex"
+    assert run("app", "set", "--loss", "paper", "--search", "models") == 0
+    assert [one.settings.loss for one in served] == ["paper", "default", "paper"]
+    assert [one.settings.search for one in served] == ["auto", "auto", "models"]
     (folder / "set" / "m.ply").unlink()
     assert run("app", "set") == 2
 

@@ -43,7 +43,8 @@ def test_pose_files_open(name: str) -> None:
     settings = settings_from_json(record.settings or {})
     assert settings.free_focal == (name == "free_focal")
     if name == "paper_parallel":
-        assert (settings.method, settings.pixels, settings.grey) == ("paper", "clip", True)
+        assert (settings.loss, settings.pixels, settings.grey) == ("paper", "clip", True)
+        assert settings.searched_by == "simplex"
         assert (settings.options.multi_starts, settings.options.step) == (6, 0.04)
     if name == "masked":
         mask, notes = mask_beside(path, record, 160, 120)

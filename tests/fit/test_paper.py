@@ -11,9 +11,10 @@ from poseviewer.fit.loss import lighting_loss, whole_photo_loss
 from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
 from poseviewer.fit.progress import Status
 from poseviewer.fit.settings import FitSettings
-from poseviewer.fit.stages import PAPER_PATIENCE, fit_pose
+from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.render.moments import model_attributes
+from poseviewer.render.pyramid.levels import smaller
 from poseviewer.render.types import PhotoAttributes
 from tests.fit.test_problem import MESH, MODEL, RENDERER, true_pose
 
@@ -51,17 +52,40 @@ def test_beside_the_model_it_has_no_colour_of_its_own():
     assert whole_photo_loss(moments) > lighting_loss(moments) + 0.01
 
 
+def problem_at(start: np.ndarray, clipped: bool, **settings) -> FitProblem:
+    """The pose to be found from numbers of the free-body chart about it."""
+    loss = lighting_loss if clipped else whole_photo_loss
+    views = (ComparedView(make_photo(clipped, 0.0), FreeBodyChart.near(MESH, POSE), loss),)
+    return FitProblem(MODEL, views, start, FitSettings("paper", **settings))
+
+
+def test_models_search_the_papers_loss_from_a_coarse_level_on():
+    problem = problem_at(np.full(6, 0.03), clipped=False, search="models")
+    search = list(fit_pose(problem, RENDERER))
+    assert [progress.factor for progress in search][:: len(search) - 1] == [2, 1]
+    assert search[-1].status is Status.CONVERGED
+    assert np.abs(search[-1].parameters).max() < 1e-2
+
+
+def test_poses_that_cover_much_less_than_the_start_are_the_worst():
+    """Clipped, a few pixels on one grey are explained better than all of them."""
+    problem = problem_at(np.zeros(6), clipped=True)
+    far = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])  # 2.7 times as far away
+    assert pose_loss(problem, RENDERER, far) < problem.worst_loss
+    (compared, *_) = (progress.problem for progress in fit_pose(problem, RENDERER))
+    assert pose_loss(compared, RENDERER, far) == problem.worst_loss
+    assert pose_loss(compared, RENDERER, problem.start) < problem.worst_loss
+    coarse = compared.on([smaller(compared.photo, 2)])
+    assert pose_loss(coarse, RENDERER, problem.start) < problem.worst_loss
+
+
 @pytest.mark.parametrize("clipped", [True, False])
 def test_it_finds_a_pose_nearby_and_stops_when_restarts_gain_nothing(clipped):
-    chart = FreeBodyChart.near(MESH, POSE)
-    start = np.array([0.02, -0.02, 0.02, 0.01, -0.01, 0.02])
-    loss = lighting_loss if clipped else whole_photo_loss
-    views = (ComparedView(make_photo(clipped, 0.0), chart, loss),)
-    problem = FitProblem(MODEL, views, start, FitSettings("paper"))
+    problem = problem_at(np.array([0.02, -0.02, 0.02, 0.01, -0.01, 0.02]), clipped)
     search = list(fit_pose(problem, RENDERER))
     end = search[-1]
     assert end.status is Status.CONVERGED
     assert {progress.factor for progress in search} == {1}
-    assert end.restart >= PAPER_PATIENCE
+    assert end.restart > end.problem.settings.options.patience
     assert end.loss == pose_loss(problem, RENDERER, end.parameters) < end.start_loss
     assert np.abs(end.parameters).max() < 1e-2  # where it stops, hangs on the last digits

@@ -72,7 +72,7 @@ def test_near_is_a_box_about_the_start():
     ("chosen", "used"), [("near", "clip"), ("clip", "clip"), ("whole", "whole")]
 )
 def test_the_papers_method_is_grey_on_clipped_or_whole_pixels(chosen, used):
-    settings = FitSettings(method="paper", pixels=chosen, colour_reflectance=True)
+    settings = FitSettings("paper", pixels=chosen, colour_reflectance=True)
     assert settings.pixels == used
     made = compared(make_photo(30.0), settings)
     assert made.channels.shape == (120, 160, 1)
@@ -86,6 +86,28 @@ def test_the_papers_method_is_grey_on_clipped_or_whole_pixels(chosen, used):
     assert settings_from_json(old) == replace(settings, options=options)
     with pytest.raises(SettingsError, match=r"`\$\.limits\.seconds`; take them out"):
         settings_from_json({"limits": {"seconds": "many"}})
+
+
+@pytest.mark.parametrize(
+    ("old", "loss", "search"),
+    [
+        ({"method": "paper"}, "paper", "simplex"),
+        ({"method": "default"}, "default", "models"),
+        ({"method": "default", "pixels": "clip"}, "default", "simplex"),
+    ],
+)
+def test_files_of_one_choice_are_searched_as_before(old, loss, search):
+    settings = settings_from_json(old)
+    assert (settings.loss, settings.searched_by, settings.method) == (loss, search, loss)
+
+
+def test_a_search_that_was_chosen_goes_with_either_loss():
+    for search in ("simplex", "models"):
+        paper = FitSettings(search=search).of_loss("paper")
+        assert (paper.searched_by, paper.method) == (search, f"paper by {search}")
+    assert FitSettings().of_loss("paper").searched_by == "simplex"
+    with pytest.raises(SettingsError, match=r"'newton' - at `\$\.search`"):
+        settings_from_json({"search": "newton"})
 
 
 def test_what_a_mask_hides_does_not_count():

@@ -114,7 +114,7 @@ def drawn_fits(folder: Path) -> Iterator[FrozenFit]:
             photo = folder / name / f"{kind}-{index}.png"
             start = photo.with_name(f"{kind}-{index}-start.json")
             if photo.is_file():
-                title = f"synthetic-{number}-{kind}-{settings.method}"
+                title = f"synthetic-{number}-{kind}-{settings.loss}"
                 yield FrozenFit(title, photo, demo_case().model, start, settings)
             number += 1
 

@@ -130,4 +130,4 @@ def test_restarts_yield_once_after_every_evaluation_and_once_at_the_end():
         counts.append(len(seen))
         numbers.append(state.restart)
     assert counts == [*range(1, len(seen) + 1), len(seen)]
-    assert max(numbers) > options.multi_starts  # some were tried
+    assert max(numbers) >= options.multi_starts  # some were tried

@@ -23,7 +23,7 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state.session import LandscapeUpdate, Session, Whose
 from poseviewer.confidence.pose_covariance import ellipse
 from poseviewer.errors import PoseViewerError
-from poseviewer.fit.settings import METHODS
+from poseviewer.fit.settings import LOSSES
 from poseviewer.fit.slices import Pair, Slice
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.charts import OutsideChartError, short_name, tooltip
@@ -228,7 +228,7 @@ def _points(piece: Slice, parameters: FloatArray) -> str:
     return " ".join(f"{x:.4g},{y:.4g}" for x, y in _on_picture(piece, parameters))
 
 
-WHOSE: dict[Whose, str] = {"chosen": "selected method", **METHODS, "both": "both"}
+WHOSE: dict[Whose, str] = {"chosen": "selected loss", **LOSSES, "both": "both"}
 """Text of each choice of whose loss the maps show."""
 
 
@@ -290,6 +290,6 @@ def grid_of(session: Session, latest: LandscapeUpdate) -> LossGrid:
         dimmed=latest.document.pose is not document.pose and not is_moving,
         half_width=latest.half_width,
         what=problem.scale.name,
-        whose=latest.case.settings.method_name,
+        whose=latest.case.settings.loss_name,
         large=session.large_map,
     )

@@ -33,7 +33,7 @@ from poseviewer.app.state.objects import alter_object
 from poseviewer.app.state.session import SearchUpdate, Session
 from poseviewer.app.workers.exporting import CONVERTED
 from poseviewer.app.workers.tasks import Request, ShowHelp, download, find_wheels
-from poseviewer.fit.settings import METHODS
+from poseviewer.fit.settings import LOSSES, SEARCHES
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel
 from poseviewer.geometry.charts import short_name, tooltip
@@ -50,10 +50,11 @@ PIXELS = {"near": "near the model", "whole": "whole photo", "clip": "inside the 
 BESIDE_RESTART = 1e-3
 """Evaluations between a restart's line on the curve and what is not one."""
 AS_IT_IS = "as it is"
-METHODS_HINT = (
-    "Default: CMA-ES, then quadratic models, on what light, classes of colour and edges leave "
-    "unexplained. Paper (2010): the paper's restarted simplex on its loss of light alone."
+LOSSES_HINT = (
+    "Default: what light, classes of colour and edges leave unexplained. Paper (2010): what light "
+    "alone does, in grey."
 )
+SEARCHES_HINT = "How the loss is minimised; each goes with each loss."
 WAITING = '<div class="pv-wait"></div>'
 """A moving bar, for work of unknown length."""
 
@@ -62,8 +63,8 @@ def _has_region(session: Session) -> bool:
     return session.document.own.region is not None
 
 
-def _is_by_paper(session: Session) -> bool:
-    return session.document.settings.method == "paper"
+def _is_papers(session: Session) -> bool:
+    return session.document.settings.loss == "paper"
 
 
 def _is_parallel(session: Session) -> bool:
@@ -219,11 +220,13 @@ def add_fitting(controls: Controls) -> None:
     """Step "Fit": start and stop, how the search goes, what it may change."""
 
     def pixels_of(session: Session) -> tuple[str, ...]:
-        return tuple(PIXELS.values())[1 if _is_by_paper(session) else 0 :]
+        return tuple(PIXELS.values())[1 if _is_papers(session) else 0 :]
 
-    method, pixels = (attrgetter(f"document.settings.{name}") for name in ("method", "pixels"))
-    controls.dropdown("Method", METHODS, c.set_method, method, METHODS_HINT)
+    names = ("loss", "pixels", "searched_by")
+    loss, pixels, search = (attrgetter(f"document.settings.{name}") for name in names)
+    controls.dropdown("Loss", LOSSES, c.set_loss, loss, LOSSES_HINT)
     controls.dropdown("Pixels", PIXELS, partial(_set, "pixels"), pixels, options=pixels_of)
+    controls.dropdown("Search", SEARCHES, partial(_set, "search"), search, SEARCHES_HINT)
     icon = {"icon": lambda s: "player-stop" if s.searching else "player-play"}
     controls.action("search", lambda s: s.searching, color="cyan", **icon)
     several = {"visible": lambda s: len(s.document.scene.objects) > 1 and not s.searching}
@@ -299,10 +302,10 @@ def _add_hiding(controls: Controls) -> None:
 
 
 def _add_comparison(controls: Controls) -> None:
-    """A button that compares the methods, their ends, and which of them to take."""
+    """A button that compares the losses, their ends, and which of them to take."""
     controls.action("compare", icon="arrows-diff", disabled=lambda s: s.searching)
     controls.text(kept(lambda s: (s.ends,), lambda s: ends_table(s.ends, s.document.mesh)))
-    takes = {name.capitalize(): c.take_end(index) for index, name in enumerate(METHODS)}
+    takes = {name.capitalize(): c.take_end(index) for index, name in enumerate(LOSSES)}
     controls.choices("Take", takes, visible=lambda s: bool(s.ends))
 
 
@@ -317,7 +320,7 @@ def _add_settings(controls: Controls) -> None:
     setting(gui.add_dropdown("Parameters", ("auto", "vehicle", "free-body")), "chart")
     controls.action("region", lambda s: s.tool == "region")
     controls.action("clear region", visible=_has_region)
-    setting(gui.add_checkbox("Use greyscale", False), "grey", disabled=_is_by_paper)
+    setting(gui.add_checkbox("Use greyscale", False), "grey", disabled=_is_papers)
     setting(gui.add_checkbox("Find the focal length", False), "free_focal")
     evaluations = gui.add_number("Max evaluations", 20_000, min=10, max=1_000_000, step=10)
     setting(evaluations, "limits.evaluations")

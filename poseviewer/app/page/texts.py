@@ -164,12 +164,12 @@ def search_text(session: Session) -> str:
     settings, methods = search.latest.settings, search.asked.methods
     which = ""
     if search.running and len(methods) > 1:
-        which = f", {methods.index(settings) + 1} of {len(methods)} methods"
+        which = f", {methods.index(settings) + 1} of {len(methods)} losses"
     if len(search.asked.indices) > 1:
         label = label_of(session.document.scene.objects[search.latest.index])
         which += f"  \nOf all objects: **{plain(label)}**"
     text = (
-        f"Method: {settings.method_name}{which}  \n"
+        f"Loss: {settings.loss_name}{which}  \n"
         f"**{progress.loss_text}** (start {progress.scale.shown(progress.start_loss):.3f})  \n"
         f"{progress.evaluations} evaluations, restart {progress.restart}, "
         f"{progress.seconds:.1f} s  \n{sentence}"
@@ -211,11 +211,11 @@ def ends_table(ends: Sequence[SearchUpdate], mesh: Mesh) -> str:
     if not ends:
         return ""
     progress = [end.progress for end in ends]
-    rows = {"": [end.settings.method.capitalize() for end in ends], "---": ["--:"] * len(ends)}
+    rows = {"": [end.settings.loss.capitalize() for end in ends], "---": ["--:"] * len(ends)}
     for i, end in enumerate(ends):
         scale = end.problem.scale
         losses = [f"{scale.shown(other.losses[i]):.3f}" for other in ends]
-        rows[f"{end.settings.method.capitalize()}: {scale.name}"] = losses
+        rows[f"{end.settings.loss.capitalize()}: {scale.name}"] = losses
     rows |= {
         "seconds": [f"{p.seconds:.1f}" for p in progress],
         "evaluations": [f"{p.evaluations:,}" for p in progress],

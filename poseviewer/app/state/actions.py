@@ -20,7 +20,7 @@ BOX = "Draw a rectangle about the object; starting poses are proposed there"
 PROPOSE = "Look for starting poses, in the box, the region or the whole photo"
 HIDE = "Hide what is in front: wheel brush size, alt erase"
 HIDE_FOUND = "Hide what the search took for something in front, to be corrected"
-COMPARE = "Search from the start by one method, then by the other, and set the ends side by side"
+COMPARE = "Search from the start by one loss, then by the other, and set the ends side by side"
 REGION, DRAWING = "Compare what lies in a rectangle alone", "Drag on the photo ..."
 END = "Let go, leave a tool, stop what is looked for or read"
 
@@ -91,7 +91,7 @@ ACTIONS: Mapping[str, Action] = {
     "hide": Action(c.toggle_hiding(), "Fit", "Hide what is in front", HIDE, "H", "Done hiding"),
     "hide found": Action(h.hide_found(), "Fit", "Hide what the search found", HIDE_FOUND),
     "unhide": Action(h.unhide(), "Fit", "Clear hidden areas", "Let all pixels count again"),
-    "compare": Action(c.compare_methods(), "Fit", "Compare both methods", COMPARE),
+    "compare": Action(c.compare_losses(), "Fit", "Compare both losses", COMPARE),
     "region": Action(c.set_tool("region"), "Fit", "Draw a region", REGION, end=DRAWING),
     "clear region": Action(c.clear_region(), "Fit", "Clear the region", "Compare the whole photo"),
     **{

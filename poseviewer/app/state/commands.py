@@ -44,7 +44,7 @@ from poseviewer.app.state.session import (
     is_in_sight,
 )
 from poseviewer.errors import PoseViewerError, QuickStartError, SettingsError
-from poseviewer.fit.settings import METHODS, FitSettings, Method
+from poseviewer.fit.settings import LOSSES, FitSettings, LossName
 from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
@@ -322,12 +322,12 @@ def clear_region(session: Session) -> Session:
 
 
 @edit
-def set_method(session: Session, method: Method) -> Session:
-    """Search by another method; what each compares is kept until it is chosen again."""
+def set_loss(session: Session, loss: LossName) -> Session:
+    """Search by another loss; what each compares is kept until it is chosen again."""
     before = session.document.settings
-    if method == before.method:
+    if loss == before.loss:
         return session
-    settings = session.settings_by(method)
+    settings = session.settings_by(loss)
     changed = session.with_document(session.document.with_object(settings=settings))
     return replace(changed, other_settings=before)
 
@@ -463,11 +463,11 @@ def search_all(session: Session) -> Session:
 
 
 @edit
-def compare_methods(session: Session) -> Session:
-    """Search from the start pose by both methods, by the one that is chosen last."""
+def compare_losses(session: Session) -> Session:
+    """Search from the start pose by both losses, by the one that is chosen last."""
     document = session.document
-    methods = sorted(METHODS, key=lambda method: method == document.settings.method)
-    settings = tuple(session.settings_by(method) for method in methods)
+    losses = sorted(LOSSES, key=lambda loss: loss == document.settings.loss)
+    settings = tuple(map(session.settings_by, losses))
     return _searching(session, document.reset, settings, (document.active,))
 
 
@@ -493,13 +493,13 @@ def _searching(
 
 @edit
 def take_end(session: Session, index: int) -> Session:
-    """Go where a method of the last comparison ended, as if it alone had been searched by."""
+    """Go where a loss of the last comparison ended, as if it alone had been searched by."""
     if not 0 <= index < len(session.ends):
         return session
     end, before = session.ends[index], session.document
     document = found_at(before, end).with_object(settings=end.settings)
     taken = session.with_document(document)
-    if end.settings.method != before.settings.method:
+    if end.settings.loss != before.settings.loss:
         taken = replace(taken, other_settings=before.settings)
     asked = SearchRequest(before.reset, (end.settings,), (before.active,))
     return replace(taken, search=Search(asked, False, end), anchor=asked.start.scene)

@@ -21,7 +21,7 @@ from poseviewer.fit.loss import Unexplained
 from poseviewer.fit.progress import FitProgress
 from poseviewer.fit.scene import Scene, SearchResult
 from poseviewer.fit.search import SearchProgress
-from poseviewer.fit.settings import METHODS, FitSettings, Method
+from poseviewer.fit.settings import LOSSES, FitSettings, LossName
 from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
@@ -88,9 +88,9 @@ class SearchUpdate(SearchProgress):
     is_over: bool = False
     """Whether it is the last one."""
     ends: tuple[SearchUpdate, ...] = ()
-    """Ends of the methods from one start, in the last update of a search by several."""
+    """Ends by the losses from one start, in the last update of a search by several."""
     losses: tuple[float, ...] = ()
-    """Loss of one of these ends by each of the methods, in their order."""
+    """Loss of one of these ends by each of the losses, in their order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -201,7 +201,7 @@ class Session:
     large_map: tuple[int, int] | None = None
     """Pair of parameters whose map is open large."""
     whose: Whose = "chosen"
-    """Whose loss is mapped: that of the chosen method, of one of them, or both."""
+    """Which loss is mapped: the chosen one, one of them, or both."""
     search: Search | None = None
     proposals: ProposedStarts | None = None
     other_proposals: Mapping[int, ProposedStarts | None] = field(default_factory=dict)
@@ -211,9 +211,9 @@ class Session:
     maps_note: str = ""
     """Why there are no maps; a sentence."""
     ends: tuple[SearchUpdate, ...] = ()
-    """Ends of both methods when they were last compared on this photo and model."""
+    """Ends by both losses when they were last compared on this photo and model."""
     other_settings: FitSettings = field(default_factory=lambda: FitSettings("paper"))
-    """The settings as they were before the method was changed last."""
+    """The settings as they were before the loss was changed last."""
     overlay: Overlay | None = None
     losses: Losses | None = None
     """Losses of the pose at hand, or of one a moment ago: its own will follow."""
@@ -296,16 +296,16 @@ class Session:
             return None
         return latest if latest.problem.views[0].index == own.at else None
 
-    def settings_by(self, method: Method) -> FitSettings:
-        """The settings at hand, by a method."""
-        return self.document.settings.of_method(method, self.other_settings)
+    def settings_by(self, loss: LossName) -> FitSettings:
+        """The settings at hand, by a loss."""
+        return self.document.settings.of_loss(loss, self.other_settings)
 
     @property
     def mapped(self) -> tuple[FitSettings, ...]:
         """By which settings the losses are that the maps are to show."""
         own, whose = self.document.settings, self.whose
         if whose == "both":
-            return tuple(self.settings_by(method) for method in METHODS)
+            return tuple(map(self.settings_by, LOSSES))
         return (own if whose == "chosen" else self.settings_by(whose),)
 
     @property

@@ -99,7 +99,7 @@ def export(what: Export, session: Session) -> dict[str, bytes]:
         raise SettingsError("there are no maps yet; wait for the first ones")
     endings = {"default": f"landscape.{kind}", "paper": f"landscape.paper.{kind}"}
     return {
-        f"{stem}.{endings[update.case.settings.method]}": update.maps.as_bytes(kind)
+        f"{stem}.{endings[update.case.settings.loss]}": update.maps.as_bytes(kind)
         for update in mapped
     }
 

@@ -25,7 +25,7 @@ from poseviewer.fit import search as fit
 from poseviewer.fit.problem import make_problem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.scene import Scene
-from poseviewer.fit.settings import METHODS
+from poseviewer.fit.settings import LOSSES
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.pool import processors
 from poseviewer.render.types import Renderer
@@ -125,7 +125,7 @@ def proposing(notify: Callable[[], None]) -> Job[Document, Edit]:
 
 
 def run_search(asked: SearchRequest) -> Iterator[SearchUpdate]:
-    """The search that the session asks for, after every evaluation, by each of its methods in turn;
+    """The search that the session asks for, after every evaluation, by each of its losses in turn;
     of several, the last update has the ends of all. Raises as ``make_problem``.
     """
     done: list[SearchUpdate] = []
@@ -168,9 +168,9 @@ def _search(scene: Scene, indices: tuple[int, ...], view: int) -> Iterator[Searc
 
 
 def ends_of(done: Sequence[SearchUpdate], renderer: Renderer) -> tuple[SearchUpdate, ...]:
-    """The ends of searches by several methods, ours first, each judged by the loss of each."""
-    order = list(METHODS)
-    done = sorted(done, key=lambda update: order.index(update.settings.method))
+    """The ends of searches by several losses, ours first, each judged by the loss of each."""
+    order = list(LOSSES)
+    done = sorted(done, key=lambda update: order.index(update.settings.loss))
     return tuple(
         replace(
             end,

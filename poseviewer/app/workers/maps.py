@@ -17,7 +17,7 @@ from poseviewer.app.workers.jobs import for_one_thread
 from poseviewer.app.workers.worker import Job, lower_priority
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.problem import FitProblem
-from poseviewer.fit.settings import FitSettings, Method
+from poseviewer.fit.settings import FitSettings, LossName
 from poseviewer.fit.slices import QUICK_SIZES, Slice, landscape, quick_level, strides
 from poseviewer.fit.stages import make_stages
 from poseviewer.render.pool import RendererPool, processors
@@ -88,25 +88,25 @@ class MapMaker:
     def __init__(self, renderer: SoftwareRenderer) -> None:
         self._renderer = renderer
         self._fine = _pool(renderer)
-        self._cases: dict[Method, _Case] = {}
+        self._cases: dict[LossName, _Case] = {}
         self._is_prepared = False
 
     def run(self, request: Session) -> Iterator[tuple[LandscapeUpdate, ...]]:
         """The maps by each loss, coarse to fine, as soon as there is a first grid of each map."""
         cases = [self._case(request, settings) for settings in request.mapped]
-        known: dict[Method, LandscapeUpdate] = {}
+        known: dict[LossName, LandscapeUpdate] = {}
         first, *more = QUICK_SIZES
         for size in (first, *more) if request.moving else (first, *more, SIZE):
             if size == SIZE and not self._is_prepared:  # now, and not when it is waited for
                 self._is_prepared = True
                 make_stages(cases[0].scene.problem, self._renderer)
             for case in cases:
-                method = case.scene.settings.method
-                shown = known[method].slices if method in known else ()
+                loss = case.scene.settings.loss
+                shown = known[loss].slices if loss in known else ()
                 coarse, fine = (case.quick, case.pool), (case.scene.problem, self._fine)
                 levels = coarse if size < SIZE else fine
                 for latest in maps(case.scene, request, *levels, size, shown):
-                    known[method] = latest
+                    known[loss] = latest
                     if size != first:
                         yield tuple(known.values())
             if size == first:
@@ -114,7 +114,7 @@ class MapMaker:
 
     def _case(self, request: Session, settings: FitSettings) -> _Case:
         """About what is compared; as a search compares it, where that is by these settings."""
-        before = self._cases.get(settings.method)
+        before = self._cases.get(settings.loss)
         losses, search = _losses_of(request), request.own_search
         if before is not None and before.losses == losses:
             return before
@@ -133,7 +133,7 @@ class MapMaker:
         if before is not None:
             before.pool.close()
         case = _Case(losses, scene, quick, _pool(levels[0].renderer))
-        self._cases[settings.method] = case
+        self._cases[settings.loss] = case
         return case
 
 

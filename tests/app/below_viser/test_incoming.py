@@ -122,7 +122,7 @@ ODD_VALUES: tuple[tuple[str, Any], ...] = (
     ("Seed", None),
     ("Seed", 2**63),
     ("Pixels", "no such choice"),
-    ("Method", ""),
+    ("Loss", ""),
     ("View", 7),
     ("Use greyscale", "yes"),
     ("Name", ["a"]),

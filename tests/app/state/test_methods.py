@@ -27,42 +27,42 @@ def session(scene) -> Session:
 @pytest.fixture(scope="module")
 def updates(session) -> list[SearchUpdate]:
     """All updates of a comparison of the methods."""
-    return list(run_search(asked_of(after(session, c.compare_methods()))))
+    return list(run_search(asked_of(after(session, c.compare_losses()))))
 
 
 def compared(session: Session, updates: list[SearchUpdate]) -> Session:
     """After the whole of a comparison."""
-    session = after(session, c.compare_methods())
+    session = after(session, c.compare_losses())
     asked = asked_of(session)
     return after(session, *(c.search_advanced(asked, update) for update in updates))
 
 
 def test_each_method_keeps_what_it_compares(session):
-    paper = after(session, c.set_method("paper"))
+    paper = after(session, c.set_loss("paper"))
     settings = paper.document.settings
-    assert (settings.method, settings.pixels, settings.grey) == ("paper", "clip", True)
+    assert (settings.loss, settings.pixels, settings.grey) == ("paper", "clip", True)
     assert (settings.seed, settings.limits) == (SETTINGS.seed, SETTINGS.limits)
     whole = after(paper, c.alter_settings(lambda s: replace(s, pixels="whole")))
-    ours = after(whole, c.set_method("default"))
+    ours = after(whole, c.set_loss("default"))
     assert ours.document.settings == SETTINGS
-    assert after(ours, c.set_method("paper")).document.settings == whole.document.settings
-    assert after(ours, c.set_method("default")) is ours
+    assert after(ours, c.set_loss("paper")).document.settings == whole.document.settings
+    assert after(ours, c.set_loss("default")) is ours
     assert after(ours, c.undo(), c.undo(), c.undo()).document is session.document
 
 
 def test_the_maps_are_of_the_loss_that_is_asked_for(session):
-    paper = after(session, c.set_method("paper"))
+    paper = after(session, c.set_loss("paper"))
     for at_hand in (session, paper):
         own = at_hand.document.settings
         assert at_hand.mapped == (own,)
         both = after(at_hand, c.change(whose="both")).mapped
-        assert [settings.method for settings in both] == ["default", "paper"]
+        assert [settings.loss for settings in both] == ["default", "paper"]
         assert own in both
         assert after(at_hand, c.change(whose="default")).mapped == (SETTINGS,)
 
 
 def test_a_comparison_searches_from_the_start_by_both_methods(session, updates):
-    centre, methods = session.document.mesh.centre, [update.settings.method for update in updates]
+    centre, methods = session.document.mesh.centre, [update.settings.loss for update in updates]
     assert sorted(set(methods)) == ["default", "paper"]
     assert methods == sorted(methods, reverse=True)  # the chosen one last
     for update in updates:
@@ -71,12 +71,12 @@ def test_a_comparison_searches_from_the_start_by_both_methods(session, updates):
     done = compared(session, updates)
     assert not done.searching
     assert done.history.past == (*session.history.past, session.document)
-    assert [end.settings.method for end in done.ends] == ["default", "paper"]
+    assert [end.settings.loss for end in done.ends] == ["default", "paper"]
     assert_same_pose(done.document.pose, done.ends[0].progress.pose)
     for index, end in enumerate(done.ends):
         assert end.losses[index] == pytest.approx(end.progress.loss, rel=1e-9)
         assert len({other.losses[index] for other in done.ends}) == 2  # each judged by each loss
-    stopped = after(done, c.compare_methods())
+    stopped = after(done, c.compare_losses())
     stopped = after(stopped, c.search_advanced(asked_of(stopped), updates[5]), c.stop_search())
     assert stopped.ends is done.ends
     assert after(done, c.open_document(make_document())).ends == ()
@@ -96,5 +96,5 @@ def test_each_end_can_be_taken_with_its_method_and_undone(session, updates, inde
     assert after(taken, c.undo()).document is done.document
     other = after(taken, c.take_end(1 - index))
     assert_same_pose(other.document.pose, done.ends[1 - index].progress.pose)
-    assert after(other, c.set_method("default")).document.settings == SETTINGS
+    assert after(other, c.set_loss("default")).document.settings == SETTINGS
     assert after(done, c.take_end(2)) is done

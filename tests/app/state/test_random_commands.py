@@ -55,7 +55,7 @@ def make_command(chance: random.Random) -> Edit:
         lambda: c.view_from(pick(("front", "left", "top"))),
         c.undo,
         c.redo,
-        lambda: c.set_method(pick(("default", "paper"))),
+        lambda: c.set_loss(pick(("default", "paper"))),
         lambda: c.set_projection(pick(("perspective", "parallel"))),
         lambda: c.set_camera(focal(), focal(), focal(), focal()),
         lambda: c.set_field_of_view(chance.uniform(-5.0, 190.0)),
