@@ -12,6 +12,8 @@ from poseviewer.errors import BatchError
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 CONNECT_SECONDS = 10.0
+WORKER_SECONDS = 60.0
+"""Time within which a worker has to be there: one that a queue starts may take this long."""
 
 
 def run_on_cluster(
@@ -25,6 +27,13 @@ def run_on_cluster(
             as_completed,
         )
 
+        try:
+            client.wait_for_workers(1, timeout=WORKER_SECONDS)
+        except TimeoutError:
+            raise BatchError(
+                f"{address}: no worker joined the Dask scheduler in {WORKER_SECONDS:.0f} s; start "
+                f"one with `dask worker {address}`. What is done is kept."
+            ) from None
         submitted = {client.submit(function, item, key=name): item for name, item in items.items()}
         try:
             for future in as_completed(list(submitted), loop=client.loop):
@@ -45,7 +54,7 @@ def run_on_cluster(
 def _connected(address: str) -> Any:
     """A client of the scheduler."""
     try:
-        from distributed import Client  # pyright: ignore[reportMissingImports] - an extra
+        from distributed import Client, Security  # pyright: ignore[reportMissingImports] - an extra
         from distributed.comm.addressing import (  # pyright: ignore[reportMissingImports]
             get_address_host_port,
         )
@@ -55,10 +64,20 @@ def _connected(address: str) -> Any:
         ) from None
     for handler in logging.getLogger("distributed").handlers:
         handler.setLevel(logging.CRITICAL)  # of a scheduler that is gone it has tracebacks
+    client: Any = None
     try:
         get_address_host_port(address)  # a client of a wrong address takes long to end
-        return Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
-    except (OSError, ValueError) as error:  # a TimeoutError is an OSError
+        if (
+            address.startswith("tls:")
+            and not Security().get_connection_args("client")["ssl_context"]
+        ):
+            raise ValueError("its certificates are wanted, in Dask's configuration")
+        client = Client.__new__(Client)
+        client.__init__(address, timeout=CONNECT_SECONDS, set_as_default=False)
+        return client
+    except Exception as error:  # noqa: BLE001 - whoever answers there may send anything
+        if client is not None:
+            client.status = "closed"  # else its end waits for the answer that made no sense
         reason = (str(error).splitlines() or [type(error).__name__])[0][:100]
         raise BatchError(
             f"{address}: no Dask scheduler answers there ({reason}); start one with "

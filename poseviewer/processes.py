@@ -37,7 +37,7 @@ def run_in_processes(
                 del own.process
         return None
 
-    threads = ThreadPoolExecutor(count)
+    threads = ThreadPoolExecutor(count, initializer=_block_ctrl_c)
     try:
         running = {threads.submit(run, item): item for item in items}
         for future in as_completed(running):
@@ -46,6 +46,14 @@ def run_in_processes(
         writer.close()
         threads.shutdown(cancel_futures=True)
         reader.close()
+
+
+def _block_ctrl_c() -> None:
+    """Keep Ctrl-C, which a terminal sends to all, from the processes that this thread starts: they
+    would end with a traceback before ``_begin``.
+    """
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
 
 def _begin(reader: Connection) -> None:

@@ -11,6 +11,7 @@ import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import NoReturn
 
 from poseviewer.cli.options import add_all, inputs
@@ -70,7 +71,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _make_ready() -> None:
-    """Make output printable on any terminal; warnings go to the log, shown where asked for."""
+    """Make output printable on any terminal, and closed streams lead nowhere; warnings go to the
+    log, shown where asked for; numba compiles, on threads of ours.
+    """
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:  # a file that is opened would take its place
+            setattr(sys, name, Path(os.devnull).open("r+"))  # noqa: SIM115
+    for name in ("NUMBA_DISABLE_JIT", "NUMBA_NUM_THREADS"):
+        os.environ.pop(name, None)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")

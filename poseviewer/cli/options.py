@@ -50,8 +50,11 @@ positive = _value(float, "a number above 0", lambda value: 0.0 < value < float("
 whole = _value(int, "a whole number above 0", lambda value: value > 0)
 RECTANGLE = "LEFT,TOP,WIDTH,HEIGHT"
 READERS: Mapping[str, Callable[[str], Any]] = {
-    **dict.fromkeys(("ADDRESS", "HOST", "ID", "ID|NUMBER", "NAME", "NAME|NUMBER", "PART"), str),
-    **dict.fromkeys(("PATTERN", "REAR;FRONT"), str),
+    **dict.fromkeys(("ADDRESS", "HOST", "PART", "PATTERN", "REAR;FRONT"), str),
+    **dict.fromkeys(
+        ("ID", "ID|NUMBER", "NAME", "NAME|NUMBER"),
+        _value(str, "a name of at most 255 characters", lambda text: len(text) < 256),
+    ),
     **dict.fromkeys(("LENGTHS", "PX", "SECONDS", "SHARE"), positive),
     "N": whole,
     "N,...": listed(whole),

@@ -112,7 +112,7 @@ def _chosen(choice: Calibration, cameras: list[FileCamera], photo: str) -> FileC
     stem = Path(photo).stem
     named = [c for c in cameras if photo in c.photos]
     # BOP numbers its photos: 000017.png is the scene's 17.
-    named = named or [c for c in cameras if stem.isdigit() and c.name == str(int(stem))]
+    named = named or [c for c in cameras if stem.isdecimal() and c.name == str(int(stem))]
     if len(named) == 1:
         return named[0]
     found = f"{len(cameras)} cameras, {_names(cameras)}, and none of them named after {photo}"

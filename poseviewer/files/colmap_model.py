@@ -60,7 +60,7 @@ def colmap_cameras(reading: Reading) -> dict[str, tuple[Perspective, Lens | None
     """The cameras in a ``cameras`` file, and their lenses, by CAMERA_ID."""
     cameras = {}
     for words in _camera_rows(reading):
-        if len(words) < 5 or not words[0].isdigit():
+        if len(words) < 5 or not words[0].isdecimal():
             found = f"a line reads {' '.join(words)[:40]!r}"
             raise reading.error(found, "wanted COLMAP's CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]")
         key, model = words[:2]

@@ -74,7 +74,8 @@ def write_whole(
     """Write beside ``path`` and then rename, so that no reader sees half a file; over what was read
     where the file ``is_own``, poseviewer's.
     """
-    require_replaceable(path, error, is_own=is_own)
+    with writing_to(path.parent, path.name, error):
+        require_replaceable(path, error, is_own=is_own)
     start = f".{path.name[:40]}."
     temporary = path.with_name(f"{start}{secrets.token_hex(4)}.part")
     try:

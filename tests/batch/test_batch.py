@@ -208,6 +208,23 @@ def test_ctrl_c_keeps_what_is_finished(scene, tmp_path):
     assert 1 <= len(read_rows(out / "results.csv")) == len(kept(out)) < 8
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT for one process there")
+@pytest.mark.parametrize("wait_s", [0.3, 0.8, 1.3, 1.8])
+def test_ctrl_c_at_the_beginning_is_said_in_a_line(scene, tmp_path, wait_s: float):
+    table, out = write_table(scene, tmp_path, 8), tmp_path / "out"
+    line = command("batch", table, "--out", out, "--processes", 2, "--quiet", *LONG)
+    with ctrl_c_ends_them():
+        process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                                   start_new_session=True)  # fmt: skip
+    with process:
+        time.sleep(wait_s)  # somewhere in it: no file says where
+        os.killpg(process.pid, signal.SIGINT)
+        _, complaints = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert complaints in ("", "poseviewer: stopped; nothing was written.\n")
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [

@@ -3,10 +3,12 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -104,7 +106,7 @@ def test_a_scheduler_that_goes_away_is_said(scene, tmp_path, cluster, capsys):
 
 
 @needs_dask
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense:://"])
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense:://", "tls://127.0.0.1:9"])
 def test_a_scheduler_that_is_not_there_is_said(scene, tmp_path, address, capsys, monkeypatch):
     monkeypatch.setattr("poseviewer.cluster.CONNECT_SECONDS", 0.5)
     table, out = write_table(scene, tmp_path, 1), tmp_path / "out"
@@ -112,6 +114,34 @@ def test_a_scheduler_that_is_not_there_is_said(scene, tmp_path, address, capsys,
     printed = capsys.readouterr().err
     assert "no Dask scheduler answers there" in printed
     assert printed.count("\n") == 1, printed
+
+
+@needs_dask
+def test_a_port_that_answers_rubbish_is_said(tmp_path: Path, scene, capfd):
+    table, out = write_table(scene, tmp_path, 1), tmp_path / "out"
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer() -> None:
+            with suppress(OSError), server.accept()[0] as peer:
+                peer.sendall(b"\xff" * 4000)
+                peer.recv(1)
+
+        threading.Thread(target=answer, daemon=True).start()
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        assert run("batch", table, "--out", out, "--scheduler", address, "--quiet") == 2
+    assert "no Dask scheduler answers there" in capfd.readouterr().err
+
+
+@needs_dask
+@pytest.mark.slow
+def test_a_cluster_without_workers_is_said(scene, tmp_path, cluster, capsys, monkeypatch):
+    monkeypatch.setattr("poseviewer.cluster.WORKER_SECONDS", 1.0)
+    for process in cluster.processes[1:]:
+        process.kill()
+        process.wait()
+    table, out = write_table(scene, tmp_path, 1), tmp_path / "out"
+    assert run("batch", table, "--out", out, "--scheduler", cluster.address, "--quiet") == 2
+    assert "no worker joined the Dask scheduler" in capsys.readouterr().err
 
 
 def test_without_dask_its_option_says_what_to_install(scene, tmp_path, capsys, monkeypatch):

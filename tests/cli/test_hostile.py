@@ -227,3 +227,31 @@ def test_no_pose_is_written_that_cannot_be_read(capsys, camera, shift: float, wo
     assert run(*"convert --from gltf c.gltf o.json --photo p.png --model m.ply".split()) == 2  # noqa: SIM905
     assert words in one_line(capsys.readouterr().err)
     assert not Path("o.json").exists()
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("closed", [(), (2,), (0, 1, 2)])
+def test_closed_streams_and_settings_of_numba_do_no_harm(closed: tuple[int, ...]) -> None:
+    line = "fit p.png m.ply --pose start.json --out o.json --overlay o.png --evaluations 40"
+    lines = f"import os; [os.close(number) for number in {closed}]\n"
+    lines += f"os.execv({sys.executable!r}, [{sys.executable!r}, '-m', 'poseviewer.cli.main'"
+    lines += "".join(f", {word!r}" for word in line.split()) + "])"
+    strange = {"NUMBA_DISABLE_JIT": "1", "NUMBA_NUM_THREADS": "0"}
+    python_path = os.pathsep.join([str(Path(__file__).parents[2]), *sys.path])
+    env = {**os.environ, "PYTHONPATH": python_path, **strange}
+    assert subprocess.run([sys.executable, "-c", lines], env=env, check=False).returncode == 0
+    assert run("info", "o.json") == run("info", "o.png") == 0
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("number", ["9" * 5000, "²"])
+def test_a_number_that_is_none_is_said(capsys, number: str) -> None:
+    named = "convert start.json o --to bop --photo p.png --model m.ply"
+    for option in ("--object", "--image"):
+        assert run(*named.split(), option, number) == 2
+        assert "went wrong" not in one_line(capsys.readouterr().err)
+    shutil.copy("p.png", "²²².png")
+    cameras = {str(key): {"cam_K": [9, 0, 1, 0, 9, 1, 0, 0, 1]} for key in (1, 2)}
+    Path("scene_camera.json").write_text(json.dumps(cameras))
+    assert run(*"info ²²².png --calibration scene_camera.json".split()) == 2  # noqa: SIM905
+    assert "choose one by" in one_line(capsys.readouterr().err)

@@ -72,6 +72,8 @@ def _in_a_line(record: logging.LogRecord) -> bool:
 
 _log.addFilter(_in_a_line)
 
+LONGEST_TARGET = 4000
+"""Characters of a path and query: file systems take a name of 255, and viser looks for a file."""
 Answer = Callable[[ServerConnection, Request], Response | None]
 
 
@@ -104,6 +106,8 @@ class AccessPolicy:
         # Without the token: a refusal is read by strangers.
         instead = f"open {self.url.partition('?')[0]} instead."
         hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+        if len(target) > LONGEST_TARGET:
+            return f"The address has {len(target):,} characters; {instead}"
         if len(hosts) != 1:
             return f"The request names {len(hosts)} hosts, wanted one; {instead}"
         host, query = hosts[0].lower(), _query(target)
@@ -148,7 +152,9 @@ class AccessPolicy:
 
     def _is_token(self, given: str) -> bool:
         # As bytes: compare_digest takes no text beyond ASCII.
-        return self.token is not None and hmac.compare_digest(given.encode(), self.token.encode())
+        return self.token is not None and hmac.compare_digest(
+            given.encode(errors="surrogateescape"), self.token.encode()
+        )
 
 
 @dataclass(frozen=True, slots=True)

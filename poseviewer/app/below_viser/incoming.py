@@ -92,7 +92,7 @@ class _Checks:
     async def value(self, client: ClientId, message: m.GuiUpdateMessage) -> None:
         """Another value of an input has come."""
         handle = self._gui._gui_input_handle_from_uuid.get(message.uuid)
-        if handle is None:
+        if handle is None or isinstance(handle.value, viser.UploadedFile):  # files come in parts
             return
         if message.updates.keys() == {"value"} and _is_one_of(handle, message.updates["value"]):
             await self._gui._handle_gui_updates(client, message)

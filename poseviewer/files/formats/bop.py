@@ -210,7 +210,7 @@ def _entry(scene: SceneRecord, index: int, view: int, options: ConvertOptions) -
     factor = metres_per_unit(unit) / metres_per_unit(UNIT)
     place = scene.pose(index, view).camera_from_model
     is_named = len(scene.objects) == 1 or re.fullmatch(MODEL_NAME, item.path.name)
-    if item.id.isdecimal() and not is_named:
+    if item.id.isdecimal() and len(item.id) <= MOST_DIGITS and not is_named:
         given = int(item.id)
     number = _number(given, MODEL_NAME, item.path.name, "object", "obj_000005.ply")
     return BopObject(number, replace(place, translation=place.translation * factor)).as_json()

@@ -145,6 +145,19 @@ def test_links_that_hand_the_page_to_another_server_are_refused(
     assert "which would hand this page to another server" in text
 
 
+@pytest.mark.parametrize("path", ["/" + "a" * 5000, "/?token=" + "a" * 5000])
+def test_a_path_that_is_too_long_is_refused(local: GuardedServer, path: str) -> None:
+    status, text, _ = get(local, path)
+    assert status == 403
+    assert "The address has 5,0" in text
+
+
+def test_a_token_that_is_no_ascii_is_refused(wide: GuardedServer) -> None:
+    with socket.create_connection(("127.0.0.1", wide.policy.port), 20) as plain:
+        plain.sendall("GET /?token=é HTTP/1.1\r\nHost: a\r\n\r\n".encode("latin-1"))
+        assert plain.recv(100).startswith(b"HTTP/1.1 403 ")
+
+
 TOKENS = (
     ("/", None, 403),
     ("/?token=", None, 403),

@@ -142,7 +142,11 @@ def test_a_value_that_an_input_cannot_have_goes_no_farther(
         page.change(uuid, value)
         page.wait_until(lambda: len(page.values(uuid)) > len(before))  # noqa: B023
         assert page.values(uuid)[-1] == before[-1]
+    page.change(running.uuid("Photo ..."), "a.png")
+    page.change(running.uuid("Seed"), math.nan)
+    page.wait_until(lambda: len(page.values(running.uuid("Seed"))) > 4)
     assert running.app.session.document is document
+    assert [text for text in page.notices() if "went wrong" in text] == []
     with SocketPage(running.url) as later:  # pages to come are served
         later.wait_until(lambda: set(later.values(running.uuid("Seed"))) == {0})
     assert [record for record in caplog.records if record.levelno >= logging.WARNING] == []
