@@ -1,0 +1,248 @@
+"""Make the results page and the README's rows: ``python -m assets.source.results FOLDER``.
+
+Measures what FOLDER does not hold yet, so that a run that was cut off goes on: speed, the paper's
+experiment by both methods, and fits on the photos of $POSEVIEWER_DATA (../shared/data) and on its
+path-traced tabletops, where each object is fitted alone and among the others.
+"""
+
+import argparse
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from statistics import mean
+from textwrap import fill
+
+import msgspec
+import numpy as np
+from scipy.stats import quantile_test
+
+from poseviewer.cli import main as cli
+from poseviewer.evaluation.cases import visibility
+from poseviewer.evaluation.report import (
+    LABELS,
+    Share,
+    calibration_table,
+    grouped,
+    reliability_panels,
+    study_table,
+)
+from poseviewer.evaluation.speed import PATHS, SpeedReport
+from poseviewer.evaluation.trials import Trial
+from poseviewer.figures.landscape_sheet import figure_bytes
+from poseviewer.figures.study_sheet import Panel, make_study_sheet
+from poseviewer.figures.text_table import Table
+from poseviewer.files.table import load_rows
+from tests.measure.real import DATA
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE, README = ROOT / "assets" / "docs" / "results.md", ROOT / "README.md"
+CARS, CLUTTER = "path-traced cars, painted otherwise than the model", "small objects in clutter"
+SINGLE = "a dragon, a bottle without texture, a car whose model is not exact"
+SETS = {"bmw_traced": CARS, "hope": "groceries, sharp and textured", "lmo": CLUTTER}
+SETS |= dict.fromkeys(("visp_dragon", "m3t_shampoo", "car_audi_tts"), SINGLE)
+"""Names of the sets of photos."""
+LMO_PERCENT = 6.0
+"""Largest error of the annotations of LINEMOD-Occlusion, by the object's size."""
+FEWEST, WIDEST = 10, 12
+"""Least fits of a point in a figure; characters of a line below an axis."""
+SEEN_FROM = (0.0, 0.5, 0.75, 0.9, 0.98)
+"""Least visible shares of the classes in the figure of errors."""
+Point = tuple[float, ...]
+"""Place on the horizontal axis, value, and its interval."""
+
+
+def measure(folder: Path, starts: int, draws: int) -> None:
+    """Run what is not there yet."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if not (folder / "speed.json").exists():
+        _run("bench", "--json", folder / "speed.json")
+    for method in ("paper", "default"):
+        _run("study", "--paper", "--out", folder / "paper", "--method", method, "--starts", starts)
+    of_cases = "--degrees", "5,15", "--draws", draws
+    _run("study", "--out", folder / "real", "--real", DATA, *of_cases)
+    tabletops = "--real", DATA / "clutter", "--degrees", "15", "--draws", (draws + 1) // 2
+    _run("study", "--out", folder / "clutter", *tabletops)
+    _run("study", "--out", folder / "among", *tabletops, "--among-others")
+
+
+def _run(*words: object) -> None:
+    code = cli.main([str(word) for word in words])
+    if code:
+        sys.exit(code)
+
+
+def load_trials(folder: Path) -> dict[str, list[Trial]]:
+    """Load all rows by study; an end on LINEMOD-Occlusion is right within its own accuracy."""
+    studies = {}
+    for name in ("paper", "real", "clutter", "among"):
+        rows = load_rows(folder / name / "trials.csv", Trial)
+        limit = LMO_PERCENT + 1.0
+        rows.sort(key=lambda row: ([*SETS, row.set].index(row.set), row.degrees, -row.visible))
+        studies[name] = [
+            replace(row, found=row.error_percent_end < limit) if row.set == "lmo" else row
+            for row in rows
+        ]
+    return studies
+
+
+def median(values: Iterable[float]) -> tuple[float, float, float]:
+    """Median and its 95 % interval, which order statistics give (nan of fewer than six values)."""
+    array = np.array([*values])
+    low, high = quantile_test(array, p=0.5).confidence_interval(0.95)
+    return float(np.median(array)), float(low), float(high)
+
+
+def _error(trials: Iterable[Trial]) -> str:
+    value, low, high = median(trial.error_percent_end for trial in trials)
+    return f"{value:.2f}" + f" ({low:.2f} to {high:.2f})" * (low <= high)
+
+
+def error_table(studies: Mapping[str, Sequence[Trial]]) -> Table:
+    """Tabulate errors by set and deviation, and on tabletops by how much is seen."""
+    groups = grouped(studies["real"], lambda trial: (SETS[trial.set], trial.degrees))
+    for name, words in (("clutter", "tabletops"), ("among", "tabletops, others given")):
+        seen = grouped(studies[name], lambda trial: visibility(trial.visible))
+        groups |= {(f"{words}, {label}", 15): some for label, some in seen.items()}
+    rows = []
+    for (name, degrees), some in groups.items():
+        cells = name, f"{degrees}°", str(len(some)), _error(some)
+        rows.append((*cells, *(str(_within(some, limit)) for limit in (1.0, 2.0, 5.0))))
+    columns = "photos", "off by", "fits", "error, %", "within 1 %", "within 2 %", "within 5 %"
+    return Table("Errors of fits, median and shares in % (95 % interval)", columns, tuple(rows))
+
+
+def _within(trials: Iterable[Trial], limit: float) -> Share:
+    return Share.of(trials, lambda trial: trial.error_percent_end <= limit)
+
+
+def error_panel(studies: Mapping[str, Sequence[Trial]]) -> Panel:
+    """Errors on tabletops against the visible share."""
+    lines: dict[str, list[Point]] = {}
+    for study, name in {"clutter": "alone", "among": "the others' poses given"}.items():
+        ordered = sorted(studies[study], key=lambda trial: trial.visible)
+        classes = grouped(ordered, lambda t: int(np.searchsorted(SEEN_FROM, t.visible, "right")))
+        lines[name] = [
+            (100.0 * mean(t.visible for t in some), *median(t.error_percent_end for t in some))
+            for some in classes.values()
+            if len(some) >= FEWEST
+        ]
+    axes = {"xlabel": "object seen, %", "ylabel": "error, %", "xlim": (30, 103), "yscale": "log"}
+    return Panel(lines, axes | {"ylim": (0.1, 40.0)})
+
+
+def calibration_panel(trials: Iterable[Trial]) -> Panel:
+    """True share against the stated probability, by how much is seen."""
+    judged = sorted((t for t in trials if t.probability >= 0.0), key=lambda t: t.probability)
+    lines: dict[str, list[Point]] = {"true as stated": [(0.0,) * 4, (100.0,) * 4]}
+    for label, some in sorted(grouped(judged, lambda t: visibility(t.visible)).items()):
+        count = min(4, len(some) // FEWEST)
+        parts = [[some[i] for i in part] for part in np.array_split(range(len(some)), count or 1)]
+        lines[label or "share seen unknown"] = [
+            (100.0 * mean(trial.probability for trial in part), *Share.of(part))
+            for part in parts[:count]
+        ]
+    axes = {"xlabel": "stated probability, %", "ylabel": "right, %"}
+    return Panel(lines, axes | {"xlim": (-3, 103), "ylim": (-3, 103)})
+
+
+def speed_panels(report: SpeedReport, trials: Sequence[Trial]) -> list[Panel]:
+    """Milliseconds of an evaluation by path, and seconds of a fit by kind of photo."""
+    kinds, fits = list(LABELS), {}
+    groups = grouped(trials, lambda t: (f"a fit, {t.method}, {t.pixels}", kinds.index(t.set)))
+    for (name, kind), some in sorted(groups.items()):
+        fits.setdefault(name, []).append((kind, *median(trial.seconds for trial in some)))
+    paths = [median(1e3 * seconds for seconds in path.seconds) for path in report.paths]
+    times = {"an evaluation": [(place, *ms) for place, ms in enumerate(paths)]}
+    names = [PATHS[path.name][1] for path in report.paths]
+    return [_categories(times, names, "ms"), _categories(fits, [*LABELS.values()], "s")]
+
+
+def _categories(lines: Mapping[str, list[Point]], names: Sequence[str], unit: str) -> Panel:
+    """Panel of categories on a logarithmic scale."""
+    words = [fill(name, WIDEST) for name in names]
+    axes = {"xticks": range(len(names)), "xticklabels": words, "xlim": (-0.5, len(names) - 0.5)}
+    axes |= {"ylabel": unit, "yscale": "log", "ylim": (0.2, 100.0)}
+    return Panel(lines, axes, joined=False)
+
+
+def write_page(folder: Path, page: Path, readme: Path, options: str) -> None:
+    """Write tables and figures of what the folder holds between the marks of both files."""
+    studies = load_trials(folder)
+    rows = (*studies["paper"], *studies["real"], *studies["clutter"])
+    judged = [row for row in rows if row.method == "default"]
+    speed = msgspec.json.decode((folder / "speed.json").read_bytes(), type=SpeedReport)
+    newest = max(path.stat().st_mtime for path in folder.glob("*/trials.csv"))
+    day, machine = datetime.fromtimestamp(newest, UTC).date(), speed.machine.partition(", load")[0]
+
+    command = f"`python -m assets.source.results FOLDER{options}`"
+    texts = {"measured": f"Measured until {day} by {command} on {machine}."}
+    parts = {
+        "reliability": (
+            study_table(studies["paper"]),
+            "Share found against the deviation of the start",
+            reliability_panels(studies["paper"]),
+        ),
+        "errors": (
+            error_table(studies),
+            "Errors on tabletops against the visible share",
+            [[error_panel(studies)]],
+        ),
+        "verdict": (
+            calibration_table(judged),
+            "True share against the stated probability",
+            [[calibration_panel(judged)]],
+        ),
+        "speed": (
+            speed,
+            "Times of an evaluation and of a fit",
+            [speed_panels(speed, studies["paper"])],
+        ),
+    }
+    for name, (table, words, panels) in parts.items():
+        path = page.parent / "pictures" / f"results_{name}.png"
+        path.write_bytes(figure_bytes(make_study_sheet(panels)))
+        texts[name] = f"![{words}](pictures/{path.name})\n\n{table.as_markdown()}"
+    fill_in(page, texts)
+    fill_in(readme, {"results": readme_table(studies)})
+
+
+def readme_table(studies: Mapping[str, Sequence[Trial]]) -> str:
+    """Rows for the README, without intervals."""
+    real = [trial for trial in studies["real"] if SETS[trial.set] != SINGLE]
+    groups, rows = grouped(real, lambda trial: SETS[trial.set]), []
+    groups |= grouped(studies["clutter"], lambda t: f"tabletops, {visibility(t.visible)}")
+    for name, some in groups.items():
+        shares = (str(_within(some, limit)) for limit in (1.0, 5.0))
+        rows.append((name, str(len(some)), _error(some), *shares))
+    columns = "photos", "fits", "error, %", "within 1 %", "within 5 %"
+    title = "Starts 5 and 15 degrees off: median error and shares in % (95 % interval)"
+    return Table(title, columns, tuple(rows)).as_markdown()
+
+
+def fill_in(path: Path, texts: Mapping[str, str]) -> None:
+    """Replace what stands between the marks of each text of a file."""
+    content = path.read_text(encoding="utf-8")
+    for name, text in texts.items():
+        begin, end = (f"<!-- {name}: {which} -->" for which in ("begin", "end"))
+        before, rest = content.split(begin)
+        content = f"{before}{begin}\n{text}\n{end}{rest.split(end)[1]}"
+    path.write_text(content, encoding="utf-8")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, and write page and README."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, metavar="FOLDER")
+    parser.add_argument("--starts", type=int, default=10, help="of each point of the paper's (10)")
+    parser.add_argument("--draws", type=int, default=5, help="starts of each photo (5)")
+    options = parser.parse_args(arguments)
+    measure(options.folder, options.starts, options.draws)
+    chosen = f" --starts {options.starts} --draws {options.draws}"
+    write_page(options.folder, PAGE, README, chosen)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

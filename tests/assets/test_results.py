@@ -1,0 +1,89 @@
+"""The results page is made from what was measured, and from nothing else."""
+
+import math
+import re
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import pytest
+
+from assets.source import results
+from poseviewer.cli import main as cli
+from poseviewer.errors import SettingsError
+from poseviewer.evaluation.speed import SpeedReport, Timing
+from poseviewer.evaluation.trials import Trial
+from poseviewer.files.photo import load_photo
+from poseviewer.files.table import append_row
+from poseviewer.files.writing import write_json
+
+TRIAL = Trial(
+    case="a", set="hope", visible=1.0, traits="model with colours", method="default", pixels="near",
+    degrees=15, accuracy_percent=1.0, found=True, error_percent_start=10.0, error_percent_end=0.5,
+    error_px_start=9.0, error_px_end=0.5, seconds=1.0, status="CONVERGED", verdict="found",
+    probability=0.9,
+)  # fmt: skip
+LOST = replace(TRIAL, found=False, verdict="lost", error_percent_end=20.0, probability=0.2)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    of_paper = replace(
+        TRIAL, set="plain", reading="relative", percent=4.0, degrees=0, visible=math.nan
+    )
+    rows = {
+        "paper": [of_paper] * 9 + [replace(of_paper, method="paper", found=False)],
+        "real": [TRIAL] * 9 + [LOST] * 3 + [replace(LOST, set="lmo", error_percent_end=5.0)] * 6,
+        "clutter": [replace(TRIAL, set="clutter", visible=0.6)] * 12,
+        "among": [replace(LOST, set="clutter", visible=0.6)] * 12,
+    }
+    for name, trials in rows.items():
+        (tmp_path / name).mkdir()
+        for draw, trial in enumerate(trials):
+            append_row(tmp_path / name / "trials.csv", replace(trial, draw=draw))
+    times = (0.010, 0.011, 0.012, 0.013, 0.014, 0.015, 0.016)
+    report = SpeedReport("Chip, 2 cores, load 1.0", "work", (Timing("d", 1, times),), ())
+    write_json(tmp_path / "speed.json", asdict(report), SettingsError)
+    return tmp_path
+
+
+def test_page_and_readme_say_what_was_measured(folder: Path) -> None:
+    page, readme = folder / "results.md", folder / "README.md"
+    for path, source in ((page, results.PAGE), (readme, results.README)):
+        path.write_text(source.read_text(encoding="utf-8"), encoding="utf-8")
+    (folder / "pictures").mkdir()
+    results.write_page(folder, page, readme, " --starts 10")
+    text, source = page.read_text(encoding="utf-8"), results.PAGE.read_text(encoding="utf-8")
+    assert "results FOLDER --starts 10` on Chip, 2 cores." in text
+    assert "| default: synthetic, plain black ground | relative | 100 (70 to 100) |" in text
+    assert "| paper: synthetic, plain black ground | relative | 0 (0 to 79) |" in text
+    groceries = "| 12 | 0.50 (0.50 to 20.00) | 75 (47 to 91) | 75 (47 to 91) | 75 (47 to 91) |"
+    assert f"| groceries, sharp and textured | 15° {groceries}" in text
+    assert "| tabletops, others given, seen 50-90 % | 15° | 12 | 20.00 (20.00 to 20.00) |" in text
+    # All that are judged but those among others; five per cent off is right on small objects.
+    assert "| all | 39 | 74 | 92 (80 to 97) | 30 | 100 (89 to 100) |" in text
+    assert "| d  software, one thread | 13 | 10 to 16 |" in text
+    pictures = re.findall(r"\]\((pictures/\w+\.png)\)", text)
+    assert len(pictures) == 4
+    assert all(load_photo(folder / picture).width > 500 for picture in pictures)
+    kept = re.compile(r"begin -->.*?<!--", re.DOTALL)
+    assert kept.sub("", text) == kept.sub("", source)
+    assert "| groceries, sharp and textured | 12 | 0.50 (0.50 to 20.00) |" in readme.read_text()
+
+
+def test_figures_show_only_points_of_ten_fits_and_more(folder: Path) -> None:
+    studies = results.load_trials(folder)
+    alone = results.error_panel(studies).lines["alone"]
+    assert alone == [(pytest.approx(60.0), 0.5, 0.5, 0.5)]
+    fewer = {name: rows[:9] for name, rows in studies.items()}
+    assert results.error_panel(fewer).lines["alone"] == []
+    stated = results.calibration_panel(studies["clutter"]).lines["seen 50-90 %"]
+    assert stated == [(pytest.approx(90.0), 100.0, pytest.approx(75.75, abs=0.1), 100.0)]
+    assert results.calibration_panel(fewer["clutter"]).lines["seen 50-90 %"] == []
+
+
+def test_what_the_page_is_measured_by_are_commands(tmp_path: Path, monkeypatch) -> None:
+    lines: list[list[str]] = []
+    monkeypatch.setattr(results, "_run", lambda *words: lines.append([*map(str, words)]))
+    results.measure(tmp_path, 10, 5)
+    assert [cli.parse(line).command for line in lines] == ["bench", *["study"] * 5]
+    assert [line[-1] for line in lines[1:]] == ["10", "10", "5", "3", "--among-others"]
