@@ -58,8 +58,8 @@ def run(options: Namespace) -> int:
     from poseviewer.evaluation.study import open_study, write_report
     from poseviewer.render.pool import processors
 
-    if options.paper and not options.method:
-        options.method = "paper"
+    if options.paper and not options.loss:
+        options.loss = "paper"
     plan = table.made(Plan, options, limits=table.made(Limits, options))
     try:
         run = open_study(plan, ignore if options.quiet else tell)
