@@ -85,9 +85,12 @@ LENS_MODELS: dict[str, LensModel | None] = {
 }
 LENS_LIKE = re.compile(
     r"(?!.*(std|error|sigma|covar|model|type|distance))"
-    r"(.*dist.*|.*coeff?(icient)?s?|kc|d\d*|.*radial.*|.*tangential.*|(?P<alone>[kpb]\d|t[12]|skew|xi|alpha))"
+    r"(.*dist.*|.*coeff?(icient)?s?|kc|lens|kappa.*|(left|right)?d(left|right|\d*)|.*radial.*|.*tangential.*|ftheta.*|latlong|"
+    r"equirectangular|(?P<alone>[kpbs]\d|t[12]|skew|xi|alpha))"
 )
 """Names, in small letters without ``_``, of what may be a lens; ``alone``: a number, no list."""
+COUNTS_OF_LENSES = (5, 8, 14)
+"""Counts of OpenCV's coefficients that a list of anything else seldom has."""
 SIDED = re.compile(r"(left|right)?(.*?)(left|right|\d*)")
 """A name between what tells the cameras of a file apart."""
 
@@ -349,16 +352,20 @@ def cameras_in(
             f"no camera in it (its keys: {keys[:80] or 'none'})",
             "wanted camera_matrix and distortion_coefficients, or fx, fy, cx, cy",
         )
+    is_bare = len(cameras) == 1 and cameras[0].lens is None
     for key, value in said:
-        if key not in used and TYPE_LIKE.match(_plain(key)) and OTHER_LENS.match(_plain(value)):
+        plain, is_list = _plain(key), _is_matrix(value)
+        if key in used:
+            continue
+        if TYPE_LIKE.match(plain) and OTHER_LENS.match(_plain(value)):
             raise reading.error(f"{key!r} is {str(value)[:40]!r}", "wanted it as distortion_model")
-        like = LENS_LIKE.fullmatch(_plain(key))
-        if (
-            like
-            and key not in used
-            and _is_number(value)
-            and not (like["alone"] and _is_matrix(value))
-        ):
+        like = LENS_LIKE.fullmatch(plain)
+        may_be = like and (is_list or plain != "lens") and not (is_list and like["alone"])
+        numbers = value[0] if isinstance(value, list) and len(value) == 1 else value
+        may_be = may_be or (
+            is_bare and isinstance(numbers, list) and len(numbers) in COUNTS_OF_LENSES
+        )
+        if may_be and _is_number(value):
             wanted = "wanted distortion_coefficients, or k1, k2, p1, p2, k3 ..."
             raise reading.error(f"{key!r} may be a lens, and is not known here", wanted)
     return cameras

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import CalibrationFileError
+from poseviewer.files.camera_forms import cameras_in
 from poseviewer.files.cameras import Calibration, load_calibration, load_cameras
+from poseviewer.files.checks import Reading
 from poseviewer.geometry.lens import Lens, opencv_matrix
 
 K = [[500.0, 0.0, 321.0], [0.0, 510.0, 239.0], [0.0, 0.0, 1.0]]
@@ -173,6 +175,11 @@ LOST = {
     "another model": ({"K": K, "D": FISHEYE, "distortion_model": "fov"}, "'fov'"),
     "a type of lens": ({"K": K, "D": FISHEYE, "lens_type": "Fisheye"}, "'lens_type'"),
     "coefficients of another camera": ({"K": K, "D1": BROWN}, "'D1'"),
+    "a name that says nothing": ({"K": K, "v": BROWN}, "'v'"),
+    "the left lens of no left camera": ({"K": K, "D_left": BROWN[:4]}, "'D_left'"),
+    "f-theta": ({"fl_x": 5, "cx": 1, "cy": 1, "ftheta_p1": 0.3}, "'ftheta_p1'"),
+    "a panorama": ({"fl_x": 5, "cx": 1, "cy": 1, "equirectangular": True}, "'equirectangular'"),
+    "thin prisms": ({"fl_x": 5, "cx": 1, "cy": 1, "s1": 0.3}, "'s1'"),
     "double sphere": ({"camera_type": "ds", "intrinsics": {**FOCALS, "xi": -0.2}}, "'xi'"),
     "an inverse model": ({**FOCALS, "model": "inverse_brown_conrady", "coeffs": BROWN}, "inverse"),
     "omnidirectional": ({"camera_model": "omni", "intrinsics": [1, 5, 5, 2, 2]}, "intrinsics"),
@@ -186,6 +193,33 @@ def test_a_lens_is_never_dropped(tmp_path, case):
     content, words = LOST[case]
     with pytest.raises(CalibrationFileError, match=words):
         load_cameras(write(tmp_path / "a.json", content))
+
+
+MATRICES = (
+    "K", "camera_matrix", "CameraMatrix", "mtx", "intrinsic", "intrinsics", "intrinsic_matrix",
+    "cam_K", "Camera Matrix", "camera-matrix", "A", "cameraMatrix0", "left_K", "K_left",
+)  # fmt: skip
+LENSES = (
+    "D", "d", "dist", "distCoeffs", "dist_coef", "distortion params", "lens_distortion", "kappa",
+    "radial_tangential", "undistort_coeffs", "distorsion", "disto", "distCoeffs0", "D_left",
+    "coefficients", "lens", "v",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("is_nested", [False, True])
+@pytest.mark.parametrize("key", MATRICES)
+def test_by_whatever_names_a_camera_is_right_or_refused(key, is_nested):
+    reading = Reading(Path("a.json"), error_type=CalibrationFileError)
+    right = 0
+    for name in LENSES:
+        camera = {"camera": {key: K}} if is_nested else {key: K}
+        try:
+            (found,) = cameras_in(reading, {**camera, name: list(BROWN)})
+        except CalibrationFileError:
+            continue
+        assert found.lens == LENS, name
+        right += 1
+    assert right >= 5 or is_nested or key in ("A", "cameraMatrix0", "left_K", "K_left")
 
 
 @pytest.mark.parametrize(("cx", "cy"), [(-3.0, 239.0), (321.0, 481.0), (1000.0, 239.0)])
