@@ -7,12 +7,14 @@ import numpy as np
 
 from poseviewer.errors import MeshFileError
 from poseviewer.files.checks import Reading
+from poseviewer.files.writing import write_json
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints
 from poseviewer.vehicle.wheel_parts import find_wheels
 
 FORMAT = "poseviewer-keypoints"
 KIND = "key point file"
+NAMES = "rear_wheel", "front_wheel", "axle"
 
 
 def keypoints_path(mesh_path: str | Path) -> Path:
@@ -31,9 +33,19 @@ def load_keypoints(mesh_path: str | Path, mesh: Mesh) -> VehicleKeypoints | None
         return VehicleKeypoints(_side(reading, data, "left"), _side(reading, data, "right"))
 
 
+def save_keypoints(mesh_path: str | Path, keypoints: VehicleKeypoints, unit: str | None) -> None:
+    """Write key points beside a model, for ``load_keypoints``; raises MeshFileError."""
+    sides = {
+        key: {name: getattr(getattr(keypoints, key), name).tolist() for name in NAMES}
+        for key in ("left", "right")
+    }
+    data = {"format": FORMAT, "version": 1, **({} if unit is None else {"unit": unit}), **sides}
+    write_json(keypoints_path(mesh_path), data, MeshFileError)
+
+
 def _side(reading: Reading, data: dict[str, Any], key: str) -> SideKeypoints:
-    names, side = ("rear_wheel", "front_wheel", "axle"), reading.object(data.get(key), key)
-    points = [reading.numbers(side.get(name), f"{key}.{name}") for name in names]
+    side = reading.object(data.get(key), key)
+    points = [reading.numbers(side.get(name), f"{key}.{name}") for name in NAMES]
     try:
         return SideKeypoints(*map(np.array, points))
     except ValueError as error:

@@ -5,6 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.mesh import Mesh
+
+LEAST_ASIDE = 0.4
+"""Least offset of a side's wheels from the middle of the model, in shares of half its width."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,6 +50,30 @@ class VehicleKeypoints:
 
     left: SideKeypoints
     right: SideKeypoints
+
+
+def keypoints_from_side(mesh: Mesh, rear: FloatArray, front: FloatArray) -> VehicleKeypoints:
+    """Key points of a vehicle from the outer faces' centres (3,) of a side's two wheels; the other
+    side is their mirror image. The vehicle's axes are the model's: of the two across the wheelbase
+    the wheels are at the border of the one to the side; they are in the lower half.
+
+    Raises:
+        ValueError: the points are no wheels of one side.
+    """
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    along = int(np.argmax(np.abs(front - rear)))
+    away = ((rear + front) - (low + high)) / np.maximum(high - low, 1e-300)
+    side, height = sorted({0, 1, 2} - {along}, key=lambda axis: -abs(away[axis]))
+    if abs(away[side]) < LEAST_ASIDE:
+        raise ValueError("they are not both at one side of the model")
+    axes = np.eye(3)
+    outwards, up = np.sign(away[side]) * axes[side], -np.sign(away[height]) * axes[height]
+    across = (low + high)[side] * axes[side]
+    flip = 1.0 - 2.0 * axes[side]
+    own = SideKeypoints(rear, front, outwards)
+    other = SideKeypoints(flip * rear + across, flip * front + across, -outwards)
+    is_left = float(np.cross(up, front - rear) @ outwards) > 0.0
+    return VehicleKeypoints(own, other) if is_left else VehicleKeypoints(other, own)
 
 
 def model_axes(keypoints: VehicleKeypoints) -> tuple[FloatArray, FloatArray, FloatArray]:

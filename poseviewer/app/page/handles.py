@@ -64,7 +64,7 @@ def _marks(session: Session) -> Iterator[str]:
             for ellipse in marks.ellipses:
                 rim = ellipse.outline()
                 yield _lines(np.stack([rim, np.roll(rim, -1, axis=0)], axis=1), MARK_COLOUR)
-        model = np.zeros((0, 2))
+        model = pose.project(np.array(marks.hubs).reshape(-1, 3))
     else:
         model = pose.project(np.array(marks.points).reshape(-1, 3))
         yield _lines(np.stack([photo, model[: len(photo)]], axis=1), MODEL_MARK_COLOUR)

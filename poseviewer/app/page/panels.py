@@ -79,6 +79,9 @@ def _has_ended(session: Session) -> bool:
 def add_status(controls: Controls) -> None:
     """Text above the steps: the loss at the pose, or how the search stands."""
     controls.text(lambda s: "  \n".join(filter(None, (search_text(s), focal_note(s)))))
+    hint = {"hint": "Search for the pose and the focal length together", "icon": "focus-2"}
+    asks = {"visible": lambda s: bool(focal_note(s)) and not s.searching}
+    controls.button("Find the focal length", c.find_focal_length(), **hint, **asks)
     # A search is silent while its verdict is gathered.
     controls.html(lambda s: WAITING if s.searching else "")
     controls.html(loss_bar)

@@ -74,6 +74,9 @@ def hint_of(session: Session) -> str:
     """The line over the photo (HTML): what the next click is for."""
     marks = session.document.marks
     match session.tool:
+        case "wheels" if session.document.model.keypoints is None:
+            name = "front" if marks.hubs else "rear"
+            what = f"press the middle of the {name} wheel on the model (2 shows it solid)"
         case "wheels":
             wheel, point = divmod(len(marks.rims), FEWEST_RIM_POINTS)
             if wheel == WHEELS:
@@ -101,7 +104,9 @@ def marks_text(session: Session) -> str:
     document = session.document
     marks, fewest = document.marks, fewest_pairs(document.pose.camera)
     lines = []
-    if session.tool == "wheels":
+    if session.tool == "wheels" and document.model.keypoints is None:
+        lines.append("the model's wheels first: one side's rear and front one")
+    elif session.tool == "wheels":
         lines.append(f"{len(marks.rims)} of {WHEELS * FEWEST_RIM_POINTS} points on the rims")
     elif marks.points and len(marks.pixels) < fewest:
         lines.append(f"{_counted(fewest - len(marks.pixels), 'more pair')} needed")

@@ -447,6 +447,12 @@ def start_search(session: Session) -> Session:
 
 
 @edit
+def find_focal_length(session: Session) -> Session:
+    """Search for the active object's pose and the focal length together."""
+    return start_search()(alter_settings(lambda now: replace(now, free_focal=True))(session))
+
+
+@edit
 def search_all(session: Session) -> Session:
     """Search for all objects that are not locked, in turn, until none improves."""
     document = session.document

@@ -49,6 +49,8 @@ class Marks:
     """Rectangle (left, top, width, height) about the object, px."""
     rims: tuple[FloatArray, ...] = ()
     """Points (2,), px, on wheels' rims: five on the rear one, then five on the front one."""
+    hubs: tuple[FloatArray, ...] = ()
+    """The rear wheel's point (3,) on the model, where the front one's is still to be pressed."""
     note: str = ""
     """Why no pose follows from them, as far as it was asked; a sentence."""
 
@@ -345,7 +347,7 @@ class Document:
         """Places that files keep; equal where none of them has changed."""
         views = ((view.photo, view.camera, view.mask) for view in self.scene.views)
         objects = self.scene.objects
-        return *views, *((o.model.mesh, o.world_from_model, o.in_views) for o in objects)
+        return *views, *((o.model, o.world_from_model, o.in_views) for o in objects)
 
 
 def is_alone(document: Document) -> bool:

@@ -1,5 +1,7 @@
 """Quick starts: marks are set, moved and removed, and the pose follows from them."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from poseviewer.app.state.document import UNLOCK, WHEELS, Document, Marks, label_of
@@ -18,6 +20,7 @@ from poseviewer.starts.point_pairs import (
     likeliest,
     poses_from_pairs,
 )
+from poseviewer.vehicle.vehicle_keypoints import keypoints_from_side
 from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS, Ellipse, Wheels, poses_from_wheels
 
 MARKING = {"pairs": ("pixels", "points"), "wheels": ("rims",)}
@@ -59,10 +62,7 @@ def with_mark(document: Document, tool: str, point: FloatArray) -> Document:
     marks = document.marks
     if tool == "wheels":
         if document.model.keypoints is None:
-            raise QuickStartError(
-                "The model has no wheels that poseviewer knows of; give MODEL.keypoints.json "
-                "beside it, or use point pairs."
-            )
+            return with_hub(document, point)
         if len(marks.rims) == WHEELS * FEWEST_RIM_POINTS:
             raise QuickStartError("Both wheels are outlined; drag their points, or clear them.")
     elif not marks.waits_for_pixel:
@@ -74,6 +74,24 @@ def with_mark(document: Document, tool: str, point: FloatArray) -> Document:
         return document.with_marks(points=(*marks.points, place), note="")
     places = (*marks_in_photo(marks, tool), point)
     return solved(document.with_marks(**{MARKING[tool][0]: places}), tool)
+
+
+def with_hub(document: Document, point: FloatArray) -> Document:
+    """The document with the rear wheel's middle on the model, seen at ``point`` (2,), or with the
+    key points that follow from the front one's; raises ``QuickStartError``.
+    """
+    mesh, hubs = document.mesh, document.marks.hubs
+    place = surface_point(mesh, document.pose, point)
+    if place is None:
+        raise QuickStartError("There is no model there; press on the middle of its wheel.")
+    if not hubs:
+        return document.with_marks(hubs=(place,))
+    try:
+        keypoints = keypoints_from_side(mesh.whole, hubs[0], place)
+    except ValueError as error:
+        raise QuickStartError(f"These are no two wheels of one side: {error}.") from error
+    model = replace(document.model, keypoints=keypoints)
+    return document.with_object(model=model, result=None).with_marks(hubs=())
 
 
 @edit

@@ -18,6 +18,7 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import filed_view, saved_scene, stem_of
 from poseviewer.app.workers.worker import Job
 from poseviewer.errors import PoseViewerError
+from poseviewer.files.keypoints import load_keypoints, save_keypoints
 from poseviewer.files.masks import mask_path, save_pose_and_mask
 from poseviewer.files.scene_file import place_of, save_scene
 from poseviewer.files.state.autosave import (
@@ -28,6 +29,7 @@ from poseviewer.files.state.autosave import (
 )
 from poseviewer.files.state.uploads import taken_out
 from poseviewer.files.structs import CameraNumbers
+from poseviewer.fit.scene import LoadedModel
 from poseviewer.starts.loading import pose_record, record_of
 
 PERIOD_S = 0.5
@@ -111,7 +113,7 @@ class Autosaver:
     def save(self, session: Session, beside: bool = False) -> Path:
         """Write the pose of one object in one photo with its mask, else the scene with copies of
         uploads, beside the photo; under the next free name where ``beside``, else what is
-        ``taken`` is kept as ``.bak``.
+        ``taken`` is kept as ``.bak``. Key points given by hand are written beside their model.
 
         Raises ``PoseViewerError``: it cannot be written there, or photo or models are no files.
         """
@@ -132,6 +134,8 @@ class Autosaver:
             for one in kept:
                 one.with_suffix(f"{one.suffix}.bak").replace(one)
             raise
+        for one in scene.objects:
+            _save_keypoints(one.model)
         self._own[path] = _mark(path, own)
         return path
 
@@ -158,6 +162,14 @@ class Autosaver:
         if self._offered is not None:
             discard(self._offered)
             self._offered = None
+
+
+def _save_keypoints(model: LoadedModel) -> None:
+    """Write a model's key points beside it, unless it has them from its files."""
+    path, keypoints = model.path, model.keypoints
+    if path is None or keypoints is None or load_keypoints(path, model.mesh.whole) is not None:
+        return
+    save_keypoints(path, keypoints, model.mesh.unit)
 
 
 def _on_disk(path: Path) -> list[int]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from poseviewer.app.page.texts import hint_of
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.marking import clear_marks, lay_wheels, pair_errors, remove_mark
 from poseviewer.app.state.session import Session
@@ -86,7 +87,7 @@ def test_what_cannot_be_marked_is_said():
     session = after(make_session(), c.set_tool("pairs"))
     assert "no model there" in refused(session, c.press(1.0, 1.0))
     session = after(session, c.set_tool("wheels"))
-    assert "no wheels" in refused(session, c.press(50.0, 50.0))
+    assert "no model there" in refused(session, c.press(1.0, 1.0))
 
 
 def test_escape_ends_the_mode_and_keeps_the_marks():
@@ -98,6 +99,29 @@ def test_escape_ends_the_mode_and_keeps_the_marks():
     cleared = after(ended, c.set_tool("pairs"), clear_marks())
     assert cleared.document.marks.points == ()
     assert after(cleared, remove_mark()).document is cleared.document
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_wheels_of_a_model_without_any_are_pressed_on_it(side):
+    wanted = make_keypoints()
+    session = after(make_session(mesh=CAR), c.set_tool("wheels"))
+    seen = look_from(side, CAR, wanted, PERSPECTIVE)  # stands as the file's axes say
+    session = after(session, c.change(document=session.document.at_pose(seen)))
+    rear, front = getattr(wanted, side).rear_wheel, getattr(wanted, side).front_wheel
+    assert "rear wheel on the model" in hint_of(session)
+    half = after(session, c.press(*seen.project(rear)))
+    assert "front wheel on the model" in hint_of(half)
+    assert "one side" in refused(half, c.press(*seen.project(rear)))
+    placed = after(half, c.press(*seen.project(front)))
+    keypoints = placed.document.model.keypoints
+    assert keypoints is not None
+    for name in ("left", "right"):
+        for point in ("rear_wheel", "front_wheel", "axle"):
+            own, its = (getattr(getattr(k, name), point) for k in (keypoints, wanted))
+            np.testing.assert_allclose(own, its, atol=1e-6)
+    assert "rim: point 1" in hint_of(placed)  # on the photo, as with any other vehicle
+    assert placed.unsaved
+    assert after(placed, c.undo()).document is half.document
 
 
 @pytest.mark.parametrize("camera", [PERSPECTIVE, PARALLEL])

@@ -20,6 +20,7 @@ from tests.app.state.documents import (
     assert_same_pose,
     make_document,
     make_photo,
+    make_session,
     refused,
 )
 
@@ -59,6 +60,15 @@ def searched(session: Session, updates, count: int) -> Session:
 
 def shown(maps: tuple[LandscapeUpdate, ...]) -> Edit:
     return c.show(maps[0].document, landscapes=maps)
+
+
+def test_the_focal_length_is_searched_for_by_one_press():
+    session = make_session(make_photo().default_camera())
+    asked = after(session, c.find_focal_length())
+    assert asked.searching
+    assert asked_of(asked).methods[0].free_focal
+    assert asked_of(asked).start.settings.free_focal
+    assert not after(asked, c.revert_search(), c.undo()).document.settings.free_focal
 
 
 def test_a_search_is_one_step_to_its_best_pose(session, updates):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from poseviewer.app.state.commands import nudge
@@ -14,7 +15,7 @@ from poseviewer.app.workers.exporting import export
 from poseviewer.app.workers.opening import open_files
 from poseviewer.files.pose import load_pose
 from poseviewer.files.state.uploads import keep_set, pack
-from tests.app.state.documents import after
+from tests.app.state.documents import after, make_keypoints
 from tests.scene import Scene, make_scene
 
 
@@ -90,6 +91,18 @@ def test_another_name_stays_the_sessions_own(session: Session, saver: Autosaver,
     place = load_pose(second).pose.camera_from_model
     assert place.translation == pytest.approx(moved.document.pose.camera_from_model.translation)
     assert path.read_text() == "mine"
+
+
+def test_wheels_given_by_hand_are_written_beside_the_model(
+    session: Session, saver: Autosaver, scene: Scene
+):
+    model = replace(session.document.model, keypoints=make_keypoints())
+    document = session.document.with_object(model=model)
+    saver.save(replace(session, document=document))
+    again = open_files(scene.photo, scene.model, scene.start).model.keypoints
+    assert again is not None
+    np.testing.assert_array_equal(again.left.axle, make_keypoints().left.axle)
+    np.testing.assert_array_equal(again.right.front_wheel, make_keypoints().right.front_wheel)
 
 
 def test_a_dropped_photo_saves_under_its_own_name(
