@@ -154,7 +154,7 @@ def test_a_changed_pose_is_kept_or_the_row_is_not_left(review: Review, out: Path
 def test_what_is_hidden_is_kept_with_the_row(review: Review, out: Path) -> None:
     points = np.array([[40.0, 60.0], [90.0, 60.0]])
     review.do(paint(Stroke("brush", points, 9.0, False)))
-    mask = review.session.document.own.mask
+    mask = review.session.document.view.mask
     assert mask is not None
     review.do(review.decide("accepted"))
     path = out / review.queue.rows[1].result.pose
@@ -163,7 +163,7 @@ def test_what_is_hidden_is_kept_with_the_row(review: Review, out: Path) -> None:
     assert saved is not None
     assert np.array_equal(saved.weights, mask.weights)
     review.do(review.open_row(1))
-    assert review.session.document.own.mask is not None
+    assert review.session.document.view.mask is not None
 
 
 def test_a_session_that_ended_in_a_row_comes_back_to_it(review: Review, tmp_path: Path) -> None:
