@@ -19,7 +19,6 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from poseviewer.errors import PoseViewerError
 from poseviewer.files.checks import Reading, quiet_libraries
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import HALF_PIXEL, camera_from_integer_centres
@@ -29,8 +28,8 @@ LARGEST_SKEW = 1e-6
 """Share of the focal length."""
 LARGEST_ARRAY = 10_000
 """Bytes of an array that may say a camera."""
-LARGEST_MATRIX = 2000
-"""Bytes of a matrix in text."""
+LONGEST_HEAD = 2000
+"""Bytes of a text in which COLMAP names a model."""
 DEEPEST = 8
 """Mappings within mappings."""
 LOADER = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
@@ -223,8 +222,8 @@ def _reality_capture(said: _Said) -> Any:
     return said.from_middle(focal, focal, x, y)
 
 
-def _numbers(*names: str) -> Callable[[_Said], Any]:
-    return lambda said: tuple(said.number(name) for name in names)
+def _plain_names(said: _Said) -> Any:
+    return tuple(said.number(name) for name in ("fx", "fy", "cx", "cy"))
 
 
 def _nerfstudio(said: _Said) -> Any:
@@ -234,7 +233,7 @@ def _nerfstudio(said: _Said) -> Any:
 FORMS = (
     Form("OpenCV, ROS, BOP, Open3D, NumPy", ("matrix",), _of_matrix),
     Form("Kalibr", ("intrinsics",), _kalibr),
-    Form("RealSense, BOP", ("fx", "fy", "cx", "cy"), _numbers("fx", "fy", "cx", "cy")),
+    Form("RealSense, BOP", ("fx", "fy", "cx", "cy"), _plain_names),
     Form("nerfstudio", ("flx", "cx", "cy"), _nerfstudio, 0.0, "k1 k2 p1 p2 k3"),
     Form("RealityCapture", ("f", "px", "py"), _reality_capture, 0.0, "k1 k2 p1 p2 k3"),
     Form("Metashape", ("f", "cx", "cy", "width"), _metashape, 0.0, "k1 k2 p2 p1 k3"),
@@ -250,16 +249,9 @@ TREES = (".yml", ".yaml", ".xml", ".json", ".sfm", ".npz", ".npy", ".csv", ".txt
 
 
 def is_matrix(reading: Reading) -> bool:
-    """Whether a file is the text of a matrix: 9 or 16 numbers alone."""
-    if reading.path.stat().st_size > LARGEST_MATRIX:
-        return False
-    with suppress(ValueError, PoseViewerError):
-        return len([float(word) for word in _words(reading)]) in (9, 16)
-    return False
-
-
-def _words(reading: Reading) -> list[str]:
-    return re.sub(r"[\[\](),;]", " ", reading.load_text()).split()
+    """Whether a text is that of a matrix: numbers alone, where COLMAP names models."""
+    with reading.open() as file:
+        return not re.search(rb"[A-Za-z]{4}", file.read(LONGEST_HEAD))
 
 
 def load_tree(reading: Reading) -> Any:
@@ -270,7 +262,7 @@ def load_tree(reading: Reading) -> Any:
         case ".npy" | ".npz":
             return _arrays(reading)
         case ".txt":
-            return {"matrix": _words(reading)}
+            return {"matrix": re.sub(r"[\[\](),;]", " ", reading.load_text())}
         case ".csv":
             return {"rows": list(csv.DictReader(StringIO(reading.load_text())))}
     text, data = reading.load_text(), None
