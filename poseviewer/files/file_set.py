@@ -32,6 +32,8 @@ Kind = Literal["photo", "model", "pose"]
 
 MOST_FILES = 10_000
 """Limit of a set: a scene of a thousand photos with depths and masks has some thousand."""
+MOST_MODELS = 200
+"""Models that are opened together, each an object."""
 MOST_NAMED = 5
 """Files in one sentence."""
 TEXTS = TREES
@@ -114,6 +116,8 @@ def sort_set(
     scene = _only(of_kind["scene"], "scene files")
     if scene is not None:
         return FileSet(scene=scene)
+    if len(of_kind["model"]) > MOST_MODELS:
+        _only(of_kind["model"], "models", f" to {MOST_MODELS}")
     models = [model_files(path, files) for path in of_kind["model"]]
     if not models and at_hand is not None:
         joined = model_files(at_hand, files)

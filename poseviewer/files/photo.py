@@ -1,6 +1,7 @@
 """Photos from files, undistorted where the camera is calibrated; pictures into files."""
 
 import hashlib
+import re
 from contextlib import suppress
 from dataclasses import replace
 from io import BytesIO
@@ -33,6 +34,10 @@ REDUCED = 1
 MAX_MEGAPIXELS = 100.0
 LARGEST_FILE = 2_000_000_000
 """Bytes: 100 megapixels of four 16-bit numbers have 8e8, beside what else a file may hold."""
+MOST_SCANS = 100
+"""Progressive JPEGs have some ten."""
+MARKER = re.compile(rb"\xff([^\x00\x01\xd0-\xd7\xff])", re.DOTALL)
+"""A JPEG's marker before a segment with its length, or its end (ITU-T T.81, B.1.1.3)."""
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 """Brands in the file type box (ISO/IEC 23008-12): HEVC pictures, and pictures of any codec."""
 OF_CAMERAS = {ExifTags.Base.Make, ExifTags.Base.ExposureTime, ExifTags.Base.FocalLength}
@@ -123,6 +128,8 @@ def _reading(path: str | Path) -> Reading:
 
 def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]:
     """Pixels (h, w, 1 or 3), 35-mm focal length, and whether there was transparency."""
+    if (scans := _scans(data)) > MOST_SCANS:
+        raise reading.error(f"a JPEG of {scans:,} scans or more", "save it again")
     try:
         with Image.open(BytesIO(data), formats=FORMATS) as image:
             tags = getattr(image, "tag_v2", {})
@@ -153,6 +160,17 @@ def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]
         raise reading.error(found, "save it as PNG or JPEG")
     pixels = picture[..., ::-1] if picture.ndim == 3 else picture[..., None]
     return pixels, focal, is_transparent
+
+
+def _scans(data: bytes) -> int:
+    """Number of a JPEG's scans, each of which is decoded over the whole picture; 0 for others."""
+    at, count = 2, 0
+    while data.startswith(b"\xff\xd8") and (marker := MARKER.search(data, at)):
+        count += marker[1] == b"\xda"
+        if marker[1] == b"\xd9" or count > MOST_SCANS:
+            break
+        at = marker.end() + int.from_bytes(data[marker.end() : marker.end() + 2], "big")
+    return count
 
 
 def _refuse_size(reading: Reading, width: int, height: int) -> None:

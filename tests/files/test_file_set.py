@@ -224,3 +224,9 @@ def test_what_is_to_be_developed_or_exported_first_is_left_to_its_reader_alone(
     assert (found.photo or found.models[0].path) == path
     assert bool(found.photo) == (kind == "photo")
     assert sort_set([path, model]).unused == (path,)
+
+
+def test_more_models_than_can_be_opened_are_refused_before_they_are_read(tmp_path: Path) -> None:
+    paths = [tmp_path / f"{number}.obj" for number in range(201)]
+    with pytest.raises(FileSetError, match=r"201 models: .* wanted one to 200"):
+        sort_set(paths)

@@ -226,3 +226,18 @@ def test_a_tiled_tiff_is_turned_upright(tmp_path: Path, orientation: int, channe
     wanted = wanted[:, ::-1] if orientation in (2, 3, 6, 7) else wanted
     wanted = wanted[::-1] if orientation in (3, 4, 7, 8) else wanted
     np.testing.assert_array_equal(load_photo(tmp_path / "a.tif").pixels, wanted)
+
+
+def test_a_jpeg_of_very_many_scans_is_refused_at_once(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8)
+    path = tmp_path / "scans.jpg"
+    # An embedded preview holds markers of its own, in a segment that is passed over.
+    Image.fromarray(noise).save(path, progressive=True, comment=b"\xff\xda" * 200)
+    whole = path.read_bytes()
+    assert load_photo(path).width == 64
+    at = whole.rindex(b"\xff\xda")
+    path.write_bytes(whole[:-2] + whole[at : at + 20] * 3000 + b"\xff\xd9")
+    with pytest.raises(PhotoFileError, match="a JPEG of 101 scans or more"):
+        load_photo(path)
+    path.write_bytes(whole + b"\xff\xda" * 3000)  # behind its end cameras put films
+    assert load_photo(path).width == 64

@@ -13,6 +13,7 @@ import numpy as np
 from poseviewer.errors import MeshFileError, printable
 from poseviewer.files.checks import Reading, quiet_libraries
 from poseviewer.files.mesh.gltf import GLTF, LARGEST_FILE, read_gltf
+from poseviewer.files.mesh.guarded import guarded
 from poseviewer.files.mesh.obj import read_obj
 from poseviewer.files.mesh.off import read_off
 from poseviewer.files.mesh.parts import Part, load_textures
@@ -106,8 +107,8 @@ READERS: dict[str, Callable[[Path], Read]] = {
     ".off": read_off,
     ".glb": read_gltf,
     ".gltf": read_gltf,
-    ".3ds": _read_3ds,
-    **dict.fromkeys(STEP, _read_step),
+    ".3ds": guarded(_read_3ds),
+    **dict.fromkeys(STEP, guarded(_read_step)),
 }
 ELSEWHERE = (".dae", ".fbx", ".usd", ".usda", ".usdc", ".usdz", ".blend", ".ifc", ".x", ".wrl")
 """Endings of models that other programs make GLB of."""

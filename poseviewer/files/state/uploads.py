@@ -2,12 +2,14 @@
 
 import hashlib
 import json
+import os
 import re
 import shutil
 import tempfile
 import time
 import zipfile
 from collections.abc import Iterable, Sequence
+from contextlib import nullcontext
 from io import BytesIO
 from itertools import count
 from pathlib import Path, PurePosixPath
@@ -30,6 +32,10 @@ LARGEST_UPLOAD = 200_000_000
 """Bytes: viser holds an upload in memory."""
 LARGEST_UNPACKED = 1_000_000_000
 """Bytes of the content of all zips that come together."""
+LARGEST_DIRECTORY = 4_000_000
+"""Bytes of a zip's directory: twice ``MOST_FILES`` entries with names of 150 bytes have fewer."""
+LONGEST_END = 65_535 + 22 + 20 + 56
+"""Bytes at the end of a zip that say where its directory is, with the longest comment."""
 KEPT, OLD_S = 20, 3600.0
 """Newest uploads that stay, and age (s) at which others go."""
 BEGUN = "new-"
@@ -187,6 +193,8 @@ def _unpacked(data: bytes) -> list[tuple[str, memoryview]]:
 def _unzip(file: Path | BytesIO, name: str, place: Path, room: int) -> int:
     """Unpack a zip of up to ``room`` bytes into the folder ``place``; return how many it has."""
     reading = Reading(Path(name), error_type=FileSetError, kind="zip")
+    with reading.naming_errors():
+        _check_directory(reading, file)
     with reading.naming_errors(), zipfile.ZipFile(file) as archive:
         entries = [entry for entry in archive.infolist() if _is_wanted(entry)]
         size = sum(entry.file_size for entry in entries)
@@ -202,6 +210,21 @@ def _unzip(file: Path | BytesIO, name: str, place: Path, room: int) -> int:
                 with path.open("wb") as target:
                     shutil.copyfileobj(source, target)
     return size
+
+
+def _check_directory(reading: Reading, file: Path | BytesIO) -> None:
+    """Raise where a zip's directory is very large: it is read before the first entry is seen."""
+    with file.open("rb") if isinstance(file, Path) else nullcontext(file) as source:
+        source.seek(max(0, source.seek(0, os.SEEK_END) - LONGEST_END))
+        end = source.read()
+    sizes = [0]
+    for start, place, length in ((b"PK\5\6", 12, 4), (b"PK\6\6", 40, 8)):
+        if (at := end.rfind(start)) >= 0:
+            sizes.append(int.from_bytes(end[at + place : at + place + length], "little"))
+    largest = max(size for size in sizes if size != 0xFFFFFFFF)  # then the other one says it
+    if largest > LARGEST_DIRECTORY:
+        wanted = "unpack it yourself and start poseviewer with the path of what is needed"
+        raise reading.error(f"a directory of {largest:,} bytes", wanted)
 
 
 def _is_wanted(entry: zipfile.ZipInfo) -> bool:

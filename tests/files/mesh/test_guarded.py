@@ -1,0 +1,84 @@
+"""Whatever a reader of a model does to its process, the caller gets a sentence."""
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from poseviewer.errors import MeshFileError
+from poseviewer.files.mesh.guarded import Read, guarded
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.mesh.parts import Part
+from tests.conftest import REPOSITORY
+
+
+def reads(path: Path) -> Read:
+    os.write(1, b"a library prints what it likes")
+    texture = np.zeros((2, 2, 3), np.uint8)
+    return [Part(name, np.eye(3), texture=texture) for name in (path.name, "b")], ["a note"]
+
+
+def refuses(path: Path) -> Read:
+    raise MeshFileError(f"{path.name}: not this one.")
+
+
+def crashes(_: Path) -> Read:
+    os.abort()
+
+
+def fills(_: Path) -> Read:
+    return [Part("", np.ones(10**10))], []
+
+
+def hangs(_: Path) -> Read:
+    time.sleep(600.0)
+    raise AssertionError
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    (tmp_path / "a.3ds").write_bytes(b"a")
+    return tmp_path / "a.3ds"
+
+
+def test_what_it_reads_comes_back(path: Path) -> None:
+    (first, second), notes = guarded(reads)(path)
+    assert (first.name, second.name, notes) == ("a.3ds", "b", ["a note"])
+    assert first.texture is second.texture
+
+
+@pytest.mark.parametrize(
+    ("reader", "words"),
+    [
+        (refuses, "not this one"),
+        (crashes, "its reader ended at it"),
+        (hangs, "was not done after"),
+        pytest.param(
+            fills,
+            "its reader ended at it",
+            marks=pytest.mark.skipif(sys.platform == "win32", reason="memory is not bounded"),
+        ),
+    ],
+)
+def test_what_it_does_to_its_process_is_a_sentence(
+    path: Path, monkeypatch: pytest.MonkeyPatch, reader: Callable[[Path], Read], words: str
+) -> None:
+    monkeypatch.setattr("poseviewer.files.mesh.guarded.DEADLINE_S", 600.0 if reader != hangs else 3)
+    with pytest.raises(MeshFileError, match=rf"^a\.3ds: .*{words}"):
+        guarded(reader)(path)
+
+
+@pytest.mark.parametrize("name", ["c13_keyframe_deep.3ds", "ply02_emptyelements_x60.ply"])
+def test_files_that_crashed_or_hung_give_a_sentence_or_a_model(name: str) -> None:
+    path = REPOSITORY.parent / "shared" / "cases" / "crash_or_hang" / name
+    if not path.is_file():
+        pytest.skip(f"no {name} on this machine")
+    begun = time.process_time()
+    with suppress(MeshFileError):
+        load_mesh(path)
+    assert time.process_time() - begun < 10.0
