@@ -251,7 +251,7 @@ TREES = (".yml", ".yaml", ".xml", ".json", ".sfm", ".npz", ".npy", ".csv", ".txt
 def is_matrix(reading: Reading) -> bool:
     """Whether a text is that of a matrix: numbers alone, where COLMAP names models."""
     with reading.open() as file:
-        return not re.search(rb"[A-Za-z]{4}", file.read(LONGEST_HEAD))
+        return not re.search(rb"[A-Za-z]{3}", file.read(LONGEST_HEAD))
 
 
 def load_tree(reading: Reading) -> Any:
