@@ -26,7 +26,7 @@ OPTIONS = {
         table.QUIET,
     ),
     "deviations of a vehicle's parameters": (
-        table.option("--paper", "the paper's figure: by its method, where --method names none"),
+        table.option("--paper", "the paper's figure: by its loss and search, where none is named"),
         table.option("--starts N", f"for each point ({PLAN.starts})"),
         table.option("--deviations PERCENT,..."),
         table.option("--readings NAME,...", ",".join(READINGS), type=table.some_of(READINGS)),
@@ -54,12 +54,11 @@ OPTIONS = {
 
 def run(options: Namespace) -> int:
     """Print the table."""
+    options.loss = options.loss or ("paper" if options.paper else None)
     _refuse_of_others(options)
     from poseviewer.evaluation.study import open_study, write_report
     from poseviewer.render.pool import processors
 
-    if options.paper and not options.loss:
-        options.loss = "paper"
     plan = table.made(Plan, options, limits=table.made(Limits, options))
     try:
         run = open_study(plan, ignore if options.quiet else tell)

@@ -57,7 +57,7 @@ def test_page_and_readme_say_what_was_measured(folder: Path) -> None:
     assert "| default: synthetic, plain black ground | relative | 100 (70 to 100) |" in text
     assert "| paper: synthetic, plain black ground | relative | 0 (0 to 79) |" in text
     groceries = "| 12 | 0.50 (0.50 to 20.00) | 75 (47 to 91) | 75 (47 to 91) | 75 (47 to 91) |"
-    assert f"| groceries, sharp and textured | 15° {groceries}" in text
+    assert f"| groceries (truth good to 1 %) | 15° {groceries}" in text
     assert "| tabletops, others given, seen 50-90 % | 15° | 12 | 20.00 (20.00 to 20.00) |" in text
     # All that are judged but those among others; five per cent off is right on small objects.
     assert "| all | 39 | 74 | 92 (80 to 97) | 30 | 100 (89 to 100) |" in text
@@ -67,7 +67,7 @@ def test_page_and_readme_say_what_was_measured(folder: Path) -> None:
     assert all(load_photo(folder / picture).width > 500 for picture in pictures)
     kept = re.compile(r"begin -->.*?<!--", re.DOTALL)
     assert kept.sub("", text) == kept.sub("", source)
-    assert "| groceries, sharp and textured | 12 | 0.50 (0.50 to 20.00) |" in readme.read_text()
+    assert "| groceries (truth good to 1 %) | 12 | 0.50 (0.50 to 20.00) |" in readme.read_text()
 
 
 def test_figures_show_only_points_of_ten_fits_and_more(folder: Path) -> None:

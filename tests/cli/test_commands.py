@@ -94,6 +94,8 @@ def test_a_command_says_and_writes_its_results(folder, capsys, line, words, writ
         ("study --out o --size 10x10", "--size"),
         ("study --out o --model none.ply", "none.ply"),
         ("study --out o --degrees 5", "--degrees goes with --real"),
+        ("study --out o --paper --pixels near", "--loss paper with --pixels near"),
+        ("study --out o --real none --paper", "--paper goes with synthetic"),
         ("study --out o --real none --photos 3", "--photos goes with synthetic"),
         ("study --out o --real none --bop none", "two studies"),
         (f"study --out o {PAPER} --pixels near", "--pixels"),
