@@ -93,7 +93,9 @@ def result_html(session: Session) -> str:
     for name, value in numbers.items():
         text = _with(value, deviations.get(name)) + _unit_of(session, name, value)
         if source and name in FOLLOW_FOCAL[-1 if source != "assumed" else 0 :]:
-            text += f' <i class="pv-{source}" title="{SOURCES[source]}">{source}</i>'
+            word = source if name == "focal" else ""
+            mark = word + "*" * (source == "assumed")
+            text += f' <i class="pv-{source}" title="{SOURCES[source]}">{mark}</i>'
         column = left if name in ("X", "Y", "Z", "distance") else right
         column.append(f"<th>{name}</th><td>{text}</td>")
     rows = "".join(f"<tr>{a}{b}</tr>" for a, b in zip_longest(left, right, fillvalue=EMPTY))

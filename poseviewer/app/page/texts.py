@@ -139,10 +139,12 @@ def proposals_of(session: Session) -> int:
 
 
 def focal_note(session: Session) -> str:
-    """Warn of a focal length that is a guess (markdown); "" where it is none."""
+    """Warn of a focal length that is a guess (markdown); "" where it is none. A button beside says
+    what to do.
+    """
     document = session.document
-    note = document.photo.focal_note(document.pose.camera)
-    return note and f"⚠ {note}"
+    note = document.photo.focal_note(document.pose.camera).partition(":")[0]
+    return note and f"⚠ {note}."
 
 
 def search_text(session: Session) -> str:
