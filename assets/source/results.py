@@ -138,11 +138,12 @@ def calibration_panel(trials: Iterable[Trial]) -> Panel:
     judged = sorted((t for t in trials if t.probability >= 0.0), key=lambda t: t.probability)
     lines: dict[str, list[Point]] = {"true as stated": [(0.0,) * 4, (100.0,) * 4]}
     for label, some in sorted(grouped(judged, lambda t: visibility(t.visible)).items()):
-        count = min(4, len(some) // FEWEST)
-        parts = [[some[i] for i in part] for part in np.array_split(range(len(some)), count or 1)]
+        if len(some) < FEWEST:
+            continue
+        pieces = np.array_split(range(len(some)), min(4, len(some) // FEWEST))
+        parts = [[some[i] for i in piece] for piece in pieces]
         lines[label or "share seen unknown"] = [
-            (100.0 * mean(trial.probability for trial in part), *Share.of(part))
-            for part in parts[:count]
+            (100.0 * mean(trial.probability for trial in part), *Share.of(part)) for part in parts
         ]
     axes = {"xlabel": "stated probability, %", "ylabel": "right, %"}
     return Panel(lines, axes | {"xlim": (-3, 103), "ylim": (-3, 103)})

@@ -78,7 +78,7 @@ def test_figures_show_only_points_of_ten_fits_and_more(folder: Path) -> None:
     assert results.error_panel(fewer).lines["alone"] == []
     stated = results.calibration_panel(studies["clutter"]).lines["seen 50-90 %"]
     assert stated == [(pytest.approx(90.0), 100.0, pytest.approx(75.75, abs=0.1), 100.0)]
-    assert results.calibration_panel(fewer["clutter"]).lines["seen 50-90 %"] == []
+    assert "seen 50-90 %" not in results.calibration_panel(fewer["clutter"]).lines
 
 
 def test_what_the_page_is_measured_by_are_commands(tmp_path: Path, monkeypatch) -> None:
