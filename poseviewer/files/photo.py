@@ -16,7 +16,7 @@ from PIL import ExifTags, Image, UnidentifiedImageError
 
 from poseviewer.errors import CalibrationFileError, PhotoFileError, printable
 from poseviewer.files.cameras import Calibration, load_calibration
-from poseviewer.files.checks import Reading, quiet_libraries
+from poseviewer.files.checks import Reading, printed_errors, quiet_libraries
 from poseviewer.files.structs import Distortion
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.image import Photo
@@ -62,6 +62,7 @@ def load_photo(path: str | Path) -> Photo:
         pixels.flags.writeable = False
         sha256 = hashlib.sha256(data).hexdigest()
     notes = ("Its transparency is left out.",) if is_transparent else ()
+    notes += tuple(dict.fromkeys(reading.warnings))
     return Photo(pixels, printable(reading.path.name), sha256, focal, notes)
 
 
@@ -154,7 +155,9 @@ def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]
         found = f"more than {MAX_MEGAPIXELS:.0f} megapixels"
         raise reading.error(found, "make it smaller first") from None
     # OpenCV turns it upright, and leaves transparency out.
-    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
+    depth = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH
+    with printed_errors(reading.warnings):
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), depth)
     if picture is None:
         found = "OpenCV cannot read this kind of picture"
         raise reading.error(found, "save it as PNG or JPEG")

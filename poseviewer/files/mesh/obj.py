@@ -32,6 +32,8 @@ Relative = dict[int, tuple[int, ...]]
 Changes = list[tuple[int, tuple[str, str]]]
 """Faces so far, then names of part and material."""
 KINDS = ("v", "vt", "vn", "f", "mtllib")
+MOST_LIBRARIES = 1000
+"""Material files of a model: each that is missing is sought in several folders."""
 OPTIONS = re.compile(r"(-\S* ((-?(\d+\.?\d*|\.\d+)|on|off)? )*)*")
 """Options before a picture's name, which may hold spaces: ``-s 1 1 1`` or ``-clamp on``."""
 
@@ -162,7 +164,9 @@ def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[
     A texture replaces the colour Kd, as in Blender: many exporters write Kd 0 beside it.
     """
     materials: dict[str, Material] = {}
-    for library in dict.fromkeys(libraries):
+    if len(libraries) > MOST_LIBRARIES:
+        notes.append(f"Material files left out: all but {MOST_LIBRARIES} of {len(libraries):,}.")
+    for library in list(dict.fromkeys(libraries))[:MOST_LIBRARIES]:
         file = find_named(path.parent, library)
         if file is None or not file.stat().st_size:
             why = "is not there" if file is None else "is empty"
