@@ -135,7 +135,7 @@ def measure_speed(
     tell(f"making maps of {map_size}x{map_size}")
     maps, fits = time_maps(demo, truth, map_size), []
     for loss in LOSSES:
-        limit_s = 3.0 if quick else 30.0
+        limit_s = 15.0 if quick else 30.0
         tell(f"fitting by --method {loss}, for {limit_s:.0f} s at most")
         fits.append(time_fit(demo, truth, loss, limit_s))
     covered = SoftwareRenderer(work.mesh).covers(work.poses[0])

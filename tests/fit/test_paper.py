@@ -7,12 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from poseviewer.api import load
+from poseviewer.files.demo import demo_case
+from poseviewer.files.pose import load_pose
 from poseviewer.fit.loss import lighting_loss, whole_photo_loss
 from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
 from poseviewer.fit.progress import Status
 from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.moments import model_attributes
 from poseviewer.render.pyramid.levels import smaller
 from poseviewer.render.types import PhotoAttributes
@@ -89,3 +93,12 @@ def test_it_finds_a_pose_nearby_and_stops_when_restarts_gain_nothing(clipped):
     assert end.restart > end.problem.settings.options.patience
     assert end.loss == pose_loss(problem, RENDERER, end.parameters) < end.start_loss
     assert np.abs(end.parameters).max() < 1e-2  # where it stops, hangs on the last digits
+
+
+@pytest.mark.slow
+def test_it_finds_the_demos_pose_from_its_start():
+    case = demo_case()
+    end = load(case.photo, case.model, case.start, loss="paper").fit()
+    camera = end.pose.camera
+    truth = load_pose(case.truth, camera.width, camera.height).pose
+    assert pose_error(end.mesh, end.pose, truth).percent < 0.5
