@@ -34,6 +34,8 @@ REDUCED = 1
 MAX_MEGAPIXELS = 100.0
 LARGEST_FILE = 2_000_000_000
 """Bytes: 100 megapixels of four 16-bit numbers have 8e8, beside what else a file may hold."""
+ROWS = 256
+"""Rows of pixels that are turned from BGR to RGB at a time."""
 MOST_SCANS = 100
 """Progressive JPEGs have some ten."""
 MARKER = re.compile(rb"\xff([^\x00\x01\xd0-\xd7\xff])", re.DOTALL)
@@ -146,6 +148,7 @@ def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]
                 # OpenCV reads few tiled TIFF files, and turns them wrongly; Pillow has turned it.
                 pixels = np.atleast_3d(np.asarray(image))
                 return pixels[..., : 1 if pixels.shape[2] == 1 else 3], focal, is_transparent
+            image.close()  # frees its pixels
     except UnidentifiedImageError:
         wanted = "wanted JPEG, PNG, TIFF, WebP or BMP with 8 or 16 bits"
         if reading.path.suffix.lower() in RAW_ENDINGS:
@@ -161,8 +164,11 @@ def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]
     if picture is None:
         found = "OpenCV cannot read this kind of picture"
         raise reading.error(found, "save it as PNG or JPEG")
-    pixels = picture[..., ::-1] if picture.ndim == 3 else picture[..., None]
-    return pixels, focal, is_transparent
+    if picture.ndim == 2:
+        return picture[..., None], focal, is_transparent
+    for top in range(0, len(picture), ROWS):  # in place: the whole is up to 0.6 GB
+        picture[top : top + ROWS] = picture[top : top + ROWS, :, ::-1]
+    return picture, focal, is_transparent
 
 
 def _scans(data: bytes) -> int:

@@ -4,6 +4,8 @@ import hashlib
 import math
 import os
 import struct
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -264,3 +266,18 @@ def test_what_others_print_meanwhile_is_kept(capfd) -> None:
         os.write(2, b"Corrupt JPEG data: bad\na line of ours\n")
     assert said == ["It may be damaged (Corrupt JPEG data: bad)."]
     assert capfd.readouterr().err == "a line of ours\n"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="counts memory as Linux does")
+def test_a_deep_photo_takes_little_more_memory_than_its_pixels(tmp_path: Path) -> None:
+    path = tmp_path / "deep.png"
+    cv2.imwrite(str(path), np.zeros((5000, 6000, 4), np.uint16), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    script = (
+        "import resource, sys; from poseviewer.files.photo import load_photo\n"
+        "peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024\n"
+        "before = peak(); photo = load_photo(sys.argv[1])\n"
+        "print((peak() - before) / photo.pixels.nbytes)"
+    )
+    line = [sys.executable, "-c", script, str(path)]
+    done = subprocess.run(line, capture_output=True, text=True, check=True, cwd=Path.cwd())
+    assert float(done.stdout) < 1.3
