@@ -157,6 +157,8 @@ class App:
         if taken is not None and on_taken == "ask":
             self._page.ask_to_replace(taken)
             return
+        if on_taken == "leave":
+            return
         path = self._autosaver.save(self.session, on_taken == "beside")
         self._page.tell(f"Saved {path.name}", str(path))
         self._edit(c.change(saved=self.session.document))

@@ -15,6 +15,7 @@ from tests.app.browser import AppPage
 pytestmark = pytest.mark.slow
 
 DEMO_PHOTO = (960, 720)
+SMALL = (1280, 720)
 LARGE = (1400, 900)
 """The window in which maps are large enough to be pressed, px."""
 
@@ -147,6 +148,10 @@ def test_a_file_of_others_is_replaced_only_when_that_is_said(page: AppPage, demo
     path = demo.folder / "demo_photo.demo_car.pose.json"
     path.write_text("another program's")
     page.page.keyboard.press("s")
+    page.page.get_by_role("button", name="Close").wait_for()
+    page.page.keyboard.press("Escape")
+    page.page.get_by_role("dialog").wait_for(state="hidden")
+    page.page.keyboard.press("s")
     page.page.get_by_role("button", name="Use another name").click()
     other = path.with_name("demo_photo.demo_car.2.pose.json")
     page.until(other.exists)
@@ -157,6 +162,7 @@ def test_a_file_of_others_is_replaced_only_when_that_is_said(page: AppPage, demo
     page.page.get_by_role("button", name="Replace it").click()
     page.until(other.with_name(f"{other.name}.bak").exists)
     assert other.with_name(f"{other.name}.bak").read_text() == "another program's, too"
+    page.page.get_by_role("dialog").wait_for(state="hidden")
 
 
 def test_the_same_refusal_is_one_notice(page: AppPage):
@@ -166,6 +172,24 @@ def test_the_same_refusal_is_one_notice(page: AppPage):
         page.page.mouse.dblclick(*middle)
         page.wait_for_text("has its pins already")
     page.until(lambda: page.page.get_by_text("has its pins already").count() == 1)
+
+
+def test_each_steps_main_button_is_in_sight_in_a_small_window(browser: Browser, demo: AppProcess):
+    with AppPage(browser, demo.url, SMALL) as tab:
+        tab.page.keyboard.press("Space")
+        tab.wait_for_text("Verdict:")
+        for step, name in ((3, "Keep it"), (3, "Hide what"), (5, "Save pose"), (2, "Fit to box")):
+            tab.open_step(step)
+            button = tab.page.get_by_role("button", name=name)
+            button.wait_for()
+            box = button.bounding_box()
+            assert box is not None
+            assert box["y"] + box["height"] <= SMALL[1], name
+        box = tab.page.locator(".pv-result").bounding_box()
+        assert box is not None
+        assert box["x"] + box["width"] <= SMALL[0]
+        assert box["y"] + box["height"] <= SMALL[1]
+        tab.page.keyboard.press("z")
 
 
 def is_registered(page: AppPage) -> bool:

@@ -181,16 +181,20 @@ class Page:
             "There is such a file already",
             f"**{plain(path.name)}** was not written by this session. What is replaced is kept as "
             "`.bak`.",
-            {"Use another name": SavePose("beside"), "Replace it": SavePose("replace")},
+            {
+                "Use another name": SavePose("beside"),
+                "Replace it": SavePose("replace"),
+                "Close": SavePose("leave"),
+            },
         )
 
     def _ask(self, title: str, text: str, answers: Mapping[str, Request]) -> None:
-        """Ask all pages something with two answers, of which the first is the main one."""
+        """Ask all pages something; the first of the answers is the main one."""
         self.close_question()
         with self._server.gui.add_modal(title) as question:
             self._server.gui.add_markdown(text)
-            for colour, (label, request) in zip(("cyan", "gray"), answers.items(), strict=True):
-                self._controls.button(label, request, color=colour)
+            for index, (label, request) in enumerate(answers.items()):
+                self._controls.button(label, request, color="gray" if index else "cyan")
         self._question = question
 
     def close_question(self) -> None:

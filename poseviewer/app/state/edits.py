@@ -37,7 +37,7 @@ class Edit:
 class SavePose:
     """Request to write the pose beside the photo."""
 
-    on_taken: Literal["ask", "replace", "beside"] = "ask"
+    on_taken: Literal["ask", "replace", "beside", "leave"] = "ask"
     """What becomes of a file that this session did not write."""
 
 
