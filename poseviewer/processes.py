@@ -31,13 +31,14 @@ def run_in_processes(
                 break
             if not hasattr(own, "process"):
                 own.process = ProcessPoolExecutor(1, _SPAWN, _begin, (reader,))
+                _block_ctrl_c()  # only now: the first pool starts a tracker, which unblocks it
             try:
                 return own.process.submit(function, item).result()
             except BrokenProcessPool:
                 del own.process
         return None
 
-    threads = ThreadPoolExecutor(count, initializer=_block_ctrl_c)
+    threads = ThreadPoolExecutor(count)
     try:
         running = {threads.submit(run, item): item for item in items}
         for future in as_completed(running):

@@ -51,8 +51,8 @@ COMMANDS = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run ``poseviewer``; returns the exit code (2: something the user can mend)."""
-    _make_ready()
     try:
+        _make_ready()
         options = parse(sys.argv[1:] if arguments is None else arguments)
         command = import_module(f"poseviewer.cli.{options.command}_command")
         with keeping(inputs(options, command.OPTIONS)):

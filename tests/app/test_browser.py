@@ -138,10 +138,14 @@ def test_a_press_on_a_map_moves_the_pose_and_undo_brings_it_back(page: AppPage, 
 
 def test_the_pose_is_copied_as_it_is_saved(page: AppPage, demo: AppProcess):
     saved = page.saved(demo.folder / "demo_photo.demo_car.pose.json")
-    page.page.get_by_role("button", name="JSON", exact=True).click()
     page.page.context.grant_permissions(["clipboard-read"])
-    copied = json.loads(page.page.evaluate("navigator.clipboard.readText()"))
-    assert copied["camera_from_model"] == saved["camera_from_model"]
+
+    def is_copied() -> bool:  # the page comes to the pose after the file
+        page.page.get_by_role("button", name="JSON", exact=True).click()
+        copied = json.loads(page.page.evaluate("navigator.clipboard.readText()"))
+        return copied["camera_from_model"] == saved["camera_from_model"]
+
+    page.until(is_copied)
 
 
 def test_a_file_of_others_is_replaced_only_when_that_is_said(page: AppPage, demo: AppProcess):
