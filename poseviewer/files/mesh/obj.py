@@ -72,7 +72,7 @@ def read_obj(path: Path) -> tuple[list[Part], list[str]]:
 
 
 def _sort_lines(text: str) -> tuple[dict[str, list[str]], Relative, Changes]:
-    """What stands behind each word of ``KINDS``, and where in the file indices and names count."""
+    """Gather what follows each word of ``KINDS``, and where in the file indices and names count."""
     lines: dict[str, list[str]] = {kind: [] for kind in KINDS}
     relative: Relative = {}
     changes: Changes = [(0, ("", ""))]
