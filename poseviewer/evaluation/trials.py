@@ -44,7 +44,7 @@ class Trial:
     visible: float = math.nan
     """Share of the model's pixels that nothing hides."""
     traits: str = ""
-    """What makes the case easy or hard, with commas between."""
+    """Properties that make the case easy or hard, with commas between."""
     method: str
     pixels: str
     reading: str = ""

@@ -1,5 +1,5 @@
-"""What data sets want out of a pose: masks, depth, normals and coordinates of objects as pictures,
-by the names and in the folders of BOP.
+"""Pictures of objects at their poses for data sets: masks, depth, normals and coordinates, by the
+names and in the folders of BOP.
 """
 
 import json

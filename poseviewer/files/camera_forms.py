@@ -112,7 +112,7 @@ class FileCamera:
 
 @dataclass(frozen=True, slots=True)
 class _Said:
-    """What a mapping says of a camera: by field, the key as written, and the value."""
+    """Fields of a camera that a mapping has: of each the key as written, and the value."""
 
     reading: Reading
     entries: dict[str, tuple[str, Any]]

@@ -59,7 +59,7 @@ class FitSettings:
     loss: LossName = "default"
     """The default, or exactly the paper's."""
     search: SearchName | Literal["auto"] = "auto"
-    """How the loss is minimised; ``auto`` as ``searched_by`` tells."""
+    """Minimiser of the loss; ``auto``: see ``searched_by``."""
     chart: ChartName = "auto"
     free_focal: bool = False
     """Search for the focal length as well: a seventh number."""

@@ -46,15 +46,15 @@ COARSE_SIMPLEX = RestartOptions(
     step=0.2, multi_starts=4, multi_start_step=0.2, multi_start_x_tolerance=0.05,
     multi_start_f_tolerance=0.5, x_tolerance=0.02, f_tolerance=0.1, least_gain=0.1,
 )  # fmt: skip
-"""As wide as CMA-ES reaches, on the coarsest level."""
+"""Simplex on the coarsest level, as wide as CMA-ES reaches."""
 LIGHT_SIMPLEX = RestartOptions(
     step=0.05, multi_starts=0, x_tolerance=4e-3, f_tolerance=0.03, least_gain=0.05
 )
-"""On the photo itself: as wide as the coarse level can be wrong."""
+"""Simplex on the photo itself, as wide as the coarse level can be wrong."""
 FINE_SIMPLEX = RestartOptions(
     step=0.015, multi_starts=0, x_tolerance=1.5e-3, f_tolerance=0.01, least_gain=0.02
 )
-"""On the fine photo, whose minimum is a pixel away."""
+"""Simplex on the fine photo, whose minimum is a pixel away."""
 PAPER_SHARE = 1.0 / 40.0
 """Change of the paper's loss that goes with 1 of the default's about the truth."""
 LEAST_VALUE = 0.05

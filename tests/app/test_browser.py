@@ -68,21 +68,21 @@ def test_loss_and_search_are_two_choices(page: AppPage):
         field = page.page.get_by_label("Search", exact=True).and_(page.page.locator("input"))
         page.until(lambda: field.input_value() == text)
 
+    def search_and_stop(loss: str) -> None:
+        page.page.keyboard.press("Space")
+        page.wait_for_text(loss)
+        page.page.keyboard.press("Space")
+        page.wait_for_text("Stopped: the best pose so far is shown")
+
     page.open_step(3)
     wait_for_search("CMA-ES and quadratic models")
     choose("Loss", "Paper (2010)")
     wait_for_search("Restarted simplex")  # the paper's own, until one is chosen
     choose("Search", "CMA-ES and quadratic models")
-    page.page.keyboard.press("Space")
-    page.wait_for_text("Loss: Paper (2010), pixels inside the model")
-    page.page.keyboard.press("Space")
-    page.wait_for_text("Stopped: the best pose so far is shown")
+    search_and_stop("Loss: Paper (2010), pixels inside the model")
     choose("Loss", "Default (light, colour classes, edges)")
     choose("Search", "Restarted simplex")
-    page.page.keyboard.press("Space")
-    page.wait_for_text("Loss: Default (light, colour classes, edges)")
-    page.page.keyboard.press("Space")
-    page.wait_for_text("Stopped: the best pose so far is shown")
+    search_and_stop("Loss: Default (light, colour classes, edges)")
     choose("Search", "CMA-ES and quadratic models")
 
 

@@ -102,13 +102,17 @@ def write(path: Path, content: Any) -> Path:
     return path
 
 
+def assert_reads(path: Path, content: Any, matrix: Any, lens: Lens | None) -> None:
+    camera, _ = load_calibration(Calibration(write(path, content)), "p.png", 640, 480)
+    np.testing.assert_allclose(opencv_matrix(camera.camera), matrix, rtol=0.0, atol=1e-9)
+    assert camera.lens == lens
+    assert camera.read
+
+
 @pytest.mark.parametrize("form", FORMS)
 def test_a_camera_is_the_same_in_each_form(tmp_path, form):
     name, content, lens = FORMS[form]
-    found, _ = load_calibration(Calibration(write(tmp_path / name, content)), "p.png", 640, 480)
-    np.testing.assert_allclose(opencv_matrix(found.camera), K, rtol=0.0, atol=1e-9)
-    assert found.lens == lens
-    assert found.read
+    assert_reads(tmp_path / name, content, K, lens)
 
 
 SQUARE = [[500.0, 0.0, 329.5], [0.0, 500.0, 234.5], [0.0, 0.0, 1.0]]
@@ -144,9 +148,7 @@ FROM_THE_MIDDLE: dict[str, tuple[str, Any, Lens | None]] = {
 @pytest.mark.parametrize("form", FROM_THE_MIDDLE)
 def test_a_principal_point_may_count_from_the_middle(tmp_path, form):
     name, content, lens = FROM_THE_MIDDLE[form]
-    found, _ = load_calibration(Calibration(write(tmp_path / name, content)), "p.png", 640, 480)
-    np.testing.assert_allclose(opencv_matrix(found.camera), SQUARE, rtol=0.0, atol=1e-9)
-    assert found.lens == lens
+    assert_reads(tmp_path / name, content, SQUARE, lens)
 
 
 def test_the_cameras_of_a_file_are_told_apart_by_names_numbers_and_sides(tmp_path):

@@ -38,7 +38,7 @@ class SavePose:
     """Request to write the pose beside the photo."""
 
     on_taken: Literal["ask", "replace", "beside", "leave"] = "ask"
-    """What becomes of a file that this session did not write."""
+    """Fate of a file that this session did not write."""
 
 
 def edit(

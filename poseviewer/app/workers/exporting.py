@@ -27,7 +27,7 @@ from poseviewer.render.overlay.looks import SOLID_OPACITY, Picture
 from poseviewer.starts.loading import pose_record, record_of
 
 Export = Literal["pose", "overlay", "sheet", "maps-npz"] | str
-"""What the page asks for, or a key of ``CONVERTED``."""
+"""Name of a download of the page, or a key of ``CONVERTED``."""
 CONVERTED = {
     "opencv": ".yml", "bop": "", "colmap": "", "nerfstudio": ".json", "gltf": ".glb",
     "meshlab": ".mlp", "matrix": ".txt", "dope": ".dope.json", "masks, depth, normals": "",
