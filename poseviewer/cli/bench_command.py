@@ -9,7 +9,7 @@ from poseviewer.errors import SettingsError
 
 OPTIONS = {
     "": (
-        table.option("--quick", "fewer runs, fits of 3 s at most: under a minute"),
+        table.option("--quick", "fewer runs, fits of 15 s at most: about a minute"),
         table.option("--json FILE", "write all rows", is_output=True),
         table.QUIET,
     )

@@ -80,7 +80,7 @@ class FitSettings:
     without: tuple[str, ...] | None = None
     """Names of the model's parts that are left out as it is loaded: neither compared nor drawn."""
     renderer: RendererName = "auto"
-    """``auto`` is ``software``; ``gpu`` is experimental: it was never timed on a real GPU."""
+    """``auto`` is ``software``; ``gpu`` is experimental: it pays beside few cores only."""
     options: RestartOptions = field(default_factory=RestartOptions)
     """Options of the restarted simplex on the photo alone, by the paper's loss."""
     limits: Limits = field(default_factory=Limits)
