@@ -34,6 +34,8 @@ LOW_TURN_MARGIN = 0.3
 """Turn margin that right poses seldom have."""
 GOOD_OUTLINE, POOR_OUTLINE = 0.9, 0.75
 """Shares of the outline."""
+LEAST_OUTLINE = 0.65
+"""Share of the outline of a ``found`` pose: plain and flat things fit others' insides, too."""
 LEAST_WHOLE = 0.9
 """Share of the model below which it is said to be hidden in part."""
 
@@ -103,7 +105,8 @@ def judge(features: Features | None) -> Verdict:
         score += weight * min(max(away, -LARGEST_SCORE), LARGEST_SCORE)
     probability = 1.0 / (1.0 + math.exp(-score)) if features.seen >= LEAST_SEEN else 0.0
     found_from = FOUND_BEHIND if features.seen < HIDDEN_BELOW else FOUND_FROM
-    word = _word(probability >= found_from, probability < LOST_BELOW)
+    is_found = probability >= found_from and features.outline >= LEAST_OUTLINE
+    word = _word(is_found, probability < LOST_BELOW)
     return Verdict(word, probability, reasons_for(features), asdict(features))
 
 

@@ -37,10 +37,19 @@ def test_a_model_of_which_too_little_is_seen_is_lost():
 
 
 def test_a_model_in_part_hidden_must_be_more_probable_to_be_found():
-    whole = [replace(RIGHT, outline=share, turn_margin=1.5) for share in np.linspace(0, 1, 101)]
+    whole = [replace(RIGHT, turn_margin=margin) for margin in np.linspace(-2, 2, 101)]
     between = [f for f in whole if judge(f).word == "found" and judge(f).probability < 0.95]
     assert between
     assert all(judge(replace(f, seen=0.6)).word == "doubtful" for f in between)
+
+
+def test_a_model_along_whose_outline_the_photo_has_few_edges_is_not_found():
+    """A square explains half of an L-shaped plate, however steep its minimum is."""
+    steep = replace(RIGHT, turn_margin=20.0, spread_percent=0.1)
+    assert judge(replace(steep, outline=0.7)).word == "found"
+    flat = judge(replace(steep, outline=0.6))
+    assert flat.word == "doubtful"
+    assert any("only 60%" in reason for reason in flat.reasons)
 
 
 @pytest.mark.parametrize("word", ["found", "doubtful", "lost"])
