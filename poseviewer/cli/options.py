@@ -186,7 +186,7 @@ CAMERA: Options = {"the photo's camera": (CALIBRATION, *OF_CALIBRATION)}
 VIEWS: Options = {"several photos, one pose": (option("--views SET", SETS), *OF_VIEWS)}
 SCENE: Options = {**CAMERA, **VIEWS, "what is compared": COMPARED}
 """Options that ``case.open_scene`` reads besides ``FILES`` and a pose."""
-OTHERS = "serve others than this machine as well; the address then bears a token"
+OTHERS = "serve other machines as well"
 SERVER = (
     option("--port PORT", "(the first free one from 8080 on)"),
     option("--host HOST", OTHERS, default="127.0.0.1"),

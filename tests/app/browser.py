@@ -79,7 +79,7 @@ class AppPage:
         self.page.add_init_script(f"({NO_NOTICE})()")
         self.page.add_init_script(f"({COUNT_DROPS})()")
         # Where frames take long, as without a GPU, viser draws fewer pixels: not for measuring.
-        self.page.goto(f"{url}?fixedDpr=1")
+        self.page.goto(f"{url}&fixedDpr=1")
         self.page.wait_for_function(READY)
 
     def reload(self) -> None:

@@ -26,7 +26,7 @@ def test_after_a_crash_page_and_session_come_back(browser: Browser, tmp_path: Pa
         tab.page.evaluate("document.activeElement.blur()")
         tab.page.keyboard.press("Space")
         app.kill()
-    port = int(app.url.rstrip("/").rpartition(":")[2])
+    port = int(app.url.partition("/?")[0].rpartition(":")[2])
     with AppProcess(tmp_path, *files, port=port) as again, tab:
         assert again.url == app.url
         tab.page.get_by_text(OFFER).wait_for()

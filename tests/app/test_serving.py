@@ -9,6 +9,9 @@ from typing import Any
 
 import pytest
 
+from poseviewer.app.serving import serve_app
+from poseviewer.errors import SettingsError
+from poseviewer.files.state.folder import kept_token
 from tests.app.below_viser.socket_page import SocketPage
 from tests.app.running_app import running_app
 from tests.scene import Scene
@@ -64,3 +67,22 @@ def test_a_failure_while_showing_is_told_once_and_ends_nothing(
             page.wait_until(lambda: not failures)
         page.wait_until(lambda: any("Undo or save" in text for text in page.notices()))
     assert caplog.text.count("fail_twice") == 1
+
+
+def test_the_address_bears_a_token_and_that_of_the_browser_is_no_other_users(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened, told = list[str](), list[str]()
+    monkeypatch.setenv("POSEVIEWER_STATE", str(tmp_path))
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    monkeypatch.setattr("signal.signal", lambda *_: None)
+
+    def fail() -> Any:
+        raise SettingsError("no photo")
+
+    with pytest.raises(SettingsError):
+        serve_app(fail, host="127.0.0.1", port=0, browser=True, tell=told.append)
+    token = kept_token(tmp_path)
+    assert f"/?token={token}\n" in told[0]
+    assert "/?token=" in opened[0]
+    assert token not in opened[0]

@@ -3,9 +3,9 @@
 Why: viser checks neither Host nor Origin, has no login, takes the next port where one is busy, and
 lets any page open a public tunnel. A page of another site may send requests to this machine, and by
 DNS rebinding even read the answers (Jackson et al. 2007, "Protecting browsers from DNS rebinding
-attacks"); its Host or its Origin gives it away. Where other machines can reach the app, whoever
-comes must also know a random token, by the address that poseviewer prints or by the cookie that
-this address sets.
+attacks"); its Host or its Origin gives it away. Other users of this machine, and other machines,
+can reach the app as well: whoever comes must know a random token, by the address that poseviewer
+prints or by the cookie that this address sets.
 Written for viser 1.1.1 and websockets 16.1. viser makes its web server deep inside its constructor,
 in its own thread, by ``websockets.asyncio.server.serve``; that one call is intercepted, so that the
 check is in place before the first connection. Else of viser: ``_websock_server`` and the messages
@@ -13,17 +13,19 @@ check is in place before the first connection. Else of viser: ``_websock_server`
 """
 
 import errno
+import hashlib
 import hmac
 import http
 import io
 import ipaddress
 import logging
 import os
+import re
 import secrets
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import parse_qs
 
@@ -40,7 +42,6 @@ from poseviewer.errors import SettingsError, printable
 VISERS_OWN = "viser.infra._infra"
 """The module whose call of ``serve`` is intercepted."""
 DEFAULT_PORT, PORTS_TRIED = 8080, 100
-TOKEN_BYTES = 24
 LARGEST_MESSAGE = 4_000_000
 """Bytes: pages send parts of uploads of 512 KiB, and nothing larger."""
 SECURITY_HEADERS = {
@@ -51,7 +52,6 @@ SECURITY_HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
 }
 
-LOOPBACK_NAMES = ("127.0.0.1", "localhost", "[::1]")
 FOREIGN_SOURCES = ("playbackPath", "websocket")
 """Parameters by which a link makes viser's page take its messages, scripts too, from elsewhere."""
 
@@ -83,35 +83,36 @@ class AccessPolicy:
 
     host: str
     port: int
-    token: str | None
-    """None on loopback, where only programs of this machine come through."""
+    token: str
+    tickets: set[str] = field(default_factory=set)
+    """Tokens that are good until a page is connected."""
 
-    @property
-    def url(self) -> str:
-        """The address for the user's browser, with the token where one is needed."""
+    def url(self, token: str) -> str:
+        """The address for the user's browser, with a token."""
         # 0.0.0.0 and :: mean every address of this machine, and are none themselves.
         name = socket.gethostname() if self.host in ("", "0.0.0.0", "::") else self.host
-        query = "" if self.token is None else f"?token={self.token}"
-        return f"http://{_in_brackets(name)}:{self.port}/{query}"
+        return f"http://{_in_brackets(name)}:{self.port}/?token={token}"
 
     @property
     def cookie_name(self) -> str:
-        """Browsers share cookies between the ports of a machine; the name keeps them apart."""
-        return f"poseviewer_{self.port}"
+        """Browsers share cookies between the ports of a machine, and tunnels lead to others' ports;
+        the name keeps tokens apart.
+        """
+        return f"poseviewer_{hashlib.sha256(self.token.encode()).hexdigest()[:8]}"
 
     def refusal(self, target: str, headers: Headers) -> str | None:
         """Say in one sentence why a request for a path and query is refused; None where it may
         pass.
         """
         # Without the token: a refusal is read by strangers.
-        instead = f"open {self.url.partition('?')[0]} instead."
+        instead = f"open {self.url('').partition('?')[0]} instead."
         hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
         if len(target) > LONGEST_TARGET:
             return f"The address has {len(target):,} characters; {instead}"
         if len(hosts) != 1:
             return f"The request names {len(hosts)} hosts, wanted one; {instead}"
         host, query = hosts[0].lower(), _query(target)
-        if self.token is None and host not in self._own_hosts:
+        if is_loopback(self.host) and not is_loopback(_name_in(host)):
             return (
                 f"The request is for {hosts[0][:80]!r}, but this poseviewer serves this machine "
                 f"alone; {instead}"
@@ -125,7 +126,7 @@ class AccessPolicy:
         # Read by hand: http.cookies gives up at the odd cookie of another server of this machine.
         pairs = [c.strip().partition("=") for h in headers.get_all("Cookie") for c in h.split(";")]
         tokens = query.get("token", [])[:1] + [v for k, _, v in pairs if k == self.cookie_name]
-        if self.token is not None and not any(map(self._is_token, tokens)):
+        if not any(map(self._is_token, tokens)):
             return (
                 f"The token {'is not the right one' if any(tokens) else 'is missing'}; open the "
                 "whole address that poseviewer printed, with its ?token=..., in this browser."
@@ -144,17 +145,10 @@ class AccessPolicy:
             return {}
         return {"Set-Cookie": f"{self.cookie_name}={self.token}; HttpOnly; SameSite=Strict; Path=/"}
 
-    @property
-    def _own_hosts(self) -> set[str]:
-        """Host headers of the app's own page on this machine."""
-        names = {*LOOPBACK_NAMES, _in_brackets(self.host).lower()}
-        return {f"{name}:{self.port}" for name in names} | (names if self.port == 80 else set())
-
     def _is_token(self, given: str) -> bool:
         # As bytes: compare_digest takes no text beyond ASCII.
-        return self.token is not None and hmac.compare_digest(
-            given.encode(errors="surrogateescape"), self.token.encode()
-        )
+        data = given.encode(errors="surrogateescape")
+        return any(hmac.compare_digest(data, t.encode()) for t in (self.token, *self.tickets))
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,8 +160,15 @@ class GuardedServer:
 
     @property
     def url(self) -> str:
-        """The address to open, with the token where one is needed."""
-        return self.policy.url
+        """The address to open, as often as one likes."""
+        return self.policy.url(self.policy.token)
+
+    def url_to_hand_on(self) -> str:
+        """The address to open at once: other users read the arguments of a browser's process, and
+        its token is good only until a page is connected.
+        """
+        self.policy.tickets.add(ticket := secrets.token_urlsafe())
+        return self.policy.url(ticket)
 
     def stop(self) -> None:
         """Close all connections and the port."""
@@ -176,18 +177,19 @@ class GuardedServer:
 
 
 def serve(
-    host: str = "127.0.0.1", port: int | None = None, label: str | None = None
+    host: str = "127.0.0.1",
+    port: int | None = None,
+    label: str | None = None,
+    token: str | None = None,
 ) -> GuardedServer:
-    """Start a viser server that answers only its own page and programs of this machine.
-
-    Without a ``port`` the first free one from 8080 on is taken; 0 lets the system choose.
+    """Start a viser server that answers only its own page, to whom knows the token (None: a new
+    one). Without a ``port`` the first free one from 8080 on is taken; 0 lets the system choose.
 
     Raises:
         SettingsError: the port is taken or not allowed, or the host is no address of this machine.
     """
     listening = _listen(host, port)
-    token = None if is_loopback(host) else secrets.token_urlsafe(TOKEN_BYTES)
-    policy = AccessPolicy(host, listening.getsockname()[1], token)
+    policy = AccessPolicy(host, listening.getsockname()[1], token or secrets.token_urlsafe())
     wake_in_the_loop()
     try:
         # viser prints its address, without the token, to the standard output.
@@ -240,6 +242,8 @@ def _checked(policy: AccessPolicy, answer: Answer) -> Answer:
             response = connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal}\n")
         else:
             response = answer(connection, request)
+            if "Upgrade" in request.headers:
+                policy.tickets.clear()
         if response is not None:
             response.headers.update(SECURITY_HEADERS)
             if refusal is None:
@@ -286,6 +290,12 @@ def is_loopback(host: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
+
+
+def _name_in(host: str) -> str:
+    """The name in a lower-case Host header, without its port; empty where it is none."""
+    match = re.fullmatch(r"\[([0-9a-f:]+)\](:\d+)?|([^:@]+)(:\d+)?", host)
+    return "" if match is None else match[1] or match[3]
 
 
 def _in_brackets(host: str) -> str:

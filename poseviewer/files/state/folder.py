@@ -1,7 +1,10 @@
-"""The folder in which poseviewer keeps what should outlive it: uploads and autosaved sessions."""
+"""The folder in which poseviewer keeps what should outlive it: uploads, sessions, its token."""
 
 import os
+import re
+import secrets
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import platformdirs
@@ -30,3 +33,17 @@ def state_folder() -> Path:
             "to a folder of your own."
         )
     return folder.absolute()
+
+
+def kept_token(folder: Path) -> str:
+    """The token of the user's apps, from a file that nobody else reads: a page that is open, and
+    its address, outlive the app. A new one where none can be kept.
+    """
+    fresh, path = secrets.token_urlsafe(), folder / "token"
+    with suppress(OSError, ValueError):
+        with suppress(FileExistsError):
+            path.touch(0o600, exist_ok=False)
+            path.write_text(fresh, "ascii")
+        kept = path.read_text("ascii")
+        return kept if re.fullmatch(r"[\w-]{32,}", kept) else fresh
+    return fresh

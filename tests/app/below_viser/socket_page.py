@@ -32,7 +32,7 @@ class SocketPage:
         self.told: list[Message] = []
         self._change = threading.Condition()
         self._closed = ""
-        address = url.rstrip("/").replace("http://", "ws://")
+        address = url.replace("http://", "ws://")
         self._socket = connect(
             address, subprotocols=[PROTOCOL], max_size=None, compression=None, ping_interval=None
         )

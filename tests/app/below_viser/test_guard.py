@@ -57,8 +57,11 @@ def wide() -> Iterator[GuardedServer]:
         yield guarded
 
 
-def get(guarded: GuardedServer, path: str = "/", **headers: str) -> tuple[int, str, Headers]:
-    """Status, text and headers of the answer to a GET with these headers."""
+def get(
+    guarded: GuardedServer, path: str | None = None, **headers: str
+) -> tuple[int, str, Headers]:
+    """Status, text and headers of the answer to a GET with these headers; path None: with token."""
+    path = f"/?token={guarded.policy.token}" if path is None else path
     connection = http.client.HTTPConnection("127.0.0.1", guarded.policy.port, timeout=20)
     try:
         connection.putrequest("GET", path, skip_host="Host" in headers)
@@ -72,23 +75,24 @@ def get(guarded: GuardedServer, path: str = "/", **headers: str) -> tuple[int, s
         connection.close()
 
 
-def websocket(guarded: GuardedServer, path: str = "/", **headers: str) -> int:
+def websocket(guarded: GuardedServer, path: str | None = None, **headers: str) -> int:
     """101 where a websocket with these headers is accepted, else the status of the refusal."""
     asked = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
     asked |= {"Sec-WebSocket-Key": 22 * "A" + "==", "Sec-WebSocket-Protocol": PROTOCOL}
     return get(guarded, path, **asked, **headers)[0]
 
 
-def test_own_page_and_local_programs_pass(local: GuardedServer) -> None:
-    port = local.policy.port
-    assert local.url == f"http://127.0.0.1:{port}/"
+def test_own_page_passes_by_every_name_of_this_machine_and_through_a_tunnel(
+    local: GuardedServer,
+) -> None:
+    port, token = local.policy.port, local.policy.token
+    assert local.url == f"http://127.0.0.1:{port}/?token={token}"
     for name in ("127.0.0.1", "LOCALHOST", "[::1]"):
-        host = f"{name}:{port}"
-        status, text, headers = get(local, Host=host, Origin=f"http://{host}")
-        assert (status, "<html" in text.lower()) == (200, True)
-        assert "Set-Cookie" not in headers
-        assert websocket(local, Host=host, Origin=f"https://{host}") == 101
-    assert get(local, "/?darkMode")[0] == 200
+        for host in (name, f"{name}:{port}", f"{name}:9000"):
+            status, text, _ = get(local, Host=host, Origin=f"http://{host}")
+            assert (status, "<html" in text.lower()) == (200, True)
+            assert websocket(local, Host=host, Origin=f"https://{host}") == 101
+    assert get(local, f"/?darkMode&token={token}")[0] == 200
     assert websocket(local) == 101
 
 
@@ -103,11 +107,12 @@ REFUSED = {
     # After DNS rebinding a page's own name leads here: its Origin then fits its Host.
     "The request is for": [
         {"Host": "evil.example:{port}", "Origin": "http://evil.example:{port}"},
-        {"Host": "127.0.0.1"},
+        {"Host": "evil.example"},
         {"Host": "127.0.0.1.evil.example:{port}"},
         {"Host": "127.0.0.1:{port}@evil.example"},
         {"Host": "192.168.0.7:{port}"},
-        {"Host": "127.0.0.1:"},
+        {"Host": "127.0.0.1:x"},
+        {"Host": "[::1"},
         {"Host": ""},
     ],
 }
@@ -140,21 +145,21 @@ def test_no_host_and_two_hosts_are_refused(local: GuardedServer) -> None:
 def test_links_that_hand_the_page_to_another_server_are_refused(
     local: GuardedServer, name: str
 ) -> None:
-    status, text, _ = get(local, f"/?{name}=ws://evil.example")
+    status, text, _ = get(local, f"/?token={local.policy.token}&{name}=ws://evil.example")
     assert status == 403
     assert "which would hand this page to another server" in text
 
 
-@pytest.mark.parametrize("path", ["/" + "a" * 5000, "/?token=" + "a" * 5000])
+@pytest.mark.parametrize("path", ["/" + "a" * 5000 + "?token={}", "/?token=" + "a" * 5000])
 def test_a_path_that_is_too_long_is_refused(local: GuardedServer, path: str) -> None:
-    status, text, _ = get(local, path)
+    status, text, _ = get(local, path.format(local.policy.token))
     assert status == 403
     assert "The address has 5,0" in text
 
 
-def test_a_token_that_is_no_ascii_is_refused(wide: GuardedServer) -> None:
-    with socket.create_connection(("127.0.0.1", wide.policy.port), 20) as plain:
-        plain.sendall("GET /?token=é HTTP/1.1\r\nHost: a\r\n\r\n".encode("latin-1"))
+def test_a_token_that_is_no_ascii_is_refused(local: GuardedServer) -> None:
+    with socket.create_connection(("127.0.0.1", local.policy.port), 20) as plain:
+        plain.sendall("GET /?token=é HTTP/1.1\r\nHost: localhost\r\n\r\n".encode("latin-1"))
         assert plain.recv(100).startswith(b"HTTP/1.1 403 ")
 
 
@@ -173,18 +178,19 @@ TOKENS = (
 )
 
 
+@pytest.mark.parametrize("served", ["local", "wide"])
 @pytest.mark.parametrize(("path", "cookie", "status"), TOKENS)
-def test_other_machines_need_the_token(
-    wide: GuardedServer, path: str, cookie: str | None, status: int
+def test_everyone_needs_the_token(
+    request: pytest.FixtureRequest, served: str, path: str, cookie: str | None, status: int
 ) -> None:
-    token, name = wide.policy.token, wide.policy.cookie_name
-    assert token is not None
-    assert wide.url.endswith(f":{wide.policy.port}/?token={token}")
+    guarded: GuardedServer = request.getfixturevalue(served)
+    token, name = guarded.policy.token, guarded.policy.cookie_name
+    assert guarded.url.endswith(f":{guarded.policy.port}/?token={token}")
     path = path.format(token=token)
     cookies = {} if cookie is None else {"Cookie": cookie.format(token=token, name=name)}
-    found, text, headers = get(wide, path, **cookies)
+    found, text, headers = get(guarded, path, **cookies)
     assert found == status
-    assert websocket(wide, path, **cookies) == (101 if status == 200 else 403)
+    assert websocket(guarded, path, **cookies) == (101 if status == 200 else 403)
     assert ("Set-Cookie" in headers) == (path == f"/?token={token}")
     if status == 403:
         assert text.startswith("The token is")
@@ -192,13 +198,24 @@ def test_other_machines_need_the_token(
 
 
 def test_cookie_opens_the_page_and_the_websocket(wide: GuardedServer) -> None:
-    _, _, headers = get(wide, f"/?token={wide.policy.token}")
+    _, _, headers = get(wide)
     cookie, *rules = headers["Set-Cookie"].split("; ")
     assert rules == ["HttpOnly", "SameSite=Strict", "Path=/"]
     host = f"my-machine.example:{wide.policy.port}"
-    assert get(wide, Cookie=cookie, Host=host)[0] == 200
-    assert websocket(wide, Host=host, Origin=f"http://{host}", Cookie=cookie) == 101
-    assert websocket(wide, Host=host, Origin="http://evil.example", Cookie=cookie) == 403
+    assert get(wide, "/", Cookie=cookie, Host=host)[0] == 200
+    assert websocket(wide, "/", Host=host, Origin=f"http://{host}", Cookie=cookie) == 101
+    assert websocket(wide, "/", Host=host, Origin="http://evil.example", Cookie=cookie) == 403
+
+
+def test_the_address_that_a_browser_is_started_with_is_good_until_its_page_is_there() -> None:
+    with running("127.0.0.1") as guarded:
+        path = "/" + guarded.url_to_hand_on().rpartition("/")[2]
+        assert guarded.policy.token not in path
+        assert websocket(guarded, "/") == 403  # a stranger's leaves it as it is
+        cookie = get(guarded, path)[2]["Set-Cookie"].partition(";")[0]
+        assert websocket(guarded, "/", Cookie=cookie) == 101
+        assert get(guarded, path)[0] == 403
+        assert get(guarded, path, Cookie=cookie)[0] == 200  # the page may be loaded anew
 
 
 def test_answers_carry_security_headers(local: GuardedServer) -> None:
@@ -279,8 +296,8 @@ def test_messages_are_sent_at_once() -> None:
 def test_what_is_no_message_ends_its_page_alone_with_a_line_in_the_log(
     local: GuardedServer, garbage: bytes | str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    port, is_large = local.policy.port, len(garbage) > LARGEST_MESSAGE
-    with connect(f"ws://127.0.0.1:{port}/", subprotocols=[PROTOCOL], max_size=None) as page:
+    is_large, url = len(garbage) > LARGEST_MESSAGE, local.url.replace("http", "ws")
+    with connect(url, subprotocols=[PROTOCOL], max_size=None) as page:
         with suppress(ConnectionClosedError):
             page.send(garbage)
         with pytest.raises(ConnectionClosedError, match="too big" if is_large else None):
