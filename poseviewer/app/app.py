@@ -65,8 +65,9 @@ class App:
         self._autosaver = Autosaver(state)
         self._page = Page(server, self._mailbox.post, self.session, review)
         self._drawer, self._searcher, self._mapper = drawing(notify), searching(), mapping()
-        others = refining, reading, outlining, preparing, proposing
-        own = self._autosaver.job, self._drawer, self._searcher, self._mapper
+        self._proposer = proposing(notify)
+        others = refining, reading, outlining, preparing
+        own = self._autosaver.job, self._drawer, self._proposer, self._searcher, self._mapper
         own += () if review is None else (review.job,)
         self._workers = (*own, *(job(notify) for job in others))
         self._running, self._failed = True, False
@@ -177,8 +178,12 @@ class App:
             with self._told():
                 for edit in worker.take():
                     self._edit(edit)
-        self._mapper.hold(self._drawer.busy)
-        for worker in (*self._workers, self._tasks):
+        # By what the user waits for: a drag, what was asked for, a search, maps.
+        self._tasks.follow(self.session)
+        awaited = self._tasks.busy or self._proposer.busy
+        self._searcher.hold(awaited)
+        self._mapper.hold(self._drawer.busy or awaited)
+        for worker in self._workers:
             worker.follow(self.session)
 
     def _finish(self, result: Result) -> None:

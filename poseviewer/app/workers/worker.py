@@ -117,7 +117,7 @@ class Job(Generic[A, T]):
             self._change.notify_all()
 
     def hold(self, held: bool) -> None:
-        """Pause the work between two items, or let it go on."""
+        """Pause the work before its next item, or let it go on."""
         if held is not self._held:
             with self._change:
                 self._held = held
@@ -147,6 +147,7 @@ class Job(Generic[A, T]):
 
     def _work(self, asked: A, run: object) -> None:
         error: Exception | None = None
+        self._wait_while_held(run)
         if self._running is not run:
             return
         try:

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from poseviewer.app.state import commands as c
+from poseviewer.app.workers import jobs
+from poseviewer.app.workers.maps import MapMaker
 from poseviewer.app.workers.tasks import Result, Task, Tasks, upload
 from poseviewer.errors import FileSetError
+from tests.app.below_viser.socket_page import SocketPage
+from tests.app.running_app import running_app
 from tests.app.state.documents import make_session
+from tests.scene import Scene
 
 PATIENCE_S = 60.0
 
@@ -55,3 +62,43 @@ def test_uploads_that_wait_are_bounded(tmp_path: Path, monkeypatch: pytest.Monke
     with pytest.raises(FileSetError, match="Other uploads"):
         tasks.add(upload("photo", "small.png", bytes(10)))
     tasks.close()
+
+
+def test_maps_and_a_search_wait_for_what_was_asked_for(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """``done`` is the order in which they work; the task ends once the others have been begun."""
+    done, go = list[str](), threading.Event()
+
+    def telling(name: str, work: Callable[..., Iterator[Any]]) -> Callable[..., Iterator[Any]]:
+        def tell(*given: Any) -> Iterator[Any]:
+            done.append(name)
+            yield from work(*given)
+
+        return tell
+
+    def task(*_: object) -> Result:
+        assert go.wait(PATIENCE_S)
+        done.append("task")
+        return Result()
+
+    with running_app(scene, tmp_path) as running, SocketPage(running.url) as page:
+        app = running.app
+        page.wait_until(lambda: app.session.landscapes and not app._mapper.busy)
+        monkeypatch.setattr(MapMaker, "run", telling("maps", MapMaker.run))
+        monkeypatch.setattr(jobs, "run_search", telling("search", jobs.run_search))
+        app._mailbox.post(Task(task))
+        page.wait_until(lambda: app._tasks.busy)
+        before = app.session.losses
+        app._mailbox.post(c.nudge("move", 3.0))
+        page.wait_until(lambda: app._mapper.busy)
+        page.wait_until(lambda: app.session.losses is not before)  # they would long be at it
+        app._mailbox.post(c.toggle_search())
+        page.wait_until(lambda: app._searcher.busy)
+        overlay = app.session.overlay
+        app._mailbox.post(c.change(look="solid"))
+        page.wait_until(lambda: app.session.overlay is not overlay)  # drawings wait for nobody
+        assert not done
+        go.set()
+        page.wait_until(lambda: {"maps", "search"} < {*done})
+    assert done[0] == "task"

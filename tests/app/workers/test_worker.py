@@ -136,15 +136,21 @@ def test_a_held_job_pauses_between_two_items_and_goes_on(worker, bell):
     steps = Steps("abc")
     worker.hold(True)
     worker.begin(steps)
-    steps.go(3)
-    bell.heard()
-    assert list(worker.take()) == ["a"]
+    assert not steps.began.wait(0.05)
+    worker.hold(False)
+    steps.go()
+    for _ in range(2):
+        assert steps.asked.acquire(timeout=LONG)
+    worker.hold(True)
+    steps.go(2)
+    for _ in range(2):
+        bell.heard()
+    assert list(worker.take()) == ["b"]
     # It stands still: it is not asked for more, though it could give it.
-    assert steps.asked.acquire(timeout=LONG)
     assert not steps.asked.acquire(timeout=0.05)
     assert worker.busy
     worker.hold(False)
-    for _ in range(3):
+    for _ in range(2):
         bell.heard()
     assert list(worker.take()) == ["c"]
 
@@ -210,10 +216,10 @@ def test_a_job_is_begun_once_and_stopped_where_it_is_not_asked_for(bell):
 @pytest.mark.parametrize("held", [False, True])
 def test_close_ends_the_thread_at_the_item_it_is_at(held, bell):
     worker, steps = make_job(bell), Steps("abc")
-    worker.hold(held)
     worker.begin(steps)
     steps.go()
     bell.heard()
+    worker.hold(held)
     steps.go(2)
     worker.close()
     assert not any(thread.name.startswith("tested") for thread in threading.enumerate())
