@@ -13,11 +13,9 @@ from dataclasses import dataclass, field
 from io import BytesIO, StringIO
 from typing import Any
 from xml.etree import ElementTree
-from zipfile import ZipFile
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from poseviewer.files.checks import Reading, quiet_libraries
 from poseviewer.geometry.camera import Perspective
@@ -149,11 +147,8 @@ class _Said:
         names = ("w", "h") if "flx" in self else ("width", "height")  # w may be a chessboard's
         value = [self.value(name) for name in names]
         if None in value:
-            value = self.numbers("imagesize")
-        if len(value) not in (0, 2):
-            found = f"image_size has {len(value)} numbers"
-            raise self.reading.error(found, "wanted width and height")
-        width, height = [self.reading.size(side, "image_size") or 0 for side in value] or self.photo
+            value = self.numbers("imagesize", 2) if "imagesize" in self else self.photo
+        width, height = (self.reading.size(side or None, "image_size") or 0 for side in value)
         return width, height
 
     def from_middle(self, fx: float, fy: float, x: float, y: float) -> tuple[float, ...]:
@@ -189,6 +184,12 @@ def _kalibr(said: _Said) -> Any:
     return values if len(values) == 4 else _of_matrix(said, "intrinsics")
 
 
+def _of_names(said: _Said) -> Any:
+    prefix = "fl" if "flx" in said else "f"  # nerfstudio's second may be left out
+    x, y = said.number(f"{prefix}x"), said.number(f"{prefix}y", said.value(f"{prefix}x"))
+    return x, y, said.number("cx"), said.number("cy")
+
+
 def _metashape(said: _Said) -> Any:
     f = said.number("f")
     return said.from_middle(f + said.number("b1", 0.0), f, said.number("cx"), said.number("cy"))
@@ -222,19 +223,11 @@ def _reality_capture(said: _Said) -> Any:
     return said.from_middle(focal, focal, x, y)
 
 
-def _plain_names(said: _Said) -> Any:
-    return tuple(said.number(name) for name in ("fx", "fy", "cx", "cy"))
-
-
-def _nerfstudio(said: _Said) -> Any:
-    return tuple(said.number(n) for n in ("flx", "fly" if "fly" in said else "flx", "cx", "cy"))
-
-
 FORMS = (
     Form("OpenCV, ROS, BOP, Open3D, NumPy", ("matrix",), _of_matrix),
     Form("Kalibr", ("intrinsics",), _kalibr),
-    Form("RealSense, BOP", ("fx", "fy", "cx", "cy"), _plain_names),
-    Form("nerfstudio", ("flx", "cx", "cy"), _nerfstudio, 0.0, "k1 k2 p1 p2 k3"),
+    Form("RealSense, BOP", ("fx", "fy", "cx", "cy"), _of_names),
+    Form("nerfstudio", ("flx", "cx", "cy"), _of_names, 0.0, "k1 k2 p1 p2 k3"),
     Form("RealityCapture", ("f", "px", "py"), _reality_capture, 0.0, "k1 k2 p1 p2 k3"),
     Form("Metashape", ("f", "cx", "cy", "width"), _metashape, 0.0, "k1 k2 p2 p1 k3"),
     Form("Meshroom", ("principalpoint", "focallength", "sensorwidth", "width"), _meshroom, 0.0),
@@ -262,7 +255,7 @@ def load_tree(reading: Reading) -> Any:
         case ".npy" | ".npz":
             return _arrays(reading)
         case ".txt":
-            return {"matrix": re.sub(r"[\[\](),;]", " ", reading.load_text())}
+            return {"matrix": matrix_text(reading)}
         case ".csv":
             return {"rows": list(csv.DictReader(StringIO(reading.load_text())))}
     text, data = reading.load_text(), None
@@ -277,28 +270,18 @@ def load_tree(reading: Reading) -> Any:
     raise reading.error("not YAML or XML as OpenCV writes it", "wanted a whole file")
 
 
+def matrix_text(reading: Reading) -> str:
+    """The numbers in a text, without what may stand between them."""
+    return re.sub(r"[\[\](),;]", " ", reading.load_text())
+
+
 def _arrays(reading: Reading) -> dict[str, Any]:
-    if reading.path.suffix.lower() == ".npy":
-        return {"camera_matrix": load_array(reading.load_bytes()).tolist()}
-    with ZipFile(BytesIO(reading.load_bytes())) as archive:
-        small = [info for info in archive.infolist() if info.file_size <= LARGEST_ARRAY]
-        return {
-            info.filename.removesuffix(".npy"): load_array(archive.read(info)).tolist()
-            for info in small
-        }
-
-
-def load_array(data: bytes) -> NDArray:
-    """The numbers in the bytes of a ``.npy`` file; NumPy's own reader makes room for all that a
-    damaged one promises. Raises ValueError where they are not as many, or are objects.
-    """
-    file = BytesIO(data)
-    is_first = np.lib.format.read_magic(file)[0] == 1
-    read = np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0
-    with quiet_libraries():
-        shape, by_columns, kind = read(file)
-    values = np.frombuffer(data, kind, offset=file.tell())
-    return values.reshape(shape, order="F" if by_columns else "C")
+    with quiet_libraries(), reading.naming_errors():
+        content = np.load(BytesIO(reading.load_bytes()))
+        if isinstance(content, np.ndarray):
+            return {"camera_matrix": content.tolist()}
+        small = [i.filename for i in content.zip.infolist() if i.file_size <= LARGEST_ARRAY]
+        return {name.removesuffix(".npy"): content[name].tolist() for name in small}
 
 
 def _of_element(element: ElementTree.Element) -> Any:
@@ -327,16 +310,20 @@ def cameras_in(
         data = {"cameras" if data and isinstance(data[0], dict) else "camera_matrix": data}
     for path, mapping in _mappings(data, (), DEEPEST):
         of_number = _entries_of(mapping)
-        shared = {
-            k: v for k, v in of_number.get("", {}).items() if k not in ("matrix", "distortion")
-        }
-        said += [(key, value) for key, value in mapping.items()]
+        shared = of_number.get("", {}).copy()
+        for name in ("matrix", "distortion"):
+            shared.pop(name, None)
+        said += mapping.items()
         for number, entries in of_number.items():
             own = _Said(reading, shared | entries if number else entries, photo)
             form = next((form for form in FORMS if all(name in own for name in form.needs)), None)
             if form is not None and (number == "" or "matrix" in entries):
                 name = "-".join(part for part in (path, number) if part)
-                cameras.append(_camera(own, form, name, fisheye))
+                fx, fy, cx, cy = form.pinhole(own)
+                camera = Perspective(fx, fy, cx + form.shift, cy + form.shift, *own.size)
+                lens, photos = _lens(own, form, fisheye), {name.rsplit("/", 1)[-1]} - {""}
+                read = f"{', '.join(own.used)} (as {form.tools})"
+                cameras.append(FileCamera(name, camera, lens, frozenset(photos), read))
                 used |= own.used.keys()
     if not cameras:
         keys = ", ".join(str(key)[:20] for key in data) if isinstance(data, dict) else ""
@@ -354,10 +341,8 @@ def cameras_in(
         like = LENS_LIKE.fullmatch(plain)
         may_be = like and (is_list or plain != "lens") and not (is_list and like["alone"])
         numbers = value[0] if isinstance(value, list) and len(value) == 1 else value
-        may_be = may_be or (
-            is_bare and isinstance(numbers, list) and len(numbers) in COUNTS_OF_LENSES
-        )
-        if may_be and _is_number(value):
+        has_their_count = isinstance(numbers, list) and len(numbers) in COUNTS_OF_LENSES
+        if (may_be or (is_bare and has_their_count)) and _is_number(value):
             wanted = "wanted distortion_coefficients, or k1, k2, p1, p2, k3 ..."
             raise reading.error(f"{key!r} may be a lens, and is not known here", wanted)
     return cameras
@@ -429,15 +414,6 @@ def _entries_of(mapping: dict[str, Any]) -> dict[str, dict[str, tuple[str, Any]]
     return of_number
 
 
-def _camera(said: _Said, form: Form, name: str, fisheye: bool) -> FileCamera:
-    fx, fy, cx, cy = form.pinhole(said)
-    camera = Perspective(fx, fy, cx + form.shift, cy + form.shift, *said.size)
-    lens = _lens(said, form, fisheye)
-    read = f"{', '.join(said.used)} (as {form.tools})"
-    photos = frozenset({name.rsplit("/", 1)[-1]} - {""})
-    return FileCamera(name, camera, lens, photos, read)
-
-
 def _lens(said: _Said, form: Form, fisheye: bool) -> Lens | None:
     model: LensModel | None = "fisheye" if fisheye else "opencv"
     text, names = "", ("model", "cameramodel", *("type", "projection") * (form.tools in TYPED))
@@ -492,7 +468,7 @@ def camera_of_matrix(
             values = whole[:3, :3].reshape(-1).tolist()
     if len(values) != 9:
         raise reading.error(f"{what} has {len(values)} numbers", "wanted a 3x3 camera matrix")
-    matrix = np.array(values).reshape(3, 3)
+    matrix = np.reshape(values, (3, 3))
     if by_columns and np.array_equal(matrix[:, 2], [0, 0, 1]):
         matrix = matrix.T
     fx, fy = (reading.positive(float(matrix[i, i]), f"{what}: f{'xy'[i]}") for i in range(2))

@@ -7,13 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from poseviewer.errors import CalibrationFileError
-from poseviewer.files.camera_forms import (
-    TREES,
-    FileCamera,
-    cameras_in,
-    is_matrix,
-    load_tree,
-)
+from poseviewer.files.camera_forms import TREES, FileCamera, cameras_in, is_matrix, load_tree
 from poseviewer.files.checks import Reading
 from poseviewer.files.colmap_model import colmap_cameras, colmap_images
 from poseviewer.files.structs import checked_camera
@@ -28,19 +22,16 @@ def load_cameras(
     path: str | Path, fisheye: bool = False, photo: tuple[int, int] = (0, 0)
 ) -> list[FileCamera]:
     """All cameras in a file, as ``cameras_in`` has them."""
-    path = Path(path)
-    reading = Reading(path, [], CalibrationFileError, KIND, numbers_as_text=True)
+    reading = Reading(Path(path), [], CalibrationFileError, KIND, numbers_as_text=True)
+    ending = reading.path.suffix.lower()
     with reading.naming_errors():
-        match path.suffix.lower():
-            case ".bin":
-                cameras = _colmap_cameras(reading)
-            case ".txt" if not is_matrix(reading):
-                cameras = _colmap_cameras(reading)
-            case ending if ending in TREES:
-                cameras = cameras_in(reading, load_tree(reading), fisheye, photo)
-            case ending:
-                wanted = f"wanted {', '.join(TREES)} or .bin"
-                raise reading.error(f"its ending is {ending or 'missing'}", wanted)
+        if ending == ".bin" or (ending == ".txt" and not is_matrix(reading)):
+            cameras = _colmap_cameras(reading)
+        elif ending in TREES:
+            cameras = cameras_in(reading, load_tree(reading), fisheye, photo)
+        else:
+            wanted = f"wanted {', '.join(TREES)} or .bin"
+            raise reading.error(f"its ending is {ending or 'missing'}", wanted)
         return [replace(entry, camera=checked_camera(reading, entry.camera)) for entry in cameras]
 
 
@@ -76,23 +67,22 @@ def load_calibration(
     choice: Calibration, photo: str, width: int, height: int
 ) -> tuple[FileCamera, tuple[str, ...]]:
     """Load the camera of a photo of this name and size, scaled if need be; notes say so."""
-    known = load_cameras(choice.path, choice.fisheye, (width, height))
-    chosen, reading = (
-        _chosen(choice, known, photo),
-        Reading(choice.path, error_type=CalibrationFileError),
+    reading = Reading(choice.path, error_type=CalibrationFileError)
+    chosen = _chosen(
+        reading, choice, load_cameras(choice.path, choice.fisheye, (width, height)), photo
     )
     camera = chosen.camera
+    size = f"{camera.width}x{camera.height} px"
     if not (0.0 <= camera.cx <= camera.width and 0.0 <= camera.cy <= camera.height):
         said = f"its principal point, {camera.cx - 0.5:g}, {camera.cy - 0.5:g}, lies outside"
         wanted = "calibrate on pictures of the photo's size"
-        raise reading.error(f"{said} the photo's {camera.width}x{camera.height} px", wanted)
+        raise reading.error(f"{said} the photo's {size}", wanted)
     if camera.fx < LEAST_FOCAL * camera.width:
-        raise reading.error(
-            f"a focal length of {camera.fx:g} px", "wanted px, not sides of a photo"
-        )
+        found = f"a focal length of {camera.fx:g} px"
+        raise reading.error(found, "wanted px, not sides of a photo")
     if (camera.width, camera.height) == (width, height):
         return chosen, ()
-    said = f"the camera is for {camera.width}x{camera.height} px, the photo has {width}x{height} px"
+    said = f"the camera is for {size}, the photo has {width}x{height} px"
     if not _is_scaling(camera, width, height):
         wanted = "calibrate on pictures of the photo's size and orientation"
         raise reading.error(said, wanted)
@@ -100,29 +90,26 @@ def load_calibration(
     return scaled, (f"{choice.path.name}: {said}; it was scaled to the photo's size.",)
 
 
-def _chosen(choice: Calibration, cameras: list[FileCamera], photo: str) -> FileCamera:
-    reading = Reading(choice.path, error_type=CalibrationFileError)
-    if choice.camera is not None:
-        for camera in cameras:
-            if camera.name == choice.camera:
-                return camera
-        raise reading.error(f"no camera {choice.camera[:30]!r} in it", f"it has {_names(cameras)}")
-    if len(cameras) == 1:
-        return cameras[0]
-    stem = Path(photo).stem
-    named = [c for c in cameras if photo in c.photos]
-    # BOP numbers its photos: 000017.png is the scene's 17.
-    named = named or [c for c in cameras if stem.isdecimal() and c.name == str(int(stem))]
-    if len(named) == 1:
-        return named[0]
-    found = f"{len(cameras)} cameras, {_names(cameras)}, and none of them named after {photo}"
-    raise reading.error(found, "choose one by --calibration-camera NAME")
-
-
-def _names(cameras: list[FileCamera]) -> str:
+def _chosen(
+    reading: Reading, choice: Calibration, cameras: list[FileCamera], photo: str
+) -> FileCamera:
+    """The camera that the user names, or the only one, or that of the photo."""
     names = [repr(camera.name) if camera.name else "one without a name" for camera in cameras]
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
-    return ", ".join(names[:MOST_NAMES]) + more
+    known = ", ".join(names[:MOST_NAMES]) + more
+    if choice.camera is not None:
+        named = [camera for camera in cameras if camera.name == choice.camera]
+        if not named:
+            raise reading.error(f"no camera {choice.camera[:30]!r} in it", f"it has {known}")
+        return named[0]
+    # BOP numbers its photos: 000017.png is the scene's 17.
+    stem = Path(photo).stem
+    number = str(int(stem)) if stem.isdecimal() else None
+    named = [c for c in cameras if photo in c.photos] or [c for c in cameras if c.name == number]
+    if 1 not in (len(cameras), len(named)):
+        found = f"{len(cameras)} cameras, {known}, and none of them named after {photo}"
+        raise reading.error(found, "choose one by --calibration-camera NAME")
+    return cameras[0] if len(cameras) == 1 else named[0]
 
 
 def _is_scaling(camera: Perspective, width: int, height: int) -> bool:

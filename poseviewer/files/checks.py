@@ -22,6 +22,7 @@ import msgspec
 import numpy as np
 from cv2.utils import logging as cv2_logging
 from msgspec import Meta
+from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import PoseFileError, PoseViewerError, SettingsError, printable
 from poseviewer.files.writing import keep
@@ -305,12 +306,13 @@ class Reading:
 
     def text(self, value: Any, what: str) -> str | None:
         """The value, a text or None; made ``printable``."""
-        return None if value is None else self.decoded(value, str, what)
+        kind: Any = str | None
+        return self.decoded(value, kind, what)
 
     def size(self, value: Any, what: str) -> int | None:
         """The value, a whole number above 0 or None."""
-        kind: Any = Pixels
-        return None if value is None else self.decoded(value, kind, what)
+        kind: Any = Pixels | None
+        return self.decoded(value, kind, what)
 
 
 def _item(value: Any, key: str) -> Any:
@@ -342,6 +344,15 @@ def is_there(path: Path) -> bool:
         return path.is_file()
     except OSError:  # too long, or a folder that is not to be looked into
         return False
+
+
+def rotation_of(
+    reading: Reading, quaternion: Sequence[float], what: str, *, scalar_first: bool = False
+) -> FloatArray:
+    """The rotation matrix of a quaternion, whose length is 1 but for rounding."""
+    if not 0.99 < float(np.linalg.norm(quaternion)) < 1.01:
+        raise reading.error(f"{what} is {list(quaternion)}", "wanted a quaternion of length 1")
+    return Rotation.from_quat(quaternion, scalar_first=scalar_first).as_matrix()
 
 
 def checked_rotation(reading: Reading, matrix: FloatArray) -> FloatArray:

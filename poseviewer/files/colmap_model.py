@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import Reading, rotation_of
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
 from poseviewer.geometry.transform import RigidTransform
@@ -67,18 +66,15 @@ def colmap_cameras(reading: Reading) -> dict[str, tuple[Perspective, Lens | None
         focals, more, lens = MODELS.get(model, (0, 0, None))
         if lens is None:
             known = ", ".join(name for name, (_, _, lens) in MODELS.items() if lens)
-            undistort = "or undistort the images first (colmap image_undistorter)"
-            found = f"camera {key} is of model {model[:30]}"
-            raise reading.error(found, f"wanted one of {known}, {undistort}")
-        what = f"the size of camera {key}"
-        width, height = (
-            reading.size(side, what) or 0
-            for side in reading.flat_numbers(" ".join(words[2:4]), what)
-        )
+            wanted = f"wanted one of {known}; undistort others first (colmap image_undistorter)"
+            raise reading.error(f"camera {key} is of model {model[:30]}", wanted)
+        sides = reading.flat_numbers(" ".join(words[2:4]), f"the size of camera {key}")
+        width, height = (reading.size(side, f"the size of camera {key}") or 0 for side in sides)
         values = reading.flat_numbers(" ".join(words[4:]), f"the parameters of camera {key}")
-        if len(values) != focals + 2 + more:
-            found = f"camera {key} has {len(values)} parameters"
-            raise reading.error(found, f"{model} has {focals + 2 + more}")
+        if len(values) != (count := focals + 2 + more):
+            raise reading.error(
+                f"camera {key} has {len(values)} parameters", f"{model} has {count}"
+            )
         fx, fy = (reading.positive(values[i], f"focal length of {key}") for i in (0, focals - 1))
         cx, cy, *distortion = values[focals:]
         distortion += [0.0] * (COEFFICIENTS[lens][:2][-1] - len(distortion))
@@ -91,20 +87,16 @@ def colmap_cameras(reading: Reading) -> dict[str, tuple[Perspective, Lens | None
 def colmap_images(reading: Reading) -> list[tuple[str, str, str]]:
     """Name, CAMERA_ID and QW QX QY QZ TX TY TZ of each image in an ``images`` file."""
     rows = _image_rows(reading)
-    short = next((words for words in rows if len(words) < 10), None)
-    if short is not None:
-        raise reading.error(f"an image has {len(short)} entries", "wanted 10")
+    if short := [words for words in rows if len(words) < 10]:
+        raise reading.error(f"an image has {len(short[0])} entries", "wanted 10")
     return [(words[9], words[8], " ".join(words[1:8])) for words in rows]
 
 
 def image_pose(reading: Reading, text: str) -> RigidTransform:
     """``camera_from_world`` of QW QX QY QZ TX TY TZ."""
-    numbers = np.array(reading.flat_numbers(text, "the image's pose", 7))
-    if not 0.99 < float(np.linalg.norm(numbers[:4])) < 1.01:
-        found = f"the quaternion is {numbers[:4].tolist()}"
-        raise reading.error(found, "wanted one of length 1")
-    rotation = Rotation.from_quat(numbers[:4], scalar_first=True).as_matrix()
-    return RigidTransform(rotation, numbers[4:])
+    numbers = reading.flat_numbers(text, "the image's pose", 7)
+    rotation = rotation_of(reading, numbers[:4], "the quaternion", scalar_first=True)
+    return RigidTransform(rotation, np.array(numbers[4:]))
 
 
 def _camera_rows(reading: Reading) -> list[list[str]]:

@@ -42,7 +42,8 @@ WORLD = ("cam_R_w2c", "cam_t_w2c")
 IN_CAMERA = ("cam_R_m2c", "cam_t_m2c")
 """BOP's names of the camera from a model."""
 PHOTO_NAME, MODEL_NAME = r"(\d+)\.\w+", r"obj_(\d+)\.\w+"
-PHOTO_FOLDERS = ("rgb", "gray")
+PHOTO_FOLDERS = ("gray", "rgb")
+"""Where both are there, photos are those of the second."""
 PHOTO_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 MODEL_FILE = "obj_{:06d}.ply"
 SAME = 1e-9
@@ -118,46 +119,41 @@ def read_bop(path: Path, request: ConvertOptions) -> SceneRecord:
     reading, asked, stem = Reading(path / POSES), request.object_id, Path(request.image or "").stem
     posed = [(f"{item.number}", item) for item in load_bop_images(path, posed=True) if item.objects]
     by_number = replace(request, image=str(int(stem)) if stem.isdecimal() else request.image)
-    image, unit, objects = by_number.the_one(reading, "images", posed), request.unit or UNIT, []
+    image, unit = by_number.the_one(reading, "images", posed), request.unit or UNIT
     view = ViewRecord.of(request.photo or path / image.photo, image.camera)
     view = request.sized(Reading(path / CAMERAS), view)
     factor = metres_per_unit(UNIT) / metres_per_unit(unit)
     folder = request.model if request.model and request.model.is_dir() else Path()
-    counts: Counter[int] = Counter()
+    counts, objects = Counter[int](), []
     for item in image.objects:
         number = item.object_id
         if asked in (None, number):
             counts[number] += 1
+            name = f"{number}-{counts[number]}" if counts[number] > 1 else f"{number}"
+            model = ModelFile(str(folder / MODEL_FILE.format(number)), unit=unit)
             place = replace(item.place, translation=item.place.translation * factor)
-            made = ObjectRecord(
-                id=f"{number}-{counts[number]}" if counts[number] > 1 else f"{number}",
-                model=ModelFile(str(folder / MODEL_FILE.format(number)), unit=unit),
-                place=Place.of(place),
-            )
-            objects.append(made)
+            objects.append(ObjectRecord(id=name, model=model, place=Place.of(place)))
     if not objects:
-        raise reading.error(
-            f"image {image.number} has no pose of object {asked}", "choose another with --object"
-        )
+        found = f"image {image.number} has no pose of object {asked}"
+        raise reading.error(found, "choose another with --object")
     return SceneRecord(views=(view,), objects=tuple(objects))
 
 
 def load_bop_images(folder: Path, posed: bool = False) -> tuple[BopImage, ...]:
     """All images of a scene that have a camera, by number; ``posed``: with ``scene_gt.json``."""
-    for name in (CAMERAS, POSES) if posed else (CAMERAS,):
-        if not (folder / name).is_file():
-            raise PoseFileError(
-                f"{folder / name}: no such file; name a BOP scene's folder, such as test/000002."
-            )
-    cameras, poses = (load_scene_file(folder / name) for name in (CAMERAS, POSES))
     reading, objects = Reading(folder / CAMERAS), Reading(folder / POSES)
+    for own in (reading, objects) if posed else (reading,):
+        if not own.path.is_file():
+            found = f"no such file in {folder}"
+            raise own.error(found, "name a BOP scene's folder, such as test/000002")
+    cameras, poses = load_scene_file(reading.path), load_scene_file(objects.path)
     photos, images = _photos(folder), []
     for name, entry in cameras.items():
         if not (name.isdecimal() and len(name) <= MOST_DIGITS):
             raise reading.error(f"image {name[:40]!r}", "wanted images' numbers")
         matrix = reading.object(entry, f"image {name}").get("cam_K")
         camera = checked_camera(reading, camera_of_matrix(reading, matrix, f"cam_K of {name}"))
-        photo = photos.get(int(name), f"{PHOTO_FOLDERS[0]}/{int(name):06d}.png")
+        photo = photos.get(int(name), f"{PHOTO_FOLDERS[1]}/{int(name):06d}.png")
         there = _objects(objects, poses.get(name, []), name)
         is_in_world = all(key in entry for key in WORLD)
         world = _transform(reading, entry, WORLD, f"image {name}") if is_in_world else None
@@ -201,13 +197,8 @@ def same_intrinsics(one: Perspective, other: Perspective) -> bool:
 
 
 def _entry(scene: SceneRecord, index: int, view: int, options: ConvertOptions) -> dict[str, Any]:
-    unit, item, given = options.unit_of(scene), scene.objects[index], options.object_id
-    if unit is None:
-        raise PoseFileError(
-            "The pose file does not say the model's unit, and BOP wants mm; add --unit, such as "
-            "--unit mm."
-        )
-    factor = metres_per_unit(unit) / metres_per_unit(UNIT)
+    item, given = scene.objects[index], options.object_id
+    factor = options.lengths_in(UNIT, scene, "BOP")
     place = scene.pose(index, view).camera_from_model
     is_named = len(scene.objects) == 1 or re.fullmatch(MODEL_NAME, item.path.name)
     if item.id.isdecimal() and len(item.id) <= MOST_DIGITS and not is_named:
@@ -224,27 +215,22 @@ def image_number(scene: SceneRecord, options: ConvertOptions, view: int = 0) -> 
 
 def _number(given: str | int | None, pattern: str, name: str, what: str, example: str) -> int:
     said = name if given is None else str(given)
-    match = re.fullmatch(pattern, said)
-    text = match[1] if match else str(given)
-    if not text.isdecimal():
-        raise PoseFileError(
-            f"BOP wants the {what}'s number, and found {said or 'none'!r}; add "
-            f"--{what} NUMBER (a file called like {example} says it by its name)."
-        )
-    return int(text)
+    if match := re.fullmatch(rf"{pattern}|(\d+)", said):
+        return int(match[1] or match[2])
+    raise PoseFileError(
+        f"BOP wants the {what}'s number, and found {said or 'none'!r}; add --{what} NUMBER (a file "
+        f"called like {example} says it by its name)."
+    )
 
 
 def _photos(folder: Path) -> dict[int, str]:
     """The photos by their numbers, from the scene's folder."""
-    for name in PHOTO_FOLDERS:
-        photos = {
-            int(path.stem): f"{name}/{path.name}"
-            for path in sorted((folder / name).glob("*"))
-            if path.stem.isdecimal() and path.suffix.lower() in PHOTO_ENDINGS
-        }
-        if photos:
-            return photos
-    return {}
+    return {
+        int(path.stem): f"{name}/{path.name}"
+        for name in PHOTO_FOLDERS
+        for path in sorted((folder / name).glob("*"))
+        if path.stem.isdecimal() and path.suffix.lower() in PHOTO_ENDINGS
+    }
 
 
 def _objects(reading: Reading, entries: Any, image: str) -> tuple[BopObject, ...]:

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec import structs
 
 from poseviewer.errors import PhotoFileError, PoseFileError, printable
-from poseviewer.files.checks import Reading, checked_rotation, kind_of
+from poseviewer.files.checks import Reading, checked_rotation
 from poseviewer.files.photo import is_stored_turned, load_photo, save_photo, upright_size
 from poseviewer.files.scene_file import (
     ModelFile,
@@ -71,6 +71,18 @@ class ConvertOptions:
     def unit_of(self, scene: SceneRecord) -> str | None:
         """The models' unit: what the user says, else what the scene says."""
         return self.unit or next((o.model.unit for o in scene.objects if o.model.unit), None)
+
+    def lengths_in(self, unit: str, scene: SceneRecord, tool: str) -> float:
+        """The tool's ``unit``, in which its lengths are, in the models'; raises PoseFileError where
+        theirs is not known.
+        """
+        own = self.unit_of(scene)
+        if own is None:
+            raise PoseFileError(
+                f"{tool} wants {unit}, and the model's unit is not known; say it: --unit, or Unit "
+                "beside the export on the page."
+            )
+        return metres_per_unit(own) / metres_per_unit(unit)
 
     def size_of(
         self, reading: Reading, width: Any, height: Any, photo: Path | None = None
@@ -239,13 +251,14 @@ def _of_undistorted(view: ViewRecord, path: Path, options: ConvertOptions) -> Vi
     return ViewRecord.of(path, view.camera, place=view.place.rigid)
 
 
-def from_4x4(reading: Reading, rows: Any, what: str) -> RigidTransform:
-    """The rigid transform in 4 rows of 4 numbers (or 3, without the last)."""
-    if not isinstance(rows, list) or len(rows) not in (3, 4):
-        raise reading.error(f"{what} is {kind_of(rows)}", "wanted 4 rows of 4 numbers")
-    matrix = np.array([reading.numbers(row, f"{what}[{i}]", 4) for i, row in enumerate(rows)])
-    if len(matrix) == 4 and not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=1e-9):
-        raise reading.error(f"the last row of {what} is {rows[3]}", "wanted 0 0 0 1 (row-major)")
+def from_4x4(reading: Reading, values: Any, what: str) -> RigidTransform:
+    """The rigid transform in 4 rows of 4 numbers (or 3, without the last), or all in one list."""
+    numbers = reading.flat_numbers(values, what)
+    if len(numbers) not in (12, 16):
+        raise reading.error(f"{what} has {len(numbers)} numbers", "wanted 4 rows of 4, or 3 of 4")
+    matrix, last = np.reshape(numbers, (-1, 4)), numbers[12:]
+    if last and not np.allclose(last, (0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=1e-9):
+        raise reading.error(f"the last row of {what} is {last}", "wanted 0 0 0 1 (row-major)")
     return RigidTransform(checked_rotation(reading, matrix[:3, :3]), matrix[:3, 3])
 
 
@@ -288,7 +301,7 @@ def require_file(path: Path, what: str, tool: str) -> Path:
 
 
 def metres_per_unit(unit: str) -> float:
-    """The size of a length unit; raises PoseFileError where it is unknown."""
+    """The size of a length unit; raises PoseFileError where it is none of ``METRES``."""
     if unit not in METRES:
         raise PoseFileError(
             f"The model's unit is {unit!r}; wanted one of {', '.join(METRES)}, say it with --unit."

@@ -8,18 +8,16 @@ quaternions x y z w, pixel centres at integers.
 """
 
 import json
-import re
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.camera_forms import cameras_in, load_array
+from poseviewer.files.camera_forms import cameras_in, load_tree, matrix_text
 from poseviewer.files.cameras import Calibration, load_calibration
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import Reading, rotation_of
 from poseviewer.files.formats.conversion import (
     ConvertOptions,
     Format,
@@ -29,12 +27,8 @@ from poseviewer.files.formats.conversion import (
     perspective_of,
 )
 from poseviewer.files.formats.opencv import LENSES
-from poseviewer.files.photo import load_photo
 from poseviewer.files.scene_file import ModelFile, ObjectRecord, Place, SceneRecord, ViewRecord
-from poseviewer.geometry.frames import (
-    OPENGL_FROM_OPENCV,
-    camera_as_integer_centres,
-)
+from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_as_integer_centres
 from poseviewer.geometry.lens import Undistortion
 from poseviewer.geometry.transform import RigidTransform, Similarity
 
@@ -63,38 +57,37 @@ def write_matrix(scene: SceneRecord, out: Path, options: ConvertOptions) -> Writ
 def read_matrix(path: Path, request: ConvertOptions) -> SceneRecord:
     """Read 4 rows of 4 numbers (or 3), and the camera in the file ``request.calibration``."""
     reading = Reading(path, numbers_as_text=True, kind="4x4 matrix")
-    if path.suffix.lower() == ".npy":
-        values: Any = load_array(reading.load_bytes()).tolist()
-    elif path.suffix.lower() == ".json":
-        values = reading.load_json()
-    else:
-        values = re.sub(r"[\[\](),;]", " ", reading.load_text())
-    numbers = reading.flat_numbers(values, "the matrix")
-    if len(numbers) not in (12, 16):
-        raise reading.error(f"{len(numbers)} numbers", "wanted 4 rows of 4, or 3 of 4")
-    place = from_4x4(reading, np.reshape(numbers, (-1, 4)).tolist(), "the matrix")
+    match path.suffix.lower():
+        case ".npy":
+            values = load_tree(reading)["camera_matrix"]
+        case ".json":
+            values = reading.load_json()
+        case _:
+            values = matrix_text(reading)
+    place = from_4x4(reading, values, "the matrix")
     place = OPENGL_FROM_OPENCV @ place if request.opengl else place
+    return request.scene_of(reading, _calibrated(reading, request, place))
+
+
+def _calibrated(
+    reading: Reading, request: ConvertOptions, place: RigidTransform | None = None
+) -> ViewRecord:
+    """The view of the camera in the file ``request.calibration``."""
     if request.calibration is None:
         wanted = "add --calibration FILE, and --photo or --photo-size"
         raise reading.error("it does not say the camera", wanted)
-    photo = load_photo(request.photo) if request.photo else None
-    width, height = (photo.width, photo.height) if photo else request.size_of(reading, None, None)
-    name = photo.name if photo else ""
-    known, notes = load_calibration(Calibration(request.calibration), name, width, height)
+    size, photo = request.size_of(reading, None, None, request.photo), request.photo or Path()
+    known, notes = load_calibration(Calibration(request.calibration), photo.name, *size)
     reading.warnings.extend(notes)
     undistortion = known.lens and Undistortion.of(known.lens, known.camera)
-    path = request.photo or Path()
-    view = ViewRecord.of(path, known.camera, undistortion=undistortion, place=place)
-    return request.scene_of(reading, view)
+    return ViewRecord.of(photo, known.camera, undistortion=undistortion, place=place)
 
 
 def write_dope(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
     """Write camera and objects of one photo."""
     camera = perspective_of(scene.views[0].camera, "DOPE")
-    unit, shifted, objects = options.unit_of(scene), camera_as_integer_centres(camera), []
-    if unit is None:
-        raise PoseFileError("DOPE wants cm, and the model's unit is not known; add --unit.")
-    factor = metres_per_unit(unit) / metres_per_unit(UNIT)
+    shifted, objects = camera_as_integer_centres(camera), []
+    factor = options.lengths_in(UNIT, scene, "DOPE")
     for index, item in enumerate(scene.objects):
         place = scene.pose(index).camera_from_model
         quaternion = Rotation.from_matrix(place.rotation).as_quat()
@@ -115,24 +108,23 @@ def read_dope(path: Path, request: ConvertOptions) -> SceneRecord:
     """Read all objects of a photo, or those of the class ``request.image``."""
     reading, objects = Reading(path, kind="DOPE file"), []
     data, unit = reading.load_object(), request.unit or UNIT
-    known = cameras_in(reading, data.get("camera_data"))[0]
-    view = ViewRecord.of(request.photo or Path(), known.camera)
-    view = request.sized(reading, view)
+    if data.get("camera_data"):
+        known = cameras_in(reading, data["camera_data"])[0]
+        view = request.sized(reading, ViewRecord.of(request.photo or Path(), known.camera))
+    else:
+        view = _calibrated(reading, request)
     factor = metres_per_unit(UNIT) / metres_per_unit(unit)
     entries = data.get("objects")
     for number, entry in enumerate(entries if isinstance(entries, list) else [], 1):
         said, what = reading.object(entry, "an object"), f"objects[{number - 1}]"
         location = np.array(reading.numbers(said.get("location"), f"{what}.location"))
         quaternion = reading.numbers(said.get("quaternion_xyzw"), f"{what}.quaternion_xyzw", 4)
-        if not 0.99 < float(np.linalg.norm(quaternion)) < 1.01:
-            raise reading.error(f"{what}.quaternion_xyzw is {quaternion}", "wanted one of length 1")
-        place = RigidTransform(Rotation.from_quat(quaternion).as_matrix(), location * factor)
+        rotation = rotation_of(reading, quaternion, f"{what}.quaternion_xyzw")
+        place = Place.of(RigidTransform(rotation, location * factor))
         name = reading.text(said.get("class"), f"{what}.class") or ""
         if request.image in (None, name):
             model = ModelFile(str(request.model or Path()), unit=unit)
-            objects.append(
-                ObjectRecord(id=str(number), name=name, model=model, place=Place.of(place))
-            )
+            objects.append(ObjectRecord(id=str(number), name=name, model=model, place=place))
     if not objects:
         raise reading.error(f"no pose of {request.image or 'an object'}", "wanted one in objects")
     return SceneRecord(views=(view,), objects=tuple(objects), warnings=tuple(reading.warnings))

@@ -103,9 +103,8 @@ def read_meshlab(path: Path, request: ConvertOptions) -> SceneRecord:
         return reading.flat_numbers(shot.get(name, ""), name, count)
 
     if shot.get("CameraType", "0") != "0" or any(numbers_of("LensDistortion", 2)):
-        raise reading.error(
-            "its camera has distortion or is not in perspective", "wanted a pinhole camera"
-        )
+        found = "its camera has distortion or is not in perspective"
+        raise reading.error(found, "wanted a pinhole camera")
     width, height = (reading.size(side, "ViewportPx") or 0 for side in numbers_of("ViewportPx", 2))
     (focal_mm,), pixel_mm = numbers_of("FocalMm", 1), numbers_of("PixelSizeMm", 2)
     if not min(focal_mm, *pixel_mm) > 0.0:
@@ -113,8 +112,7 @@ def read_meshlab(path: Path, request: ConvertOptions) -> SceneRecord:
     fx, fy = (focal_mm / side for side in pixel_mm)
     cx, cy = numbers_of("CenterPx", 2)
     camera = Perspective(fx, fy, cx, cy, width, height)
-    rows = np.reshape(numbers_of("RotationMatrix", 16), (4, 4)).tolist()
-    rotation = from_4x4(reading, rows, "RotationMatrix").rotation
+    rotation = from_4x4(reading, shot.get("RotationMatrix", ""), "RotationMatrix").rotation
     translation = rotation @ np.array(numbers_of("TranslationVector", 4)[:3])
     place = OPENGL_FROM_OPENCV @ RigidTransform(rotation, translation)
     photo = path.with_name(bare_name(raster.get("label") or "photo"))

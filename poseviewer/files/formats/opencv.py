@@ -23,11 +23,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.lens import Undistortion, opencv_matrix
 from poseviewer.geometry.transform import RigidTransform
 
-STORAGES = {
-    ".yml": cv2.FILE_STORAGE_FORMAT_YAML,
-    ".yaml": cv2.FILE_STORAGE_FORMAT_YAML,
-    ".json": cv2.FILE_STORAGE_FORMAT_JSON,
-}
+ENDINGS = (".yml", ".yaml", ".json")
 FISHEYE = "OpenCV fisheye"
 LENSES: Lenses = (
     *(("OpenCV", "opencv", count) for count in (5, 8, 12, 14)),
@@ -39,10 +35,9 @@ def write_opencv(scene: SceneRecord, out: Path, _: ConvertOptions) -> Written:
     """Write YAML or JSON, by the ending."""
     transform, camera, lens, k = next(cameras_as_taken(scene, "OpenCV", LENSES))[1:]
     ending = out.suffix.lower()
-    if ending not in STORAGES:
-        raise PoseFileError(f"{out.name}: OpenCV files end in {', '.join(STORAGES)}; name one so.")
-    mode = cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | STORAGES[ending]
-    storage = cv2.FileStorage(ending, mode)
+    if ending not in ENDINGS:
+        raise PoseFileError(f"{out.name}: OpenCV files end in {', '.join(ENDINGS)}; name one so.")
+    storage = cv2.FileStorage(f"m{ending}", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
     storage.write("image_width", camera.width)
     storage.write("image_height", camera.height)
     storage.write("camera_matrix", opencv_matrix(camera))
@@ -61,10 +56,8 @@ def read_opencv(path: Path, request: ConvertOptions) -> SceneRecord:
     known = cameras_in(reading, data)[0]
     rotation = _numbers(reading, data, ("rvec", "R"), (3, 9))
     translation = _numbers(reading, data, ("tvec", "t"), (3,))
-    if len(rotation) == 9:
-        place = RigidTransform(checked_rotation(reading, rotation.reshape(3, 3)), translation)
-    else:
-        place = RigidTransform.from_rotation_vector(rotation, translation)
+    matrix = rotation.reshape(3, 3) if len(rotation) == 9 else cv2.Rodrigues(rotation)[0]
+    place = RigidTransform(checked_rotation(reading, matrix), translation)
     undistortion = known.lens and Undistortion.of(known.lens, known.camera)
     view = ViewRecord.of(Path(), known.camera, undistortion=undistortion, place=place)
     return request.scene_of(reading, view)

@@ -8,6 +8,7 @@ transforms, further texture coordinates, skins and instances without a word.
 import json
 import struct
 from base64 import b64decode
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -34,9 +35,8 @@ from poseviewer.files.mesh.polygons import strip_corners
 from poseviewer.geometry.image import srgb_from_linear
 
 GLTF = (".glb", ".gltf")
-GLB_START, GLB_CHUNK = 12, 8
-"""Bytes of the headers of a GLB file and of each of its chunks; the first chunk is JSON."""
-GLB_HEADER = GLB_START + GLB_CHUNK
+GLB_HEADER, GLB_CHUNK = 20, 8
+"""Bytes of the headers of a GLB file with its first chunk, JSON, and of its second."""
 LARGEST_FILE = 2_000_000_000
 """Bytes of a file, or of a buffer beside it."""
 UNDERSTOOD = (
@@ -66,43 +66,34 @@ Matrix = NDArray[np.float64]
 
 
 def gltf_header(path: Path) -> Any:
-    """The JSON of a glTF or GLB file; raises MeshFileError or ValueError where it is none."""
+    """The JSON of a glTF or GLB file; raises ValueError where it is none."""
     with path.open("rb") as file:
         head = file.read(GLB_HEADER)
         if path.suffix.lower() == ".gltf":
             return json.loads((head + file.read()).decode("utf-8-sig"))
         if len(head) < GLB_HEADER or head[:4] != b"glTF":
-            raise MeshFileError(f"{path.name}: no GLB header; is it a GLB file? Export it again.")
-        size, end = path.stat().st_size, GLB_START
-        whole, text = struct.unpack("<8xII4x", head)
-        while end + GLB_CHUNK <= size:
-            file.seek(end)
-            end += GLB_CHUNK + struct.unpack("<I", file.read(4))[0]
-        if max(whole, end) > size:
-            raise MeshFileError(f"{path.name}: is cut short; copy or export it again.")
-        file.seek(GLB_HEADER)
-        return json.loads(file.read(text))
+            raise ValueError("no GLB header")
+        (text,) = struct.unpack("<12xI4x", head)
+        return json.loads(file.read(min(text, path.stat().st_size)))
 
 
 def read_gltf(path: Path) -> tuple[list[Part], list[str]]:
     """The parts of a glTF or GLB file, one for each primitive of each node, and notes."""
     document = _Document(path, gltf_header(path))
-    required = set(document.data.get("extensionsRequired", []))
-    if unknown := sorted(required - set(UNDERSTOOD) - _harmless(required)):
+    required, used = (
+        sorted({name for name in document.data.get(key, []) if not name.startswith(HARMLESS)}
+               - set(UNDERSTOOD))
+        for key in ("extensionsRequired", "extensionsUsed")
+    )  # fmt: skip
+    if required:
         raise MeshFileError(
-            f"{path.name}: needs {', '.join(unknown)[:120]}, which is not read here; "
+            f"{path.name}: needs {', '.join(required)[:120]}, which is not read here; "
             "export it without (compression, KTX2 pictures ...)."
         )
-    used = set(document.data.get("extensionsUsed", []))
-    lost = [LOST[name] for name in sorted(used & set(LOST)) if LOST[name]]
-    lost += sorted(used - set(UNDERSTOOD) - set(LOST) - _harmless(used))
+    lost = filter(None, (LOST.get(name, name) for name in used))
     document.notes += [f"Not read, left out: {name[:80]}." for name in lost]
     parts = [part for node in document.placed() for part in document.parts_of(*node)]
     return parts, document.notes
-
-
-def _harmless(names: set[str]) -> set[str]:
-    return {name for name in names if name.startswith(HARMLESS)} - set(UNDERSTOOD)
 
 
 @dataclass(eq=False)
@@ -113,7 +104,7 @@ class _Document:
     data: dict[str, Any]
     notes: list[str] = field(default_factory=list)
     _buffers: dict[int, bytes] = field(default_factory=dict)
-    alphas: dict[int, NDArray[np.uint8]] = field(default_factory=dict)
+    alphas: dict[int | None, NDArray[np.uint8]] = field(default_factory=dict)
     """Alpha of pictures that cut, by their indices."""
 
     def placed(self) -> Iterator[tuple[int, str, Matrix]]:
@@ -122,7 +113,11 @@ class _Document:
         roots = [i for i in range(len(nodes)) if i not in self.parents]
         if scenes:
             roots = scenes[self.data.get("scene", 0)].get("nodes", [])
-        names = _unique([node.get("name") or str(i) for i, node in enumerate(nodes)])
+        names, taken = [], Counter[str]()
+        for i, node in enumerate(nodes):
+            name = node.get("name") or str(i)
+            names.append(f"{name}_{taken[name]}" if taken[name] else name)
+            taken[name] += 1
         waiting, visited = list(roots), set[int]()
         while waiting:
             index = waiting.pop()
@@ -198,27 +193,23 @@ class _Document:
     ) -> tuple[Part, NDArray]:
         """The part with its texture, cut as the texture's alpha says; and its base colour."""
         factor, info = _look(material)
-        if info is None or (image := self._image_of(info)) is None:
-            return part, factor[:3]
-        transform = _extension(info, "KHR_texture_transform") or {}
-        coordinates = f"TEXCOORD_{transform.get('texCoord', info.get('texCoord', 0))}"
-        if coordinates not in attributes:
+        transform = _extension(info or {}, "KHR_texture_transform") or {}
+        coordinates = f"TEXCOORD_{transform.get('texCoord', (info or {}).get('texCoord', 0))}"
+        image = self._image_of(info) if info else None
+        texture = self.textures.get(image)
+        if texture is None or coordinates not in attributes:
             return part, factor[:3]
         uvs = _transformed(self.array(attributes[coordinates]), transform)
         uvs = np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)
-        texture = self.textures.get(image)
-        part = replace(part, uvs=uvs if texture is not None else None, texture=texture)
-        if material.get("alphaMode") == "MASK" and texture is not None:
-            part = self._cut(part, image, material.get("alphaCutoff", 0.5) / max(factor[3], 1e-9))
+        part, alpha = replace(part, uvs=uvs, texture=texture), self.alphas.get(image)
+        if material.get("alphaMode") == "MASK" and alpha is not None:
+            cutoff = material.get("alphaCutoff", 0.5) / max(factor[3], 1e-9)
+            part = self._cut(part, uvs, alpha, cutoff)
         return part, factor[:3]
 
-    def _cut(self, part: Part, image: int, cutoff: float) -> Part:
+    def _cut(self, part: Part, uvs: NDArray, alpha: NDArray[np.uint8], cutoff: float) -> Part:
         """The part without the triangles that are cut away wholly; a note of those in part."""
-        alpha = self.alphas.get(image)
-        if alpha is None or part.uvs is None:
-            return part
-        corners = part.uvs[part.faces]
-        uvs = np.einsum("sk,fkd->fsd", ALPHA_SAMPLES, corners) % 1.0
+        uvs = np.einsum("sk,fkd->fsd", ALPHA_SAMPLES, uvs[part.faces]) % 1.0
         rows = ((1.0 - uvs[..., 1]) * alpha.shape[0]).astype(int).clip(0, alpha.shape[0] - 1)
         columns = (uvs[..., 0] * alpha.shape[1]).astype(int).clip(0, alpha.shape[1] - 1)
         shown = alpha[rows, columns] / 255.0 >= cutoff
@@ -238,14 +229,14 @@ class _Document:
         return index
 
     @cached_property
-    def textures(self) -> dict[int, NDArray[np.uint8]]:
+    def textures(self) -> dict[int | None, NDArray[np.uint8]]:
         """Pictures of base colours by their indices, RGB (h, w, 3); fills ``alphas``."""
         used: dict[int | None, bool] = {}
         for material in self.data.get("materials", []):
             if (info := _look(material)[1]) is not None:
                 index = self._image_of(info)
                 used[index] = used.get(index, False) or material.get("alphaMode") == "MASK"
-        opened: dict[int, tuple[str, Image.Image]] = {}
+        opened: dict[int | None, tuple[str, Image.Image]] = {}
         for index, entry in enumerate(self.data.get("images", [])):
             uri, name = entry.get("uri", "data:"), "a picture"
             if index not in used:
@@ -324,12 +315,11 @@ class _Document:
         return whole[start:end]
 
     def _chunk(self) -> bytes:
-        """The second chunk of a GLB file."""
+        """The second chunk of a GLB file, and what is behind it."""
         with self.path.open("rb") as file:
-            (text,) = struct.unpack("<12xI", file.read(GLB_START + 4))
-            file.seek(GLB_HEADER + text)
-            (size,) = struct.unpack("<I4x", file.read(GLB_CHUNK))
-            return file.read(size)
+            (text,) = struct.unpack("<12xI4x", file.read(GLB_HEADER))
+            file.seek(GLB_HEADER + text + GLB_CHUNK)
+            return file.read()
 
     def fetch(self, uri: str) -> bytes:
         """The bytes that a URI means: its own, or those of a file beside the model."""
@@ -373,16 +363,6 @@ def _triangles(order: NDArray, mode: int) -> NDArray:
         first = np.full(len(order) - 2, order[0])
         return np.stack([first, order[1:-1], order[2:]], axis=1)
     return order.reshape(-1, 3)
-
-
-def _unique(names: list[str]) -> list[str]:
-    """Names, each with a number behind it where it has been there before."""
-    taken: dict[str, int] = {}
-    unique = []
-    for name in names:
-        taken[name] = taken.get(name, -1) + 1
-        unique.append(f"{name}_{taken[name]}" if taken[name] else name)
-    return unique
 
 
 def parents_of(nodes: list[dict[str, Any]]) -> dict[int, int]:

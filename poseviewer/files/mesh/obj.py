@@ -47,27 +47,27 @@ def read_obj(path: Path) -> tuple[list[Part], list[str]]:
     notes: list[str] = []
     counts, corners = _read_faces(lines["f"], relative)
     for kind, column, table in zip(KINDS, corners.T, (vertices, uvs, normals), strict=False):
-        check_indices(path.name, column if kind == "v" else column[column != -1], len(table), kind)
+        check_indices(column if kind == "v" else column[column != -1], len(table), kind)
     if np.any(counts < 3):
         notes.append(f"Faces of fewer than 3 corners, left out: {np.sum(counts < 3):,}.")
     libraries = [name for line in lines["mtllib"] for name in library_names(line)]
     materials = _read_materials(path, libraries, notes)
-    if len(materials) == 1 and not any(material for _, (_, material) in changes):
-        materials[""] = next(iter(materials.values()))  # as some scans have it
-    elif materials and not any(material for _, (_, material) in changes):
-        notes.append(f"No usemtl says where its {len(materials):,} materials are: left out.")
     starts, names = zip(*changes, strict=True)
     keys = {key: number for number, key in enumerate(dict.fromkeys(names))}
     which = np.repeat([keys[key] for key in names], np.diff([*starts, len(counts)]))
     of_part = split_by(np.repeat(which, np.maximum(counts - 2, 0)), len(keys))
-    missing = sorted({m for _, m in keys if m and m not in materials})
-    if missing and materials:
+    used = {material for _, material in keys if material}
+    if materials and (missing := sorted(used - set(materials))):
         notes.append(f"Materials not in the MTL file: {', '.join(missing)[:120]}.")
+    if len(materials) == 1 and not used:
+        materials[""] = next(iter(materials.values()))  # as some scans have it
+    elif materials and not used:
+        notes.append(f"No usemtl says where its {len(materials):,} materials are: left out.")
     triangles, parts = polygon_corners(counts, vertices[corners[:, 0]]), []
     for (name, material), own in zip(keys, of_part, strict=True):
         if len(own):
-            paint, used = materials.get(material, (None, None)), corners[triangles[own]]
-            parts.append(_as_part(name, used, vertices, colours, uvs, normals, paint))
+            paint, of_faces = materials.get(material, (None, None)), corners[triangles[own]]
+            parts.append(_as_part(name, of_faces, vertices, colours, uvs, normals, paint))
     return parts or [Part("", vertices)], notes
 
 
@@ -173,24 +173,21 @@ def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[
             notes.append(f"Material file left out: {bare_name(library)} {why}.")
             continue
         reading = Reading(file, error_type=MeshFileError, kind="material file")
-        said: dict[str, dict[str, str]] = {}
-        own: dict[str, str] = {}
+        diffuse: dict[str, NDArray | None] = {}
+        files: dict[str, str] = {}
+        name = ""
         for line in reading.load_bytes().decode("utf-8-sig", "surrogateescape").splitlines():
             word, _, rest = line.strip().replace("\t", " ").partition(" ")
             if word.lower() == "newmtl":
-                own = said[rest.strip()] = {}
-            elif rest.strip():
-                own[word.lower()] = rest.strip()
-        files = {name: OPTIONS.sub("", own.get("map_kd", ""), 1) for name, own in said.items()}
+                name = rest.strip()
+                diffuse[name] = None
+            elif word.lower() == "map_kd":
+                files[name] = OPTIONS.sub("", rest.strip(), 1)
+            elif word.lower() == "kd" and name in diffuse:
+                with suppress(ValueError):
+                    values = [float(value) for value in rest.split()[:3]]
+                    if len(values) in (1, 3):
+                        diffuse[name] = np.clip(np.nan_to_num(np.resize(values, 3)), 0.0, 1.0)
         textures = load_textures(file.parent, filter(None, files.values()), notes)
-        for name, own in said.items():
-            materials[name] = _diffuse(own.get("kd", "")), textures.get(files[name])
+        materials |= {key: (diffuse[key], textures.get(files.get(key, ""))) for key in diffuse}
     return materials
-
-
-def _diffuse(text: str) -> NDArray | None:
-    with suppress(ValueError):
-        values = [float(word) for word in text.split()[:3]]
-        if len(values) in (1, 3):
-            return np.clip(np.nan_to_num(np.resize(values, 3)), 0.0, 1.0)
-    return None

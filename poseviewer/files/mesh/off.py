@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.obj import read_table
 from poseviewer.files.mesh.parts import Part, check_indices
 from poseviewer.files.mesh.polygons import polygon_corners
@@ -22,20 +21,16 @@ def read_off(path: Path) -> tuple[list[Part], list[str]]:
     text = COMMENT.sub("", path.read_text("ascii", "replace"))
     header = HEADER.match(text)
     if header is None:
-        found, wanted = "no OFF header", "is it an OFF file in text? Export it again"
-        raise MeshFileError(f"{path.name}: {found}; {wanted}.")
+        raise ValueError("no OFF header")
     vertices, faces = int(header[1]), int(header[2])
     lines = [line for line in text[header.end() :].splitlines() if line.strip()]
     polygons = [line.split() for line in lines[vertices:]]
     counts = np.array([int(words[0]) for words in polygons], dtype=np.int64)
     corners = [words[1 : n + 1] for words, n in zip(polygons, counts, strict=True)]
     if len(lines) != vertices + faces or [len(words) for words in corners] != counts.tolist():
-        raise MeshFileError(
-            f"{path.name}: not the {vertices:,} vertices and {faces:,} faces that it promises; it "
-            "is damaged or cut short, export it again."
-        )
+        raise ValueError(f"not the {vertices:,} vertices and {faces:,} faces that it promises")
     indices = np.array([word for words in corners for word in words], dtype=np.int64)
     points = read_table(lines[:vertices], 3)
-    check_indices(path.name, indices, len(points))
+    check_indices(indices, len(points))
     corners = polygon_corners(counts, points[indices])
     return [Part("", points, indices[corners])], []

@@ -69,12 +69,11 @@ class Part:
         return replace(self, faces=np.arange(len(source)).reshape(-1, 3), **own)
 
 
-def check_indices(name: str, indices: NDArray, size: int, kind: str = "vertex") -> None:
-    """Raise unless indices in the faces of the file ``name`` are from 0 to below ``size``."""
+def check_indices(indices: NDArray, size: int, kind: str = "vertex") -> None:
+    """Raise ValueError unless all indices in faces are from 0 to below ``size``."""
     wrong = indices[(indices < 0) | (indices >= size)]
     if wrong.size:
-        found = f"a face asks for {kind} number {wrong[0]} (counted from 0) of {size:,}"
-        raise MeshFileError(f"{name}: {found}; the file is damaged or cut short, export it again.")
+        raise ValueError(f"a face asks for {kind} number {wrong[0]} (counted from 0) of {size:,}")
 
 
 def colours_from_numbers(values: NDArray) -> NDArray[np.float64]:

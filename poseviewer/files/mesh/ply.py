@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.parts import (
     Part,
     check_indices,
@@ -45,7 +44,7 @@ Columns = dict[str, Any]
 def read_ply(path: Path) -> tuple[list[Part], list[str]]:
     """The parts (one for each texture) of a PLY file, and notes for the user."""
     data = path.read_bytes()
-    elements, encoding, textures, at = _read_header(path.name, data)
+    elements, encoding, textures, at = _read_header(data)
     order, body = ORDERS[encoding], memoryview(data)
     if encoding == "ascii":  # made the bytes of a file in which all is a double
         text = data[at:].decode("ascii", "replace")
@@ -63,19 +62,18 @@ def read_ply(path: Path) -> tuple[list[Part], list[str]]:
             for (key, (count, value)), column in zip(columns, values, strict=True)
         }
     if encoding == "ascii" and at < len(body):
-        found = "rows are longer than the header says"
-        raise MeshFileError(f"{path.name}: {found}; export it again.")
+        raise ValueError("rows are longer than the header says")
     strips = tables.get("tristrips", {})
     strips = next((strips[k] for k in INDEX_NAMES if k in strips), None)
     return _parts(path, tables.get("vertex", {}), tables.get("face", {}), strips, textures)
 
 
-def _read_header(name: str, data: bytes) -> tuple[list[Element], str, list[str], int]:
+def _read_header(data: bytes) -> tuple[list[Element], str, list[str], int]:
     """Elements, encoding, names of textures, and where the header ends, of a PLY file's bytes."""
     end = data.find(b"end_header")
     start = data.find(b"\n", end) + 1
     if not data.startswith(b"ply") or end < 0 or start == 0:
-        raise MeshFileError(f"{name}: no PLY header; is it a PLY file, and whole? Export it again.")
+        raise ValueError("no PLY header")
     elements: list[Element] = []
     encoding, textures = "", []
     for line in data[:end].decode("utf-8", "replace").splitlines():
@@ -93,12 +91,9 @@ def _read_header(name: str, data: bytes) -> tuple[list[Element], str, list[str],
                 case ["property"]:
                     elements[-1][2].append((words[2], (None, TYPES[words[1]])))
         except (IndexError, KeyError, ValueError):
-            found = f"the PLY header's line {line.strip()[:60]!r} makes no sense"
-            raise MeshFileError(f"{name}: {found}; export it again.") from None
-    if encoding not in ORDERS:
-        raise MeshFileError(f"{name}: PLY format {encoding!r}; wanted ascii or binary.")
-    if any(rows < 0 for _, rows, _ in elements):
-        raise MeshFileError(f"{name}: a negative count in the PLY header; export it again.")
+            raise ValueError(f"the header's line {line.strip()[:60]!r} makes no sense") from None
+    if encoding not in ORDERS or any(rows < 0 for _, rows, _ in elements):
+        raise ValueError(f"a count below 0 in the header, or the format {encoding!r}")
     return elements, encoding, textures, start
 
 
@@ -164,15 +159,15 @@ def _parts(
 ) -> tuple[list[Part], list[str]]:
     vertices = _stack(vertex, ("x", "y", "z"))
     if vertices is None:
-        raise MeshFileError(f"{path.name}: no vertices x, y, z in the PLY header; export it again.")
+        raise ValueError("no vertices x, y, z in the header")
     counts, indices = next((face[k] for k in INDEX_NAMES if k in face), (np.zeros(0),) * 2)
     indices, triangles = indices.astype(np.int64), np.maximum(counts - 2, 0)
-    check_indices(path.name, indices, len(vertices))
+    check_indices(indices, len(vertices))
     corners = polygon_corners(counts, vertices[indices])
     faces = indices[corners]
     if strips:  # a row is one or more of them, with -1 between
         faces = strip_corners(np.insert(strips[1], np.cumsum(strips[0])[:-1], -1))
-        check_indices(path.name, faces, len(vertices))
+        check_indices(faces, len(vertices))
     normals, uvs = _stack(vertex, ("nx", "ny", "nz")), _stack(vertex, *UV_NAMES)
     part = Part("", vertices, faces, normals, _stack(vertex, *COLOUR_NAMES), uvs)
     texcoord = face.get("texcoord", (None,))

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.parts import Part
 
 HEADER, ROW = 84, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
@@ -24,11 +23,10 @@ def read_stl(path: Path) -> tuple[list[Part], list[str]]:
     if is_text and HEADER + promised * ROW.itemsize != len(data):
         corners = np.array(VERTEX.findall(data)).astype(float)
         if len(corners) % 3 or b"endsolid" not in data[-LONGEST_NAME:]:
-            raise MeshFileError(f"{path.name}: is cut short; copy or export it again.")
+            raise ValueError("it is cut short")
     else:
         if promised > held:
-            found = f"holds {held:,} of the {promised:,} triangles that it promises"
-            raise MeshFileError(f"{path.name}: {found}; copy or export it again.")
+            raise ValueError(f"it holds {held:,} of the {promised:,} triangles that it promises")
         if promised != held:
             notes.append(f"The file promises {promised:,} triangles, and holds {held:,}.")
         count = promised or held

@@ -34,7 +34,7 @@ def as_mesh(name: str, parts: list[Part], notes: list[str], gltf: bool = False) 
     """One Mesh of the parts of the file ``name``, mended, with notes; glTF is in m and y up."""
     _check(name, parts)
     parts = [replace(part, name=printable(part.name)) for part in parts if len(part.faces)]
-    mesh = _without_useless_faces(name, _merged(parts, notes))
+    mesh = _without_useless_faces(_merged(parts, notes))
     if np.any(mesh.normals):
         mesh = _turned_to_normals(mesh)
     if not np.any(mesh.normals):
@@ -56,11 +56,9 @@ def _check(name: str, parts: list[Part]) -> None:
             wanted = f"poseviewer takes up to {most:,}, simplify the model first"
             raise MeshFileError(f"{name}: {count:,} {what}; {wanted}.")
     for part in parts:
-        bad = int(np.sum(~(np.abs(part.vertices) <= LARGEST_COORDINATE).all(axis=1)))
-        if bad:
-            found = f"coordinates that are not finite, or beyond {LARGEST_COORDINATE:g}"
-            raise MeshFileError(f"{name}: {found} (vertices: {bad:,}); repair the model.")
-        check_indices(name, np.asarray(part.faces), len(part.vertices))
+        if bad := int(np.sum(~(np.abs(part.vertices) <= LARGEST_COORDINATE).all(axis=1))):
+            raise ValueError(f"{bad:,} vertices are not finite or beyond {LARGEST_COORDINATE:g}")
+        check_indices(np.asarray(part.faces), len(part.vertices))
 
 
 def _merged(parts: list[Part], notes: list[str]) -> Mesh:
@@ -108,15 +106,12 @@ def _noted(mesh: Mesh, note: str, count: int, **changes: Any) -> Mesh:
     return replace(mesh, notes=notes, **changes)
 
 
-def _without_useless_faces(name: str, mesh: Mesh) -> Mesh:
+def _without_useless_faces(mesh: Mesh) -> Mesh:
     """Leave out faces that have no area, and second copies, turned either way."""
     _, areas = face_normals_and_areas(mesh.vertices, mesh.faces)
     solid = np.flatnonzero(areas > 0.0)
     if not len(solid):
-        raise MeshFileError(
-            f"{name}: none of its triangles ({len(areas):,}) has an area; "
-            "repair the model or export it again."
-        )
+        raise ValueError(f"none of its triangles ({len(areas):,}) has an area")
     places = np.sort(weld(mesh.vertices)[mesh.faces[solid]], axis=1)
     order = np.lexsort(places.T)
     repeated = np.all(places[order][1:] == places[order][:-1], axis=1)

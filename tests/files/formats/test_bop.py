@@ -92,7 +92,7 @@ def test_damaged_files_are_said_and_not_written_over(tmp_path, cameras, poses, s
 def test_what_is_not_known_is_asked_for(tmp_path):
     record = perspective_record()
     for nameless, unit, wanted in (
-        (perspective_record(unit=None), None, "--unit mm"),
+        (perspective_record(unit=None), None, "--unit"),
         (structs.replace(record, photo=None), "m", "--image NUMBER"),
         (structs.replace(record, model=None), "m", "--object NUMBER"),
     ):
