@@ -80,8 +80,8 @@ OF_JPEG = re.compile(rb"[^:]*JPEG|Invalid SOS|Inconsistent progression")
 ROUNDING = 1e-6
 """A rotation this near to orthonormal is taken as rounded, and made exact without a warning."""
 LARGEST_REPAIR_DEG = 1.0
-LARGEST_FILE = 50_000_000
-"""Bytes of numbers and names; a hundred thousand materials, or cameras, have fewer."""
+LARGEST_FILE, LARGEST_DATA = 50_000_000, 2_000_000_000
+"""Bytes of numbers and names (100,000 cameras have fewer), and of pictures, models and tables."""
 LARGEST_NUMBER = 1e30
 """Beyond it, and below its reciprocal, products of numbers leave the range of 32-bit floats."""
 LARGEST_PX = 1e7
@@ -311,8 +311,8 @@ class Reading:
 
     def size(self, value: Any, what: str) -> int | None:
         """The value, a whole number above 0 or None."""
-        kind: Any = Pixels | None
-        return self.decoded(value, kind, what)
+        kind: Any = Pixels
+        return None if value is None else self.decoded(value, kind, what)
 
 
 def _item(value: Any, key: str) -> Any:

@@ -36,8 +36,6 @@ MOST_MODELS = 200
 """Models that are opened together, each an object."""
 MOST_NAMED = 5
 """Files in one sentence."""
-TEXTS = TREES
-"""Files of cameras and poses."""
 OF_MODELS = (".mtl", ".bin")
 """Files that are nothing without their model."""
 NO_PICTURES = (*OF_MODELS, ".json")
@@ -113,8 +111,7 @@ def sort_set(
     of_kind: dict[str, list[Path]] = defaultdict(list)
     for path in files:
         of_kind[_kind_of(path, kind == "pose", sole=len(files) == 1)].append(path)
-    scene = _only(of_kind["scene"], "scene files")
-    if scene is not None:
+    if scene := _only(of_kind["scene"], "scene files"):
         return FileSet(scene=scene)
     if len(of_kind["model"]) > MOST_MODELS:
         _only(of_kind["model"], "models", f" to {MOST_MODELS}")
@@ -132,12 +129,11 @@ def sort_set(
         sets += [path.parent for path in of_kind["reconstruction"]]
     else:
         cameras += of_kind["reconstruction"]
-    pose = _only(poses, "pose files")
-    views = _only(sets, "sets of photos")
+    pose, views = _only(poses, "pose files"), _only(sets, "sets of photos")
+    pose = pose if len(models) < 2 else None  # it does not say of which of them it is
     photo = camera = None
     if views is not None:
-        if len(models) > 1:
-            _only([model.path for model in models], "models of one set of photos")
+        _only([model.path for model in models], "models of one set of photos")
         used |= {views, *pictures, *(path for path in files if views in path.parents)}
     else:
         if kind in ("model", "pose"):
@@ -147,11 +143,9 @@ def sort_set(
         beside = " (or with them the file that says where their cameras stood)"
         photo = _only(pictures, "photos", beside)
         camera = _only(cameras, "files of cameras")
-    if len(models) > 1:
-        pose = None  # it does not say of which of them it is
-    used |= {path for path in (photo, camera, pose) if path is not None}
     if not (photo or camera or models or pose or views):
         raise _nothing_to_open(files, kind)
+    used |= {path for path in (photo, camera, pose) if path is not None}
     unused = tuple(path for path in files if path not in used)
     return FileSet(photo, camera, tuple(models), pose, views, unused=unused)
 
@@ -169,17 +163,16 @@ def model_files(path: Path, others: Sequence[Path]) -> ModelFiles:
             beside = find_named(file.parent, written)
             match = beside or _alike(written, by_name)
             is_picture = not written.lower().endswith(NO_PICTURES)
-            names_pictures = names_pictures or (is_picture and (is_read or match is not None))
+            names_pictures |= is_picture and (is_read or match is not None)
             if match is not None and written not in named:
                 named[written] = match
-                scattered = scattered or match is not beside
+                scattered |= match is not beside
                 if match.suffix.lower() == ".mtl":
                     waiting.append(match)
     for own in (keypoints_path(path), symmetry_path(path)):
-        match = own if own.is_file() else _alike(own.name, by_name)
-        if match is not None:
+        if match := own if own.is_file() else _alike(own.name, by_name):
             named[own.name] = match
-            scattered = scattered or match != own
+            scattered |= match != own
     return ModelFiles(path, named, names_pictures, scattered)
 
 
@@ -222,7 +215,7 @@ def _kind_of(path: Path, as_pose: bool, sole: bool) -> str:
         return "set"
     if "camera_from_model" in data:
         return "pose"
-    if suffix in TEXTS:
+    if suffix in TREES:
         with suppress(PoseViewerError):
             load_cameras(path)
             return "camera"

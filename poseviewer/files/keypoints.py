@@ -35,18 +35,14 @@ def load_keypoints(mesh_path: str | Path, mesh: Mesh) -> VehicleKeypoints | None
 
 def save_keypoints(mesh_path: str | Path, keypoints: VehicleKeypoints, unit: str | None) -> None:
     """Write key points beside a model, for ``load_keypoints``; raises MeshFileError."""
-    sides = {
-        key: {name: getattr(getattr(keypoints, key), name).tolist() for name in NAMES}
-        for key in ("left", "right")
-    }
-    data = {"format": FORMAT, "version": 1, **({} if unit is None else {"unit": unit}), **sides}
+    data: dict[str, Any] = {"format": FORMAT, "version": 1} | ({"unit": unit} if unit else {})
+    for key in ("left", "right"):
+        side = getattr(keypoints, key)
+        data[key] = {name: getattr(side, name).tolist() for name in NAMES}
     write_json(keypoints_path(mesh_path), data, MeshFileError)
 
 
 def _side(reading: Reading, data: dict[str, Any], key: str) -> SideKeypoints:
     side = reading.object(data.get(key), key)
     points = [reading.numbers(side.get(name), f"{key}.{name}") for name in NAMES]
-    try:
-        return SideKeypoints(*map(np.array, points))
-    except ValueError as error:
-        raise reading.error(f"{key} side: {error}", "mend the key points") from error
+    return SideKeypoints(*map(np.array, points))

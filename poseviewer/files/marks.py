@@ -48,21 +48,15 @@ def load_pairs(path: str | Path) -> PointPairs:
         first = next((line for line in text.splitlines() if line.strip() and "#" not in line), "")
         separator = next((mark for mark in "\t;," if mark in first), " ")
         table = csv.reader(StringIO(text), delimiter=separator, skipinitialspace=True)
-        rows = [
-            (f"line {number}", row)
-            for number, row in enumerate(table, 1)
-            if any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#")
-        ]
-        names = [cell.strip().lower() for cell in rows[0][1]] if rows else []
-        if set(PAIR) <= set(names):
-            del rows[0]
-            for where, row in rows:
-                if len(row) != len(names):
-                    found = f"{where} has {len(row)} values"
-                    raise reading.error(found, f"wanted {len(names)}, as the header has")
-            rows = [(where, [row[names.index(name)] for name in PAIR]) for where, row in rows]
-        rows = [(where, [cell.replace(",", ".") for cell in row]) for where, row in rows]
-        numbers = [_numbers(reading, where, row, PAIR) for where, row in rows]
+        names, numbers = PAIR, []
+        for number, row in enumerate(table, 1):
+            cells = [cell.strip().lower().replace(",", ".") for cell in row]
+            if not any(cells) or cells[0].startswith("#"):
+                continue
+            if not numbers and set(PAIR) <= set(cells):
+                names = tuple(cells)
+            else:
+                numbers.append(_numbers(reading, f"line {number}", cells, names, PAIR))
     values = np.array(numbers, dtype=float).reshape(-1, len(PAIR))
     return PointPairs(values[:, :3], points_from_integer_centres(values[:, 3:]))
 
@@ -79,7 +73,8 @@ def wheels_from_text(text: str) -> Wheels:
             raise reading.error(f"{len(rows)} ellipses", wanted)
         ellipses = []
         for which, row in zip(("rear", "front"), rows, strict=True):
-            cx, cy, a, b, degrees = _numbers(reading, f"the {which} wheel", row, ELLIPSE)
+            where = f"the {which} wheel"
+            cx, cy, a, b, degrees = _numbers(reading, where, row, ELLIPSE, ELLIPSE)
             u, v = points_from_integer_centres([cx, cy])
             ellipses.append(Ellipse(float(u), float(v), a, b, math.radians(degrees)))
         return Wheels(*ellipses)
@@ -89,13 +84,15 @@ def _reading(path: str | Path) -> Reading:
     return Reading(Path(path), [], QuickStartError, "list of marks", numbers_as_text=True)
 
 
-def _numbers(reading: Reading, where: str, row: Sequence[str], names: Sequence[str]) -> list[float]:
+def _numbers(
+    reading: Reading, where: str, row: Sequence[str], names: Sequence[str], chosen: Sequence[str]
+) -> list[float]:
+    """The chosen numbers of a row that has one for each of the names."""
     if len(row) != len(names):
-        wanted = f"wanted {len(names)} numbers, {', '.join(names)}"
+        wanted = f"wanted {len(names)}: {', '.join(names)[:80]}"
         raise reading.error(f"{where} has {len(row)} values", wanted)
+    largest = dict[str, float].fromkeys(PHOTO, LARGEST_PX)
     return [
-        reading.number(
-            value.strip(), f"{where}: {name}", LARGEST_PX if name in PHOTO else LARGEST_NUMBER
-        )
-        for value, name in zip(row, names, strict=True)
+        reading.number(row[names.index(n)].strip(), f"{where}: {n}", largest.get(n, LARGEST_NUMBER))
+        for n in chosen
     ]

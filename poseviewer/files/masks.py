@@ -3,7 +3,6 @@ mask, which lies beside it.
 """
 
 from base64 import b64decode, b64encode
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -24,19 +23,18 @@ INLINE = "data:image/png;base64,"
 
 def load_mask(path: str | Path, width: int, height: int) -> Mask:
     """The mask in a picture, or in a text of ``mask_text``; white is 1 and black 0."""
-    inline, reading = str(path), Reading(Path(path), error_type=PhotoFileError, kind="mask")
-    if inline.startswith(INLINE):
-        reading = replace(reading, path=Path("a mask"))
+    is_inline = str(path).startswith(INLINE)
+    reading = Reading(Path("a mask" if is_inline else path), [], PhotoFileError, "mask")
+    if is_inline:
         with reading.naming_errors():
-            data = np.frombuffer(b64decode(inline.removeprefix(INLINE), validate=True), np.uint8)
+            data = np.frombuffer(b64decode(str(path)[len(INLINE) :], validate=True), np.uint8)
             pixels = np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH))
             weights = pixels * np.float32(1.0 / np.iinfo(pixels.dtype).max)
     else:
         weights = np.minimum(load_photo(path).grey(), 1.0)  # a sum of colours may end just above it
     if weights.shape != (height, width):
-        found = f"the mask has {weights.shape[1]}x{weights.shape[0]} px"
-        wanted = "save the mask in the photo's size"
-        raise reading.error(f"{found}, the photo {width}x{height} px", wanted)
+        size = f"{weights.shape[1]}x{weights.shape[0]} px, the photo {width}x{height} px"
+        raise reading.error(f"the mask has {size}", "save the mask in the photo's size")
     return Mask.of(weights)
 
 

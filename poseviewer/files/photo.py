@@ -2,7 +2,8 @@
 
 import hashlib
 import re
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -16,7 +17,7 @@ from PIL import ExifTags, Image, UnidentifiedImageError
 
 from poseviewer.errors import CalibrationFileError, PhotoFileError, printable
 from poseviewer.files.cameras import Calibration, load_calibration
-from poseviewer.files.checks import Reading, printed_errors, quiet_libraries
+from poseviewer.files.checks import LARGEST_DATA, Reading, printed_errors, quiet_libraries
 from poseviewer.files.structs import Distortion
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.image import Photo
@@ -32,8 +33,6 @@ DNG_VERSION, SUBFILE_TYPE, TILE_WIDTH, BITS = 50706, 254, 322, 258
 REDUCED = 1
 """Subfile type of a preview, as that of raw files is."""
 MAX_MEGAPIXELS = 100.0
-LARGEST_FILE = 2_000_000_000
-"""Bytes: 100 megapixels of four 16-bit numbers have 8e8, beside what else a file may hold."""
 ROWS = 256
 """Rows of pixels that are turned from BGR to RGB at a time."""
 MOST_SCANS = 100
@@ -73,13 +72,7 @@ def upright_size(path: Path) -> tuple[int, int]:
     if path.suffix.lower() in (".heic", ".heif", ".tif", ".tiff"):  # Pillow turns TIFF or not
         photo = load_photo(path)
         return photo.width, photo.height
-    reading = _reading(path)
-    with (
-        reading.naming_errors(),
-        reading.open() as file,
-        quiet_libraries(),
-        Image.open(file, formats=FORMATS) as image,
-    ):
+    with _reading(path).naming_errors(), _head(path) as image:
         turned = image.getexif().get(ExifTags.Base.Orientation, 1) in (5, 6, 7, 8)
         return (image.height, image.width) if turned else image.size
 
@@ -97,17 +90,21 @@ def was_taken_by_a_camera(path: str | Path) -> bool:
 
 def _exif_tags(path: str | Path) -> dict[int, Any]:
     """EXIF of a picture by tag; {} for a HEIC photo, or a file that cannot be read."""
-    reading = _reading(path)
-    with (
-        suppress(PhotoFileError),
-        reading.naming_errors(),
-        reading.open() as file,
-        quiet_libraries(),
-        Image.open(file, formats=FORMATS) as image,
-    ):
+    with suppress(PhotoFileError), _reading(path).naming_errors(), _head(path) as image:
         exif = image.getexif()
         return {**exif, **exif.get_ifd(ExifTags.IFD.Exif)}
     return {}
+
+
+@contextmanager
+def _head(path: str | Path) -> Iterator[Image.Image]:
+    """A picture of which no pixel is read."""
+    with (
+        _reading(path).open() as file,
+        quiet_libraries(),
+        Image.open(file, formats=FORMATS) as image,
+    ):
+        yield image
 
 
 def save_image(path: str | Path, rgb: NDArray, *, is_own: bool = False) -> None:
@@ -126,7 +123,7 @@ def save_image(path: str | Path, rgb: NDArray, *, is_own: bool = False) -> None:
 
 
 def _reading(path: str | Path) -> Reading:
-    return Reading(Path(path), [], PhotoFileError, "photo", LARGEST_FILE)
+    return Reading(Path(path), [], PhotoFileError, "photo", LARGEST_DATA)
 
 
 def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]:
@@ -194,10 +191,8 @@ def focal_35mm(exif: Image.Exif, width: int, height: int) -> float | None:
         tags = exif.get_ifd(ExifTags.IFD.Exif)
         focal = float(tags.get(ExifTags.Base.FocalLengthIn35mmFilm, 0))
         if not focal:
-            per_mm = (
-                float(tags.get(ExifTags.Base.FocalPlaneXResolution, 0))
-                / MM_PER_RESOLUTION_UNIT[tags.get(ExifTags.Base.FocalPlaneResolutionUnit, 2)]
-            )
+            unit = MM_PER_RESOLUTION_UNIT[tags.get(ExifTags.Base.FocalPlaneResolutionUnit, 2)]
+            per_mm = float(tags.get(ExifTags.Base.FocalPlaneXResolution, 0)) / unit
             # The resolution belongs to the picture as taken; it may have been shrunk since.
             taken = float(tags.get(ExifTags.Base.ExifImageWidth, 0)) or width
             diagonal = float(np.hypot(taken, taken * height / width)) / per_mm
@@ -253,13 +248,9 @@ def undistorted(photo: Photo, undistortion: Undistortion) -> Photo:
             "coefficients, and whether they are of the fisheye model."
         )
     pixels.flags.writeable = covered.flags.writeable = False
-    return replace(
-        photo,
-        pixels=pixels,
-        camera=undistortion.camera,
-        undistortion=undistortion,
-        covered=None if covered.all() else covered,
-    )
+    covered = None if covered.all() else covered
+    camera = undistortion.camera
+    return replace(photo, pixels=pixels, camera=camera, undistortion=undistortion, covered=covered)
 
 
 def photo_text(photo: Photo) -> str:

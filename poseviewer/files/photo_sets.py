@@ -5,6 +5,7 @@ of earlier versions (``SetFile``).
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path, PurePosixPath
 from typing import Annotated
 
@@ -12,7 +13,7 @@ from msgspec import Meta, Struct, structs
 
 from poseviewer.files.checks import Reading, is_there, kind_of
 from poseviewer.files.colmap_model import model_file
-from poseviewer.files.formats.bop import CAMERAS, POSES, UNIT, WORLD, load_bop_images
+from poseviewer.files.formats.bop import CAMERAS, UNIT, WORLD, load_bop_images
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.reconstructions import colmap_views, frame_view
 from poseviewer.files.scene_file import ViewRecord, load_scene, open_view
@@ -110,11 +111,9 @@ def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews
         if len(views) < 2:
             found = f"{len(views)} photo{'' if len(views) == 1 else 's'}"
             raise reading.error(found, "a set has two or more; fit one photo without --views")
-        known = dict[str, View]()
-        for view in views:
-            same = known.setdefault(view.photo.sha256, view)
-            if same is not view:
-                found = f"{same.name} and {view.name} are one photo twice"
+        for first, second in combinations(views, 2):
+            if first.photo.sha256 == second.photo.sha256:
+                found = f"{first.name} and {second.name} are one photo twice"
                 raise reading.error(found, "a set has each photo once, leave one of them out")
         return LoadedViews(path.name, with_names(views), unit, scale)
 
@@ -169,40 +168,30 @@ def _of_colmap(reading: Reading, model: Path, choice: SetChoice) -> list[ViewRec
     missing = [name for name, _ in images if not is_there(most / name)]
     if missing:
         where = f"in {most}" if len(missing) < len(images) or choice.folder else "beside it"
-        raise reading.error(
-            f"{len(missing)} of the {len(images)} photos that it names are not {where}, such as "
-            f"{missing[0]}",
-            "name their folder with --photo-folder, or those that are there with --photos",
-        )
-    return [
-        structs.replace(view, photo=structs.replace(view.photo, file=str(most / name)))
-        for name, view in images
-    ]
+        found = f"{len(missing)} of the {len(images)} photos that it names are not {where}"
+        wanted = "name their folder with --photo-folder, or those that are there with --photos"
+        raise reading.error(f"{found}, such as {missing[0]}", wanted)
+    photos = [structs.replace(view.photo, file=str(most / name)) for name, view in images]
+    pairs = zip(images, photos, strict=True)
+    return [structs.replace(view, photo=photo) for (_, view), photo in pairs]
 
 
 def _of_bop(reading: Reading, choice: SetChoice) -> Iterator[ViewRecord]:
     """Views by the scene's world; else by where the cameras see one of its objects."""
     own = replace(reading, path=reading.path / CAMERAS)
+    rig, wanted = choice.rig_object, "name an object that stands still and is there once"
     for image in load_bop_images(reading.path):
         if not _is_chosen(image.photo, choice.photos):
             continue
-        place = image.camera_from_world
-        if choice.rig_object is not None:
-            poses = [pose for pose in image.objects if pose.object_id == choice.rig_object]
-            if len(poses) != 1:
-                if not choice.photos:
-                    continue  # it is hidden there, or there are several
-                raise own.error(
-                    f"image {image.number} has {len(poses)} poses of object {choice.rig_object}",
-                    f"wanted one in {POSES}, choose another with --rig-object",
-                )
-            place = poses[0].place
+        place, found = image.camera_from_world, f"image {image.number} has no {WORLD[0]}"
+        if rig is not None:
+            poses = [pose.place for pose in image.objects if pose.object_id == rig]
+            if len(poses) != 1 and not choice.photos:
+                continue  # it is hidden there, or there are several
+            place = poses[0] if len(poses) == 1 else None
+            found = f"image {image.number} has {len(poses)} poses of object {rig}"
         if place is None:
-            raise own.error(
-                f"image {image.number} has no {WORLD[0]}",
-                "name an object that stands still, whose poses tell how the camera moved, with "
-                "--rig-object",
-            )
+            raise own.error(found, f"{wanted}, with --rig-object: its poses tell the cameras'")
         yield ViewRecord.of(reading.path / image.photo, image.camera, place=place)
 
 

@@ -46,11 +46,6 @@ class PoseInSet(Struct, frozen=True):
     views: Annotated[tuple[PoseRecord, ...], Meta(min_length=1)]
     unit: str | None = None
 
-    def __post_init__(self) -> None:
-        photos = [view.photo or PhotoReference() for view in self.views]
-        if not all(photo.file and photo.width and photo.height for photo in photos):
-            raise ValueError(".views has a photo without file, width or height; wanted all three")
-
 
 class PoseRecord(CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     """Pose of a known 3D model in one photo. Camera axes are OpenCV's (x right, y down, z

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
-import numpy as np
 from msgspec import Meta, Struct, structs
 
 from poseviewer.confidence.verdict import Verdict
@@ -44,7 +43,7 @@ from poseviewer.files.structs import (
 from poseviewer.files.symmetry import SymmetryTurns
 from poseviewer.files.writing import json_bytes, write_whole
 from poseviewer.geometry.camera import Camera, Pose
-from poseviewer.geometry.lens import SAME, Undistortion, same_undistortion
+from poseviewer.geometry.lens import Undistortion
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.geometry.view import View, pose_in_view, world_from_pose
@@ -140,10 +139,8 @@ class ViewRecord(CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     @property
     def reference(self) -> PhotoReference:
         """The photo as pose files name it."""
-        photo = self.photo
-        return PhotoReference(
-            printable(self.path.name) or None, photo.width, photo.height, photo.sha256
-        )
+        name, photo = printable(self.path.name) or None, self.photo
+        return PhotoReference(name, photo.width, photo.height, photo.sha256)
 
 
 def view_record(view: View) -> ViewRecord:
@@ -159,10 +156,9 @@ def open_view(record: ViewRecord) -> tuple[View, tuple[str, ...]]:
     """
     photo, size = load_photo(record.path), record.size
     if size not in ((0, 0), (photo.width, photo.height)):
-        raise PoseFileError(
-            f"{photo.name}: {photo.width}x{photo.height} px, and its camera is one for "
-            f"{size[0]}x{size[1]} px; name the photo that the camera was found with."
-        )
+        found = f"{photo.width}x{photo.height} px, and its camera is for {size[0]}x{size[1]} px"
+        wanted = "name the photo that the camera was found with"
+        raise PoseFileError(f"{photo.name}: {found}; {wanted}.")
     record = record.resized(photo.width, photo.height)
     notes = check_against(record.reference, photo.sha256)
     if record.undistortion is not None:
@@ -275,9 +271,8 @@ class SceneRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
         """Number of the object that has an id."""
         ids = [item.id for item in self.objects]
         if object_id not in ids:
-            raise PoseFileError(
-                f"There is no object {object_id!r} in the scene; there are {', '.join(ids)}."
-            )
+            found = f"There is no object {object_id!r} in the scene"
+            raise PoseFileError(f"{found}; there are {', '.join(ids)}.")
         return ids.index(object_id)
 
     def pose(self, index: int, view: int = 0) -> Pose:
@@ -325,14 +320,11 @@ def load_scene(path: str | Path, inside: Path | None = None) -> SceneRecord:
     reading = Reading(Path(path).absolute(), kind=KIND)
 
     def find(name: str, what: str) -> str:
-        file = reading.path.parent / name
+        file, wanted = reading.path.parent / name, "drop one folder of the scene with all its files"
         if not name or not is_there(file):
-            raise reading.error(
-                f"{what} is {name or 'empty'}, and there is no such file",
-                "put it there, seen from the scene's folder; on a page, drop that folder whole",
-            )
+            found = f"{what} is {name or 'empty'}, and there is no such file"
+            raise reading.error(found, f"put it there, seen from the scene; on a page, {wanted}")
         if inside is not None and inside.resolve() not in file.resolve().parents:
-            wanted = "drop one folder that holds the scene and all its files"
             raise reading.error(f"{what} is {name}, outside of the folder that was dropped", wanted)
         return str(file)
 
@@ -369,11 +361,9 @@ def _from_version_1(reading: Reading, data: dict[str, Any], find: Named) -> Scen
             pose["camera"] = {**pose["camera"], "scale": pose["scale"]}
         own = replace(reading, path=Path(f"{reading.path.name}, {what}.pose"))
         record = record_from_json(own, pose, view.photo.width, view.photo.height)
-        if not _has_camera_of(record, view):
-            raise reading.error(
-                f"the pose of object {entry.get('id')!r} is by another camera than the scene's",
-                "one photo has one camera, fit the object again with that of the scene",
-            )
+        if len({_camera_said(record), _camera_said(view)}) > 1:
+            found = f"the pose of object {entry.get('id')!r} is by another camera than the scene's"
+            raise reading.error(found, "fit the object again with the scene's camera")
         model = reading.decoded(entry.get("model"), ModelFile, f"{what}.model", raw=("file",))
         name, key = (reading.text(entry.get(key), f"{what}.{key}") or "" for key in ("name", "id"))
         made = ObjectRecord.of(key, Path(model.file), record, view, name)
@@ -388,10 +378,9 @@ def scene_of_pose(path: Path, record: PoseRecord) -> SceneRecord:
     """
     model, view = record.model or ModelReference(), _view_of_pose(path, record)
     item = ObjectRecord.of("1", _beside(path, model.file), record, view, model.file or "")
-    more = {"software": record.software, "warnings": record.warnings}
-    scene, said = SceneRecord(views=(view,), objects=(item,), **more), record.in_set
-    if said is None:
-        return scene
+    more: dict[str, Any] = {"software": record.software, "warnings": record.warnings}
+    if (said := record.in_set) is None:
+        return SceneRecord(views=(view,), objects=(item,), **more)
     place, size, views = said.set_from_model.rigid, said.set_from_model.size, []
     for entry in said.views:
         moved = entry.place.rigid
@@ -399,23 +388,17 @@ def scene_of_pose(path: Path, record: PoseRecord) -> SceneRecord:
         views.append(structs.replace(_view_of_pose(path, entry), place=Transform.of(moved)))
     result = structs.replace(item.result or Result(), seen=())
     item = structs.replace(item, place=place_of(Similarity(place, size)), result=result)
-    is_free = said.set_from_model.size_was_free
-    return structs.replace(
-        scene, views=tuple(views), objects=(item,), unit=said.unit, free_scale=is_free
-    )
+    more |= {"unit": said.unit, "free_scale": said.set_from_model.size_was_free}
+    return SceneRecord(views=tuple(views), objects=(item,), **more)
 
 
 def _view_of_pose(path: Path, record: PoseRecord) -> ViewRecord:
-    photo = record.photo or PhotoReference()
-    return ViewRecord(
-        photo=PhotoFile(
-            str(_beside(path, photo.file)), photo.width or 0, photo.height or 0, photo.sha256
-        ),
-        projection=record.projection,
-        numbers=record.numbers,
-        distortion=record.distortion,
-        mask=None if record.mask is None else str(_beside(path, record.mask)),
-    )
+    known = record.photo or PhotoReference()
+    size = known.width or 0, known.height or 0
+    photo = PhotoFile(str(_beside(path, known.file)), *size, known.sha256)
+    mask = record.mask and str(_beside(path, record.mask))
+    camera = {name: getattr(record, name) for name in ("projection", "numbers", "distortion")}
+    return ViewRecord(photo=photo, mask=mask, **camera)
 
 
 def _beside(path: Path, name: str | None) -> Path:
@@ -424,14 +407,9 @@ def _beside(path: Path, name: str | None) -> Path:
     return folder / bare_name(name) if name else Path()
 
 
-def _has_camera_of(record: PoseRecord, view: ViewRecord) -> bool:
-    """Whether a pose is by a view's camera, up to rounding and its scale."""
-    first, second = ([n.fx or 0, n.fy or 0, n.cx, n.cy] for n in (record.numbers, view.numbers))
-    return (
-        record.projection == view.projection
-        and np.allclose(first, second, rtol=SAME)
-        and same_undistortion(record.undistortion, view.undistortion)
-    )
+def _camera_said(record: CameraRecord) -> tuple[Any, ...]:
+    """A camera's numbers but for the scale, which is each object's own."""
+    return record.projection, structs.replace(record.numbers, scale=None), record.distortion
 
 
 def with_files(scene: SceneRecord, name: Named, name_inline: Named | None = None) -> SceneRecord:
@@ -477,10 +455,8 @@ def scene_contents(path: Path, scene: SceneRecord) -> dict[Path, bytes]:
 
     def name(file: str, where: str) -> str:
         if not is_there(Path(file)):
-            raise reading.error(
-                f"{where} is {Path(file).name}, and there is no such file",
-                "photos and models of a scene have to be files, save them first",
-            )
+            found = f"{where} is {Path(file).name}, and there is no such file"
+            raise reading.error(found, "a scene's photos and models are files, save them first")
         return relative_name(path, Path(file))
 
     def beside(mask: str, _: str) -> str:
@@ -500,10 +476,8 @@ def require_whole(reading: Reading, scene: SceneRecord) -> None:
         if item.id in ids[:number]:
             raise reading.error(f"two objects have the id {item.id!r}", "give each its own")
         if len(item.in_views) not in (0, len(scene.views)):
-            raise reading.error(
-                f"objects[{number}].in_views is a list of {len(item.in_views)}",
-                f"wanted one for each of {len(scene.views)} views, or none",
-            )
+            found = f"objects[{number}].in_views is a list of {len(item.in_views)}"
+            raise reading.error(found, f"wanted one for each of {len(scene.views)} views, or none")
     if scene.free_scale and len(ids) > 1:
         wanted = "say free_scale: false and the objects' scales, or leave one object alone"
         raise reading.error(f"its scale is not known, and it has {len(ids)} objects", wanted)

@@ -4,22 +4,14 @@ sentence; and geometry to and from the structs that pose files and scene files s
 In files, pixel centres are at integers, as in OpenCV; inside at i + 0.5 (``geometry.frames``).
 """
 
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 import msgspec
 import numpy as np
 from msgspec import Meta, Struct
 
 from poseviewer.confidence.pose_covariance import PoseCovariance
-from poseviewer.files.checks import (
-    LARGEST_PX,
-    Number,
-    Pixels,
-    Positive,
-    Reading,
-    Rows,
-    Three,
-)
+from poseviewer.files.checks import LARGEST_PX, Number, Pixels, Positive, Reading, Rows, Three
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel, Undistortion
@@ -101,13 +93,11 @@ class CameraNumbers(Struct, frozen=True, omit_defaults=True, kw_only=True):
         self, projection: Projection, width: int, height: int, where: str = "camera"
     ) -> Camera:
         """The camera, pixel centres at i + 0.5; raises ValueError where a number is missing."""
-        numbers = {name: getattr(self, name) for name in NEEDED[projection]}
-        for name, number in numbers.items():
-            if number is None:
-                raise ValueError(f".{where}.{name} is missing; wanted a number above 0")
+        numbers = {name: getattr(self, name) for name in (*NEEDED[projection], "cx", "cy")}
+        if missing := [name for name, number in numbers.items() if number is None]:
+            raise ValueError(f".{where}.{missing[0]} is missing; wanted a number above 0")
         kind = Perspective if projection == "perspective" else Parallel
-        camera = kind(**numbers, cx=self.cx, cy=self.cy, width=width, height=height)
-        return camera_from_integer_centres(camera)
+        return camera_from_integer_centres(kind(**numbers, width=width, height=height))
 
     def perspective(self, width: int, height: int, where: str = "camera") -> Perspective:
         """The camera under perspective projection; raises ValueError where a number is missing."""
@@ -196,10 +186,8 @@ class CameraRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
     def __post_init__(self) -> None:
         _ = self.camera
 
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of the photo in px."""
-        raise NotImplementedError
+    size: ClassVar[Any]
+    """Width and height of the photo in px."""
 
     @property
     def camera(self) -> Camera:
@@ -242,12 +230,9 @@ class Uncertainty(Struct, frozen=True, kw_only=True):
     @classmethod
     def of(cls, covariance: PoseCovariance) -> Self:
         """A covariance, and what it says of single quantities."""
-        return cls(
-            covariance=tuple(map(tuple, covariance.matrix.tolist())),
-            names=covariance.names,
-            centre=tuple(covariance.centre.tolist()),
-            deviations=covariance.deviations,
-        )
+        rows, centre = map(tuple, covariance.matrix.tolist()), covariance.centre.tolist()
+        names, deviations = covariance.names, covariance.deviations
+        return cls(covariance=tuple(rows), names=names, centre=tuple(centre), deviations=deviations)
 
     def about(self, pose: Pose) -> PoseCovariance:
         """The covariance, which is one of a pose."""

@@ -163,7 +163,7 @@ def test_what_is_wrong_in_version_1_is_said(path, tmp_path, change, words):
 def test_another_size_or_unit_is_said(path):
     scene = load_scene(path)
     changed(path, lambda data: data["views"][0]["photo"].update(width=100))
-    with pytest.raises(PoseViewerError, match="320x240 px, and its camera is one for 100x240"):
+    with pytest.raises(PoseViewerError, match="320x240 px, and its camera is for 100x240"):
         open_scene(path)
     save_scene(path, scene)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.camera_forms import camera_of_matrix
-from poseviewer.files.checks import Reading, checked_rotation
+from poseviewer.files.checks import LARGEST_DATA, Reading, checked_rotation
 from poseviewer.files.formats.conversion import (
     ConvertOptions,
     Format,
@@ -35,8 +35,6 @@ MOST_DIGITS = 18
 """Length of an image's number: what 64 bits hold."""
 UNIT = "mm"
 CAMERAS, POSES = "scene_camera.json", "scene_gt.json"
-LARGEST_SCENE = 1_000_000_000
-"""Bytes: thousands of images of dozens of objects."""
 WORLD = ("cam_R_w2c", "cam_t_w2c")
 """BOP's names of the camera from the scene's world; many scenes do not have it."""
 IN_CAMERA = ("cam_R_m2c", "cam_t_m2c")
@@ -185,9 +183,7 @@ def _scene_texts(folder: Path, cameras: SceneFile, poses: SceneFile) -> dict[Pat
 
 def load_scene_file(path: Path) -> SceneFile:
     """Content of a scene's file by image; empty where it is not there yet."""
-    if not path.exists():
-        return {}
-    return Reading(path, largest=LARGEST_SCENE).load_object()
+    return Reading(path, largest=LARGEST_DATA).load_object() if path.exists() else {}
 
 
 def same_intrinsics(one: Perspective, other: Perspective) -> bool:

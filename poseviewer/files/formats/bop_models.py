@@ -12,7 +12,7 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct, field
 
-from poseviewer.files.checks import Number, Positive, Reading, Three
+from poseviewer.files.checks import LARGEST_DATA, Number, Positive, Reading, Three
 from poseviewer.geometry.symmetry_group import Symmetry
 from poseviewer.geometry.transform import RigidTransform, nearest_rotation
 
@@ -89,7 +89,7 @@ def load_bop_models(path: Path) -> dict[int, BopModel]:
 
 def load_bop_estimates(path: Path) -> list[BopEstimate]:
     """The rows of a table of results."""
-    reading = Reading(path, kind="table of BOP results", largest=1_000_000_000)
+    reading = Reading(path, kind="table of BOP results", largest=LARGEST_DATA)
     lines = csv.reader(reading.load_text().splitlines())
     head = next(lines, [])
     if tuple(head) != RESULTS:

@@ -22,7 +22,7 @@ from msgspec import structs
 from numpy.typing import NDArray
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import LARGEST_DATA, Reading
 from poseviewer.files.formats.conversion import (
     ConvertOptions,
     Format,
@@ -32,7 +32,7 @@ from poseviewer.files.formats.conversion import (
     metres_per_unit,
     require_file,
 )
-from poseviewer.files.mesh.gltf import LARGEST_FILE, gltf_header, parents_of, world_matrix
+from poseviewer.files.mesh.gltf import gltf_header, parents_of, world_matrix
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.scene_file import SceneRecord, ViewRecord, open_view
 from poseviewer.geometry.arrays import FloatArray
@@ -234,7 +234,7 @@ def _photo_plane(pose: Pose, depth: float, scale: float, rgb: NDArray[np.uint8])
 
 def read_gltf(path: Path, request: ConvertOptions) -> SceneRecord:
     """Read the only camera, or that of node ``request.image``; the world is the model's frame."""
-    reading = Reading(path, kind="glTF file", largest=LARGEST_FILE)
+    reading = Reading(path, kind="glTF file", largest=LARGEST_DATA)
     with reading.naming_errors():
         reading.check_size()
         document = gltf_header(path)

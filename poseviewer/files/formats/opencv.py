@@ -56,7 +56,7 @@ def read_opencv(path: Path, request: ConvertOptions) -> SceneRecord:
     known = cameras_in(reading, data)[0]
     rotation = _numbers(reading, data, ("rvec", "R"), (3, 9))
     translation = _numbers(reading, data, ("tvec", "t"), (3,))
-    matrix = rotation.reshape(3, 3) if len(rotation) == 9 else cv2.Rodrigues(rotation)[0]
+    matrix = np.array(rotation.reshape(3, 3) if len(rotation) == 9 else cv2.Rodrigues(rotation)[0])
     place = RigidTransform(checked_rotation(reading, matrix), translation)
     undistortion = known.lens and Undistortion.of(known.lens, known.camera)
     view = ViewRecord.of(Path(), known.camera, undistortion=undistortion, place=place)

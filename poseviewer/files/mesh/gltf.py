@@ -23,7 +23,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import LARGEST_DATA, Reading
 from poseviewer.files.mesh.named import find_named
 from poseviewer.files.mesh.parts import (
     MOST_TEXELS,
@@ -37,8 +37,6 @@ from poseviewer.geometry.image import srgb_from_linear
 GLTF = (".glb", ".gltf")
 GLB_HEADER, GLB_CHUNK = 20, 8
 """Bytes of the headers of a GLB file with its first chunk, JSON, and of its second."""
-LARGEST_FILE = 2_000_000_000
-"""Bytes of a file, or of a buffer beside it."""
 UNDERSTOOD = (
     "KHR_mesh_quantization", "KHR_texture_transform", "EXT_mesh_gpu_instancing",
     "KHR_materials_pbrSpecularGlossiness", "EXT_texture_webp",
@@ -294,7 +292,7 @@ class _Document:
     def _table(self, entry: dict[str, Any], count: int, width: int, kind: np.dtype) -> NDArray:
         """Rows of a buffer view; zeros where there is none."""
         if "bufferView" not in entry:
-            return np.zeros((min(count, LARGEST_FILE // (width * kind.itemsize)), width), kind)
+            return np.zeros((min(count, LARGEST_DATA // (width * kind.itemsize)), width), kind)
         data = self.view(entry["bufferView"])
         row, start = width * kind.itemsize, entry.get("byteOffset", 0)
         stride = self.data["bufferViews"][entry["bufferView"]].get("byteStride", row)
@@ -326,12 +324,11 @@ class _Document:
         if uri.startswith("data:"):
             return b64decode(uri.partition(",")[2])
         name = unquote(uri)
-        found = find_named(self.path.parent, name)
-        if found is None:
+        path = find_named(self.path.parent, name)
+        if path is None:
             wanted = f"needs the file {name[:80]}; put it beside the model"
             raise MeshFileError(f"{self.path.name}: {wanted}.")
-        reading = Reading(found, [], MeshFileError, "file of a model", LARGEST_FILE)
-        return reading.load_bytes()
+        return Reading(path, [], MeshFileError, "file of a model", LARGEST_DATA).load_bytes()
 
 
 def _extension(entry: dict[str, Any], name: str) -> Any:

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import MeshFileError, printable
-from poseviewer.files.checks import Reading, quiet_libraries
-from poseviewer.files.mesh.gltf import GLTF, LARGEST_FILE, read_gltf
+from poseviewer.files.checks import LARGEST_DATA, Reading, quiet_libraries
+from poseviewer.files.mesh.gltf import GLTF, read_gltf
 from poseviewer.files.mesh.guarded import guarded
 from poseviewer.files.mesh.obj import read_obj
 from poseviewer.files.mesh.off import read_off
@@ -38,7 +38,7 @@ def load_mesh(path: str | Path) -> Mesh:
     path, known = Path(path), ", ".join(READERS)
     ending = path.suffix.lower()
     kind = f"{ending[1:].upper()} file" if ending in READERS else f"model file ({known})"
-    reading = Reading(path, [], MeshFileError, kind, LARGEST_FILE)
+    reading = Reading(path, [], MeshFileError, kind, LARGEST_DATA)
     with reading.naming_errors(), quiet_libraries():
         reading.check_size()
         if ending not in READERS:

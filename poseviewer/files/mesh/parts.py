@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.checks import Reading, quiet_libraries
+from poseviewer.files.checks import LARGEST_DATA, Reading, quiet_libraries
 from poseviewer.files.mesh.named import bare_name, find_named
 
 Key = TypeVar("Key")
@@ -23,8 +23,6 @@ LARGEST_SIDE = 8192
 MOST_TEXELS = 100_000_000
 """Limit of a model's textures together, and of one before it is shrunk: no photo shows more."""
 MOST_TEXTURES = 2000
-LARGEST_FILE = 2_000_000_000
-"""Bytes of a picture."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +101,7 @@ def load_textures(
         if path is None:
             notes.append(f"Texture left out: {bare_name(name)} is not there.")
         elif path not in images:
-            reading = Reading(path, error_type=MeshFileError, kind="picture", largest=LARGEST_FILE)
+            reading = Reading(path, [], MeshFileError, "picture", LARGEST_DATA)
             with noted(path.name, notes):
                 # From a file, Pillow reads as many bytes as a damaged chunk says it has.
                 images[path] = path.name, Image.open(BytesIO(reading.load_bytes()))

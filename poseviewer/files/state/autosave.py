@@ -16,7 +16,7 @@ import msgspec
 from msgspec import Struct, structs
 
 from poseviewer.errors import AutosaveError, PoseViewerError
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import LARGEST_DATA, Reading
 from poseviewer.files.masks import INLINE, load_mask
 from poseviewer.files.photo_sets import SetChoice, load_views
 from poseviewer.files.pose import record_from_json
@@ -34,8 +34,6 @@ from poseviewer.files.writing import lock_file, write_whole, writing_to
 from poseviewer.geometry.view import world_from_pose
 
 FORMAT, VERSION = "poseviewer-autosave", 2
-LARGEST_FILE = 500_000_000
-"""Bytes: it may hold a mask of 100 megapixels, in shades of grey."""
 EXPIRY_S = 30 * 24 * 3600.0
 """Age of a session, left behind, at which nobody will come back for it; its uploads may go then."""
 
@@ -103,7 +101,7 @@ def load_autosave(path: Path) -> AutosavedSession:
     Raises:
         AutosaveError: there is no such file, or it is damaged.
     """
-    reading = Reading(path, largest=LARGEST_FILE)
+    reading = Reading(path, largest=LARGEST_DATA)
     try:
         with reading.naming_errors():
             return _from_json(reading, reading.load_object())
@@ -119,7 +117,7 @@ def left_behind(folder: Path) -> tuple[Path, AutosavedSession] | None:
 
     Damaged ones are left out, with a line in the log; those of ``EXPIRY_S`` ago are removed.
     """
-    newest = None
+    sessions = []
     for path in sorted(folder.glob("session-*.json")):
         try:
             held = lock_file(_lock_path(path))
@@ -128,14 +126,11 @@ def left_behind(folder: Path) -> tuple[Path, AutosavedSession] | None:
             held.close()
             if time.time() - path.stat().st_mtime > EXPIRY_S:
                 discard(path)
-                continue
-            session = load_autosave(path)
+            else:
+                sessions.append((path, load_autosave(path)))
         except (AutosaveError, OSError) as error:
             logger.warning("%s", error)
-            continue
-        if newest is None or session.saved_at > newest[1].saved_at:
-            newest = path, session
-    return newest
+    return max(sessions, key=lambda session: session[1].saved_at, default=None)
 
 
 def files_of_sessions(folder: Path) -> frozenset[Path]:
@@ -154,10 +149,8 @@ def discard(path: Path) -> None:
         path.unlink(missing_ok=True)
         _lock_path(path).unlink(missing_ok=True)
     except OSError as error:
-        raise AutosaveError(
-            f"{path.name}: cannot be removed from {path.parent} ({error.strerror}); remove it "
-            "by hand."
-        ) from error
+        found = f"cannot be removed from {path.parent} ({error.strerror})"
+        raise AutosaveError(f"{path.name}: {found}; remove it by hand.") from error
 
 
 def _lock_path(path: Path) -> Path:
@@ -165,19 +158,17 @@ def _lock_path(path: Path) -> Path:
 
 
 def _from_json(reading: Reading, data: dict[str, Any]) -> AutosavedSession:
-    said = data.get("format"), data.get("version")
-    if said == (FORMAT, 1):
-        session = _from_version_1(reading, data)
-    elif said == (FORMAT, VERSION):
+    reading.require_format(data, FORMAT, VERSION)
+    if data.get("version") == VERSION:
         session = reading.decoded(data, AutosavedSession, raw=("file", "mask"))
-        require_whole(reading, session.scene)
     else:
-        raise reading.error("it has another format", f"wanted {FORMAT} {VERSION}")
+        session = _from_version_1(reading, data)
     scene = session.scene
+    require_whole(reading, scene)
     for index, view in enumerate(scene.views):
         for part in (view, *(item.in_views[index] for item in scene.objects if item.in_views)):
             if part.mask is not None:
-                load_mask(part.mask, view.photo.width, view.photo.height)
+                load_mask(part.mask, *view.size)
     scene.index(session.active_object)
     if not 0 <= session.active_view < len(scene.views):
         raise reading.error(f"active_view is {session.active_view}", "wanted one of the views")
@@ -201,11 +192,16 @@ def _from_version_1(reading: Reading, old: dict[str, Any]) -> AutosavedSession:
     at, objects = [entry.photo.sha256 for entry in views].index(sha256), []
     for entry in sorted((old, *old["others"]), key=lambda entry: entry["number"]):
         masks = {names[0]: entry["mask"]} if kept is None else kept["masks"]
-        poses = (entry["pose"]["file"], entry["start"]["file"])
-        record, start = (record_from_json(reading, pose, *size) for pose in poses)
+        record, start = (
+            record_from_json(reading, entry[k]["file"], *size) for k in ("pose", "start")
+        )
         place, start_place = (
             place_of(world_from_pose(views[at].camera, views[at].place.rigid, said.pose, scale))
             for said, scale in zip((record, start), scales, strict=True)
+        )
+        in_views = (
+            InViewRecord(masks.get(name) and INLINE + masks[name], None, name not in left_out)
+            for name in names
         )
         model = Path(entry["model"] or entry["model_name"])
         made = ObjectRecord.of(str(entry["number"]), model, record, views[at], entry["name"])
@@ -215,20 +211,11 @@ def _from_version_1(reading: Reading, old: dict[str, Any]) -> AutosavedSession:
             place=place,
             start=start_place,
             start_cameras=(start.numbers,) if kept is None and start.numbers.fx else (),
-            settings=entry["settings"],
-            in_views=tuple(
-                InViewRecord(masks.get(name) and INLINE + masks[name], None, name not in left_out)
-                for name in names
-            ),
-            hidden=entry["hidden"],
-            locked=entry["locked"],
+            in_views=tuple(in_views),
+            **{key: entry[key] for key in ("settings", "hidden", "locked")},
         )
         objects.append(made)
     free = kept is not None and kept["free_size"]
-    return AutosavedSession(
-        saved_at=old["saved_at"],
-        active_object=str(old["number"]),
-        active_view=at,
-        photo_names=tuple(names),
-        scene=SceneRecord(views=tuple(views), objects=tuple(objects), unit=unit, free_scale=free),
-    )
+    scene = SceneRecord(views=tuple(views), objects=tuple(objects), unit=unit, free_scale=free)
+    more = {"active_object": str(old["number"]), "active_view": at, "photo_names": tuple(names)}
+    return AutosavedSession(saved_at=old["saved_at"], scene=scene, **more)

@@ -11,7 +11,7 @@ import zipfile
 from collections.abc import Iterable, Sequence
 from contextlib import nullcontext
 from io import BytesIO
-from itertools import count
+from itertools import accumulate, count
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal
 
@@ -36,6 +36,7 @@ LARGEST_DIRECTORY = 4_000_000
 """Bytes of a zip's directory: twice ``MOST_FILES`` entries with names of 150 bytes have fewer."""
 LONGEST_END = 65_535 + 22 + 20 + 56
 """Bytes at the end of a zip that say where its directory is, with the longest comment."""
+UNPACK = "unpack it yourself and start poseviewer with the path of what is needed"
 KEPT, OLD_S = 20, 3600.0
 """Newest uploads that stay, and age (s) at which others go."""
 BEGUN = "new-"
@@ -138,18 +139,14 @@ def safe_path(name: str) -> PurePosixPath:
 
 def why_unfit(name: str, size: int, count: int = 1) -> str:
     """Why ``count`` files of ``size`` bytes together are not taken; "" where they are."""
-    shown = display_name(name)
+    found = wanted = ""
     if count > MOST_FILES:
-        return (
-            f"{shown}: more than {MOST_FILES:,} files; drop those alone that belong to one photo "
-            "and its model."
-        )
-    if size <= LARGEST_UPLOAD:
-        return ""
-    return (
-        f"{shown}{f' ({count:,} files)' if count > 1 else ''}: {size:,} bytes; up to "
-        f"{LARGEST_UPLOAD:,} can be uploaded, make it smaller or start poseviewer with its path."
-    )
+        found = f": more than {MOST_FILES:,} files"
+        wanted = "drop those alone that belong to one photo and its model"
+    elif size > LARGEST_UPLOAD:
+        found = f"{f' ({count:,} files)' if count > 1 else ''}: {size:,} bytes"
+        wanted = f"up to {LARGEST_UPLOAD:,} can be uploaded, start poseviewer with its path"
+    return f"{display_name(name)}{found}; {wanted}." if found else ""
 
 
 def why_not_sent(name: str, trouble: Literal["unreadable", "empty", "cut off"]) -> str:
@@ -172,22 +169,17 @@ def _unpacked(data: bytes) -> list[tuple[str, memoryview]]:
     """Names and contents, which are not copied."""
     head, rest = data.partition(b"\n")[0], memoryview(data)[data.find(b"\n") + 1 :]
     try:
-        entries = msgspec.convert(json.loads(head), Entries)
-    except (ValueError, msgspec.ValidationError, RecursionError):
+        entries = msgspec.json.decode(head, type=Entries)
+    except msgspec.MsgspecError:
         found = "The upload is no set of files"
         raise FileSetError(f"{found}; reload the page and try again.") from None
-    if sum(size for _, size in entries) != len(rest):
-        raise FileSetError(
-            f"{display_name(entries[0][0])}: {len(rest):,} bytes came, and more or fewer were "
-            "announced; the upload was cut off, drop it again."
-        )
-    if len(entries) > MOST_FILES:
-        raise FileSetError(why_unfit(entries[0][0], len(rest), len(entries)))
-    files, at = [], 0
-    for name, size in entries:
-        files.append((name, rest[at : at + size]))
-        at += size
-    return files
+    names, ends = [name for name, _ in entries], [*accumulate(size for _, size in entries)]
+    if ends[-1] != len(rest):
+        found = f"{len(rest):,} bytes came, and {ends[-1]:,} were announced"
+        raise FileSetError(f"{display_name(names[0])}: {found}; drop it again.")
+    if len(names) > MOST_FILES:
+        raise FileSetError(why_unfit(names[0], len(rest), len(names)))
+    return [(name, rest[i:j]) for name, i, j in zip(names, [0, *ends], ends, strict=False)]
 
 
 def _unzip(file: Path | BytesIO, name: str, place: Path, room: int) -> int:
@@ -199,10 +191,8 @@ def _unzip(file: Path | BytesIO, name: str, place: Path, room: int) -> int:
         entries = [entry for entry in archive.infolist() if _is_wanted(entry)]
         size = sum(entry.file_size for entry in entries)
         if size > room or len(entries) > MOST_FILES:
-            raise reading.error(
-                f"unpacks to more than {LARGEST_UNPACKED:,} bytes or {MOST_FILES:,} files",
-                "unpack it yourself and start poseviewer with the path of what is needed",
-            )
+            found = f"unpacks to more than {LARGEST_UNPACKED:,} bytes or {MOST_FILES:,} files"
+            raise reading.error(found, UNPACK)
         for entry in entries:
             path = place / safe_path(entry.filename)
             with archive.open(entry) as source, writing_to(place, name, FileSetError):
@@ -223,8 +213,7 @@ def _check_directory(reading: Reading, file: Path | BytesIO) -> None:
             sizes.append(int.from_bytes(end[at + place : at + place + length], "little"))
     largest = max(size for size in sizes if size != 0xFFFFFFFF)  # then the other one says it
     if largest > LARGEST_DIRECTORY:
-        wanted = "unpack it yourself and start poseviewer with the path of what is needed"
-        raise reading.error(f"a directory of {largest:,} bytes", wanted)
+        raise reading.error(f"a directory of {largest:,} bytes", UNPACK)
 
 
 def _is_wanted(entry: zipfile.ZipInfo) -> bool:
@@ -277,10 +266,9 @@ def _safe_part(part: str) -> str:
 def _remove_old(folder: Path) -> None:
     """Remove old sets that no session names, and what a kill left half written."""
     ours = [p for p in folder.iterdir() if OUR_NAME.fullmatch(p.name) and not p.is_symlink()]
-    ours.sort(key=lambda place: place.stat().st_mtime_ns, reverse=True)
-    begun = [place for place in ours if place.name.startswith(BEGUN)]
-    whole = [place for place in ours if place not in begun]
-    old = [p for p in (*begun, *whole[KEPT:]) if time.time() - p.stat().st_mtime > OLD_S]
+    ours.sort(key=lambda p: (p.name.startswith(BEGUN), -p.stat().st_mtime_ns))  # begun ones last
+    surplus = [p for i, p in enumerate(ours) if i >= KEPT or p.name.startswith(BEGUN)]
+    old = [p for p in surplus if time.time() - p.stat().st_mtime > OLD_S]
     used = files_of_sessions(folder.with_name("sessions")) if old else ()
     for place in old:
         if not any(place in file.parents for file in used):
