@@ -327,10 +327,8 @@ def cameras_in(
                 used |= own.used.keys()
     if not cameras:
         keys = ", ".join(str(key)[:20] for key in data) if isinstance(data, dict) else ""
-        raise reading.error(
-            f"no camera in it (its keys: {keys[:80] or 'none'})",
-            "wanted camera_matrix and distortion_coefficients, or fx, fy, cx, cy",
-        )
+        wanted = "wanted camera_matrix and distortion_coefficients, or fx, fy, cx, cy"
+        raise reading.error(f"no camera in it (its keys: {keys[:80] or 'none'})", wanted)
     is_bare = len(cameras) == 1 and cameras[0].lens is None
     for key, value in said:
         plain, is_list = _plain(key), _is_matrix(value)
@@ -354,10 +352,8 @@ def _plain(key: Any) -> str:
 
 def _is_number(value: Any) -> bool:
     """Whether there is a number other than 0."""
-    if isinstance(value, dict):
-        value = value.get("data")
-    if isinstance(value, list):
-        return any(map(_is_number, value))
+    if isinstance(value, dict | list):
+        return any(map(_is_number, value.get("data", []) if isinstance(value, dict) else value))
     with suppress(TypeError, ValueError):
         return bool(float(value))
     return False

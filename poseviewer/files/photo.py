@@ -237,16 +237,12 @@ def load_calibrated_photo(path: str | Path, calibration: Calibration | None = No
 def undistorted(photo: Photo, undistortion: Undistortion) -> Photo:
     """The undistorted photo of one as taken; raises where it is too large or shows nothing."""
     if max(photo.width, photo.height) > LARGEST_SIDE:
-        raise PhotoFileError(
-            f"{photo.name}: {photo.width}x{photo.height} px; a photo can be undistorted up to "
-            f"{LARGEST_SIDE} px a side, make it smaller first."
-        )
+        wanted = f"undistorted up to {LARGEST_SIDE} px a side, make it smaller first"
+        raise PhotoFileError(f"{photo.name}: {photo.width}x{photo.height} px; {wanted}.")
     pixels, covered = undistort(photo.pixels, undistortion)
     if not covered.any():
-        raise CalibrationFileError(
-            f"{photo.name}: undistorted it shows nothing of the photo; check the distortion "
-            "coefficients, and whether they are of the fisheye model."
-        )
+        wanted = "check the distortion coefficients, and whether they are of the fisheye model"
+        raise CalibrationFileError(f"{photo.name}: undistorted it shows nothing; {wanted}.")
     pixels.flags.writeable = covered.flags.writeable = False
     covered = None if covered.all() else covered
     camera = undistortion.camera

@@ -62,10 +62,9 @@ def writing_to(folder: Path, name: str, error: type[PoseViewerError]) -> Iterato
     try:
         yield
     except OSError as problem:
-        raise error(
-            f"{name}: cannot be written to {folder} ({problem.strerror}); "
-            "check that there is room, and that the folder exists and is yours to write to."
-        ) from problem
+        wanted = "check that there is room, and that the folder exists and is yours to write to"
+        found = f"cannot be written to {folder} ({problem.strerror})"
+        raise error(f"{name}: {found}; {wanted}.") from problem
 
 
 def write_whole(
@@ -117,9 +116,8 @@ def json_bytes(
         entries = {**first, **msgspec.to_builtins(data, enc_hook=float)}
         text = json.dumps(entries, indent=indent, allow_nan=False, ensure_ascii=False)
     except (ValueError, TypeError) as problem:
-        raise error(
-            f"{path.name}: holds what JSON cannot ({problem}); nothing was written."
-        ) from problem
+        found = f"{path.name}: holds what JSON cannot ({problem})"
+        raise error(f"{found}; nothing was written.") from problem
     return (text + "\n").encode(errors="replace")
 
 
@@ -158,9 +156,8 @@ def make_folder(
     try:
         folder.mkdir(parents=parents, exist_ok=True)
     except OSError as problem:
-        raise error(
-            f"{folder}: cannot be made ({problem.strerror}); name a folder of yours."
-        ) from None
+        found = f"{folder}: cannot be made ({problem.strerror})"
+        raise error(f"{found}; name a folder of yours.") from None
 
 
 def sha256_of(path: str | Path) -> str:

@@ -78,10 +78,8 @@ class ConvertOptions:
         """
         own = self.unit_of(scene)
         if own is None:
-            raise PoseFileError(
-                f"{tool} wants {unit}, and the model's unit is not known; say it: --unit, or Unit "
-                "beside the export on the page."
-            )
+            found = f"{tool} wants {unit}, and the model's unit is not known"
+            raise PoseFileError(f"{found}; say it with --unit, on the page with Model's unit.")
         return metres_per_unit(own) / metres_per_unit(unit)
 
     def size_of(
@@ -90,19 +88,18 @@ class ConvertOptions:
         """Width and height of the photo in px, as the file says (unchecked), else as the ``photo``
         has them, else as the user says.
         """
-        if (width is None or height is None) and photo is not None and photo.is_file():
+        if None in (width, height) and photo is not None and photo.is_file():
             width, height = upright_size(photo)
-        size = reading.size(width, "the photo's width"), reading.size(height, "the photo's height")
-        if size[0] is None or size[1] is None:
-            if self.photo_size is None:
-                wanted = "add --photo-size WIDTHxHEIGHT"
-                raise reading.error("it does not say how large the photo is", wanted)
-            return self.photo_size
-        if self.photo_size not in (None, size):
+        if None in (width, height):
+            width, height = self.photo_size or (None, None)
+        width, height = reading.size(width, "the photo's width"), reading.size(height, "its height")
+        if width is None or height is None:
+            wanted = "add --photo-size WIDTHxHEIGHT"
+            raise reading.error("it does not say how large the photo is", wanted)
+        if self.photo_size not in (None, (width, height)):
             asked = "x".join(map(str, self.photo_size or ()))
-            said = f"it is for a photo of {size[0]}x{size[1]} px"
-            raise reading.error(said, f"not of {asked} px")
-        return size[0], size[1]
+            raise reading.error(f"it is for a photo of {width}x{height} px", f"not of {asked} px")
+        return width, height
 
     def sized(self, reading: Reading, view: ViewRecord) -> ViewRecord:
         """The view with the size of its photo, by ``size_of``."""
@@ -114,12 +111,12 @@ class ConvertOptions:
         image, known = self.image, list(entries)
         chosen = [item for name, item in known if image is None or image in (name, Path(name).name)]
         if len(chosen) != 1:
-            asked = repr(image) if image else "meant"
-            found = f"{len(chosen)} of its {len(known)} {kind} are {asked}"
+            found = (
+                f"{len(chosen)} of its {len(known)} {kind} are {repr(image) if image else 'meant'}"
+            )
             names = printable(", ".join(name for name, _ in known[:MOST_NAMED]))
             more = " ..." if len(known) > MOST_NAMED else ""
-            wanted = f"wanted one, choose it with --image NAME ({names}{more})"
-            raise reading.error(found, wanted)
+            raise reading.error(found, f"wanted one, choose it with --image NAME ({names}{more})")
         return chosen[0]
 
     def scene_of(self, reading: Reading, view: ViewRecord, unit: str | None = None) -> SceneRecord:
@@ -178,10 +175,10 @@ class Format:
         views, notes, files, ready = scene.views, [], [], []
         several = len(scene.objects) > 1
         if several and not self.several_objects:
-            raise PoseFileError(
-                "Such a file holds one pose; choose an object of the scene with --object ID, or "
-                "convert all to bop, dope, gltf or meshlab."
+            wanted = (
+                "choose its object with --object ID, or convert all to bop, dope, gltf, meshlab"
             )
+            raise PoseFileError(f"Such a file holds one pose; {wanted}.")
         if len(views) > 1 and (not self.several_photos or (several and not self.is_own)):
             notes.append(f"It holds one photo: the other {len(views) - 1} of the set are left out.")
             views = views[:1]
@@ -201,17 +198,17 @@ class Format:
                         make_folder(path.parent)
                     view = _of_undistorted(view, path, options)
                     files.append(path)
+                    of_photo = f"{path.name}, the undistorted photo, which is written"
                     notes.append(
-                        f"All numbers of {name} belong to {path.name}, the undistorted photo, "
-                        "which is written; not to the photo as taken."
+                        f"All numbers of {name} belong to {of_photo}; not to that as taken."
                     )
             ready.append(view)
         photo = ready[0].path
         if not (self.is_own or self.is_upright) and photo.is_file() and is_stored_turned(photo):
-            notes.append(
-                f"{photo.name} is stored turned (EXIF), and the pose is one in the upright photo; "
-                "save it upright for tools that do not turn it."
+            found = (
+                f"{photo.name} is stored turned (EXIF), and the pose is one in the upright photo"
             )
+            notes.append(f"{found}; save it upright for tools that do not turn it.")
         written = self.write(structs.replace(scene, views=tuple(ready)), out, options)
         for path in () if self.appends else written.contents:
             if path.is_dir():
@@ -230,24 +227,18 @@ class Format:
 def _of_undistorted(view: ViewRecord, path: Path, options: ConvertOptions) -> ViewRecord:
     """Write the undistorted photo of a view; returns the view of that photo."""
     if not view.path.is_file():
-        raise PoseFileError(
-            "The pose is one in the undistorted photo, which has to be written for it, and the "
-            "photo as taken is not known; add --photo FILE."
-        )
+        found = "The pose is one in the undistorted photo, and that as taken is not known"
+        raise PoseFileError(f"{found}, of which it is made; add --photo FILE.")
     opened, differences = open_view(structs.replace(view, mask=None))
     if differences:
-        raise PhotoFileError(
-            f"{opened.name}: not the photo that the pose was found on (the fingerprints differ); "
-            "name that one with --photo, or this one if you mean it."
-        )
+        found = f"{opened.name}: not the photo of the pose (the fingerprints differ)"
+        raise PhotoFileError(f"{found}; name that one with --photo, or this one if you mean it.")
     is_taken = path.exists() and path.samefile(view.path)
     if not path.exists() or (options.overwrite and not is_taken):
         save_photo(path, opened.photo, is_own=True)
     elif is_taken or not np.array_equal(load_photo(path).pixels, opened.photo.pixels):
-        raise PhotoFileError(
-            f"{path}: is there already and was not touched; move it away: the undistorted photo "
-            "is to be written there."
-        )
+        wanted = "move it away: the undistorted photo is to be written there"
+        raise PhotoFileError(f"{path}: is there already and was not touched; {wanted}.")
     return ViewRecord.of(path, view.camera, place=view.place.rigid)
 
 
@@ -285,10 +276,8 @@ def perspective_of(camera: Camera, tool: str) -> Perspective:
     """The camera, unless it is one of parallel projection."""
     if isinstance(camera, Perspective):
         return camera
-    raise PoseFileError(
-        f"The pose is one of parallel projection, which {tool} files cannot hold; convert it to "
-        "gltf, or fit it in perspective."
-    )
+    found = f"The pose is one of parallel projection, which {tool} files cannot hold"
+    raise PoseFileError(f"{found}; convert it to gltf, or fit it in perspective.")
 
 
 def require_file(path: Path, what: str, tool: str) -> Path:
@@ -303,9 +292,8 @@ def require_file(path: Path, what: str, tool: str) -> Path:
 def metres_per_unit(unit: str) -> float:
     """The size of a length unit; raises PoseFileError where it is none of ``METRES``."""
     if unit not in METRES:
-        raise PoseFileError(
-            f"The model's unit is {unit!r}; wanted one of {', '.join(METRES)}, say it with --unit."
-        )
+        wanted = f"wanted one of {', '.join(METRES)}, say it with --unit"
+        raise PoseFileError(f"The model's unit is {unit!r}; {wanted}.")
     return METRES[unit]
 
 

@@ -82,17 +82,13 @@ def _words(numbers: Any) -> str:
 def read_meshlab(path: Path, request: ConvertOptions) -> SceneRecord:
     """Read raster ``request.image``, or the only one; the world is the model's frame."""
     reading = Reading(path, kind="MeshLab project (.mlp)")
-    try:
+    with reading.naming_errors():
         root = ElementTree.fromstring(reading.load_bytes())  # expat refuses bombs of entities
-    except ElementTree.ParseError as error:
-        raise reading.error(f"not XML ({error})", "wanted a MeshLab project (.mlp)") from error
     for matrix in root.iter("MLMatrix44"):
         numbers = reading.flat_numbers(matrix.text or "", "MLMatrix44")
         if numbers and not np.array_equal(np.round(numbers, 12), np.eye(4).ravel()):
-            raise reading.error(
-                "the project moves its mesh (MLMatrix44)",
-                "freeze that matrix in MeshLab (Matrix: Freeze Current Matrix)",
-            )
+            wanted = "freeze that matrix in MeshLab (Matrix: Freeze Current Matrix)"
+            raise reading.error("the project moves its mesh (MLMatrix44)", wanted)
     known = [(raster.get("label") or "", raster) for raster in root.iter("MLRaster")]
     raster = request.the_one(reading, "rasters", known)
     shot = raster.find("VCGCamera")
@@ -106,10 +102,9 @@ def read_meshlab(path: Path, request: ConvertOptions) -> SceneRecord:
         found = "its camera has distortion or is not in perspective"
         raise reading.error(found, "wanted a pinhole camera")
     width, height = (reading.size(side, "ViewportPx") or 0 for side in numbers_of("ViewportPx", 2))
-    (focal_mm,), pixel_mm = numbers_of("FocalMm", 1), numbers_of("PixelSizeMm", 2)
-    if not min(focal_mm, *pixel_mm) > 0.0:
-        raise reading.error("FocalMm or PixelSizeMm is not above 0", "wanted a camera")
-    fx, fy = (focal_mm / side for side in pixel_mm)
+    focal_mm = reading.positive(*numbers_of("FocalMm", 1), "FocalMm")
+    sides_mm = numbers_of("PixelSizeMm", 2)
+    fx, fy = (focal_mm / reading.positive(side, "PixelSizeMm") for side in sides_mm)
     cx, cy = numbers_of("CenterPx", 2)
     camera = Perspective(fx, fy, cx, cy, width, height)
     rotation = from_4x4(reading, shot.get("RotationMatrix", ""), "RotationMatrix").rotation

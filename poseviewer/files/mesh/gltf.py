@@ -77,17 +77,15 @@ def gltf_header(path: Path) -> Any:
 
 def read_gltf(path: Path) -> tuple[list[Part], list[str]]:
     """The parts of a glTF or GLB file, one for each primitive of each node, and notes."""
-    document = _Document(path, gltf_header(path))
+    header = gltf_header(path)
+    document = _Document(path, header, parents_of(header.get("nodes", [])))
     required, used = (
-        sorted({name for name in document.data.get(key, []) if not name.startswith(HARMLESS)}
-               - set(UNDERSTOOD))
+        sorted({n for n in header.get(key, []) if not n.startswith(HARMLESS)} - set(UNDERSTOOD))
         for key in ("extensionsRequired", "extensionsUsed")
-    )  # fmt: skip
+    )
     if required:
-        raise MeshFileError(
-            f"{path.name}: needs {', '.join(required)[:120]}, which is not read here; "
-            "export it without (compression, KTX2 pictures ...)."
-        )
+        wanted = "not read here; export it without (compression, KTX2 pictures ...)"
+        raise MeshFileError(f"{path.name}: needs {', '.join(required)[:120]}, {wanted}.")
     lost = filter(None, (LOST.get(name, name) for name in used))
     document.notes += [f"Not read, left out: {name[:80]}." for name in lost]
     parts = [part for node in document.placed() for part in document.parts_of(*node)]
@@ -100,6 +98,7 @@ class _Document:
 
     path: Path
     data: dict[str, Any]
+    parents: dict[int, int]
     notes: list[str] = field(default_factory=list)
     _buffers: dict[int, bytes] = field(default_factory=dict)
     alphas: dict[int | None, NDArray[np.uint8]] = field(default_factory=dict)
@@ -127,11 +126,6 @@ class _Document:
             if "mesh" in node:
                 yield index, names[index], world_matrix(nodes, index, self.parents)
 
-    @cached_property
-    def parents(self) -> dict[int, int]:
-        """The parent of each node that has one."""
-        return parents_of(self.data.get("nodes", []))
-
     def parts_of(self, index: int, name: str, world: Matrix) -> Iterator[Part]:
         """The parts of a node's mesh, wherever the node, its instances or its skin put them."""
         node = self.data["nodes"][index]
@@ -158,9 +152,7 @@ class _Document:
             return None
         if "bufferView" not in self.data["accessors"][attributes["POSITION"]]:
             for extension in primitive.get("extensions", {}):
-                raise MeshFileError(
-                    f"{self.path.name}: compressed with {extension}; export it plain."
-                )
+                raise ValueError(f"it is compressed with {extension}")
         vertices = self.array(attributes["POSITION"]).astype(float)
         normals = self.array(attributes["NORMAL"]) if "NORMAL" in attributes else None
         for weight, target in zip(weights, primitive.get("targets", []), strict=False):
@@ -171,11 +163,10 @@ class _Document:
             order = self.array(primitive["indices"]).reshape(-1).astype(np.int64)
         part = Part(name, vertices, _triangles(order, mode), normals)
         colours = self.array(attributes["COLOR_0"])[:, :3] if "COLOR_0" in attributes else None
-        material = (
-            self.data["materials"][primitive["material"]] if "material" in primitive else None
-        )
-        if material is not None:
-            part, factor = self._dressed(part, material, attributes)
+        if "material" in primitive:
+            part, factor = self._dressed(
+                part, self.data["materials"][primitive["material"]], attributes
+            )
             colours = factor if colours is None else factor * colours
         if colours is not None and not self.is_encoded:
             colours = srgb_from_linear(colours)
@@ -236,18 +227,12 @@ class _Document:
                 used[index] = used.get(index, False) or material.get("alphaMode") == "MASK"
         opened: dict[int | None, tuple[str, Image.Image]] = {}
         for index, entry in enumerate(self.data.get("images", [])):
-            uri, name = entry.get("uri", "data:"), "a picture"
+            uri, view = entry.get("uri", "data:"), entry.get("bufferView")
+            name = "a picture" if uri.startswith("data:") else unquote(uri)[:80]
             if index not in used:
                 continue
-            if not uri.startswith("data:"):
-                name = unquote(uri)[:80]
-                if find_named(self.path.parent, name) is None:
-                    self.notes.append(f"Texture left out: {name} is not there.")
-                    continue
             with noted(name, self.notes):
-                content = (
-                    self.view(entry["bufferView"]) if "bufferView" in entry else self.fetch(uri)
-                )
+                content = self.fetch(uri) if view is None else self.view(view)
                 image = Image.open(BytesIO(content))
                 if used[index] and image.width * image.height <= MOST_TEXELS:
                     self.alphas[index] = np.asarray(image.convert("RGBA").getchannel("A"))
@@ -269,11 +254,11 @@ class _Document:
                 blend += np.einsum("vj,vjab->vab", weights, matrices[joints])
                 total += weights.sum(axis=1)
         blend /= np.where(total > 0.0, total, 1.0)[:, None, None]
-        normals = part.normals
-        if normals is not None:
-            normals = np.einsum("vab,vb->va", blend[:, :3, :3], normals)
-        vertices = np.einsum("vab,vb->va", blend[:, :3, :3], part.vertices) + blend[:, :3, 3]
-        return replace(part, vertices=vertices, normals=normals)
+        vertices, normals = (
+            values if values is None else np.einsum("vab,vb->va", blend[:, :3, :3], values)
+            for values in (part.vertices, part.normals)
+        )
+        return replace(part, vertices=vertices + blend[:, :3, 3], normals=normals)
 
     def array(self, index: int) -> NDArray:
         """Values of an accessor (count, width); normalised integers as what they stand for."""
@@ -323,11 +308,9 @@ class _Document:
         """The bytes that a URI means: its own, or those of a file beside the model."""
         if uri.startswith("data:"):
             return b64decode(uri.partition(",")[2])
-        name = unquote(uri)
-        path = find_named(self.path.parent, name)
+        path = find_named(self.path.parent, unquote(uri))
         if path is None:
-            wanted = f"needs the file {name[:80]}; put it beside the model"
-            raise MeshFileError(f"{self.path.name}: {wanted}.")
+            raise ValueError(f"{unquote(uri)[:80]} is not there")
         return Reading(path, [], MeshFileError, "file of a model", LARGEST_DATA).load_bytes()
 
 
@@ -346,8 +329,6 @@ def _look(material: dict[str, Any]) -> tuple[NDArray, dict[str, Any] | None]:
 
 def _transformed(uvs: NDArray, transform: dict[str, Any]) -> NDArray:
     """Texture coordinates (n, 2), v downwards, as KHR_texture_transform moves them."""
-    if not transform:
-        return uvs
     c, s = (f(transform.get("rotation", 0.0)) for f in (np.cos, np.sin))
     scaled = uvs * np.array(transform.get("scale", (1.0, 1.0)))
     return scaled @ np.array([[c, -s], [s, c]]) + np.array(transform.get("offset", (0.0, 0.0)))

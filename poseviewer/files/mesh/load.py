@@ -55,9 +55,8 @@ def _read_3ds(path: Path) -> Read:
     try:
         import assimp_py
     except ImportError:
-        raise MeshFileError(
-            f"{path.name}: 3DS files need assimp; pip install 'poseviewer[3ds]'."
-        ) from None
+        wanted = "3DS files need assimp; pip install 'poseviewer[3ds]'"
+        raise MeshFileError(f"{path.name}: {wanted}.") from None
     flags = assimp_py.Process_Triangulate | assimp_py.Process_JoinIdenticalVertices
     scene = assimp_py.import_file(str(path), flags)
     parts: list[Part] = []
@@ -89,9 +88,8 @@ def _read_step(path: Path) -> Read:
     try:
         import cascadio  # pyright: ignore[reportMissingImports]
     except ImportError:
-        raise MeshFileError(
-            f"{path.name}: STEP files need cascadio; pip install 'poseviewer[step]'."
-        ) from None
+        wanted = "STEP files need cascadio; pip install 'poseviewer[step]'"
+        raise MeshFileError(f"{path.name}: {wanted}.") from None
     with TemporaryDirectory() as folder:
         out = Path(folder, "m.glb")
         cascadio.step_to_glb(str(path), str(out), tol_relative=True, tol_angular=FINE_ANGLE)

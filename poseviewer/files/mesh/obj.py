@@ -125,8 +125,8 @@ def _read_faces(faces: list[str], relative: Relative) -> tuple[NDArray, NDArray]
     if len({word.count("/") for word in words}) > 1:
         words = [word + "/0" * (2 - word.count("/")) for word in words]
     numbers = np.array(" ".join(words).replace("/", " ").split(), dtype=np.int64)
-    numbers = numbers.reshape(len(words), -1) if words else corners
-    corners[:, : numbers.shape[1]] = numbers
+    if words:
+        corners[:, : numbers.size // len(words)] = numbers.reshape(len(words), -1)
     if relative:
         ends = np.zeros((len(faces), 3), dtype=np.int64)
         ends[list(relative)] = list(relative.values())
@@ -172,7 +172,7 @@ def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[
             why = "is not there" if file is None else "is empty"
             notes.append(f"Material file left out: {bare_name(library)} {why}.")
             continue
-        reading = Reading(file, error_type=MeshFileError, kind="material file")
+        reading = Reading(file, [], MeshFileError, "material file")
         diffuse: dict[str, NDArray | None] = {}
         files: dict[str, str] = {}
         name = ""

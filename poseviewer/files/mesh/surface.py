@@ -45,11 +45,9 @@ def as_mesh(name: str, parts: list[Part], notes: list[str], gltf: bool = False) 
 
 def _check(name: str, parts: list[Part]) -> None:
     if not any(len(part.faces) for part in parts):
+        wanted = "poseviewer needs a surface mesh, not a point cloud or an empty file"
         points = sum(len(part.vertices) for part in parts)
-        found = f"0 triangles, {points:,} points" if points else "0 triangles"
-        raise MeshFileError(
-            f"{name}: {found}; poseviewer needs a surface mesh, not a point cloud or an empty file."
-        )
+        raise MeshFileError(f"{name}: 0 triangles, {points:,} points; {wanted}.")
     sizes = ("faces", sum(len(part.faces) for part in parts), MOST_FACES)
     for what, count, most in (sizes, ("parts", len(parts), MOST_PARTS)):
         if count > most:
@@ -69,6 +67,8 @@ def _merged(parts: list[Part], notes: list[str]) -> Mesh:
     sizes = [len(part.faces) for part in parts]
     offsets = np.cumsum([0] + [len(part.vertices) for part in parts])
     normals = [part.normals for part in parts if part.normals is not None]
+    colours = [_columns(p.colours, GREY if p.texture is None else 1.0, p, 3) for p in parts]
+    uvs = [_columns(None if p.texture is None else p.uvs, 0.0, p, 2) for p in parts]
     return Mesh(
         vertices=np.concatenate([part.vertices for part in parts]),
         faces=np.concatenate([p.faces + o for p, o in zip(parts, offsets, strict=False)]),
@@ -77,8 +77,8 @@ def _merged(parts: list[Part], notes: list[str]) -> Mesh:
             if len(normals) == len(parts)
             else np.zeros((offsets[-1], 3))
         ),
-        colours=np.concatenate([_colours(part) for part in parts]),
-        uvs=np.concatenate([_uvs(part) for part in parts]),
+        colours=np.concatenate(colours),
+        uvs=np.concatenate(uvs),
         face_texture=np.repeat([numbers.get(id(part.texture), -1) for part in parts], sizes),
         face_part=np.repeat([names[part.name] for part in parts], sizes),
         textures=tuple(textures.values()),
@@ -88,16 +88,11 @@ def _merged(parts: list[Part], notes: list[str]) -> Mesh:
     )
 
 
-def _colours(part: Part) -> NDArray[np.float32]:
-    default = GREY if part.texture is None else 1.0
-    colours = default if part.colours is None else part.colours
-    return np.broadcast_to(np.asarray(colours, np.float32), (len(part.vertices), 3))
-
-
-def _uvs(part: Part) -> NDArray[np.float32]:
-    if part.uvs is None or part.texture is None:
-        return np.zeros((len(part.vertices), 2), dtype=np.float32)
-    return np.nan_to_num(np.asarray(part.uvs, dtype=np.float32), posinf=0.0, neginf=0.0)
+def _columns(values: Any, default: float, part: Part, width: int) -> NDArray[np.float32]:
+    """Values of a part's vertices (V, width), or the default; what is no number is 0."""
+    values = np.asarray(default if values is None else values, np.float32)
+    columns = np.broadcast_to(values, (len(part.vertices), width))
+    return np.nan_to_num(columns, posinf=0.0, neginf=0.0)
 
 
 def _noted(mesh: Mesh, note: str, count: int, **changes: Any) -> Mesh:

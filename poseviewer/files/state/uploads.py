@@ -169,14 +169,14 @@ def _unpacked(data: bytes) -> list[tuple[str, memoryview]]:
     """Names and contents, which are not copied."""
     head, rest = data.partition(b"\n")[0], memoryview(data)[data.find(b"\n") + 1 :]
     try:
-        entries = msgspec.json.decode(head, type=Entries)
-    except msgspec.MsgspecError:
+        entries = msgspec.convert(json.loads(head), Entries)
+    except (ValueError, msgspec.ValidationError, RecursionError):
         found = "The upload is no set of files"
         raise FileSetError(f"{found}; reload the page and try again.") from None
     names, ends = [name for name, _ in entries], [*accumulate(size for _, size in entries)]
     if ends[-1] != len(rest):
         found = f"{len(rest):,} bytes came, and {ends[-1]:,} were announced"
-        raise FileSetError(f"{display_name(names[0])}: {found}; drop it again.")
+        raise FileSetError(f"{display_name(names[0])}: {found}; it was cut off, drop it again.")
     if len(names) > MOST_FILES:
         raise FileSetError(why_unfit(names[0], len(rest), len(names)))
     return [(name, rest[i:j]) for name, i, j in zip(names, [0, *ends], ends, strict=False)]

@@ -101,7 +101,7 @@ def test_what_no_page_of_ours_sends_is_refused(tmp_path: Path, data: bytes) -> N
     with pytest.raises(FileSetError, match="no set of files; reload the page"):
         keep_set(tmp_path, data)
     cut_off = pack([("car.obj", TRIANGLE), ("wood.png", 1000 * b"x")])[:-1]
-    with pytest.raises(FileSetError, match=r"^car\.obj: .*the upload was cut off, drop it again"):
+    with pytest.raises(FileSetError, match=r"^car\.obj: .*it was cut off, drop it again"):
         keep_set(tmp_path, cut_off)
     assert list(tmp_path.iterdir()) == []
 
