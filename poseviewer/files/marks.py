@@ -20,8 +20,8 @@ from poseviewer.vehicle.wheel_pose import Ellipse, Wheels
 
 PAIR = ("x", "y", "z", "u", "v")
 ELLIPSE = ("cx", "cy", "a", "b", "angle")
-PHOTO = (*PAIR[3:], *ELLIPSE[:4])
-"""Columns in px of the photo."""
+LARGEST: dict[str, float] = dict.fromkeys((*PAIR[3:], *ELLIPSE[:4]), LARGEST_PX)
+"""Limits of columns in px of the photo."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,8 +91,7 @@ def _numbers(
     if len(row) != len(names):
         wanted = f"wanted {len(names)}: {', '.join(names)[:80]}"
         raise reading.error(f"{where} has {len(row)} values", wanted)
-    largest = dict[str, float].fromkeys(PHOTO, LARGEST_PX)
     return [
-        reading.number(row[names.index(n)].strip(), f"{where}: {n}", largest.get(n, LARGEST_NUMBER))
+        reading.number(row[names.index(n)].strip(), f"{where}: {n}", LARGEST.get(n, LARGEST_NUMBER))
         for n in chosen
     ]

@@ -102,7 +102,7 @@ def read_meshlab(path: Path, request: ConvertOptions) -> SceneRecord:
         found = "its camera has distortion or is not in perspective"
         raise reading.error(found, "wanted a pinhole camera")
     width, height = (reading.size(side, "ViewportPx") or 0 for side in numbers_of("ViewportPx", 2))
-    focal_mm = reading.positive(*numbers_of("FocalMm", 1), "FocalMm")
+    focal_mm = reading.positive(numbers_of("FocalMm", 1)[0], "FocalMm")
     sides_mm = numbers_of("PixelSizeMm", 2)
     fx, fy = (focal_mm / reading.positive(side, "PixelSizeMm") for side in sides_mm)
     cx, cy = numbers_of("CenterPx", 2)

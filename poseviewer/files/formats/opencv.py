@@ -7,6 +7,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.camera_forms import cameras_in, load_tree
@@ -56,7 +57,9 @@ def read_opencv(path: Path, request: ConvertOptions) -> SceneRecord:
     known = cameras_in(reading, data)[0]
     rotation = _numbers(reading, data, ("rvec", "R"), (3, 9))
     translation = _numbers(reading, data, ("tvec", "t"), (3,))
-    matrix = np.array(rotation.reshape(3, 3) if len(rotation) == 9 else cv2.Rodrigues(rotation)[0])
+    if len(rotation) == 3:
+        rotation = Rotation.from_rotvec(rotation).as_matrix()
+    matrix = rotation.reshape(3, 3)
     place = RigidTransform(checked_rotation(reading, matrix), translation)
     undistortion = known.lens and Undistortion.of(known.lens, known.camera)
     view = ViewRecord.of(Path(), known.camera, undistortion=undistortion, place=place)

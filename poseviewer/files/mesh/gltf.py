@@ -254,11 +254,11 @@ class _Document:
                 blend += np.einsum("vj,vjab->vab", weights, matrices[joints])
                 total += weights.sum(axis=1)
         blend /= np.where(total > 0.0, total, 1.0)[:, None, None]
-        vertices, normals = (
-            values if values is None else np.einsum("vab,vb->va", blend[:, :3, :3], values)
-            for values in (part.vertices, part.normals)
-        )
-        return replace(part, vertices=vertices + blend[:, :3, 3], normals=normals)
+        vertices = np.einsum("vab,vb->va", blend[:, :3, :3], part.vertices) + blend[:, :3, 3]
+        part = replace(part, vertices=vertices)
+        if part.normals is None:
+            return part
+        return replace(part, normals=np.einsum("vab,vb->va", blend[:, :3, :3], part.normals))
 
     def array(self, index: int) -> NDArray:
         """Values of an accessor (count, width); normalised integers as what they stand for."""
