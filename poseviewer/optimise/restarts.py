@@ -21,7 +21,8 @@ def minimise(
     """Descend, rebuild the simplex at the minimum with random directions, descend again.
 
     The first simplex has its edges along the scale's columns, later ones along random directions,
-    orthogonal in its units: a descent that got stuck did so in a simplex that had gone flat.
+    orthogonal in its units: a descent that got stuck did so in a simplex that had gone flat. The
+    best ends of the short descents, if enough, span the first that follows: they lie in the valley.
     """
     random = np.random.default_rng(seed)
     x0 = np.array(x0, dtype=float)
@@ -31,20 +32,23 @@ def minimise(
         unit * options.multi_start_x_tolerance, options.multi_start_f_tolerance
     )
     state = State(x0, np.inf, x0[None], np.full(1, np.inf))
-    restart = failures = 0
+    restart, failures, ends = 0, 0, list[State]()
     while failures < options.patience:
         is_short = restart < options.multi_starts
         before = state.value
         turn = _random_rotation(len(x0), random) if restart else np.eye(len(x0))
+        edges = ((options.multi_start_step if is_short else options.step) * scale) @ turn
+        if restart == options.multi_starts and len(ends) > len(x0):
+            ends.sort(key=lambda end: end.value)
+            edges = np.array([end.best - state.best for end in ends[1 : len(x0) + 1]]).T
         states = nelder_mead.minimise(
-            objective,
-            x0 if is_short else state.best,
-            ((options.multi_start_step if is_short else options.step) * scale) @ turn,
-            short if is_short else long,
+            objective, x0 if is_short else state.best, edges, short if is_short else long
         )
         for inner in states:
             state = replace(inner.since(state), restart=restart, converged=False)
-            if not inner.converged:
+            if inner.converged:
+                ends.append(inner)
+            else:
                 yield state
         if not is_short:
             failures = 0 if before - state.value > options.least_gain else failures + 1

@@ -99,6 +99,23 @@ def test_several_starts_leave_a_side_valley():
     assert ends[8][-1] == pytest.approx(0.0, abs=1e-3)
 
 
+def test_the_best_ends_of_short_descents_span_the_next_simplex():
+    """They scatter along the valley, where directions at random lead up its sides."""
+    valley, seen = random_valley(3), []
+    options, evaluated = RestartOptions(), [[] for _ in range(20)]
+
+    def objective(x):
+        seen.append((valley(x), tuple(x)))
+        return seen[-1][0]
+
+    for state in restarts.minimise(batched(objective), np.zeros(6), np.eye(6), options, seed=5):
+        if not state.converged:
+            evaluated[state.restart].append(seen[-1])
+    ends = sorted(min(points) for points in evaluated[: options.multi_starts])
+    simplex = evaluated[options.multi_starts][:7]
+    assert np.array([x for _, x in simplex]) == pytest.approx(np.array([x for _, x in ends[:7]]))
+
+
 def test_restarts_are_deterministic_and_end_converged():
     options, objective = RestartOptions(), batched(random_valley(3))
 
