@@ -4,7 +4,8 @@ A search runs the stages (``fit.stages``) from the start, and again while the fo
 far. It goes on without the pixels on which something else stands in front (``fit.occlusion``), and
 ends with a verdict on its pose. Unless that is trusted, it is continued from there, and at last
 from the pose turned about an axis of the model's own; such a pose is taken where the verdict allows
-it. A start that is an estimate is given back where the end is not sure to be better.
+it. Of a pose that is found the model's proportions are checked at last (``fit.proportions``). A
+start that is an estimate is given back where the end is not sure to be better.
 
 Which pixels objects hide of one another depends on all their poses, so their searches take turns:
 the object seen most goes first, and each is compared where those that stand firm leave it to be
@@ -39,6 +40,7 @@ from poseviewer.fit.problem import (
     pose_loss,
 )
 from poseviewer.fit.progress import FitProgress, Status
+from poseviewer.fit.proportions import other_proportions
 from poseviewer.fit.scene import Scene, SearchResult
 from poseviewer.fit.settings import settings_as_json
 from poseviewer.fit.stages import fit_pose
@@ -190,7 +192,7 @@ class Search:
             before, loss, is_coarse = best.pose, best.loss, False
             best = yield from self._run(best.problem, best)
             gain = loss - best.loss if is_among else math.inf
-        best = yield from self._finish(best, gain)
+        best = self._of_this_model((yield from self._finish(best, gain)))
         is_unsure = best.verdict is not None and best.verdict.probability < SURE_FROM
         yield self._told(self._kept(best) if is_unsure and problem.settings.keep_start else best)
 
@@ -268,6 +270,17 @@ class Search:
             best = after if is_taken(after, best, is_turned) else after.keeping(best)
             gain = loss - best.loss
         return best
+
+    def _of_this_model(self, end: FitProgress) -> FitProgress:
+        """The ``end``, doubtful where another model's proportions explain the only photo better."""
+        verdict, views = end.verdict, end.problem.views
+        if verdict is None or verdict.word != "found" or len(views) > 1:
+            return end
+        said = other_proportions(end.problem, self._renderer, end.pose, self._threads)
+        if not said:
+            return end
+        verdict = structs.replace(verdict, word="doubtful", reasons=(said, *verdict.reasons))
+        return replace(end, verdict=verdict, seconds=time.perf_counter() - self._began)
 
     def _kept(self, end: FitProgress) -> FitProgress:
         """The start in place of the ``end``, with its own verdict, which says where that was."""
