@@ -16,21 +16,27 @@ from textwrap import fill
 
 import msgspec
 import numpy as np
-from scipy.stats import quantile_test
 
+from poseviewer.api import make_scene
 from poseviewer.cli import main as cli
 from poseviewer.evaluation.cases import visibility
+from poseviewer.evaluation.photos import make_photos
+from poseviewer.evaluation.plan import DRAWN, Plan
 from poseviewer.evaluation.report import (
+    COLUMNS,
     LABELS,
+    NONE,
     Share,
     calibration_table,
     grouped,
+    median,
     reliability_panels,
     study_table,
 )
 from poseviewer.evaluation.speed import PATHS, SpeedReport
-from poseviewer.evaluation.trials import Trial
-from poseviewer.figures.landscape_sheet import figure_bytes
+from poseviewer.evaluation.trials import KEY, Task, Trial
+from poseviewer.figures.landscape_sheet import figure_bytes, make_landscape_row
+from poseviewer.figures.loss_maps import LossMaps
 from poseviewer.figures.study_sheet import Panel, make_study_sheet
 from poseviewer.figures.text_table import Table
 from poseviewer.files.table import load_rows
@@ -46,6 +52,14 @@ SETS |= dict.fromkeys(("visp_dragon", "m3t_shampoo", "car_audi_tts"), SINGLE)
 """Names of the sets of photos."""
 LMO_PERCENT = 6.0
 """Largest error of the annotations of LINEMOD-Occlusion, by the object's size."""
+CLIPPED, TRACED = "background,photo-parallel", "bmw"
+"""Photos of the study, and cases, that the paper's loss is tried on by both searches, too."""
+SEARCHED = ("paper", "real", "searches", "searches-real")
+"""Studies that have starts which both searches had."""
+HELD = ("delta_x", "delta_y", "psi_x", "psi_y")
+"""Numbers that stay at the truth on maps of the rear wheel's place."""
+FAR = 0.08
+"""Deviation to which the paper finds all on a background."""
 FEWEST, WIDEST = 10, 12
 """Least fits of a point in a figure; characters of a line below an axis."""
 SEEN_FROM = (0.0, 0.5, 0.75, 0.9, 0.98)
@@ -66,6 +80,14 @@ def measure(folder: Path, starts: int, draws: int) -> None:
     tabletops = "--real", DATA / "clutter", "--degrees", "15", "--draws", (draws + 1) // 2
     _run("study", "--out", folder / "clutter", *tabletops)
     _run("study", "--out", folder / "among", *tabletops, "--among-others")
+    near = "--out", folder / "searches", "--deviations", 100.0 * FAR, "--readings", "relative"
+    _run("study", *near, "--search", "simplex", "--starts", starts)
+    of_paper = "--loss", "paper", "--pixels", "clip", "--search"
+    _run("study", *near, *of_paper, "models", "--kinds", CLIPPED, "--starts", starts)
+    real = "--out", folder / "searches-real", "--real", DATA, "--degrees", 15, "--draws", 1
+    _run("study", *real, "--search", "simplex")
+    for search in ("auto", "models"):
+        _run("study", *real, "--cases", TRACED, *of_paper, search)
 
 
 def _run(*words: object) -> None:
@@ -77,7 +99,7 @@ def _run(*words: object) -> None:
 def load_trials(folder: Path) -> dict[str, list[Trial]]:
     """Load all rows by study; an end on LINEMOD-Occlusion is right within its own accuracy."""
     studies = {}
-    for name in ("paper", "real", "clutter", "among"):
+    for name in ("paper", "real", "clutter", "among", "searches", "searches-real"):
         rows = load_rows(folder / name / "trials.csv", Trial)
         limit = LMO_PERCENT + 1.0
         rows.sort(key=lambda row: ([*SETS, row.set].index(row.set), row.degrees, -row.visible))
@@ -88,16 +110,38 @@ def load_trials(folder: Path) -> dict[str, list[Trial]]:
     return studies
 
 
-def median(values: Iterable[float]) -> tuple[float, float, float]:
-    """Median and its 95 % interval, which order statistics give (nan of fewer than six values)."""
-    array = np.array([*values])
-    low, high = quantile_test(array, p=0.5).confidence_interval(0.95)
-    return float(np.median(array)), float(low), float(high)
+def landscapes(folder: Path, size: int) -> dict[str, LossMaps]:
+    """Maps of the paper's losses about the truth of the first drawn photos, by kind and pixels."""
+    plan, maps = Plan(out=folder / "paper", loss="paper", photos=1), {}
+    for kind in DRAWN:
+        (case,) = make_photos(plan, kind, print)
+        for settings in plan.settings(kind):
+            task = Task(case, case.truth, replace(settings, lock=HELD))
+            scene = make_scene(*task.open(), 0)
+            maps[f"{LABELS[kind]}, {settings.pixels}"] = scene.landscape(size=size)
+    return maps
 
 
-def _error(trials: Iterable[Trial]) -> str:
-    value, low, high = median(trial.error_percent_end for trial in trials)
-    return f"{value:.2f}" + f" ({low:.2f} to {high:.2f})" * (low <= high)
+def missed_table(trials: Iterable[Trial], maps: Mapping[str, LossMaps]) -> Table:
+    """Tabulate misses of the paper's method, and where its loss is least on the maps."""
+    rows, own = [], [trial for trial in trials if trial.method == "paper"]
+    for name, some in grouped(own, lambda t: f"{LABELS[t.set]}, {t.pixels}").items():
+        missed = [trial for trial in some if not trial.found]
+        lower = sum(trial.loss_end < trial.loss_truth for trial in missed)
+        least = _least(maps[name]) if name in maps else (NONE, NONE, NONE)
+        rows.append((name, f"{len(missed)} of {len(some)}", str(lower), *least))
+    columns = "photos", "missed", "with less loss than truth", "loss at truth", "least", "away"
+    return Table("Misses of the paper's method, and the maps' least losses", columns, tuple(rows))
+
+
+def _least(maps: LossMaps) -> tuple[str, ...]:
+    """Losses at the centre of a map and at its minimum, and how far that is by the wheelbase."""
+    (piece,) = maps.slices
+    assert piece.minimum is not None  # all are known
+    at, middle = [piece.first, piece.second], len(piece.losses) // 2
+    away = np.linalg.norm((piece.minimum[:2] - maps.centre[at]) / maps.scales[at])
+    losses = piece.losses[middle, middle], piece.minimum.loss
+    return (*(f"{loss:.2f}" for loss in losses), f"{100.0 * away:.0f} %")
 
 
 def error_table(studies: Mapping[str, Sequence[Trial]]) -> Table:
@@ -108,7 +152,7 @@ def error_table(studies: Mapping[str, Sequence[Trial]]) -> Table:
         groups |= {(f"{words}, {label}", 15): some for label, some in seen.items()}
     rows = []
     for (name, degrees), some in groups.items():
-        cells = name, f"{degrees}°", str(len(some)), _error(some)
+        cells = name, f"{degrees}°", str(len(some)), COLUMNS["end"](some)
         rows.append((*cells, *(str(_within(some, limit)) for limit in (1.0, 2.0, 5.0))))
     columns = "photos", "off by", "fits", "error, %", "within 1 %", "within 2 %", "within 5 %"
     return Table("Errors of fits, median and shares in % (95 % interval)", columns, tuple(rows))
@@ -116,6 +160,26 @@ def error_table(studies: Mapping[str, Sequence[Trial]]) -> Table:
 
 def _within(trials: Iterable[Trial], limit: float) -> Share:
     return Share.of(trials, lambda trial: trial.error_percent_end <= limit)
+
+
+def search_table(studies: Mapping[str, Sequence[Trial]]) -> Table:
+    """Tabulate each loss by each search, from the starts that both searches had."""
+
+    def start(trial: Trial) -> tuple[object, ...]:
+        named = (getattr(trial, name) for name in KEY if name != "method")
+        return trial.method.partition(" by ")[0], *named
+
+    def line(trial: Trial) -> tuple[str, str]:
+        return "the study's, 8 % off" if trial.percent else "real, 15° off", trial.method
+
+    every = [trial for name in SEARCHED for trial in studies[name]]
+    starts, rows = grouped(every, start), []
+    both = [trial for trial in every if len({t.method for t in starts[start(trial)]}) > 1]
+    for names, some in sorted(grouped(both, line).items()):
+        cells = *names, str(len(some)), str(Share.of(some)), COLUMNS["end"](some)
+        rows.append((*cells, *(COLUMNS[name](some) for name in ("evaluations", "seconds"))))
+    columns = "photos", "method", "fits", "right, %", "error, %", "evaluations", "seconds"
+    return Table("Each loss by each search: shares, and medians", columns, tuple(rows))
 
 
 def error_panel(studies: Mapping[str, Sequence[Trial]]) -> Panel:
@@ -169,7 +233,7 @@ def _categories(lines: Mapping[str, list[Point]], names: Sequence[str], unit: st
     return Panel(lines, axes, joined=False)
 
 
-def write_page(folder: Path, page: Path, readme: Path, options: str) -> None:
+def write_page(folder: Path, page: Path, readme: Path, options: str, size: int = 41) -> None:
     """Write tables and figures of what the folder holds between the marks of both files."""
     studies = load_trials(folder)
     rows = (*studies["paper"], *studies["real"], *studies["clutter"])
@@ -180,31 +244,40 @@ def write_page(folder: Path, page: Path, readme: Path, options: str) -> None:
 
     command = f"`python -m assets.source.results FOLDER{options}`"
     texts = {"measured": f"Measured until {day} by {command} on {machine}."}
+    texts["searches"] = search_table(studies).as_markdown()
+    maps = landscapes(folder, size)
+    names = next(iter(maps.values())).names
+    pieces = {name: (of.slices[0], of.centre) for name, of in maps.items()}
     parts = {
         "reliability": (
             study_table(studies["paper"]),
             "Share found against the deviation of the start",
-            reliability_panels(studies["paper"]),
+            make_study_sheet(reliability_panels(studies["paper"])),
+        ),
+        "landscapes": (
+            missed_table(studies["paper"], maps),
+            "The paper's losses about the truth, by the rear wheel's place",
+            make_landscape_row(pieces, names, FAR),
         ),
         "errors": (
             error_table(studies),
             "Errors on tabletops against the visible share",
-            [[error_panel(studies)]],
+            make_study_sheet([[error_panel(studies)]]),
         ),
         "verdict": (
             calibration_table(judged),
             "True share against the stated probability",
-            [[calibration_panel(judged)]],
+            make_study_sheet([[calibration_panel(judged)]]),
         ),
         "speed": (
             speed,
             "Times of an evaluation and of a fit",
-            [speed_panels(speed, studies["paper"])],
+            make_study_sheet([speed_panels(speed, studies["paper"])]),
         ),
     }
-    for name, (table, words, panels) in parts.items():
+    for name, (table, words, sheet) in parts.items():
         path = page.parent / "pictures" / f"results_{name}.png"
-        path.write_bytes(figure_bytes(make_study_sheet(panels)))
+        path.write_bytes(figure_bytes(sheet))
         texts[name] = f"![{words}](pictures/{path.name})\n\n{table.as_markdown()}"
     fill_in(page, texts)
     fill_in(readme, {"results": readme_table(studies)})
@@ -217,7 +290,7 @@ def readme_table(studies: Mapping[str, Sequence[Trial]]) -> str:
     groups |= grouped(studies["clutter"], lambda t: f"tabletops, {visibility(t.visible)}")
     for name, some in groups.items():
         shares = (str(_within(some, limit)) for limit in (1.0, 5.0))
-        rows.append((name, str(len(some)), _error(some), *shares))
+        rows.append((name, str(len(some)), COLUMNS["end"](some), *shares))
     columns = "photos", "fits", "error, %", "within 1 %", "within 5 %"
     title = "Starts 5 and 15 degrees off: median error and shares in % (95 % interval)"
     return Table(title, columns, tuple(rows)).as_markdown()

@@ -5,7 +5,7 @@ from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from typing import NamedTuple, Self, TypeVar
 
 import numpy as np
-from scipy.stats import binomtest
+from scipy.stats import binomtest, quantile_test
 
 from poseviewer.evaluation.cases import visibility
 from poseviewer.evaluation.plan import KINDS
@@ -49,8 +49,20 @@ def _values(trials: Iterable[Trial], name: str) -> FloatArray:
     return np.array([getattr(trial, name) for trial in trials], float)
 
 
+def median(values: Iterable[float]) -> tuple[float, float, float]:
+    """Median and its 95 % interval, which order statistics give (nan of fewer than six values)."""
+    array = np.array([*values])
+    low, high = quantile_test(array, p=0.5).confidence_interval(0.95)
+    return float(np.median(array)), float(low), float(high)
+
+
 def _median(name: str, shown: str) -> Column:
-    return lambda trials: format(np.median(_values(trials, name)), shown)
+    def column(trials: Sequence[Trial]) -> str:
+        value, low, high = median(_values(trials, name))
+        interval = f" ({low:{shown}} to {high:{shown}})" if low <= high else ""
+        return f"{value:{shown}}{interval}"
+
+    return column
 
 
 def is_called_found(trial: Trial) -> bool:

@@ -1,6 +1,6 @@
 """A loss landscape on one sheet: a map for every two numbers, in a triangle as a corner plot."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from io import BytesIO
 
 import numpy as np
@@ -10,6 +10,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from poseviewer.fit.slices import Slice
@@ -22,6 +23,8 @@ LEVELS = 15
 CELL_INCHES, SMALLEST_INCHES = 1.75, 3.6
 """Side of a map, and least side of all maps together."""
 DOTS_PER_INCH = 150
+ROW_INCHES = (3.9, 3.6)
+"""Width of each of several maps side by side, and height of their sheet."""
 POSE_COLOUR, MINIMUM_COLOUR = "#e4002b", "#ffffff"
 
 _MINIMUM = {"marker": "o", "markersize": 4.5, "markerfacecolor": MINIMUM_COLOUR}
@@ -58,6 +61,30 @@ def make_landscape_sheet(
         _name_axes(axes, piece, names, side / len(rows), (column == 0, row == len(rows) - 1))
     _add_key(figure, scale, what)
     figure.suptitle(title, x=0.95 / width, ha="left", fontsize=12, color=INK)
+    return figure
+
+
+def make_landscape_row(
+    maps: Mapping[str, tuple[Slice, FloatArray]], names: Sequence[str], share: float
+) -> Figure:
+    """Draw maps of several losses side by side by their titles, each with its own colour bar, a
+    cross at the true pose (d,) and the rectangle of numbers that are off by a ``share``.
+    """
+    figure = Figure((ROW_INCHES[0] * len(maps), ROW_INCHES[1]), layout="constrained")
+    every = figure.subplots(1, len(maps), squeeze=False)[0]
+    for axes, (title, (piece, pose)) in zip(every, maps.items(), strict=True):
+        scale, at = _range([piece.losses]), pose[[piece.first, piece.second]]
+        _draw_map(axes, piece, pose, scale)
+        low, size = (1.0 - share) * at, 2.0 * share * at
+        axes.add_patch(Rectangle(tuple(low), *size, fill=False, ls="--", ec=POSE_COLOUR))
+        named = {"xlabel": readable(names[piece.first]), "ylabel": readable(names[piece.second])}
+        axes.set(title=title, **named)
+        figure.colorbar(ScalarMappable(scale, COLOURS), ax=axes)
+    marks = [
+        Line2D([], [], linestyle="none", **kind) for kind in ({**_POSE, "label": "truth"}, _MINIMUM)
+    ]
+    marks.append(Line2D([], [], label=f"{share:.0%} off", ls="--", c=POSE_COLOUR))
+    figure.legend(handles=marks, loc="outside lower center", ncols=len(marks), frameon=False)
     return figure
 
 

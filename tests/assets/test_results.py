@@ -30,11 +30,16 @@ def folder(tmp_path: Path) -> Path:
     of_paper = replace(
         TRIAL, set="plain", reading="relative", percent=4.0, degrees=0, visible=math.nan
     )
+    missed = replace(of_paper, method="paper", pixels="whole", found=False)
+    missed = replace(missed, loss_end=0.1, loss_truth=0.2)
+    by_simplex = replace(TRIAL, method="default by simplex", found=False, error_percent_end=9.0)
     rows = {
-        "paper": [of_paper] * 9 + [replace(of_paper, method="paper", found=False)],
+        "paper": [of_paper] * 9 + [missed, replace(missed, loss_end=0.3)],
         "real": [TRIAL] * 9 + [LOST] * 3 + [replace(LOST, set="lmo", error_percent_end=5.0)] * 6,
         "clutter": [replace(TRIAL, set="clutter", visible=0.6)] * 12,
         "among": [replace(LOST, set="clutter", visible=0.6)] * 12,
+        "searches": [replace(of_paper, case="other", method="default by simplex")],
+        "searches-real": [by_simplex] * 9,
     }
     for name, trials in rows.items():
         (tmp_path / name).mkdir()
@@ -51,11 +56,18 @@ def test_page_and_readme_say_what_was_measured(folder: Path) -> None:
     for path, source in ((page, results.PAGE), (readme, results.README)):
         path.write_text(source.read_text(encoding="utf-8"), encoding="utf-8")
     (folder / "pictures").mkdir()
-    results.write_page(folder, page, readme, " --starts 10")
+    results.write_page(folder, page, readme, " --starts 10", size=5)
     text, source = page.read_text(encoding="utf-8"), results.PAGE.read_text(encoding="utf-8")
     assert "results FOLDER --starts 10` on Chip, 2 cores." in text
-    assert "| default: synthetic, plain black ground | relative | 100 (70 to 100) |" in text
-    assert "| paper: synthetic, plain black ground | relative | 0 (0 to 79) |" in text
+    start = "100 (70 to 100) | 10.00 (10.00 to 10.00) |"
+    assert f"| default: synthetic, plain black ground | relative | {start}" in text
+    assert "| paper: synthetic, plain black ground, whole | relative | 0 (0 to 66) |" in text
+    least = re.search(r"ground, whole \| 2 of 2 \| 1 \| (.+) \| (.+) \| (\d+) % \|\n", text)
+    assert least is not None
+    assert float(least[1]) >= float(least[2])
+    assert "| real, 15° off | default | 9 | 100 (70 to 100) | 0.50 (0.50 to 0.50) |" in text
+    assert "| real, 15° off | default by simplex | 9 | 0 (0 to 30) | 9.00 (9.00 to 9.00) |" in text
+    assert "8 % off |" not in text  # no start that both searches had
     groceries = "| 12 | 0.50 (0.50 to 20.00) | 75 (47 to 91) | 75 (47 to 91) | 75 (47 to 91) |"
     assert f"| groceries (truth good to 1 %) | 15° {groceries}" in text
     assert "| tabletops, others given, seen 50-90 % | 15° | 12 | 20.00 (20.00 to 20.00) |" in text
@@ -63,7 +75,7 @@ def test_page_and_readme_say_what_was_measured(folder: Path) -> None:
     assert "| all | 39 | 74 | 92 (80 to 97) | 30 | 100 (89 to 100) |" in text
     assert "| d  software, one thread | 13 | 10 to 16 |" in text
     pictures = re.findall(r"\]\((pictures/\w+\.png)\)", text)
-    assert len(pictures) == 4
+    assert len(pictures) == 5
     assert all(load_photo(folder / picture).width > 500 for picture in pictures)
     kept = re.compile(r"begin -->.*?<!--", re.DOTALL)
     assert kept.sub("", text) == kept.sub("", source)
@@ -85,5 +97,6 @@ def test_what_the_page_is_measured_by_are_commands(tmp_path: Path, monkeypatch) 
     lines: list[list[str]] = []
     monkeypatch.setattr(results, "_run", lambda *words: lines.append([*map(str, words)]))
     results.measure(tmp_path, 10, 5)
-    assert [cli.parse(line).command for line in lines] == ["bench", *["study"] * 5]
-    assert [line[-1] for line in lines[1:]] == ["10", "10", "5", "3", "--among-others"]
+    assert [cli.parse(line).command for line in lines] == ["bench", *["study"] * 10]
+    lasts = ["10", "10", "5", "3", "--among-others", "10", "10", "simplex", "auto", "models"]
+    assert [line[-1] for line in lines[1:]] == lasts

@@ -6,8 +6,13 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from matplotlib.patches import Rectangle
 
-from poseviewer.figures.landscape_sheet import figure_bytes, make_landscape_sheet
+from poseviewer.figures.landscape_sheet import (
+    figure_bytes,
+    make_landscape_row,
+    make_landscape_sheet,
+)
 from poseviewer.fit.slices import Slice
 
 NAMES = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y", "width_per_focal")
@@ -54,6 +59,22 @@ def test_a_shared_scale_gives_one_loss_one_colour():
 
 def _limits(axes):
     return axes.collections[0].norm.vmin, axes.collections[0].norm.vmax
+
+
+def test_maps_side_by_side_have_their_own_scales_and_marks():
+    piece, pose = make_slices(2)[0], np.array([0.0, 1.0])
+    steep = Slice(0, 1, piece.first_values, piece.second_values, 3.0 * piece.losses)
+    figure = make_landscape_row({"flat": (piece, pose), "steep": (steep, pose)}, NAMES, 0.1)
+    flat, steeper = maps_of(figure)
+    assert (flat.get_title(), steeper.get_title()) == ("flat", "steep")
+    assert _limits(steeper) == pytest.approx(3.0 * np.array(_limits(flat)))
+    (box,) = flat.patches
+    assert isinstance(box, Rectangle)
+    assert box.get_bbox().extents == pytest.approx([0.0, 0.9, 0.0, 1.1])
+    assert [_place(mark) for mark in flat.lines] == [
+        pytest.approx([0.05, 0.9]),
+        pytest.approx(pose),
+    ]
 
 
 @pytest.mark.parametrize("known", [0.0, 0.2])
