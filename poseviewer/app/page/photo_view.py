@@ -33,8 +33,10 @@ DEPTH, SIDE = 20.0, 10.0
 LARGEST_SIDE, LARGEST_SHOWN = 8192, 24_000_000
 """px of a photo's side, and of a photo, beyond which a smaller one is shown."""
 PICTURE, TINT, OTHERS_HALO, OTHERS = 0.998, 0.9978, 0.9973, 0.9971
-HALO, OUTLINE = 0.997, 0.996
+EDGES, HALO, OUTLINE = 0.9975, 0.997, 0.996
 """Depths of what lies over the photo, in shares of the photo's."""
+EDGE_COLOUR = (0, 135, 152)
+"""RGB of the edges inside the model, fainter than its outline."""
 HIDDEN_COLOUR, FOUND_COLOUR = (255, 64, 64), (170, 90, 255)
 """RGB of the tint over what was painted, and over what a search took for an occluder."""
 HIDDEN_OPACITY, HIDDEN_OPACITY_WHILE_PAINTED = 0.25, 0.5
@@ -190,10 +192,12 @@ def _model(session: Session) -> Iterator[Drawing]:
     if overlay is None or session.look == "none":
         return
     yield Drawing("/model/halo", HALO, overlay.outline, None, HALO_COLOUR, 4.6)
+    yield Drawing("/model/edges", EDGES, overlay.edges, None, EDGE_COLOUR, 1.0)
     yield Drawing(OUTLINE_NAME, OUTLINE, overlay.outline)
-    pixels, part = overlay.picture, Rectangle(*overlay.place)
-    if pixels is not None and part.width > 0.0:
-        yield Drawing(f"/model/picture{pixels.shape[2]}", PICTURE, pixels, part)
+    if overlay.picture is not None:
+        photo = session.document.photo
+        part = Rectangle(0.0, 0.0, photo.width, photo.height)
+        yield Drawing("/model/picture", PICTURE, overlay.picture, part)
 
 
 def _other_objects(session: Session) -> Iterator[Drawing]:

@@ -57,9 +57,9 @@ class Overlay:
     outline: FloatArray
     """(N, 2, 2): line segments in px of the photo."""
     picture: NDArray[np.uint8] | None = None
-    """(h, w, 3 or 4): RGB in place of the photo, or RGBA over it; None for none."""
-    place: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-    """Rectangle of the picture: left, top, width, height in px of the photo."""
+    edges: FloatArray = field(default_factory=lambda: NO_LINES)
+    """(N, 2, 2): edges inside it, as such segments."""
+    """(h, w, 3): RGB in place of the photo; None for none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

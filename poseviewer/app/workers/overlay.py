@@ -27,7 +27,8 @@ from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.overlay.contour import Sketch, quick_silhouette, silhouette
 from poseviewer.render.overlay.edges import find_lines
-from poseviewer.render.overlay.looks import ModelInPhoto, Relight, draw_look, edge_layer, line_scale
+from poseviewer.render.overlay.looks import ModelInPhoto, Relight, draw_look, line_scale
+from poseviewer.starts.placing import framed
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -128,8 +129,7 @@ class OverlayDrawer:
         if others:
             behind = _depth_of(others, factor) < depth_image(PlacedModel(own.mesh, pose))
             picture = np.where(behind[..., None], pixels, picture)
-        place = (0.0, 0.0, float(photo.width), float(photo.height))
-        return Overlay(request, NO_LINES, picture, place)
+        return Overlay(request, NO_LINES, picture=picture)
 
 
 @lru_cache(maxsize=1)
@@ -151,11 +151,7 @@ def draw_fine_lines(request: Session, renderer: SoftwareRenderer) -> Overlay:
     lines = find_lines(mesh, renderer, pose, scale)
     if lines is None:
         return Overlay(request, NO_LINES)
-    left, top, width, height = (
-        float(getattr(lines.window, side)) for side in ("left", "top", "width", "height")
-    )
-    outline = silhouette(lines.covered, lines.window)
-    return Overlay(request, outline, edge_layer(lines, scale), (left, top, width, height))
+    return Overlay(request, silhouette(lines.covered, lines.window), lines.edge_segments())
 
 
 @lru_cache(maxsize=1)

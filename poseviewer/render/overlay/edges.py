@@ -32,6 +32,9 @@ SHORTEST, SMALLEST_HOLE = 7.0, 16.0
 """Shorter feature edges, in line widths, are specks; smaller holes (wheel spokes) not outlined."""
 REACH, CROWDED = 10.0, 0.22
 """Reach of a line's neighbourhood, in line widths, and its share from which on edges fade."""
+LEAST_SHOWN, TOLERANCE = 0.5, 0.6
+"""Crowded edges drawn fainter than this share are left out as segments; these run no farther, in
+samples, beside their edges."""
 FINEST, MOST_SAMPLES = 3, 4_000_000
 """Most samples along a photo pixel's side, and in the picture of face ids."""
 
@@ -49,6 +52,8 @@ class LineDrawing:
     """(h, w) in [0, 1]: how strongly feature edges are to be drawn."""
     covered: NDArray[np.bool_]
     """(h, w): the samples inside the silhouette, small holes among them."""
+    nearer: NDArray[np.bool_]
+    """(h, w): the samples left of feature edges, or above them."""
 
     def outline(self, line_width: float) -> NDArray[np.float32]:
         """Opacity (h, w) in [0, 1], at the samples, of the silhouette ``line_width`` px wide."""
@@ -57,6 +62,17 @@ class LineDrawing:
     def edges(self, line_width: float) -> NDArray[np.float32]:
         """Opacity (h, w) in [0, 1], at the samples, of the feature edges ``line_width`` px wide."""
         return self._stroke(self.features, line_width) * self.crowding
+
+    def edge_segments(self) -> FloatArray:
+        """(N, 2, 2): feature edges as line segments in px of the photo, without crowded ones."""
+        thin = (self.nearer & (self.crowding > LEAST_SHOWN)).astype(np.uint8)
+        pieces = [np.zeros((0, 2, 2))]
+        # The contour of a line one sample wide runs along it, and back.
+        for line in cv2.findContours(thin, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]:
+            kept = cv2.approxPolyDP(line, TOLERANCE, closed=True)[:, 0]
+            pieces.append(np.stack([kept, np.roll(kept, -1, axis=0)], axis=1).astype(float))
+        window = self.window
+        return (np.concatenate(pieces) + 0.75) / window.samples + [window.left, window.top]
 
     def _stroke(self, distance: NDArray[np.float32], line_width: float) -> NDArray[np.float32]:
         return np.clip((line_width / 2.0 - distance) * self.window.samples + 0.5, 0.0, 1.0)
@@ -73,18 +89,22 @@ def find_lines(mesh: Mesh, renderer: Renderer, pose: Pose, scale: float) -> Line
     if not image.mask.any():
         return None
     width, half, samples = scale * window.samples, np.float32(0.5), np.float32(window.samples)
-    marked = _without_specks(_feature_samples(mesh, close, image), SHORTEST * width)
+    nearer, both = _feature_samples(mesh, close, image)
+    marked = _without_specks(both, SHORTEST * width)
     outside = _without_specks(~image.mask, SMALLEST_HOLE * width)
     silhouette = (np.where(outside, _distance(outside), _distance(~outside)) - half) / samples
     # Samples on both sides of an edge are marked: it runs half a sample beside their centres.
     features = (_distance(~marked) + half) / samples
-    return LineDrawing(window, silhouette, features, _crowding(marked, width), ~outside)
+    return LineDrawing(
+        window, silhouette, features, _crowding(marked, width), ~outside, nearer & marked
+    )
 
 
 def _feature_samples(mesh: Mesh, pose: Pose, image: AttributeImage) -> NDArray[np.bool_]:
-    """(h, w): the samples on both sides of a feature edge."""
+    """(2, h, w): the samples left of feature edges or above them, and those on both sides."""
     ids, normals = image.face_ids.ravel(), image.normals.reshape(-1, 3)
-    is_edge, index = np.zeros(ids.size, bool), np.arange(ids.size).reshape(image.face_ids.shape)
+    nearer, farther = np.zeros((2, ids.size), bool)
+    index = np.arange(ids.size).reshape(image.face_ids.shape)
     points = pose.camera_from_model.apply(mesh.vertices)
     planes, _ = face_normals_and_areas(points, mesh.faces)
     offsets = np.einsum("ij,ij->i", planes, points[mesh.faces[:, 0]])
@@ -97,8 +117,8 @@ def _feature_samples(mesh: Mesh, pose: Pose, image: AttributeImage) -> NDArray[n
         lies = bend < math.cos(math.radians(CREASE_DEG))
         lies |= _are_boundaries(mesh, ids[one], ids[other])
         lies |= _are_steps(mesh, pose.camera, planes, ids, one, other)
-        is_edge[one[lies]] = is_edge[other[lies]] = True
-    return is_edge.reshape(index.shape)
+        nearer[one[lies]] = farther[other[lies]] = True
+    return np.stack([nearer, nearer | farther]).reshape(2, *index.shape)
 
 
 def _are_boundaries(mesh: Mesh, one: NDArray[np.int32], other: NDArray[np.int32]) -> NDArray:

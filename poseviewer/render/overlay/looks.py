@@ -10,7 +10,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.render.overlay.edges import LineDrawing, find_lines
+from poseviewer.render.overlay.edges import find_lines
 from poseviewer.render.overlay.residual import paint_residual
 from poseviewer.render.overlay.window import model_window
 from poseviewer.render.types import AttributeImage, Renderer
@@ -86,16 +86,6 @@ def draw_look(name: str, view: ModelInPhoto) -> Picture:
 def line_scale(width: int, height: int) -> float:
     """By how much lines are widened in a photo of this size; never below 1."""
     return max(1.0, max(width, height) / REFERENCE_SIDE)
-
-
-def edge_layer(lines: LineDrawing, scale: float) -> Picture:
-    """(h, w, 4), RGBA: the feature edges of the look ``outline`` alone, at the window's samples."""
-    stroke = EDGE_STRENGTH * lines.edges(EDGE_WIDTH * scale)
-    halo = HALO_OPACITY * EDGE_STRENGTH * lines.edges((EDGE_WIDTH + 2.0 * HALO_WIDTH) * scale)
-    opacity = stroke + halo * (1.0 - stroke)
-    share = (stroke / np.maximum(opacity, 1e-6))[..., None]
-    colour = share * np.array(LINE_COLOUR) + (1.0 - share) * np.array(HALO_COLOUR)
-    return np.rint(np.dstack([colour, 255.0 * opacity])).astype(np.uint8)
 
 
 def _draw_lines(view: ModelInPhoto, outline_width: float, edge_strength: float) -> Picture:

@@ -64,19 +64,13 @@ def losses_of(document: Document, renderer: SoftwareRenderer) -> Losses:
 def test_both_drawings_go_round_the_model(document, renderer):
     request = Session(document)
     quick, fine = OverlayDrawer(renderer).draw(request), draw_fine_lines(request, renderer)
-    assert quick.picture is None
-    assert fine.picture is not None
-    left, top, width, height = fine.place
-    assert fine.picture.shape[2] == 4
-    assert fine.picture.shape[1] / fine.picture.shape[0] == pytest.approx(width / height)
+    assert quick.picture is fine.picture is None
     # Within a pixel of the box of its vertices.
     seen = document.pose.project(document.mesh.vertices)
     for overlay in (quick, fine):
         points = overlay.outline.reshape(-1, 2)
         assert points.min(axis=0) == pytest.approx(seen.min(axis=0), abs=1.0)
         assert points.max(axis=0) == pytest.approx(seen.max(axis=0), abs=1.0)
-    assert np.all(fine.outline >= [left, top])
-    assert np.all(fine.outline <= [left + width, top + height])
 
 
 @pytest.mark.parametrize("settings", [SETTINGS, FitSettings("paper", pixels="whole")])

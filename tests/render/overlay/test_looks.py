@@ -60,6 +60,24 @@ def test_of_a_cube_nine_edges_are_drawn_and_three_are_hidden():
     assert strengths[3:].min() > 0.5
 
 
+def test_segments_of_a_cubes_edges_run_along_them_and_back():
+    mesh, pose = make_box((2.0, 2.0, 2.0)), cube_pose()
+    lines = find_lines(mesh, SoftwareRenderer(mesh), pose, 1.0)
+    assert lines is not None
+    segments = lines.edge_segments()
+    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+    near = corners[np.argmin(pose.camera_from_model.apply(corners)[:, 2])]
+    ends = pose.project(near - 2.0 * np.diag(near))  # of the three edges that meet there
+    begin = pose.project(near)
+    along = (ends - begin) / np.linalg.norm(ends - begin, axis=1, keepdims=True)
+    points = segments.reshape(-1, 2) - begin
+    off = np.abs(along[:, :1] * points[:, 1] - along[:, 1:] * points[:, 0]).min(axis=0)
+    assert off.max() < 0.6
+    length = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).sum()
+    wanted = 2.0 * np.linalg.norm(ends - begin, axis=1).sum()
+    assert length == pytest.approx(wanted, rel=0.05)
+
+
 def test_smooth_surfaces_have_no_feature_edges():
     pose = Pose(Parallel(80, 120, 120, SIZE, SIZE), cube_pose().camera_from_model)
     mesh = make_sphere(5)
