@@ -68,6 +68,9 @@ ROUNDS = ((32, 24, 0.12, SIDE_PX), (10, 80, 0.08, 60.0))
 """Rounds of descents from the best poses so far: their number; evaluations of each; edge of its
 simplex, radians and shares of the radius; side of the rectangle on the level that it is made on."""
 MOST_PROPOSALS = 5
+LEAD_POWER, EVEN_LEAD, OTHERS_SHARE = 0.95, 0.09, 0.07
+"""Odds fitted to photos with known poses: the first is right or wrong alike where its lead to the
+power is ``EVEN_LEAD``; each other one has this share of what remains."""
 DISTANCE = 0.1
 """Least mean distance between proposals in the photo, share of the rectangle's diagonal."""
 
@@ -143,6 +146,8 @@ class Proposal:
     pose: Pose
     loss: float
     """On the last level: to be compared with other proposals of the same search."""
+    odds: float = 0.0
+    """Probability that it is right."""
 
 
 def propose(
@@ -164,7 +169,15 @@ def propose(
         raise QuickStartError(
             "No view of the model fits there; lay the rectangle closer about the object."
         )
-    return proposals
+    return with_odds(proposals)
+
+
+def with_odds(proposals: Sequence[Proposal]) -> list[Proposal]:
+    """Proposals, the best first, with their odds by the first one's lead over the second."""
+    lead = proposals[1].loss - proposals[0].loss if len(proposals) > 1 else 1.0
+    first = lead**LEAD_POWER / (lead**LEAD_POWER + EVEN_LEAD)
+    odds = [first] + [OTHERS_SHARE * (1.0 - first)] * (len(proposals) - 1)
+    return [replace(own, odds=share) for own, share in zip(proposals, odds, strict=True)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -228,7 +228,6 @@ class AppPage:
         self.page.get_by_role("button", name="Fit to box").click()
         self.drag(shown.min(axis=0) - 4.0, shown.max(axis=0) + 4.0, photo)
         self.wait_for_text("proposal 1 of")
-        self.page.get_by_role("button", name="Start from it").click()
 
     def add_object(self, path: Path) -> None:
         """Add a model as a further object."""

@@ -40,6 +40,8 @@ def test_the_right_pose_is_among_five_that_differ(scene: Scene):
     assert any(is_right(pose_error(asked.inputs.mesh, one.pose, truth)) for one in found)
     assert 1 <= len(found) <= 5
     assert [one.loss for one in found] == sorted(one.loss for one in found)
+    first, *others = (one.odds for one in found)
+    assert sum(others) < first <= 1.0 - sum(others)
     corners = outermost_points(asked.inputs.mesh)
     box = box_of(truth, corners)
     for index, one in enumerate(found):

@@ -186,8 +186,8 @@ addEventListener("wheel", (event) => {
 // the sheet until the server has taken it.
 const sheet = document.createElementNS("http://www.w3.org/2000/svg", "svg");
 sheet.classList.add("pv-sheet");
-sheet.innerHTML = "<g></g><g></g>";
-const [handles, strokes] = sheet.children;
+sheet.innerHTML = '<g></g><g></g><path class="pv-line pv-hovered"/>';
+const [handles, strokes, hovered] = sheet.children;
 const pen = {
   shape: "", // "brush", "polygon", "scribble"
   erases: false, // unless alt or shift is held
@@ -466,6 +466,12 @@ function report(event) {
 }
 addEventListener("pointerdown", report);
 addEventListener("keydown", report);
+
+// The outline of a start that is hovered is drawn over the photo.
+addEventListener("pointerover", (event) => {
+  const path = event.target.closest?.(".pv-starts button")?.querySelector("path");
+  hovered.setAttribute("d", path?.getAttribute("d") ?? "");
+});
 
 // What has a text to copy is copied by way of a field: a page without TLS has no other clipboard.
 addEventListener("click", (event) => {

@@ -12,6 +12,7 @@ from viser import uplot
 
 from poseviewer.app.page.above_steps import loss_bar, parts_left_out
 from poseviewer.app.page.controls import Controls, kept, plain
+from poseviewer.app.page.strip import proposals_row
 from poseviewer.app.page.texts import (
     ends_table,
     focal_note,
@@ -137,7 +138,7 @@ def _add_quick_start(controls: Controls) -> None:
     controls.html(lambda s: WAITING if s.proposing else "")
     controls.text(proposals_text)
     controls.actions("Proposal", "previous", "next", visible=lambda s: proposals_of(s) > 1)
-    controls.action("take", color=None, icon="check", visible=lambda s: proposals_of(s) > 0)
+    controls.html(kept(lambda s: (s.proposals, s.document.photo), proposals_row))
     with controls.gui.add_folder("Quick start", expand_by_default=False):
         controls.actions("Mark", "pairs", "wheels")
         # Wheels are looked for in the region; where there is none yet, it is drawn first.

@@ -1,9 +1,12 @@
-"""The strip of several photos, below the large one: small pictures with the objects' outlines, what
-each says of the active object's pose, and whether it is compared.
+"""Small pictures with outlines: the strip of several photos, with what each says of the active
+object's pose and whether it is compared, and the row of proposed starts.
 """
 
+from dataclasses import replace
 from functools import lru_cache
 from html import escape
+
+import numpy as np
 
 from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.page.above_steps import ICONS, object_colour
@@ -12,13 +15,17 @@ from poseviewer.app.page.handles import path_of
 from poseviewer.app.state.session import Session
 from poseviewer.files.photo import Photo
 from poseviewer.fit.scene import SceneObject
+from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import scaled_size
+from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.looks import LINE_COLOUR
 
 THUMBNAIL = 240
 """Pixels of a small picture's longer side."""
 UNITS = 1000
 """Units of the outline over a small picture, along each side."""
+BESIDE = 0.3
+"""Share of an outline's sides by which more of the photo is shown about it."""
 QUALITY = 80
 """JPEG quality of the small pictures."""
 
@@ -63,6 +70,44 @@ def _cell(session: Session, index: int) -> str:
     )
 
 
+def proposals_row(session: Session) -> str:
+    """HTML of the proposed starts with their odds, each a piece of the photo with its outline; a
+    press takes it.
+    """
+    asked = session.proposals
+    if asked is None or not asked.starts:
+        return ""
+    photo, cells = session.document.photo, ""
+    for index, (start, lines) in enumerate(zip(asked.starts, asked.outlines, strict=True)):
+        url, part = _piece(photo, lines)
+        left, top, width, height = part
+        at = ' class="pv-at"' if index == asked.index else ""
+        cells += (
+            f'<button type="button"{at} title="proposal {index + 1}: press to start from it" '
+            f'{on_press("start", index=index)}><svg viewBox="{left} {top} {width} {height}">'
+            f'<image href="{url}" x="{left}" y="{top}" width="{width}" height="{height}"/>'
+            f"{_outline(path_of(lines), LINE_COLOUR)}</svg>{start.odds:.0%}</button>"
+        )
+    return f'<div class="pv-starts">{cells}</div>'
+
+
+def _piece(photo: Photo, outline: FloatArray) -> tuple[str, Rectangle]:
+    """URL and place of the part of the photo about an outline (n, 2, 2); else of all of it."""
+    whole = Rectangle(0, 0, photo.width, photo.height)
+    part = whole
+    if outline.size:
+        about = Rectangle.from_corners(*outline.min(axis=(0, 1)), *outline.max(axis=(0, 1)))
+        part = about.grown(BESIDE).intersection(whole)
+    left, top, right, bottom = map(int, (part.left, part.top, part.right, part.bottom))
+    pixels = np.ascontiguousarray(photo.pixels[top : bottom + 1, left : right + 1])
+    url = _small_picture(replace(photo, pixels=pixels))
+    return url, Rectangle(left, top, pixels.shape[1], pixels.shape[0])
+
+
+def _outline(path: str, colour: tuple[int, int, int]) -> str:
+    return f'<path class="pv-halo" d="{path}"/><path stroke="rgb{colour}" d="{path}"/>'
+
+
 def _outlines(session: Session, index: int) -> str:
     """SVG of the objects' outlines over a small picture."""
     outlines, drawn = session.outlines, ""
@@ -71,8 +116,7 @@ def _outlines(session: Session, index: int) -> str:
         return ""
     for number, lines in outlines.small[index].items():
         colour = LINE_COLOUR if number == session.document.number else object_colour(number)
-        path = path_of(UNITS * lines)
-        drawn += f'<path class="pv-halo" d="{path}"/><path stroke="rgb{colour}" d="{path}"/>'
+        drawn += _outline(path_of(UNITS * lines), colour)
     return drawn
 
 

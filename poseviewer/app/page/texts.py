@@ -128,14 +128,15 @@ def proposals_text(session: Session) -> str:
     if session.proposing:
         return "Trying views from everywhere (Esc stops it): some seconds, longer without a box."
     if asked is not None and proposals_of(session):
-        which = f"**proposal {asked.index + 1} of {len(asked.poses)}**"
-        return f"{which}, the likeliest first  \nspace: search from here"
+        which = f"**proposal {asked.index + 1} of {len(asked.starts)}**"
+        others = "press another one, or " if len(asked.starts) > 1 else ""
+        return f"{which}: {others}space to search from here"
     return ""
 
 
 def proposals_of(session: Session) -> int:
     """Number of proposals for what is open."""
-    return 0 if session.proposals is None else len(session.proposals.poses)
+    return 0 if session.proposals is None else len(session.proposals.starts)
 
 
 def focal_note(session: Session) -> str:

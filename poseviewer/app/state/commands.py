@@ -51,6 +51,7 @@ from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.frames import camera_as_integer_centres
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.starts.automatic import Proposal
 from poseviewer.starts.loading import scale_of_sight
 from poseviewer.starts.placing import framed, look_from, surface_point
 from poseviewer.vehicle.chart import VehicleChart
@@ -402,35 +403,37 @@ def stop_proposing(session: Session) -> Session:
 
 
 @edit
-def starts_proposed(session: Session, document: Document, poses: tuple[Pose, ...]) -> Session:
-    """Show the poses that were asked for at ``document``, the likeliest first."""
+def starts_proposed(
+    session: Session,
+    document: Document,
+    starts: tuple[Proposal, ...],
+    outlines: tuple[FloatArray, ...],
+) -> Session:
+    """Take the likeliest of the starts that were asked for at ``document``, and list all."""
     asked = session.proposals
-    if asked is None or asked.document is not document or asked.poses:
+    if asked is None or asked.document is not document or asked.starts:
         return session
-    return _with_proposal(session, replace(asked, poses=poses), 0)
+    return take_start(0)(
+        replace(session, proposals=replace(asked, starts=starts, outlines=outlines))
+    )
 
 
 @edit
 def step_proposals(session: Session, by: int = 1) -> Session:
-    """Show another proposal: ``by`` places on, round and round."""
+    """Take another proposal: ``by`` places on, round and round."""
     asked = session.proposals
-    if asked is None or not asked.poses:
+    if asked is None or not asked.starts:
         return session
-    return _with_proposal(session, asked, (asked.index + by) % len(asked.poses))
+    return take_start((asked.index + by) % len(asked.starts))(session)
 
 
 @edit
-def take_proposal(session: Session) -> Session:
-    """Make the proposal that is shown the start pose."""
+def take_start(session: Session, index: int) -> Session:
+    """Make a proposal the pose and the start pose."""
     asked = session.proposals
-    if asked is None or not asked.poses:
+    if asked is None or not 0 <= index < len(asked.starts):
         return session
-    document = session.document.at_pose(asked.poses[asked.index]).started
-    return replace(session.with_document(document, asked.document), proposals=None)
-
-
-def _with_proposal(session: Session, asked: ProposedStarts, index: int) -> Session:
-    document = put(session.document, asked.poses[index])
+    document = put(session.document, asked.starts[index].pose).started
     # One step back leads to before all proposals.
     session = session.with_document(document, asked.document)
     return replace(session, proposals=replace(asked, index=index))

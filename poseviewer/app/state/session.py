@@ -27,7 +27,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.starts.automatic import StartQuery
+from poseviewer.starts.automatic import Proposal, StartQuery
 from poseviewer.starts.loading import StartInputs
 
 Whose = Literal["chosen", "default", "paper", "both"]
@@ -146,11 +146,13 @@ class ProposedStarts:
 
     document: Document
     """Document that they were asked for at."""
-    poses: tuple[Pose, ...] = ()
+    starts: tuple[Proposal, ...] = ()
     """The likeliest first; none while they are looked for."""
     index: int = 0
     """The one that is shown."""
 
+    outlines: tuple[FloatArray, ...] = ()
+    """(n, 2, 2) of each: line segments in px of the photo."""
 
 def start_query(document: Document) -> StartQuery:
     """Request for start poses at a document, by its camera."""
@@ -274,7 +276,7 @@ class Session:
     @property
     def proposing(self) -> bool:
         """Whether start poses are being looked for."""
-        return self.proposals is not None and not self.proposals.poses
+        return self.proposals is not None and not self.proposals.starts
 
     @property
     def moving(self) -> bool:

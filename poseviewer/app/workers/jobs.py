@@ -27,6 +27,7 @@ from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.scene import Scene
 from poseviewer.fit.settings import LOSSES
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.render.overlay.contour import quick_silhouette
 from poseviewer.render.pool import processors
 from poseviewer.render.types import Renderer
 from poseviewer.starts.automatic import propose
@@ -110,15 +111,16 @@ def proposing(notify: Callable[[], None]) -> Job[Document, Edit]:
 
     def asked(session: Session) -> Document | None:
         wanted = session.proposals if session.preparation is None else None
-        return wanted.document if wanted is not None and not wanted.poses else None
+        return wanted.document if wanted is not None and not wanted.starts else None
 
     def make(document: Document) -> Iterator[Edit]:
         def watch() -> None:
             job.require_asked(document)
 
         renderer = renderer_of(document.mesh).clone()
-        proposals = propose(start_query(document), renderer, lower_priority, watch)
-        yield c.starts_proposed(document, tuple(proposal.pose for proposal in proposals))
+        starts = tuple(propose(start_query(document), renderer, lower_priority, watch))
+        lines = tuple(quick_silhouette(document.mesh, renderer, one.pose) for one in starts)
+        yield c.starts_proposed(document, starts, lines)
 
     job = Job("proposals", asked, make, notify, failed=lambda *_: c.stop_proposing())
     return job

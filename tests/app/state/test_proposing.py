@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from html import escape
 
 import numpy as np
 import pytest
 
+from poseviewer.app.page.reports import meaning_of
+from poseviewer.app.page.strip import proposals_row
 from poseviewer.app.state import commands as c
+from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.objects import add_object, pick_object
 from poseviewer.app.state.session import Session, start_query
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.starts.automatic import Proposal
 from tests.app.state.documents import (
     CAR,
     PERSPECTIVE,
@@ -26,12 +32,16 @@ POSES = tuple(
     Pose(PERSPECTIVE, RigidTransform.from_rotation_vector([turn, 0.1, 0.2], [0.1, 0.0, 7.0]))
     for turn in (0.1, 1.0, 2.0)
 )
+STARTS = tuple(Proposal(pose, 1.0, 0.3) for pose in POSES)
+OUTLINES = tuple(
+    np.array([[[20.0, 30.0 + i], [60.0, 30.0]], [[60.0, 30.0], [60.0, 50.0]]]) for i in range(3)
+)
 
 
 def proposed(session: Session) -> Session:
     asked = after(session, c.propose_starts())
     assert asked.proposals is not None
-    return after(asked, c.starts_proposed(asked.proposals.document, POSES))
+    return after(asked, c.starts_proposed(asked.proposals.document, STARTS, OUTLINES))
 
 
 def test_starts_are_looked_for_in_a_box_that_is_seen_meanwhile():
@@ -49,7 +59,7 @@ def test_starts_are_looked_for_in_a_box_that_is_seen_meanwhile():
     for ending in (c.stop_proposing(), c.cancel_drag()):
         assert after(drawn, ending).shown_box is after(drawn, ending).proposals is None
     assert after(drawn, c.undo()).document is drawn.history.past[0]
-    found = after(drawn, c.starts_proposed(drawn.proposals.document, POSES))
+    found = after(drawn, c.starts_proposed(drawn.proposals.document, STARTS, OUTLINES))
     searching = after(found, c.start_search())
     assert (found.shown_box, searching.shown_box) == (box, None)
     stopped = after(searching, c.stop_search())
@@ -71,13 +81,23 @@ def test_proposals_are_stepped_through_in_one_step_of_the_history():
     assert_same_pose(after(moved, c.undo(), c.undo()).document.pose, POSES[1])
 
 
-def test_the_one_taken_becomes_the_start():
+def test_the_one_that_is_pressed_becomes_the_start():
     session = make_session()
-    taken = after(proposed(session), c.step_proposals(1), c.take_proposal())
-    assert_same_pose(taken.document.start, POSES[1])
-    assert taken.proposals is None
-    assert after(taken, c.step_proposals(1)).document is taken.document
+    first = proposed(session)
+    row = proposals_row(first)
+    assert row.count("<image") == row.count("30%") == 3
+    press = {"kind": "start", "index": 2}
+    assert escape(json.dumps(press)) in row
+    pressed = meaning_of(json.dumps(press))
+    assert isinstance(pressed, Edit)
+    taken = after(first, pressed)
+    assert_same_pose(taken.document.pose, POSES[2])
+    assert_same_pose(taken.document.start, POSES[2])
+    marked = [button.split(">")[0] for button in proposals_row(taken).split("<button")[1:]]
+    assert ["pv-at" in button for button in marked] == [False, False, True]
     assert after(taken, c.undo()).document is session.document
+    assert after(taken, c.take_start(3)) is taken
+    assert proposals_row(session) == ""
 
 
 def test_proposals_for_an_object_wait_while_another_one_is_active():
@@ -98,7 +118,7 @@ def test_old_news_and_other_photos_change_nothing():
     assert session.proposals is not None
     assert after(session, c.propose_starts()) is session  # one at a time
     asked, other = session.proposals.document, make_document(photo=make_photo(1))
-    assert after(session, c.starts_proposed(other, POSES)) is session
-    opened = after(session, c.open_document(other), c.starts_proposed(asked, POSES))
+    assert after(session, c.starts_proposed(other, STARTS, OUTLINES)) is session
+    opened = after(session, c.open_document(other), c.starts_proposed(asked, STARTS, OUTLINES))
     assert opened.document is other
     assert opened.proposals is None
