@@ -23,7 +23,7 @@ from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import has_renderer, preparing, proposing, searching
 from poseviewer.app.workers.maps import mapping
 from poseviewer.app.workers.outlines import outlining
-from poseviewer.app.workers.overlay import drawing, reading, refining
+from poseviewer.app.workers.overlay import drawing, picturing, reading, refining
 from poseviewer.app.workers.tasks import (
     Request,
     Restore,
@@ -66,7 +66,7 @@ class App:
         self._page = Page(server, self._mailbox.post, self.session, review)
         self._drawer, self._searcher, self._mapper = drawing(notify), searching(), mapping()
         self._proposer = proposing(notify)
-        others = refining, reading, outlining, preparing
+        others = refining, picturing, reading, outlining, preparing
         own = self._autosaver.job, self._drawer, self._proposer, self._searcher, self._mapper
         own += () if review is None else (review.job,)
         self._workers = (*own, *(job(notify) for job in others))

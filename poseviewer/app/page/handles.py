@@ -5,6 +5,7 @@ from contextlib import suppress
 
 import numpy as np
 
+from poseviewer.app.page.controls import jpeg_url, on_press
 from poseviewer.app.state.dragging import pins_in_photo
 from poseviewer.app.state.hiding import HIDING
 from poseviewer.app.state.marking import MARKING, marks_in_photo
@@ -19,6 +20,9 @@ PIN_LABELS = (("rear wheel", -4), ("front wheel", -4), ("axle", 16))
 """Text of each pin's label and its base line, px below the pin: the axle's tip may be close to the
 rear wheel."""
 LINK_COLOUR, REGION_COLOUR, BOX_COLOUR = "#e6e6e6", "#ffe278", "#96ffa0"
+OTHER_END_COLOUR = "#ff78dc"
+QUALITY = 85
+"""JPEG quality of the model alone."""
 MARK_COLOUR, MODEL_MARK_COLOUR = "#ffe246", "#ff78dc"
 """Colours of a mark on the photo, and of the model's point that belongs to it."""
 PIN = '<circle r="11"/><path d="M4 0H16M-4 0H-16M0 4V16M0-4V-16"/>'
@@ -32,6 +36,7 @@ def handles_of(session: Session) -> str:
     drawn = [
         _rectangle(document.own.region, REGION_COLOUR),
         _rectangle(session.shown_box, BOX_COLOUR),
+        *(_lines(end.outline, OTHER_END_COLOUR) for end in session.other_ends if not alone),
     ]
     if session.tool in MARKING:
         drawn += () if alone else _marks(session)
@@ -73,6 +78,22 @@ def _marks(session: Session) -> Iterator[str]:
     for i, place in enumerate(model):
         label = f'<text x="4" y="-4">{i + 1}</text>' if i < len(photo) else ""
         yield _at(place, DIAMOND, MODEL_MARK_COLOUR) + (label and _at(photo[i], label))
+
+
+def model_html(session: Session) -> str:
+    """The model alone with the points that are marked on it (HTML); a press marks one."""
+    if session.alone is None or not session.marks_model:
+        return ""
+    (pose, pixels), marks = session.alone, session.document.marks
+    height, width = pixels.shape[:2]
+    drawn = f'<image href="{jpeg_url(pixels[..., ::-1], QUALITY)}" width="100%" height="100%"/>'
+    for number, place in enumerate(marks.hubs if session.tool == "wheels" else marks.points, 1):
+        x, y = pose.project(place)
+        at = f'transform="translate({x:.1f} {y:.1f})"'
+        drawn += f'<g {at} stroke="{MODEL_MARK_COLOUR}">{DIAMOND}</g>'
+        drawn += f'<g {at}><text x="8" y="-8">{number}</text></g>'
+    box = f'viewBox="0 0 {width} {height}"'
+    return f'<div class="pv-model"><svg {box} {on_press("mark model")}>{drawn}</svg></div>'
 
 
 def _rectangle(rectangle: Rectangle | None, colour: str) -> str:

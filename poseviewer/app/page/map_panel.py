@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from poseviewer.app.page.controls import Controls, data_url, kept, on_press, plain
+from poseviewer.app.page.handles import model_html
 from poseviewer.app.page.result import result_html
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.session import LandscapeUpdate, Session, Whose
@@ -235,6 +236,8 @@ WHOSE: dict[Whose, str] = {"chosen": "selected loss", **LOSSES, "both": "both"}
 def add_maps(controls: Controls) -> None:
     """The panel: the pose in numbers, the maps, or why there are none, and what they show."""
     gui = controls.gui
+    alone = lambda s: (s.alone, s.marks_model, s.document.marks)  # noqa: E731
+    controls.html(kept(alone, model_html))
     controls.html(result_html)
     maps = gui.add_html("")
 

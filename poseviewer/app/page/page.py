@@ -108,6 +108,11 @@ class Page:
         self._maps.show(session)
 
     def _reported(self, report: object, client: viser.ClientHandle) -> None:
+        # The photo has its place until there is something to tell; a drag's photo rests.
+        is_open = session.marks_model or any(o.is_placed for o in session.document.scene.objects)
+        if is_open is not self._is_open and session.drag is None:
+            self._is_open = is_open
+            (self._map_panel.expand if is_open else self._map_panel.minimize)()
         match meaning_of(report, client.client_id, self._review):
             case Theme(light):
                 choose_theme(client.gui, light)
@@ -135,7 +140,8 @@ class Page:
     def _notify(
         self, title: str, text: str, client: int | None, colour: str, seconds: float
     ) -> None:
-        """Show a notice; of the same one twice in a row the new one alone stays."""
+        """Show a notice in place of the one before of this title."""
+        options: Any = {"color": colour, "auto_close_seconds": seconds}
         for tab in self._tabs(client):
             said, before = self._said.get(tab.client_id, (None, None))
             if before is not None and said == text:

@@ -13,6 +13,7 @@ import numpy as np
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state import commands as c
 from poseviewer.app.state import hiding as h
+from poseviewer.app.state import marking as m
 from poseviewer.app.state import objects as o
 from poseviewer.app.state.actions import ACTIONS, LOOKS
 from poseviewer.app.state.edits import Edit, Px
@@ -116,6 +117,8 @@ MEANINGS: Mapping[str, Callable[..., Answer]] = {
     "part": h.bring_back,
     "photo": o.show_view,
     "compare photo": o.compare_view,
+    "mark model": m.mark_model,
+    "start": c.take_start,
     "row": _row,
     "theme": Theme,
     "unfit": why_unfit,

@@ -76,7 +76,7 @@ def hint_of(session: Session) -> str:
     match session.tool:
         case "wheels" if session.document.model.keypoints is None:
             name = "front" if marks.hubs else "rear"
-            what = f"press the middle of the {name} wheel on the model (2 shows it solid)"
+            what = f"press the middle of the {name} wheel on the model at the right"
         case "wheels":
             wheel, point = divmod(len(marks.rims), FEWEST_RIM_POINTS)
             if wheel == WHEELS:
@@ -89,7 +89,7 @@ def hint_of(session: Session) -> str:
             if marks.waits_for_pixel:
                 what = f"pair {number}: click the same point on the photo"
             else:
-                what = f"pair {number + 1}: click a point of the model (2 shows it solid)"
+                what = f"pair {number + 1}: click a point of the model at the right"
         case tool if tool in TOOL_HINTS:
             return TOOL_HINTS[tool]
         case _ if session.searching:

@@ -55,20 +55,36 @@ def hold_mark(held: Document, tool: str, mark: int, start: FloatArray) -> Drag:
     return Drag(follow)
 
 
-def with_mark(document: Document, tool: str, point: FloatArray) -> Document:
-    """The document with one more mark at ``point`` (2,), and the pose that follows, if one does;
-    raises ``QuickStartError``.
+@edit
+def mark_model(session: Session, u: float, v: float) -> Session:
+    """Mark the point of the model at shares of its own picture's sides, from left and below; one
+    that waits for its place in the photo goes there.
     """
-    marks = document.marks
+    if session.alone is None or not session.marks_model:
+        return session
+    document, (pose, _) = session.document, session.alone
+    point = np.array([u * pose.camera.width, (1.0 - v) * pose.camera.height])
+    if document.marks.waits_for_pixel:
+        document = document.with_marks(points=document.marks.points[:-1])
+    return session.with_document(with_mark(document, session.tool, point, pose))
+
+
+def with_mark(
+    document: Document, tool: str, point: FloatArray, seen: Pose | None = None
+) -> Document:
+    """The document with one more mark at ``point`` (2,), and the pose that follows, if one does;
+    points of the model are ``seen`` at a pose, by default at its own. Raises ``QuickStartError``.
+    """
+    marks, seen = document.marks, seen or document.pose
     if tool == "wheels":
         if document.model.keypoints is None:
-            return with_hub(document, point)
+            return with_hub(document, point, seen)
         if len(marks.rims) == WHEELS * FEWEST_RIM_POINTS:
             raise QuickStartError("Both wheels are outlined; drag their points, or clear them.")
     elif not marks.waits_for_pixel:
         if len(marks.points) == MOST_PAIRS:
             raise QuickStartError(f"{MOST_PAIRS} point pairs are enough; remove one first.")
-        place = surface_point(document.mesh, document.pose, point)
+        place = surface_point(document.mesh, seen, point)
         if place is None:
             raise QuickStartError("There is no model there; click a point of it as it is drawn.")
         return document.with_marks(points=(*marks.points, place), note="")
@@ -76,12 +92,12 @@ def with_mark(document: Document, tool: str, point: FloatArray) -> Document:
     return solved(document.with_marks(**{MARKING[tool][0]: places}), tool)
 
 
-def with_hub(document: Document, point: FloatArray) -> Document:
-    """The document with the rear wheel's middle on the model, seen at ``point`` (2,), or with the
-    key points that follow from the front one's; raises ``QuickStartError``.
+def with_hub(document: Document, point: FloatArray, seen: Pose) -> Document:
+    """The document with the rear wheel's middle on the model, ``seen`` at ``point`` (2,), or with
+    the key points that follow from the front one's; raises ``QuickStartError``.
     """
     mesh, hubs = document.mesh, document.marks.hubs
-    place = surface_point(mesh, document.pose, point)
+    place = surface_point(mesh, seen, point)
     if place is None:
         raise QuickStartError("There is no model there; press on the middle of its wheel.")
     if not hubs:

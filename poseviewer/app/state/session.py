@@ -173,7 +173,7 @@ class Preparation:
     """Why it will not be: a sentence for the user."""
 
 
-OF_A_PHOTO = {"overlay": None, "losses": None, "proposals": None, "landscapes": ()}
+OF_A_PHOTO = {"overlay": None, "alone": None, "losses": None, "proposals": None, "landscapes": ()}
 """Fields of a session where nothing is made yet for the photo that is shown large."""
 
 
@@ -220,6 +220,8 @@ class Session:
     losses: Losses | None = None
     """Losses of the pose at hand, or of one a moment ago: its own will follow."""
     outlines: Outlines | None = None
+    alone: tuple[Pose, NDArray[np.uint8]] | None = None
+    """The model drawn beside the photo, to be marked: its pose there, and pixels (h, w, 3)."""
     preparation: Preparation | None = None
     """None: all is ready. Until then a search waits, and outlines are sketched."""
     anchor: Scene | None = None
@@ -287,6 +289,12 @@ class Session:
     @property
     def shown_box(self) -> Rectangle | None:
         """The rectangle about the object, while it is drawn and starts are taken from it."""
+    @property
+    def marks_model(self) -> bool:
+        """Whether points of the model are marked."""
+        is_first = self.tool == "wheels" and self.document.model.keypoints is None
+        return is_first or self.tool == "pairs"
+
         at_hand = self.proposals is not None and self.search is None
         return self.document.marks.box if at_hand or self.tool == "box" else None
 

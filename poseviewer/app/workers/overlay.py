@@ -25,6 +25,7 @@ from poseviewer.fit.visibility import DepthImage, depth_image
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.contour import Sketch, quick_silhouette, silhouette
 from poseviewer.render.overlay.edges import find_lines
 from poseviewer.render.overlay.looks import ModelInPhoto, Relight, draw_look, line_scale
@@ -41,7 +42,8 @@ SETTLED_S = 0.15
 """After so long without motion the fine drawing is begun."""
 
 
-NO_LINES = np.zeros((0, 2, 2))
+ALONE_PX, ALONE_MARGIN, ALONE_GROUND = 760, 0.08, (22, 24, 29)
+"""The model alone: px of the picture's longer side, share of its sides left free, RGB behind it."""
 LINES = "outline", "edges"
 """Looks that draw lines alone."""
 
@@ -202,6 +204,26 @@ def refining(notify: Callable[[], None]) -> Job[Session, Edit]:
 
 
 def reading(notify: Callable[[], None]) -> Job[Session, Edit]:
+def picturing(notify: Callable[[], None]) -> Job[Document, Edit]:
+    """Draw the model alone where its points are marked."""
+    renderer = for_one_thread(lambda own: own)
+
+    def asked(session: Session) -> Document | None:
+        is_asked = session.marks_model and session.preparation is None and not session.moving
+        return session.document if is_asked else None
+
+    def make(document: Document) -> Iterator[Edit]:
+        photo, mesh = document.photo, document.mesh
+        whole = Rectangle(0.0, 0.0, photo.width, photo.height)
+        factor = min(1.0, ALONE_PX / max(photo.width, photo.height))
+        pose = framed(document.pose, mesh, whole.grown(-ALONE_MARGIN)).scaled(factor)
+        ground = np.full((pose.camera.height, pose.camera.width, 3), ALONE_GROUND, np.uint8)
+        view = ModelInPhoto(ground, mesh, renderer(mesh), pose, opacity=1.0)
+        yield show(document, alone=(pose, draw_look("solid", view)))
+
+    return Job("model alone", asked, make, notify)
+
+
     """Read the losses of the pose at hand; a search finds those of its poses itself."""
     reader = for_one_thread(LossReader)
 

@@ -8,20 +8,23 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser
 
+from poseviewer.app.workers.overlay import ALONE_MARGIN
 from poseviewer.files.demo import demo_case
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.fit.scene import LoadedModel
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.pose_error import pose_error
+from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.starts.loading import load_model
-from poseviewer.starts.placing import look_from, surface_point
+from poseviewer.starts.placing import framed, look_from, surface_point
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage
 
 pytestmark = pytest.mark.slow
 
 PHOTO = (960, 720)
+BOX = "node => (box => [box.x, box.y, box.width, box.height])(node.getBoundingClientRect())"
 SPOTS = ((180.0, 420.0), (420.0, 300.0), (780.0, 380.0), (540.0, 460.0))
 """Places in the photo, on the car, that are seen from the app's own first view as well."""
 
@@ -36,14 +39,16 @@ def saved(tab: AppPage, app: AppProcess) -> Pose:
     return load_pose(path, *PHOTO).pose
 
 
-def click_pair(tab: AppPage, model: LoadedModel, now: Pose, truth: Pose, spot) -> None:
-    """The model point that the photo shows at a spot, as it is drawn now; then the spot."""
+def click_pair(tab: AppPage, model: LoadedModel, drawn: Pose, truth: Pose, spot) -> None:
+    """The model point that the photo shows at a spot, as it is drawn beside; then the spot."""
     point = surface_point(model.mesh, truth, spot)
     assert point is not None
-    drawn = now.project(point)
-    seen = surface_point(model.mesh, now, drawn)
+    place = drawn.project(point)
+    seen = surface_point(model.mesh, drawn, place)
     assert seen is not None
-    click(tab, drawn)
+    picture = tab.page.locator(".pv-model svg")
+    x, y, *size = picture.evaluate(BOX)
+    tab.page.mouse.click(*([x, y] + place / PHOTO * size))
     click(tab, truth.project(seen))
 
 
@@ -52,6 +57,7 @@ def test_four_point_pairs_place_the_model(browser: Browser, tmp_path: Path):
     model, truth = load_model(case.model), load_pose(case.truth, *PHOTO).pose
     camera = load_photo(case.photo).default_camera()
     now = look_from("three-quarter", model.mesh, model.keypoints, camera)
+    drawn = framed(now, model.mesh, Rectangle(0, 0, *PHOTO).grown(-ALONE_MARGIN))
     with (
         AppProcess(tmp_path, case.photo, case.model) as app,
         AppPage(browser, app.url) as page,
@@ -60,8 +66,10 @@ def test_four_point_pairs_place_the_model(browser: Browser, tmp_path: Path):
         page.page.get_by_text("Quick start", exact=True).click()
         page.page.get_by_role("button", name="Point pairs").click()
         page.wait_for_text("pair 1: click a point of the model")
+        page.page.locator(".pv-model image").wait_for()
+        page.settled_picture()
         for count, spot in enumerate(SPOTS):
-            click_pair(page, model, now, truth, spot)
+            click_pair(page, model, drawn, truth, spot)
             if count < 3:
                 page.wait_for_text(f"{3 - count} more pair")
         page.wait_for_text("pair 5: ")

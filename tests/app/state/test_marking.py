@@ -5,9 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from poseviewer.app.page.handles import model_html
 from poseviewer.app.page.texts import hint_of
 from poseviewer.app.state import commands as c
-from poseviewer.app.state.marking import clear_marks, lay_wheels, pair_errors, remove_mark
+from poseviewer.app.state.marking import (
+    clear_marks,
+    lay_wheels,
+    mark_model,
+    pair_errors,
+    remove_mark,
+)
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
@@ -99,6 +106,23 @@ def test_escape_ends_the_mode_and_keeps_the_marks():
     cleared = after(ended, c.set_tool("pairs"), clear_marks())
     assert cleared.document.marks.points == ()
     assert after(cleared, remove_mark()).document is cleared.document
+
+
+def test_points_of_the_model_are_marked_beside_the_photo():
+    session = after(make_session(), c.set_tool("pairs"))
+    beside = Pose(PERSPECTIVE, TARGET)
+    session = after(session, c.change(alone=(beside, np.zeros((60, 80, 3), np.uint8))))
+    assert "1</text>" not in model_html(session)
+    pixel = beside.project(session.document.mesh.centre)
+    share = pixel / [PERSPECTIVE.width, PERSPECTIVE.height]
+    for step in (0.02, 0.0):  # one that waits for its place in the photo is marked anew
+        marked = after(session, mark_model(share[0] + step, 1.0 - share[1]))
+        (point,) = marked.document.marks.points
+        np.testing.assert_allclose(beside.project(point) - pixel, [160.0 * step, 0.0], atol=1e-6)
+        assert "1</text>" in model_html(marked)
+        session = marked
+    assert model_html(after(session, c.set_tool("pose"))) == ""
+    assert "no model there" in refused(after(session, clear_marks()), mark_model(0.01, 0.01))
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
