@@ -18,7 +18,7 @@ SearchName = Literal["simplex", "models"]
 ChartName = Literal["auto", "vehicle", "free-body"]
 PixelsName = Literal["near", "whole", "clip"]
 LOSSES: dict[LossName, str] = {
-    "default": "Default (light, colour classes, edges)",
+    "default": "Default (light, colours, edges)",
     "paper": "Paper (2010)",
 }
 """Names of the losses for people: what the default compares, and the year of the paper."""

@@ -68,9 +68,14 @@ class AppPage:
     """One tab, without errors at its end; places are px of the photo, pixel centres at i + 0.5."""
 
     def __init__(
-        self, browser: Browser, url: str, size: tuple[int, int] = WINDOW, **options: Any
+        self,
+        browser: Browser,
+        url: str,
+        size: tuple[int, int] = WINDOW,
+        before: str = "",
+        **options: Any,
     ) -> None:
-        """``options``: as playwright's ``new_page`` has them."""
+        """``before``: a script that runs first; ``options``: playwright's ``new_page`` has them."""
         viewport: Any = {"width": size[0], "height": size[1]}
         self.page: Page = browser.new_page(viewport=viewport, **options)
         self.errors: list[str] = []

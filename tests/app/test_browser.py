@@ -80,9 +80,9 @@ def test_loss_and_search_are_two_choices(page: AppPage):
     wait_for_search("Restarted simplex")  # the paper's own, until one is chosen
     choose("Search", "CMA-ES and quadratic models")
     search_and_stop("Loss: Paper (2010), pixels inside the model")
-    choose("Loss", "Default (light, colour classes, edges)")
+    choose("Loss", "Default (light, colours, edges)")
     choose("Search", "Restarted simplex")
-    search_and_stop("Loss: Default (light, colour classes, edges)")
+    search_and_stop("Loss: Default (light, colours, edges)")
     choose("Search", "CMA-ES and quadratic models")
 
 

@@ -487,9 +487,12 @@ addEventListener("click", (event) => {
   setTimeout(() => node.classList.remove("pv-copied"), 1500);
 });
 
-// The page is as light as the browser prefers.
+// The page is as light, and its panel as wide for the text, as the browser prefers.
 const light = matchMedia("(prefers-color-scheme: light)");
-const sendTheme = () => send({ kind: "theme", light: light.matches });
+const USUAL = 14.8; // px: viser's text where the browser's is of its usual size
+const textSize = () =>
+  Math.max(1, parseFloat(getComputedStyle(document.documentElement).fontSize) / USUAL);
+const sendTheme = () => send({ kind: "theme", light: light.matches, text: textSize() });
 light.addEventListener("change", sendTheme);
 
 // --- what lies over the photo -------------------------------------------------------------------

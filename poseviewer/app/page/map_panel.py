@@ -170,7 +170,7 @@ class LossGrid:
         what = f"{escape(self.what)}, each map by itself, ±{100.0 * self.half_width:.3g}&nbsp;%"
         error = max((piece.error or 0.0 for piece in self.slices), default=0.0)
         if error:
-            what += f"<br>good to {100.0 * error:.1g}&nbsp;% of its range"
+            what += f", good to {100.0 * error:.1g}&nbsp;%"
         whose = f"<b>{escape(self.whose)}</b><br>" if self.whose else ""
         entries = {
             "pose": f'<g class="pv-pose" transform="translate(50 50)">{_CROSS}</g>',

@@ -24,7 +24,7 @@ from poseviewer.app.state.actions import help_table
 from poseviewer.app.state.edits import SavePose
 from poseviewer.app.state.hiding import SHAPES
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.tasks import Request, Restore, Result
+from poseviewer.app.workers.tasks import Restore, Result
 from poseviewer.files.file_set import MOST_FILES
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.files.state.uploads import LARGEST_UPLOAD
@@ -81,6 +81,8 @@ class Page:
             self._maps = Controls(gui, post, session, MAPS_S)
             add_maps(self._maps)
         maps.dock_right()
+        maps.minimize()
+        self._map_panel, self._is_open = maps, False
         maps.set_width(MAPS_PX)
         self._shown: Session | None = None
         self._working: list[viser.NotificationHandle] = []
@@ -114,8 +116,11 @@ class Page:
             self._is_open = is_open
             (self._map_panel.expand if is_open else self._map_panel.minimize)()
         match meaning_of(report, client.client_id, self._review):
-            case Theme(light):
+            case Theme(light, text):
                 choose_theme(client.gui, light)
+                if text > 1.0:
+                    client.gui.main_panel.set_width(PANEL_PX * text)
+                    self._map_panel.set_width(MAPS_PX * text)
             case str(trouble):
                 self.show_error(trouble, client.client_id)
             case None:
@@ -172,7 +177,7 @@ class Page:
                 tab.gui.add_button("Close").on_click(lambda _, modal=modal: close_modal(modal))
 
     def offer(self, offer: AutosavedSession) -> None:
-        """Offer all pages, those to come too, what an earlier session left."""
+        """Offer above the steps, where it interrupts nothing, what an earlier session left."""
         when = time.strftime("%d %B %Y, %H:%M", time.localtime(offer.saved_at))
         self._ask(
             "An earlier session ended without saving",

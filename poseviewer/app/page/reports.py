@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import reduce
 from inspect import signature
 from operator import or_
-from typing import Literal, get_type_hints
+from typing import Annotated, Literal, get_type_hints
 
 import msgspec
 import numpy as np
@@ -55,9 +55,11 @@ DRAG = c.drag_to(0.0, 0.0).change
 
 @dataclass(frozen=True, slots=True)
 class Theme:
-    """Colours that a browser prefers."""
+    """Colours and size of text that a browser prefers."""
 
     light: bool = False
+    text: Annotated[float, msgspec.Meta(ge=0.5, le=3.0)] = 1.0
+    """Size of text, in times of the usual one."""
 
 
 Answer = Request | Theme | str | None

@@ -94,6 +94,8 @@ def hint_of(session: Session) -> str:
             return TOOL_HINTS[tool]
         case _ if session.searching:
             return SEARCHING_HINT
+        case _ if session.look == "residual":
+            return ""  # it would lie over the colours' legend
         case _:
             return USUAL_HINT if session.document.object.is_placed else PLACE_HINT
     return f"<b>{what}</b>{MARKING_HINT}"

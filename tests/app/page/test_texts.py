@@ -77,6 +77,7 @@ def test_the_line_over_the_photo_says_what_space_does_next():
     assert hint_of(searching) == SEARCHING_HINT
     assert hint_of(after(searching, c.stop_search())) == USUAL_HINT
     assert hint_of(after(searching, c.set_tool("brush"))) != SEARCHING_HINT
+    assert hint_of(after(session, c.change(look="residual"))) == ""  # its legend is there
 
 
 def test_the_share_that_is_hidden_is_said():

@@ -30,7 +30,7 @@ from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from tests.app.state.documents import held
+from tests.app.state.documents import after, held
 from tests.app.state.sets import document_of
 from tests.several import TRUTH
 
