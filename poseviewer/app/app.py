@@ -137,7 +137,7 @@ class App:
                 self._page.show_help(client)
             case Restore(wanted):
                 kept = self._autosaver.take_offer(wanted)
-                self._page.close_question()
+                self._page.close_offer()
                 if wanted and kept is not None:
                     self._tasks.add(restore(kept))
 

@@ -38,12 +38,6 @@ READY = """window.__viserMutable?.cameraControl && window.poseviewer &&
     [...document.querySelectorAll("[role=tab][aria-selected=true]")]
         .some((tab) => tab.textContent === "Place")"""
 
-NO_NOTICE = """() => {
-    const sheet = new CSSStyleSheet();
-    sheet.replaceSync("#webgl-software-rendering { display: none }");
-    document.adoptedStyleSheets.push(sheet);
-}"""
-"""viser says that there is no GPU, over the photo's corner."""
 COUNT_DROPS = "() => { window.drops = 0; addEventListener('drop', () => window.drops++, true); }"
 TWO_FRAMES = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
 LOOK_AGAIN_MS = 50
@@ -81,8 +75,7 @@ class AppPage:
         self.errors: list[str] = []
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.set_default_timeout(PATIENCE_MS)
-        self.page.add_init_script(f"({NO_NOTICE})()")
-        self.page.add_init_script(f"({COUNT_DROPS})()")
+        self.page.add_init_script(f"({COUNT_DROPS})(); {before}")
         # Where frames take long, as without a GPU, viser draws fewer pixels: not for measuring.
         self.page.goto(f"{url}&fixedDpr=1")
         self.page.wait_for_function(READY)

@@ -169,13 +169,29 @@ def test_a_file_of_others_is_replaced_only_when_that_is_said(page: AppPage, demo
     page.page.get_by_role("dialog").wait_for(state="hidden")
 
 
-def test_the_same_refusal_is_one_notice(page: AppPage):
+def test_of_refusals_the_last_is_seen(page: AppPage):
+    assert not page.page.locator("#webgl-software-rendering").is_visible()
     middle = page.on_screen((480.0, 360.0), DEMO_PHOTO)
     page.page.keyboard.press("1")
     for _ in range(3):
         page.page.mouse.dblclick(*middle)
         page.wait_for_text("has its pins already")
-    page.until(lambda: page.page.get_by_text("has its pins already").count() == 1)
+    page.open_step(2)
+    page.page.get_by_text("Quick start", exact=True).click()
+    page.page.get_by_role("button", name="Point pairs").click()
+    page.page.mouse.click(*page.on_screen((20.0, 20.0), DEMO_PHOTO))
+    page.wait_for_text("There is no model there")
+    page.until(lambda: page.page.get_by_text("That did not work").count() == 1)
+    page.page.keyboard.press("Escape")
+
+
+def test_a_second_tab_and_a_reload_need_no_token(page: AppPage, demo: AppProcess):
+    with page.page.expect_popup() as popup:
+        page.page.evaluate(f"open({demo.url.partition('?')[0]!r})")
+    for load in (popup.value.wait_for_load_state, popup.value.reload):
+        load()
+        popup.value.get_by_role("button", name="Undo (Z)").wait_for()
+    popup.value.close()
 
 
 def test_each_steps_main_button_is_in_sight_in_a_small_window(browser: Browser, demo: AppProcess):

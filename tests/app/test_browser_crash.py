@@ -30,6 +30,9 @@ def test_after_a_crash_page_and_session_come_back(browser: Browser, tmp_path: Pa
     with AppProcess(tmp_path, *files, port=port) as again, tab:
         assert again.url == app.url
         tab.page.get_by_text(OFFER).wait_for()
+        assert tab.page.get_by_role("dialog").count() == 0
+        tab.page.keyboard.press("Shift+ArrowRight")  # what is open can be worked on
+        tab.page.get_by_role("button", name="Undo").click()
         tab.page.get_by_role("button", name="Open it again").click()
         tab.page.get_by_text(OFFER).wait_for(state="hidden")
         tab.open_step(5)

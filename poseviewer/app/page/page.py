@@ -1,7 +1,6 @@
 """The page: panels left and right, the photo in the middle, notices; brought to each session."""
 
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -86,8 +85,9 @@ class Page:
         maps.set_width(MAPS_PX)
         self._shown: Session | None = None
         self._working: list[viser.NotificationHandle] = []
-        self._said: dict[int, tuple[str, viser.NotificationHandle]] = {}
+        self._said: dict[tuple[int, str], viser.NotificationHandle] = {}
         self._question: Any = None
+        self._offer: viser.GuiFolderHandle | None = None
         check_incoming(server, lambda client, why: self.show_error(why, client))
 
     def show(self, session: Session, where: str) -> None:
@@ -148,11 +148,10 @@ class Page:
         """Show a notice in place of the one before of this title."""
         options: Any = {"color": colour, "auto_close_seconds": seconds}
         for tab in self._tabs(client):
-            said, before = self._said.get(tab.client_id, (None, None))
-            if before is not None and said == text:
+            before = self._said.pop((tab.client_id, title), None)
+            if before is not None:
                 before.remove()
-            options: Any = {"color": colour, "auto_close_seconds": seconds}
-            self._said[tab.client_id] = text, tab.add_notification(title, text, **options)
+            self._said[tab.client_id, title] = tab.add_notification(title, text, **options)
 
     def working(self, what: str, note: str = "") -> None:
         """Say that something is being done that takes a moment; "" when it is over."""
@@ -179,34 +178,28 @@ class Page:
     def offer(self, offer: AutosavedSession) -> None:
         """Offer above the steps, where it interrupts nothing, what an earlier session left."""
         when = time.strftime("%d %B %Y, %H:%M", time.localtime(offer.saved_at))
-        self._ask(
-            "An earlier session ended without saving",
-            f"**{plain(offer.photo_name)}** with **{plain(offer.model_name)}**, last kept on "
-            f"{when}.",
-            {"Open it again": Restore(True), "Discard": Restore(False)},
-        )
+        gui, names = self._server.gui, map(plain, (offer.photo_name, offer.model_name))
+        said = f"An earlier session ended without saving: **{' with '.join(names)}**, {when}"
+        with gui.add_folder("Earlier session", order=-1.0) as self._offer:
+            gui.add_markdown(said)
+            answers = {"Open it again": Restore(True), "Discard": Restore(False)}
+            self._controls.choices("", answers)
+
+    def close_offer(self) -> None:
+        """Take the offer of an earlier session off all pages."""
+        if self._offer is not None:
+            self._offer.remove()
+            self._offer = None
 
     def ask_to_replace(self, path: Path) -> None:
         """Ask all pages whether to replace a file that this session did not write."""
-        self._ask(
-            "There is such a file already",
-            f"**{plain(path.name)}** was not written by this session. What is replaced is kept as "
-            "`.bak`.",
-            {
-                "Use another name": SavePose("beside"),
-                "Replace it": SavePose("replace"),
-                "Close": SavePose("leave"),
-            },
-        )
-
-    def _ask(self, title: str, text: str, answers: Mapping[str, Request]) -> None:
-        """Ask all pages something; the first of the answers is the main one."""
         self.close_question()
-        with self._server.gui.add_modal(title) as question:
-            self._server.gui.add_markdown(text)
-            for index, (label, request) in enumerate(answers.items()):
-                self._controls.button(label, request, color="gray" if index else "cyan")
-        self._question = question
+        said = "was not written by this session. What is replaced is kept as `.bak`."
+        with self._server.gui.add_modal("There is such a file already") as self._question:
+            self._server.gui.add_markdown(f"**{plain(path.name)}** {said}")
+            self._controls.button("Use another name", SavePose("beside"), color="cyan")
+            self._controls.button("Replace it", SavePose("replace"))
+            self._controls.button("Close", SavePose("leave"))
 
     def close_question(self) -> None:
         """Take the question off all pages."""
