@@ -212,15 +212,6 @@ def test_each_steps_main_button_is_in_sight_in_a_small_window(browser: Browser, 
         tab.page.keyboard.press("z")
 
 
-def test_a_second_tab_and_a_reload_need_no_token(page: AppPage, demo: AppProcess):
-    with page.page.expect_popup() as popup:
-        page.page.evaluate(f"open({demo.url.partition('?')[0]!r})")
-    for load in (popup.value.wait_for_load_state, popup.value.reload):
-        load()
-        popup.value.get_by_role("button", name="Undo (Z)").wait_for()
-    popup.value.close()
-
-
 def is_registered(page: AppPage) -> bool:
     """Whether the photo's middle is that of its box, for the page as well; not while that moves."""
     width, height = page.view()["box"][2:]

@@ -80,9 +80,9 @@ class Page:
             self._maps = Controls(gui, post, session, MAPS_S)
             add_maps(self._maps)
         maps.dock_right()
+        maps.set_width(MAPS_PX)
         maps.minimize()
         self._map_panel, self._is_open = maps, False
-        maps.set_width(MAPS_PX)
         self._shown: Session | None = None
         self._working: list[viser.NotificationHandle] = []
         self._said: dict[tuple[int, str], viser.NotificationHandle] = {}
@@ -108,13 +108,13 @@ class Page:
             self._controls.where = where
             self._controls.show(session)
         self._maps.show(session)
-
-    def _reported(self, report: object, client: viser.ClientHandle) -> None:
         # The photo has its place until there is something to tell; a drag's photo rests.
         is_open = session.marks_model or any(o.is_placed for o in session.document.scene.objects)
         if is_open is not self._is_open and session.drag is None:
             self._is_open = is_open
             (self._map_panel.expand if is_open else self._map_panel.minimize)()
+
+    def _reported(self, report: object, client: viser.ClientHandle) -> None:
         match meaning_of(report, client.client_id, self._review):
             case Theme(light, text):
                 choose_theme(client.gui, light)

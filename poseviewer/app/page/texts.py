@@ -237,5 +237,6 @@ def ends_table(ends: Sequence[SearchUpdate], mesh: Mesh) -> str:
     apart = pose_error(mesh, second, first)
     return (
         f"{table}\n\nThe ends lie {apart.reprojection_px:.1f} px apart ({apart.percent:.2g} % of "
-        f"the model's size in the photo), turned by {apart.rotation_deg:.2g}°."
+        f"the model's size in the photo), turned by {apart.rotation_deg:.2g}°. The outline of the "
+        "one that is not taken is pink."
     )

@@ -30,6 +30,7 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.starts.automatic import Proposal, StartQuery
 from poseviewer.starts.loading import StartInputs
 
+NO_LINES = np.zeros((0, 2, 2))
 Whose = Literal["chosen", "default", "paper", "both"]
 
 
@@ -44,7 +45,7 @@ class Losses:
     note: str = ""
     """Why not."""
     start: float | None = None
-    """The loss where the compared pixels are about: where a drag began."""
+    """The loss at the start pose."""
     of_views: Mapping[int, Unexplained] = field(default_factory=dict)
     """By the indices of the views that are compared."""
 
@@ -56,9 +57,9 @@ class Overlay:
     request: Session
     outline: FloatArray
     """(N, 2, 2): line segments in px of the photo."""
-    picture: NDArray[np.uint8] | None = None
     edges: FloatArray = field(default_factory=lambda: NO_LINES)
     """(N, 2, 2): edges inside it, as such segments."""
+    picture: NDArray[np.uint8] | None = None
     """(h, w, 3): RGB in place of the photo; None for none."""
 
 
@@ -91,6 +92,8 @@ class SearchUpdate(SearchProgress):
     """Ends by the losses from one start, in the last update of a search by several."""
     losses: tuple[float, ...] = ()
     """Loss of one of these ends by each of the losses, in their order."""
+    outline: FloatArray = field(default_factory=lambda: NO_LINES)
+    """(n, 2, 2): line segments, px, of one of these ends."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,11 +151,11 @@ class ProposedStarts:
     """Document that they were asked for at."""
     starts: tuple[Proposal, ...] = ()
     """The likeliest first; none while they are looked for."""
+    outlines: tuple[FloatArray, ...] = ()
+    """(n, 2, 2) of each: line segments in px of the photo."""
     index: int = 0
     """The one that is shown."""
 
-    outlines: tuple[FloatArray, ...] = ()
-    """(n, 2, 2) of each: line segments in px of the photo."""
 
 def start_query(document: Document) -> StartQuery:
     """Request for start poses at a document, by its camera."""
@@ -217,11 +220,11 @@ class Session:
     other_settings: FitSettings = field(default_factory=lambda: FitSettings("paper"))
     """The settings as they were before the loss was changed last."""
     overlay: Overlay | None = None
+    alone: tuple[Pose, NDArray[np.uint8]] | None = None
+    """The model drawn beside the photo, to be marked: its pose there, and pixels (h, w, 3)."""
     losses: Losses | None = None
     """Losses of the pose at hand, or of one a moment ago: its own will follow."""
     outlines: Outlines | None = None
-    alone: tuple[Pose, NDArray[np.uint8]] | None = None
-    """The model drawn beside the photo, to be marked: its pose there, and pixels (h, w, 3)."""
     preparation: Preparation | None = None
     """None: all is ready. Until then a search waits, and outlines are sketched."""
     anchor: Scene | None = None
@@ -287,16 +290,24 @@ class Session:
         return is_dragged or self.searching
 
     @property
-    def shown_box(self) -> Rectangle | None:
-        """The rectangle about the object, while it is drawn and starts are taken from it."""
-    @property
     def marks_model(self) -> bool:
         """Whether points of the model are marked."""
         is_first = self.tool == "wheels" and self.document.model.keypoints is None
         return is_first or self.tool == "pairs"
 
+    @property
+    def shown_box(self) -> Rectangle | None:
+        """The rectangle about the object, while it is drawn and starts are taken from it."""
         at_hand = self.proposals is not None and self.search is None
         return self.document.marks.box if at_hand or self.tool == "box" else None
+
+    @property
+    def other_ends(self) -> tuple[SearchUpdate, ...]:
+        """Ends of a comparison in the large view, without the one at hand; none if that is none."""
+        own = None if self.searching else self.own_search
+        if own is None or not (own.ends or own in self.ends):
+            return ()
+        return tuple(end for end in self.ends if end.settings.loss != own.settings.loss)
 
     @property
     def own_search(self) -> SearchUpdate | None:

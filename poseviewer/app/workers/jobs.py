@@ -138,7 +138,7 @@ def run_search(asked: SearchRequest) -> Iterator[SearchUpdate]:
             yield update
         done.append(update)
     mesh = asked.start.mesh
-    ends = ends_of(done, renderer_of(mesh).clone()) if len(done) > 1 else ()
+    ends = ends_of(done, mesh, renderer_of(mesh).clone()) if len(done) > 1 else ()
     yield replace(done[-1], is_over=True, ends=ends)
 
 
@@ -169,7 +169,9 @@ def _search(scene: Scene, indices: tuple[int, ...], view: int) -> Iterator[Searc
         raise SettingsError("the objects stand wholly behind others: bring one to the front")
 
 
-def ends_of(done: Sequence[SearchUpdate], renderer: Renderer) -> tuple[SearchUpdate, ...]:
+def ends_of(
+    done: Sequence[SearchUpdate], mesh: Mesh, renderer: Renderer
+) -> tuple[SearchUpdate, ...]:
     """The ends of searches by several losses, ours first, each judged by the loss of each."""
     order = list(LOSSES)
     done = sorted(done, key=lambda update: order.index(update.settings.loss))
@@ -177,6 +179,7 @@ def ends_of(done: Sequence[SearchUpdate], renderer: Renderer) -> tuple[SearchUpd
         replace(
             end,
             losses=tuple(pose_loss(by.problem, renderer, end.progress.parameters) for by in done),
+            outline=quick_silhouette(mesh, renderer, end.progress.pose),
         )
         for end in done
     )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from poseviewer.app.state.commands import show
 from poseviewer.app.state.document import Document, reference_view
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.session import Losses, Overlay, Session
+from poseviewer.app.state.session import NO_LINES, Losses, Overlay, Session
 from poseviewer.app.workers.jobs import for_one_thread
 from poseviewer.app.workers.worker import Job
 from poseviewer.errors import PoseViewerError
@@ -53,23 +53,24 @@ class LossReader:
 
     def __init__(self, renderer: SoftwareRenderer) -> None:
         self.renderer = renderer
-        self._pixels: tuple[object, ...] = ()
+        self._about: tuple[object, ...] = ()
         self._views: tuple[ComparedView, ...] = ()
         self._note = ""
         self._start = 0.0
 
     def views(self, request: Session) -> tuple[ComparedView, ...]:
         """The views as they are compared about the request's anchor; none where they cannot be."""
-        if request.pixels != self._pixels:
-            self._pixels, self._views, self._note = request.pixels, (), ""
-            own = request.document
+        own = request.document
+        about = own.state.start, own.state.cameras, *request.pixels
+        if about != self._about:
+            self._about, self._views, self._note = about, (), ""
             # Which numbers are searched for is another matter.
             plain = replace(own.settings, lock=(), free_focal=False, chart="auto")
             anchor = request.compared.with_object(own.active, settings=plain)
             view = reference_view(anchor, own.active, own.at)
             try:
                 self._views = make_problem(anchor, own.active, view)[0].views
-                self._start = self._read_all(own, request.compared)[0].loss
+                self._start = self._read_all(own, own.reset.scene)[0].loss
             except PoseViewerError as error:
                 self._note = str(error)
         return self._views
@@ -203,7 +204,6 @@ def refining(notify: Callable[[], None]) -> Job[Session, Edit]:
     return job
 
 
-def reading(notify: Callable[[], None]) -> Job[Session, Edit]:
 def picturing(notify: Callable[[], None]) -> Job[Document, Edit]:
     """Draw the model alone where its points are marked."""
     renderer = for_one_thread(lambda own: own)
@@ -224,6 +224,7 @@ def picturing(notify: Callable[[], None]) -> Job[Document, Edit]:
     return Job("model alone", asked, make, notify)
 
 
+def reading(notify: Callable[[], None]) -> Job[Session, Edit]:
     """Read the losses of the pose at hand; a search finds those of its poses itself."""
     reader = for_one_thread(LossReader)
 

@@ -98,6 +98,18 @@ def test_the_compared_pixels_stay_with_the_anchor_and_go_with_the_settings(docum
     assert losses[0] == losses[2] != losses[1]
 
 
+def test_the_start_is_the_start_pose_wherever_the_pixels_are_about(document, renderer):
+    session, reader = Session(document), LossReader(renderer)
+    picked = after(session, c.nudge("move", 9.0))  # as a press on a map, or undo: pixels about it
+    losses = reader.read(picked)
+    at_start = reader.read(replace(picked, document=document, anchor=picked.document.scene)).mean
+    assert losses.mean is not None
+    assert at_start is not None
+    assert losses.start == pytest.approx(at_start.loss) != losses.mean.loss
+    started = reader.read(after(picked, c.make_start()))
+    assert started.start == pytest.approx(losses.mean.loss)
+
+
 def test_why_there_is_no_loss_is_told(document, renderer):
     losses = losses_of(document.with_own(region=Rectangle(0, 0, 2, 2)), renderer)
     assert losses.mean is None
