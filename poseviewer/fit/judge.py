@@ -39,6 +39,8 @@ OUTLINE_OVERLAP = 0.75
 """Intersection over union of two poses' pictures from which their outlines count as the same."""
 MODELS = quadratic.QuadraticOptions(reach=0.1, rise=0.3, rounds=3, least_gain=-math.inf)
 """From 5 % of the model's size at its rim down to a search's last rise; always so many rounds."""
+FOCAL_MODELS = replace(MODELS, rounds=4, growth=2.0)
+"""``MODELS`` with a free focal length: beside it and the depth the loss is flat for long."""
 
 
 def judge_end(progress: FitProgress, renderer: Renderer, threads: int = 1) -> FitProgress:
@@ -121,7 +123,8 @@ def find_covariance(probe: Probe, seen: float) -> PoseCovariance:
 
     Raises ``PoseViewerError``, ``OutsideChartError``, ``LinAlgError``: none is known beside it.
     """
-    least, inverse = inverse_curvature(probe.losses, len(probe.motions))
+    options = FOCAL_MODELS if probe.chart.free_focal else MODELS
+    least, inverse = inverse_curvature(probe.losses, len(probe.motions), options)
     factor = spread(LossScale.of(probe.photo).unexplained(least), seen)
     covariance = factor**2 * probe.motions.T @ inverse @ probe.motions
     chart = probe.chart
@@ -129,18 +132,20 @@ def find_covariance(probe: Probe, seen: float) -> PoseCovariance:
 
 
 def inverse_curvature(
-    losses: Callable[[Sequence[FloatArray]], FloatArray], size: int
+    losses: Callable[[Sequence[FloatArray]], FloatArray],
+    size: int,
+    options: quadratic.QuadraticOptions = MODELS,
 ) -> tuple[float, FloatArray]:
     """Least loss about 0, and the inverse (k, k) of its second derivatives there.
 
     Raises ``LinAlgError`` where ``losses``, of points (``size``,), are not finite.
     """
     at, scale = np.zeros(size), np.eye(size)
-    *_, last = quadratic.minimise(lambda steps: iter(losses(steps)), at, scale, MODELS)
+    *_, last = quadratic.minimise(lambda steps: iter(losses(steps)), at, scale, options)
     if last.axes is None or not np.isfinite([last.value, *last.axes.ravel()]).all():
         raise np.linalg.LinAlgError
     # Along each of its axes a the model rises by the options' rise: a^T H a = 2 rise.
-    return last.value, last.axes @ last.axes.T / (2.0 * MODELS.rise)
+    return last.value, last.axes @ last.axes.T / (2.0 * options.rise)
 
 
 def better_turn(

@@ -38,6 +38,8 @@ class QuadraticOptions:
     model's minimum is taken."""
     patience: int = 2
     """Number of rounds in a row without improvement that ends the search."""
+    growth: float = 1.0
+    """Greatest factor by which the reach grows in one round, along any axis."""
 
 
 def minimise(
@@ -83,7 +85,7 @@ def minimise(
         is_minimum = losses[-1] <= losses[best] + options.least_gain
         centre, taken = (points[-1], losses[-1]) if is_minimum else (points[best], losses[best])
         rises = np.sqrt(2.0 * options.rise / curvatures)
-        axes = axes @ (directions * np.clip(rises, LEAST_SHRINKAGE, 1.0))
+        axes = axes @ (directions * np.clip(rises, LEAST_SHRINKAGE, options.growth))
         failures = 0 if before - losses[best] > options.least_gain else failures + 1
         if failures >= options.patience:
             break

@@ -11,7 +11,14 @@ import numpy as np
 import pytest
 
 from poseviewer.confidence.verdict import judge
-from poseviewer.fit.judge import find_covariance, gather_features, inverse_curvature, judge_end
+from poseviewer.fit.judge import (
+    FOCAL_MODELS,
+    MODELS,
+    find_covariance,
+    gather_features,
+    inverse_curvature,
+    judge_end,
+)
 from poseviewer.fit.probing import Probe, free_motions
 from poseviewer.fit.problem import FitProblem, make_problem
 from poseviewer.fit.stages import fit_pose
@@ -77,18 +84,26 @@ def test_a_pose_at_the_border_of_its_chart_has_motions(case):
     np.testing.assert_allclose(motions @ motions.T, np.eye(5), atol=1e-9)
 
 
-def test_the_curvature_of_a_known_quadratic_is_found_under_jumps():
-    random = np.random.default_rng(0)
-    axes, _ = np.linalg.qr(random.normal(size=(6, 6)))
-    hessian = (axes * [300.0, 1000.0, 3000.0, 5000.0, 10000.0, 20000.0]) @ axes.T
-    centre = 0.003 * random.normal(size=6)
+@pytest.mark.parametrize(
+    ("curvatures", "options"),
+    [
+        ([300, 1000, 3000, 5000, 10000, 20000], MODELS),
+        ([5, 300, 1000, 3000, 5000, 10000, 20000], FOCAL_MODELS),
+    ],
+    ids=["all are steep", "one is flat far beyond the first samples"],
+)
+def test_the_curvature_of_a_known_quadratic_is_found_under_jumps(curvatures, options):
+    random, size = np.random.default_rng(0), len(curvatures)
+    axes, _ = np.linalg.qr(random.normal(size=(size, size)))
+    hessian = (axes * curvatures) @ axes.T
+    centre = 0.003 * random.normal(size=size)
 
     def losses(points: Sequence[np.ndarray]) -> np.ndarray:
         away = np.array(points) - centre
         smooth = 40.0 + 0.5 * np.einsum("ni,ij,nj->n", away, hessian, away)
         return smooth + 0.003 * random.normal(size=len(away))
 
-    least, inverse = inverse_curvature(losses, 6)
+    least, inverse = inverse_curvature(losses, size, options)
     assert least == pytest.approx(40.0, abs=0.02)
     ratios = np.linalg.eigvals(inverse @ hessian).real
     assert 0.8 < ratios.min() <= ratios.max() < 1.25
