@@ -7,9 +7,10 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from msgspec import structs
 
 from poseviewer.confidence.pose_covariance import PoseCovariance, joint_covariance, spread
-from poseviewer.confidence.verdict import Features, judge, judge_together
+from poseviewer.confidence.verdict import Features, Verdict, judge, judge_together
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.loss import LossScale
 from poseviewer.fit.outline import outline_support
@@ -56,19 +57,28 @@ def judge_end(progress: FitProgress, renderer: Renderer, threads: int = 1) -> Fi
         if verdict.word != "lost":
             charts, known = [view.chart for view in problem.views], [one.covariance for one in each]
             covariance = joint_covariance(charts, known, parameters, problem.model.mesh)
-        return replace(progress, verdict=verdict, covariance=covariance)
+        return replace(progress, verdict=_with_symmetry(verdict, problem), covariance=covariance)
     probing = partial(Probe, problem, renderer, progress.pose, threads)
     if progress.status is not Status.NOTHING_SEEN:
         # Raises where it is in part behind the camera, or on the edge of its chart.
         with suppress(PoseViewerError), closing(probing()) as probe:
             features = gather_features(probe)
-    verdict = judge(features)
+    verdict = _with_symmetry(judge(features), problem)
     if features is not None and verdict.word != "lost":
         # Raises where poses beside it are in no photo.
         unknown = PoseViewerError, OutsideChartError, np.linalg.LinAlgError
         with suppress(*unknown), closing(probing(is_fine=True)) as probe:
             covariance = find_covariance(probe, features.seen)
     return replace(progress, verdict=verdict, covariance=covariance)
+
+
+def _with_symmetry(verdict: Verdict, problem: FitProblem) -> Verdict:
+    """The verdict with a reason that names the turns that the model's symmetry leaves open."""
+    turns = problem.model.symmetry.words
+    if not turns or verdict.word == "lost":
+        return verdict
+    reason = f"The model looks the same after {turns}: no photo tells these poses apart."
+    return structs.replace(verdict, reasons=(*verdict.reasons, reason))
 
 
 def gather_features(probe: Probe) -> Features | None:

@@ -21,10 +21,12 @@ from poseviewer.fit.judge import (
 )
 from poseviewer.fit.probing import Probe, free_motions
 from poseviewer.fit.problem import FitProblem, make_problem
+from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.symmetry_group import Symmetry, Turn
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.starts.loading import open_photo
 from poseviewer.vehicle.chart import LEAST_AXLE_COMPONENT, VehicleChart
@@ -129,6 +131,18 @@ def test_the_end_of_a_fit_is_sure_and_the_same_on_any_threads(case):
     assert unseen.verdict is not None
     assert (unseen.verdict.word, unseen.verdict.probability) == ("lost", 0.0)
     assert unseen.covariance is None
+
+
+def test_a_symmetric_model_says_which_turns_no_photo_tells(case, truth):
+    problem, renderer = case
+    half = Symmetry.from_turns(problem.model.mesh.centre, [Turn(np.array([0.0, 0.0, 1.0]), 2)])
+    turned = replace(problem, model=replace(problem.model, whole_symmetry=half))
+    for here, count in ((problem, 0), (turned, 1)):
+        at = replace(here, start=here.chart.from_pose(truth))
+        end = judge_end(replace(FitProgress.at_start(at), status=Status.CONVERGED), renderer)
+        assert end.verdict is not None
+        said = " ".join(end.verdict.reasons)
+        assert said.count("the same after half a turn about (0, 0, 1)") == count
 
 
 def test_the_less_is_seen_the_less_sure_it_is_and_what_is_held_is_sure(case, truth):
