@@ -48,6 +48,8 @@ CARS = "path-traced cars, painted otherwise than the model"
 SINGLE = "a dragon, a bottle without texture, a car whose model is not exact"
 SETS = {"bmw_traced": CARS, "hope": "groceries (truth good to 1 %)"}
 SETS["lmo"] = "small objects in clutter (truth off by up to 6 %)"
+SYMMETRIC = "10", "11"
+"""Egg carton and glue among the objects of LINEMOD-Occlusion."""
 SETS |= dict.fromkeys(("visp_dragon", "m3t_shampoo", "car_audi_tts"), SINGLE)
 """Names of the sets of photos."""
 LMO_PERCENT = 6.0
@@ -88,6 +90,17 @@ def measure(folder: Path, starts: int, draws: int) -> None:
     _run("study", *real, "--search", "simplex")
     for search in ("auto", "models"):
         _run("study", *real, "--cases", TRACED, *of_paper, search)
+    cars = "--cases", TRACED, "--free-focal", "--degrees", "5,15", "--draws", (draws + 1) // 2
+    _run("study", "--out", folder / "focal", "--real", DATA, *cars)
+    _run("study", "--out", folder / "symmetric", *_symmetric_targets(folder))
+
+
+def _symmetric_targets(folder: Path) -> tuple[object, ...]:
+    """Options of the study of estimates of the symmetric things of LINEMOD-Occlusion."""
+    dataset, table = DATA / "lmo_bop", folder / "symmetric.csv"
+    head, *lines = (dataset / "estimates" / "epos.csv").read_text().splitlines()
+    table.write_text("\n".join([head, *(x for x in lines if x.split(",")[2] in SYMMETRIC)]))
+    return "--bop", table, "--dataset", dataset
 
 
 def _run(*words: object) -> None:
@@ -99,12 +112,15 @@ def _run(*words: object) -> None:
 def load_trials(folder: Path) -> dict[str, list[Trial]]:
     """Load all rows by study; an end on LINEMOD-Occlusion is right within its own accuracy."""
     studies = {}
-    for name in ("paper", "real", "clutter", "among", "searches", "searches-real"):
+    names = "paper", "real", "clutter", "among", "searches", "searches-real", "focal", "symmetric"
+    for name in names:
         rows = load_rows(folder / name / "trials.csv", Trial)
         limit = LMO_PERCENT + 1.0
         rows.sort(key=lambda row: ([*SETS, row.set].index(row.set), row.degrees, -row.visible))
         studies[name] = [
-            replace(row, found=row.error_percent_end < limit) if row.set == "lmo" else row
+            replace(row, found=row.error_percent_end < limit)
+            if row.set == "lmo" or name == "symmetric"
+            else row
             for row in rows
         ]
     return studies
@@ -236,7 +252,8 @@ def _categories(lines: Mapping[str, list[Point]], names: Sequence[str], unit: st
 def write_page(folder: Path, page: Path, readme: Path, options: str, size: int = 41) -> None:
     """Write tables and figures of what the folder holds between the marks of both files."""
     studies = load_trials(folder)
-    rows = (*studies["paper"], *studies["real"], *studies["clutter"])
+    rows = [*studies["paper"], *studies["real"], *studies["clutter"]]
+    rows += [*studies["focal"], *studies["symmetric"]]
     judged = [row for row in rows if row.method == "default"]
     speed = msgspec.json.decode((folder / "speed.json").read_bytes(), type=SpeedReport)
     newest = max(path.stat().st_mtime for path in folder.glob("*/trials.csv"))

@@ -44,6 +44,7 @@ OPTIONS = {
         table.option(
             "--among-others", "give the true poses of the other cases, for what they hide"
         ),
+        table.option("--free-focal", "start a tenth off in focal length, and find that as well"),
     ),
     "published estimates of a BOP data set": (
         table.option("--bop ESTIMATES", "a table of BOP results; fits start from it"),

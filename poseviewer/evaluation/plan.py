@@ -52,6 +52,8 @@ class Plan:
     draws: int = 5
     among_others: bool = False
     """Whether the true poses of the other cases of each photo are given."""
+    free_focal: bool = False
+    """Whether starts are a tenth off in focal length, too, and that is searched for."""
     bop: Path | None = None
     """A table of BOP results."""
     dataset: Path | None = None

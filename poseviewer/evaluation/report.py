@@ -7,9 +7,10 @@ from typing import NamedTuple, Self, TypeVar
 import numpy as np
 from scipy.stats import binomtest, quantile_test
 
+from poseviewer.confidence.pose_covariance import REGION, region_reach
 from poseviewer.evaluation.cases import visibility
 from poseviewer.evaluation.plan import KINDS
-from poseviewer.evaluation.trials import Trial
+from poseviewer.evaluation.trials import FOCAL_DEVIATIONS, Trial
 from poseviewer.figures.study_sheet import Panel
 from poseviewer.figures.text_table import Table
 from poseviewer.fit.progress import Status
@@ -126,8 +127,18 @@ def calibration_table(trials: Iterable[Trial]) -> Table:
         stated, called = _values(some, "probability").mean(), list(filter(is_called_found, some))
         right = str(Share.of(some)), str(len(called)), str(Share.of(called))
         rows.append((name, str(len(some)), f"{100.0 * stated:.0f}", *right))
+    sure = [t for t in judged if is_called_found(t) and FOCAL_DEVIATIONS in t.evidence]
+    if sure:
+        reach = region_reach(1)
+        right = Share.of(sure, lambda t: float(_evidence(t)[FOCAL_DEVIATIONS]) <= reach)
+        name = f"focal length within {reach:.2f} stated deviations"
+        rows.append((name, str(len(sure)), f"{100.0 * REGION:.0f}", str(right), NONE, NONE))
     columns = "stratum", "fits", "stated", "right", "called found", "of these right"
     return Table("Stated probability of a right end, and true share, %", columns, tuple(rows))
+
+
+def _evidence(trial: Trial) -> dict[str, str]:
+    return dict(part.split("=", 1) for part in trial.evidence.split())
 
 
 def bop_table(trials: Sequence[Trial], targets: int) -> Table:

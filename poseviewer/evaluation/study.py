@@ -4,11 +4,14 @@ Poses of a BOP data set are scored as in Hodan et al., *BOP Challenge 2020 on 6D
 Localization* (2020). Where a fit is not sure to be better, its estimate is kept.
 """
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from poseviewer.cluster import run_on_cluster
 from poseviewer.errors import SettingsError
@@ -32,9 +35,13 @@ from poseviewer.files.table import append_row, load_rows
 from poseviewer.files.writing import make_folder, sha256_of, write_json, write_whole
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.processes import run_in_processes
 
 ABOUT, TRIALS, SUMMARY, FIGURE = "study.json", "trials.csv", "study.md", "reliability.png"
+FOCAL_OFF = 1.1, 1.0 / 1.1
+"""Factors of the starts' focal lengths, where these are to be found."""
 EXPLAINED = (
     "Found, and right: within 1 px where OpenGL drew the photo, else within the accuracy of the "
     "truth + 1 % of the model's size in the photo, as which errors at start and end (medians) are "
@@ -89,6 +96,7 @@ def open_study(plan: Plan, tell: Callable[[str], None]) -> Run:
     elif plan.real:
         tasks = real_tasks(plan, plan.real)
         about = {"study": "real", "among_others": plan.among_others}
+        about |= {"free_focal": True} if plan.free_focal else {}
         files = [plan.real / CASES, plan.real / STARTS]
     else:
         about = {"study": "deviations", "size": [*plan.size], "photos": plan.photos}
@@ -148,6 +156,7 @@ def deviation_tasks(plan: Plan, tell: Callable[[str], None]) -> list[Task]:
 def real_tasks(plan: Plan, folder: Path) -> list[Task]:
     """Make the trials of matching cases, among others with their photo's other true poses."""
     starts, (settings,) = load_starts(folder, plan.degrees, plan.draws), plan.settings()
+    settings = replace(settings, free_focal=plan.free_focal)
     givers = load_cases(folder) if plan.among_others else []
     tasks = []
     for case in load_cases(folder, plan.cases):
@@ -155,9 +164,17 @@ def real_tasks(plan: Plan, folder: Path) -> list[Task]:
         for start in starts:
             if start.case == case.name:
                 pose = Pose(case.truth.camera, start.camera_from_model.rigid)
+                if plan.free_focal:
+                    pose = _zoomed(pose, open_model(case.mesh)[0].mesh, FOCAL_OFF[start.draw % 2])
                 off = start.degrees, start.draw
                 tasks.append(Task(case, pose, settings, "", 0.0, *off, others))
     return tasks
+
+
+def _zoomed(pose: Pose, mesh: Mesh, factor: float) -> Pose:
+    """The pose by a longer focal length, farther off, so that the model is as large."""
+    chart = FreeBodyChart.near(mesh, pose, free_focal=True)
+    return chart.to_pose(np.array([0.0] * 6 + [math.log(factor) / chart.focal_gain]))
 
 
 def bop_folder(table: Path, dataset: Path | None) -> Path:

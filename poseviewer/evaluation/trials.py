@@ -20,6 +20,7 @@ from poseviewer.fit.scene import Scene as FitScene
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.charts import LOG_FOCAL
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.symmetry_group import Symmetry
@@ -30,6 +31,8 @@ from poseviewer.starts.loading import load_model
 
 FOUND_PX, FOUND_PERCENT = 1.0, 1.0
 """Largest error of a pose that is found: on photos drawn by OpenGL, and beyond the truth's own."""
+FOCAL_DEVIATIONS = "focal_deviations"
+"""Name of the error of a focal length among the evidence."""
 MODELS_KEPT = 16
 """Models kept in each process: more than there are in one photo."""
 
@@ -80,7 +83,8 @@ class Trial:
     probability: float = math.nan
     """Stated probability that the end is right."""
     evidence: str = ""
-    """The features that the verdict comes from: ``name=value``, with blanks between them."""
+    """The features that the verdict comes from, and the error of a focal length that was searched
+    for, in its stated deviations: ``name=value``, with blanks between them."""
 
 
 KEY = ("case", "method", "pixels", "reading", "percent", "degrees", "draw")
@@ -166,7 +170,10 @@ def _outcome(result: Scene, truth: Pose) -> dict[str, Any]:
     progress, problem = result.progress, result.problem
     assert progress is not None  # it was searched for
     verdict = progress.verdict
-    features = {} if verdict is None else verdict.features
+    evidence, sure = {} if verdict is None else dict(verdict.features), progress.covariance
+    if sure is not None and sure.extra == LOG_FOCAL:
+        off = abs(float(sure.deviation(truth)[6])) / math.sqrt(sure.matrix[6, 6])
+        evidence[FOCAL_DEVIATIONS] = off
     return {
         "end": " ".join(repr(float(number)) for number in progress.parameters),
         "loss_start": progress.start_loss,
@@ -176,7 +183,7 @@ def _outcome(result: Scene, truth: Pose) -> dict[str, Any]:
         "status": progress.status.name,
         "verdict": "" if verdict is None else verdict.word,
         "probability": math.nan if verdict is None else verdict.probability,
-        "evidence": " ".join(f"{name}={value:.6g}" for name, value in features.items()),
+        "evidence": " ".join(f"{name}={value:.6g}" for name, value in evidence.items()),
     }
 
 
