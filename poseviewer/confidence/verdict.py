@@ -14,12 +14,10 @@ from poseviewer.confidence.weights import FEATURES, FOUND_FROM, LOST_BELOW, OFFS
 
 LEAST_SEEN = 0.35
 """Share of the model that must be seen: with less, poses far off look right too."""
-HIDDEN_BELOW, FOUND_BEHIND = 0.95, 0.985
-"""Share seen below which something hides the model, and probability of a ``found`` pose then."""
 SURE_FROM = 0.93
 """Probability from which a pose is neither continued nor, after an estimate, given up for it."""
-SURE_AMONG_OTHERS = 0.8
-"""``SURE_FROM`` among other models, which make the verdict less sure of right poses too."""
+SURE_BEHIND = 0.8
+"""``SURE_FROM`` behind something: that makes the verdict less sure of right poses too."""
 PROBABILITY_MARGIN = 0.1
 """Probability that a turned pose must gain, and that a continued one may lose."""
 TURNED_THRESHOLD = 0.75
@@ -85,8 +83,7 @@ class Verdict(Struct, frozen=True, omit_defaults=True):
 def percent_right(word: str, probability: float) -> int:
     """Probability of a verdict in whole per cent, kept within the bounds of its word and below 100.
 
-    The word asks for more than the number where something hides the model, and where photos
-    disagree; a reader sees one answer.
+    The word asks for more than the number where photos disagree; a reader sees one answer.
     """
     found, lost = math.ceil(100.0 * FOUND_FROM), math.ceil(100.0 * LOST_BELOW)
     low, high = {"found": (found, 99), "lost": (0, lost - 1)}.get(word, (lost, found - 1))
@@ -104,8 +101,7 @@ def judge(features: Features | None) -> Verdict:
         away = (scaled(name, getattr(features, name)) - mean) / deviation
         score += weight * min(max(away, -LARGEST_SCORE), LARGEST_SCORE)
     probability = 1.0 / (1.0 + math.exp(-score)) if features.seen >= LEAST_SEEN else 0.0
-    found_from = FOUND_BEHIND if features.seen < HIDDEN_BELOW else FOUND_FROM
-    is_found = probability >= found_from and features.outline >= LEAST_OUTLINE
+    is_found = probability >= FOUND_FROM and features.outline >= LEAST_OUTLINE
     word = _word(is_found, probability < LOST_BELOW)
     return Verdict(word, probability, reasons_for(features), asdict(features))
 

@@ -4,6 +4,7 @@ FEATURES: dict[str, tuple[float, float, float]] = {
     "turn_margin": (1.077, 0.6585, 1.584),
     "spread_percent": (1.679, 0.544, -0.9448),
     "outline": (0.8347, 0.1425, 0.9164),
+    "seen": (1, 0.166, 1.265),
 }
 """Mean and standard deviation of each feature among the trials, and its weight."""
 OFFSET = 2.63

@@ -42,6 +42,8 @@ MODELS = quadratic.QuadraticOptions(reach=0.1, rise=0.3, rounds=3, least_gain=-m
 """From 5 % of the model's size at its rim down to a search's last rise; always so many rounds."""
 FOCAL_MODELS = replace(MODELS, rounds=4, growth=2.0)
 """``MODELS`` with a free focal length: beside it and the depth the loss is flat for long."""
+FOCAL_SPREAD = 1.4
+"""Factor of the standard deviations with a free focal length, for the region to hold as often."""
 
 
 def judge_end(progress: FitProgress, renderer: Renderer, threads: int = 1) -> FitProgress:
@@ -133,9 +135,11 @@ def find_covariance(probe: Probe, seen: float) -> PoseCovariance:
 
     Raises ``PoseViewerError``, ``OutsideChartError``, ``LinAlgError``: none is known beside it.
     """
-    options = FOCAL_MODELS if probe.chart.free_focal else MODELS
+    is_free = probe.chart.free_focal
+    options = FOCAL_MODELS if is_free else MODELS
     least, inverse = inverse_curvature(probe.losses, len(probe.motions), options)
     factor = spread(LossScale.of(probe.photo).unexplained(least), seen)
+    factor *= FOCAL_SPREAD if is_free else 1.0
     covariance = factor**2 * probe.motions.T @ inverse @ probe.motions
     chart = probe.chart
     return PoseCovariance.from_chart(probe.model.mesh, chart.start, chart, covariance)

@@ -22,8 +22,9 @@ import numpy as np
 from msgspec import structs
 
 from poseviewer.confidence.verdict import (
+    LEAST_WHOLE,
     PROBABILITY_MARGIN,
-    SURE_AMONG_OTHERS,
+    SURE_BEHIND,
     SURE_FROM,
     TURNED_THRESHOLD,
 )
@@ -46,6 +47,7 @@ from poseviewer.fit.settings import settings_as_json
 from poseviewer.fit.stages import fit_pose
 from poseviewer.fit.visibility import Hiding, visibility
 from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.charts import LOG_FOCAL
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.pyramid.levels import seen_share
 from poseviewer.render.types import Renderer
@@ -59,7 +61,7 @@ OCCLUSION_PASSES, NEW_SHARE = 2, 0.03
 MOST_RUNS = 4
 """Runs of the stages before a verdict: what others hide settles after two mostly."""
 FOCAL_THRESHOLD = 0.02
-"""Share by which a run moves the focal length to be continued: along it the loss is nearly flat."""
+"""Share by which a run moves the focal length to be continued, where its spread is not known."""
 CHANGED = 0.05
 """Share of an object's pixels that others hide or free: less hardly moves its minimum."""
 LEAST_LEFT = 0.5
@@ -185,7 +187,7 @@ class Search:
             scene = moved(self.scene, self._index, best.problem, best.parameters)
             hidden = self._seen_in(scene, best.problem)
             is_same = not _differ(best.problem, hidden)
-            is_settled = is_same and not is_coarse and not _is_focal_moved(before, best)
+            is_settled = is_same and not is_coarse and not is_focal_moved(before, best)
             if is_settled or not best.may_continue:
                 break
             best = best if is_same else self._on(self._made(hidden), best)
@@ -193,7 +195,7 @@ class Search:
             best = yield from self._run(best.problem, best)
             gain = loss - best.loss if is_among else math.inf
         best = self._of_this_model((yield from self._finish(best, gain)))
-        is_unsure = best.verdict is not None and best.verdict.probability < SURE_FROM
+        is_unsure = best.verdict is not None and not is_sure(best)
         yield self._told(self._kept(best) if is_unsure and problem.settings.keep_start else best)
 
     def _run(
@@ -238,7 +240,7 @@ class Search:
 
     def _finish(self, best: FitProgress, gain: float) -> Steps[FitProgress]:
         """Leave out what is in front, judge, restart; ``gain``: loss that the last run gained."""
-        whole = best.problem
+        whole, pose_before = best.problem, best.pose
         for _ in range(OCCLUSION_PASSES):
             if not (best.may_continue and whole.is_structured):
                 break
@@ -249,14 +251,17 @@ class Search:
             if all(map(_is_same, views, hidden, whole.views)):
                 break
             left = map(ComparedView.without, whole.views, hidden)
-            before = self._on(replace(whole, views=tuple(left)), best)
+            before, pose_before = self._on(replace(whole, views=tuple(left)), best), best.pose
             best, gain = (yield from self._run(before.problem, before, before)), math.inf
         best = self._judged(best)
         for is_turned in (*(False,) * MOST_CONTINUED, True):
-            if not is_turned and gain < GAIN_THRESHOLD:
+            is_moved = best.may_continue and is_focal_moved(pose_before, best)
+            is_settled = is_turned or not is_moved
+            if not is_turned and gain < GAIN_THRESHOLD and is_settled:
                 continue
-            if not is_restarted(best, is_turned):
+            if is_settled and not is_restarted(best, is_turned):
                 break
+            pose_before = best.pose
             before, seed = best, whole.settings.seed + 2 + best.restart
             if is_turned:
                 turned = better_turn(best.problem, self._renderer, best.pose, self._threads)
@@ -371,13 +376,21 @@ def _is_same(known: ComparedView, hidden: Hidden, whole: ComparedView) -> bool:
     return bool(np.sum((known.hidden ^ hidden) & counted) < NEW_SHARE * np.sum(counted))
 
 
+def is_sure(end: FitProgress) -> bool:
+    """Whether a pose is probable enough to be trusted; less is asked where something hides it."""
+    if end.verdict is None:
+        return False
+    is_behind = end.verdict.features.get("seen", 1.0) < LEAST_WHOLE
+    sure_from = SURE_BEHIND if is_behind or end.problem.is_among_others else SURE_FROM
+    return end.verdict.probability >= sure_from
+
+
 def is_restarted(best: FitProgress, is_turned: bool) -> bool:
     """Whether another run follows, from the end of the search before (``is_turned``: turned)."""
     if not (best.may_continue and best.problem.is_structured) or best.verdict is None:
         return False
-    sure_from = SURE_AMONG_OTHERS if best.problem.is_among_others else SURE_FROM
     is_found = best.verdict.word == "found"
-    return best.verdict.probability < sure_from and not (is_found and is_turned)
+    return not is_sure(best) and not (is_found and is_turned)
 
 
 def is_taken(after: FitProgress, before: FitProgress, is_turned: bool) -> bool:
@@ -392,9 +405,13 @@ def is_taken(after: FitProgress, before: FitProgress, is_turned: bool) -> bool:
     return after.verdict.probability >= max(known + PROBABILITY_MARGIN, TURNED_THRESHOLD)
 
 
-def _is_focal_moved(before: Pose, end: FitProgress) -> bool:
-    """Whether a run from a pose has moved the focal length far; not by the paper's method."""
-    cameras = before.camera, end.pose.camera
+def is_focal_moved(before: Pose, end: FitProgress) -> bool:
+    """Whether a run from a pose has moved the focal length by more than its standard deviation, or
+    by more than ``FOCAL_THRESHOLD`` before a verdict; not by the paper's method.
+    """
+    cameras, known = (before.camera, end.pose.camera), end.covariance
     focals = [camera.fx for camera in cameras if isinstance(camera, Perspective)]
     is_searched = len(focals) == 2 and end.problem.settings.loss != "paper"
-    return is_searched and abs(focals[1] / focals[0] - 1.0) > FOCAL_THRESHOLD
+    is_known = known is not None and known.extra == LOG_FOCAL
+    share = math.sqrt(known.matrix[6, 6]) if known and is_known else FOCAL_THRESHOLD
+    return is_searched and abs(math.log(focals[1] / focals[0])) > share

@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.confidence.verdict import SURE_AMONG_OTHERS, SURE_FROM, Verdict
+from poseviewer.confidence.pose_covariance import PoseCovariance
+from poseviewer.confidence.verdict import SURE_BEHIND, SURE_FROM, Verdict
 from poseviewer.fit import search as searching
 from poseviewer.fit.problem import make_problem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.scene import Scene
-from poseviewer.fit.search import Search, is_restarted, is_taken
+from poseviewer.fit.search import Search, is_focal_moved, is_restarted, is_taken
 from poseviewer.fit.settings import Limits
 from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.fit.visibility import Hiding
@@ -103,6 +104,17 @@ def test_a_search_without_classes_and_edges_is_not_restarted(small):
     assert not is_restarted(replace(lost, problem=clipped), False)
 
 
+def test_a_focal_length_is_settled_once_a_run_moves_it_by_less_than_its_spread(small):
+    end = small[3]
+    centre, camera = end.problem.model.mesh.centre, end.pose.camera
+    spread = np.diag([0.01] * 6 + [0.05**2])
+    told = replace(end, covariance=PoseCovariance(end.pose, centre, spread))
+    for share, moves in ((0.01, (False, False)), (0.04, (True, False)), (0.06, (True, True))):
+        focal = camera.fx * np.exp(share)
+        before = replace(end.pose, camera=replace(camera, fx=focal, fy=focal))
+        assert (is_focal_moved(before, end), is_focal_moved(before, told)) == moves
+
+
 @pytest.mark.parametrize(
     ("verdict", "restarts"), [(FOUND, []), (UNSURE, [False]), (LOST, [False, True])]
 )
@@ -113,7 +125,7 @@ def test_a_found_pose_that_is_not_sure_is_only_continued(small, verdict, restart
 
 
 def test_less_is_asked_of_a_pose_among_other_objects(small):
-    end = replace(small[3], verdict=Verdict("doubtful", SURE_AMONG_OTHERS))
+    end = replace(small[3], verdict=Verdict("doubtful", SURE_BEHIND))
     assert is_restarted(end, True)
     nothing = np.zeros(end.problem.photo.weights.shape, bool)
     views = (replace(end.problem.views[0], behind=Hiding(nothing, nothing, nothing)),)

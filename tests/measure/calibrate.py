@@ -3,16 +3,19 @@
 The tables are ``trials.csv`` of ``poseviewer study --real FOLDER --degrees 5,15,30 --draws 1 --out
 STUDY``. It prints how well the verdict tells right from wrong on the half of the cases that it is
 made from and on the other; ``--write`` keeps the weights. Truths that are farther off than their
-source says make right fits wrong: ``--accuracy SET PERCENT``.
+source says make right fits wrong: ``--accuracy SET PERCENT``. Few photos hide the model: with
+``--seen`` only the weight of the share that is seen comes from the tables, as of tabletops from 15
+degrees off, alone and ``--among-others``; the others stay, and so do the limits.
 """
 
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import roc_auc_score
 
@@ -28,7 +31,7 @@ from tests.measure.real import is_tuning
 WEIGHTS = Path(str(verdict_weights.__file__))
 BEYOND_TRUTH_PERCENT = 1.0
 """Error beyond the truth's accuracy below which a fit is right, by the model's size, %."""
-NAMES = ("turn_margin", "spread_percent", "outline")
+NAMES = ("turn_margin", "spread_percent", "outline", "seen")
 """Features that are weighed; few, as trials are."""
 PENALTY = 1.0
 """Twice the cost of the weights' squared length: separable trials would have infinite weights."""
@@ -118,6 +121,22 @@ def calibrate(trials: Sequence[JudgedTrial]) -> Calibration:
     return Calibration(mean, deviation, weights, offset, found_from, lost_below)
 
 
+def calibrate_seen(trials: Sequence[JudgedTrial]) -> Calibration:
+    """The program's model and limits, with another weight of the share that is seen."""
+    columns = np.array(list(verdict_weights.FEATURES.values())).T
+    limits = verdict_weights.FOUND_FROM, verdict_weights.LOST_BELOW
+    known = Calibration(columns[0], columns[1], columns[2], verdict_weights.OFFSET, *limits)
+    right = np.array([trial.right for trial in trials], bool)
+
+    def cost(weight: float) -> float:
+        chances = replace(known, weights=np.array([*known.weights[:-1], weight]))
+        away = np.abs(chances.probabilities(trials) - right)
+        return 0.5 * PENALTY * weight**2 - float(np.sum(np.log(1.0 - away)))
+
+    weight = minimize_scalar(cost, bounds=(0.0, 10.0), method="bounded").x
+    return replace(known, weights=np.array([*known.weights[:-1], weight]))
+
+
 def calibration_table(calibration: Calibration, trials: Sequence[JudgedTrial]) -> Table:
     """How well it does on the half it was tuned on and on the other, and there by set."""
     tuning = [trial for trial in trials if is_tuning(trial.case)]
@@ -166,13 +185,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("trials", type=Path, nargs="+", metavar="TRIALS.CSV")
     parser.add_argument("--accuracy", nargs=2, action="append", default=[])
+    parser.add_argument("--seen", action="store_true", help="weigh the share seen alone")
     parser.add_argument("--write", action="store_true", help="keep the weights in the program")
     options = parser.parse_args(arguments)
     try:
         accuracies = {name: float(percent) for name, percent in options.accuracy}
         trials = load_judged(options.trials, accuracies)
         tuning = [trial for trial in trials if is_tuning(trial.case)]
-        calibration = calibrate(tuning)
+        calibration = calibrate_seen(tuning) if options.seen else calibrate(tuning)
     except PoseViewerError as error:
         sys.stderr.write(f"poseviewer: {error}\n")
         return EXIT_MENDABLE
