@@ -61,6 +61,29 @@ def test_cases_and_draws_are_chosen_and_the_report_tells_how_much_is_seen(folder
     assert [row.split("|")[1].strip() for row in rows] == names
 
 
+def test_starts_of_an_unknown_focal_length_are_a_tenth_off_in_it(folder):
+    plan = Plan(out=folder, real=folder, degrees=(5,), draws=2)
+    known, off = (real_tasks(replace(plan, free_focal=free), folder) for free in (False, True))
+    factors = []
+    for pair in zip(off, known, strict=True):
+        focals = [task.start.camera.project([1.0, 0.0, 1.0])[0] for task in pair]
+        depths = [task.start.camera_from_model.translation[2] for task in pair]
+        middle = pair[0].start.camera.project([0.0, 0.0, 1.0])[0]
+        factors.append((focals[0] - middle) / (focals[1] - middle))
+        assert depths[0] / depths[1] == pytest.approx(factors[-1], rel=0.02)
+        assert pair[0].settings.free_focal
+    assert factors == pytest.approx([1.1, 1.0 / 1.1] * 2)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("folder")
+def test_the_error_of_a_focal_length_is_told_in_its_own_deviations():
+    assert run(*STUDY.split(), "--draws", 1, "--cases", "*-a", "--free-focal") == 0
+    (row,) = read_rows(Path("out/trials.csv"))
+    assert row["traits"] == "model with colours, focal length free"
+    assert 0.0 < float(row["focal_deviations"]) < 5.0
+
+
 @pytest.mark.parametrize(
     ("damaged", "content", "more", "said"),
     [
