@@ -81,7 +81,8 @@ def test_the_error_of_a_focal_length_is_told_in_its_own_deviations():
     assert run(*STUDY.split(), "--draws", 1, "--cases", "*-a", "--free-focal") == 0
     (row,) = read_rows(Path("out/trials.csv"))
     assert row["traits"] == "model with colours, focal length free"
-    assert 0.0 < float(row["focal_deviations"]) < 5.0
+    evidence = dict(part.split("=") for part in row["evidence"].split())
+    assert 0.0 < float(evidence["focal_deviations"]) < 5.0
 
 
 @pytest.mark.parametrize(
