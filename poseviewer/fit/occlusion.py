@@ -6,7 +6,7 @@ and mixture are told together (expectation and maximisation, begun with robust w
 neighbours speak for each other. A hidden piece counts as something in front where it borders on the
 model's rest by an edge of the photo, and goes on across the model's outline without one: a
 highlight, or paint that the model has not, ends there. Its nearest pixels beside the model go with
-it, as they tell nothing where the outline is hidden.
+it, as far as it is wide: they tell nothing where the outline is hidden, but bound the model.
 """
 
 import cv2
@@ -38,6 +38,8 @@ LEAST_CROSSING = 1.0
 """Length of the outline that a piece lies on, in roots of its area: few things end there."""
 EDGE_GAP = 0.3
 """Share of its border inside the model that lies on edges, above that of the outline over it."""
+REACH = 1.5
+"""Reach beside the model of what hides it, in roots of the hidden area; more lets a model grow."""
 LEAST_SEEN = 0.2
 """Share of the model that is left: with less, any light explains it."""
 
@@ -163,12 +165,12 @@ def _is_in_front(
 
 
 def _nearest(hidden: NDArray[np.bool_], model: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(height, width): the pixels whose nearest pixel of the ``model`` is ``hidden``."""
+    """(height, width): the pixels within reach whose nearest pixel of the ``model`` is hidden."""
     away = (~model).astype(np.uint8)
-    _, nearest = cv2.distanceTransformWithLabels(
+    distance, nearest = cv2.distanceTransformWithLabels(
         away, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
     labels = np.asarray(nearest, np.intp)
     of_label = np.zeros(int(labels.max()) + 1, bool)
     of_label[labels[model]] = hidden[model]
-    return of_label[labels]
+    return of_label[labels] & (distance <= REACH * np.count_nonzero(hidden) ** 0.5)
