@@ -31,7 +31,7 @@ IDS = ("ball", "front", "apart")
 LIGHT = np.array([0.4, -0.7, -0.6])
 
 
-def coloured(mesh: Mesh, tint: tuple[float, float, float]) -> Mesh:
+def coloured(mesh: Mesh, tint: ArrayLike) -> Mesh:
     """One pigment of varying strength: grey reflectance explains its colour photo."""
     return replace(mesh, colours=mesh.colours[:, :1] * np.array(tint, np.float32))
 

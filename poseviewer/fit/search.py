@@ -113,6 +113,8 @@ class Search:
         self.scene = scene
         """With the poses and results of the searches that are over."""
         self._placings: dict[int, FitProgress] = {}
+        self._searched: dict[int, FitProblem] = {}
+        """The problem that each object was searched for by last, its end taken or not."""
         self._index, self._began = self._indices[0], 0.0
 
     def run(self) -> Steps[None]:
@@ -131,12 +133,15 @@ class Search:
                 hidden = hidings(self.scene, index, self._view)
                 before = self._placings.get(index)
                 is_whole = all(one is not None and one.is_whole for one in hidden.values())
-                if is_whole or (before is not None and not _differ(before.problem, hidden)):
+                if is_whole or (before is not None and not _differ(self._searched[index], hidden)):
                     continue
                 if before is None and len(self._indices) == 1:
                     hidden = {number: _all_in_front(one) for number, one in hidden.items()}
                 self._index, self._began, was_searched = index, time.perf_counter(), True
                 yield from self._place(hidden)
+                self._searched[index] = self._placings[index].problem
+                if before is not None and is_worse(self._placings[index], before):
+                    yield self._told(before)
             if not was_searched:
                 return
 
@@ -241,8 +246,9 @@ class Search:
     def _finish(self, best: FitProgress, gain: float) -> Steps[FitProgress]:
         """Leave out what is in front, judge, restart; ``gain``: loss that the last run gained."""
         whole, pose_before = best.problem, best.pose
+        is_looked_for = whole.settings.in_front == "find"
         for _ in range(OCCLUSION_PASSES):
-            if not (best.may_continue and whole.is_structured):
+            if not (best.may_continue and whole.is_structured and is_looked_for):
                 break
             views, poses, hidden = best.problem.views, whole.poses(best.parameters), []
             for view, old, pose in zip(whole.views, views, poses, strict=True):
@@ -403,6 +409,15 @@ def is_taken(after: FitProgress, before: FitProgress, is_turned: bool) -> bool:
     if not is_turned:
         return after.verdict.probability >= known - PROBABILITY_MARGIN
     return after.verdict.probability >= max(known + PROBABILITY_MARGIN, TURNED_THRESHOLD)
+
+
+def is_worse(after: FitProgress, before: FitProgress) -> bool:
+    """Whether a further round has spoiled an object: what hides it now may stand there wrongly."""
+    if after.verdict is None or before.verdict is None:
+        return False
+    is_spoiled = before.verdict.word == "found" != after.verdict.word
+    known = before.verdict.probability - PROBABILITY_MARGIN
+    return is_spoiled or after.verdict.probability < known
 
 
 def is_focal_moved(before: Pose, end: FitProgress) -> bool:

@@ -7,6 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from poseviewer.app.state.document import Document
+from poseviewer.app.state.session import SearchRequest
+from poseviewer.app.workers.jobs import run_search
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.fit import search as searching
 from poseviewer.fit.problem import make_problem
@@ -16,27 +19,30 @@ from poseviewer.fit.search import CHANGED, MOST_ROUNDS, Search
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.visibility import hiding
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view import View
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from tests.meshes import make_box
-from tests.several import CAMERA, MESHES, STARTS, TRUTH, make_photo
+from tests.meshes import make_box, make_sphere
+from tests.several import CAMERA, LIGHT, MESHES, STARTS, TRUTH, coloured, lit_models, make_photo
 
 SETTINGS = FitSettings()
 VIEW = View("three.png", make_photo(), CAMERA)
 
 
-def scene_of(*placed: PlacedModel, locked: tuple[int, ...] = (), settings=SETTINGS) -> Scene:
+def scene_of(
+    *placed: PlacedModel, locked: tuple[int, ...] = (), settings=SETTINGS, view=VIEW
+) -> Scene:
     objects = tuple(
         SceneObject(
             str(index),
             LoadedModel(one.mesh, "m.ply", "0" * 64),
-            VIEW.world_from_model(one.pose),
+            view.world_from_model(one.pose),
             settings,
             locked=index in locked,
         )
         for index, one in enumerate(placed)
     )
-    return Scene((VIEW,), objects)
+    return Scene((view,), objects)
 
 
 def searched(scene: Scene, *indices: int) -> Search:
@@ -142,3 +148,32 @@ def test_what_is_lost_or_stands_wholly_behind_another_is_left_and_hides_nothing(
     assert not any(one.stands_firm for one in search.scene.objects)
     kept = search.scene.pose(0).project(MESHES[0].vertices)
     np.testing.assert_allclose(kept, STARTS[0].pose.project(MESHES[0].vertices), atol=1e-9)
+
+
+@pytest.mark.slow
+def test_what_is_taken_for_found_on_top_of_a_found_object_does_not_spoil_it(monkeypatch):
+    place = RigidTransform.from_rotation_vector([0.5, 0.2, 0.1], [-0.8, -0.5, 7.3])
+    sphere = coloured(make_sphere(3, 0.5), (0.9, 0.6, 0.4))
+    other = PlacedModel(sphere, replace(TRUTH[0].pose, camera_from_model=place))
+    verdicts, judge_end = [], searching.judge_end
+
+    def misjudging(progress, *more):
+        end = judge_end(progress, *more)
+        if progress.problem.model.mesh is other.mesh:  # which the photo does not show
+            return replace(end, verdict=Verdict("found", 0.99))
+        verdicts.append("" if end.verdict is None else end.verdict.word)
+        return end
+
+    monkeypatch.setattr(searching, "judge_end", misjudging)
+    photo = lit_models((TRUTH[0], TRUTH[2]), LIGHT, np.random.default_rng(0))
+    view = replace(VIEW, photo=replace(VIEW.photo, pixels=photo))
+    scene = scene_of(STARTS[0], other, STARTS[2], view=view)
+    *_, last = run_search(SearchRequest(Document.of(scene), (SETTINGS,), (0, 1, 2)))
+    assert "lost" in verdicts  # the other hides most of the ball in its second round
+    for index in (0, 2):
+        result, verdict = last.results[index], last.placings[index].verdict
+        assert result is not None
+        assert result.verdict is verdict
+        assert verdict is not None
+        assert verdict.word == "found"
+        assert share_off(index, last.placings[index].pose) < 0.0025
