@@ -147,6 +147,11 @@ PIXELS = option(
 )
 REFLECTANCE = option("--colour-reflectance", "RGB reflectance of the model (m = 12)")
 MASK = option("--mask MASK.png", "weights: white counts")
+IN_FRONT = option(
+    "--in-front",
+    "what may hide the model: the mask and what the search finds (find), the mask, or nothing",
+    CHOICES["in_front"],
+)
 OUT = "a part to leave out (of a scene: ID:PART); again for more"
 WITHOUT = option("--without PART", OUT, action="append")
 COMPARED = (
@@ -157,6 +162,7 @@ COMPARED = (
     PIXELS,
     option(f"--region {RECTANGLE}", "in px"),
     MASK,
+    IN_FRONT,
     WITHOUT,
     option("--renderer", "(software); gpu is experimental", CHOICES["renderer"]),
 )

@@ -127,7 +127,7 @@ def _weights(
     photo, own = scene.views[number].photo, scene.in_view(index, number)
     shape = photo.height, photo.width
     weights = np.ones(shape, np.float32)
-    for mask in scene.masks(index, number):
+    for mask in () if settings.in_front == "nothing" else scene.masks(index, number):
         weights = weights * mask.weights
     if photo.covered is not None:
         weights = weights * photo.covered

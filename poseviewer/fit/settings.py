@@ -17,6 +17,7 @@ LossName = Literal["default", "paper"]
 SearchName = Literal["simplex", "models"]
 ChartName = Literal["auto", "vehicle", "free-body"]
 PixelsName = Literal["near", "whole", "clip"]
+InFrontName = Literal["find", "painted", "nothing"]
 LOSSES: dict[LossName, str] = {
     "default": "Default (light, colours, edges)",
     "paper": "Paper (2010)",
@@ -44,6 +45,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "search": ("auto", *get_args(SearchName)),
     "chart": get_args(ChartName),
     "pixels": get_args(PixelsName),
+    "in_front": get_args(InFrontName),
     "renderer": get_args(RendererName),
 }
 
@@ -73,6 +75,9 @@ class FitSettings:
     pixels: PixelsName = "near"
     """P: a fixed box about the start, or the whole photo, both with the surroundings of the model
     speaking against a wrong outline; or, as in the paper, what the model covers at each pose."""
+    in_front: InFrontName = "find"
+    """Pixels left out besides those that other objects hide: masks and what a search finds in front
+    of the model, masks alone, or none."""
     region: Rectangle | None = None
     """Rectangle that P lies in, px."""
     mask: str | None = None

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from playwright.sync_api import Browser
+from playwright.sync_api import Browser, expect
 
 from poseviewer.api import load
 from poseviewer.files.mesh.load import load_mesh
@@ -115,6 +115,8 @@ def test_a_polygon_is_clicked_or_dragged(tab: AppPage) -> None:
     tab.open_step(2)
     tab.page.keyboard.press("h")  # the tools come into sight
     tab.page.get_by_role("button", name="● Brush").wait_for()
+    for name in ("● Brush", "Polygon", "Scribble", "Part"):
+        expect(tab.page.get_by_role("button", name=name, exact=True)).to_be_in_viewport(ratio=1.0)
     tab.page.get_by_role("button", name="Polygon").click()
     tab.wait_for_text("Polygon:")
     tab.page.get_by_role("button", name="● Polygon").wait_for()

@@ -4,15 +4,30 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
+import trimesh
 
 from poseviewer.api import load, make_scene
 from poseviewer.files.demo import demo_case
 from poseviewer.files.pose import load_pose
 from poseviewer.fit.compared import enlarged
 from poseviewer.fit.occlusion import find_hidden
+from poseviewer.fit.scene import LoadedModel, PlacedModel, scene_at
+from poseviewer.fit.settings import FitSettings
+from poseviewer.fit.visibility import hiding
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.geometry.image import Photo
+from poseviewer.geometry.mask import Mask
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.view import View
+from poseviewer.render.software.software_renderer import SoftwareRenderer
+from tests.meshes import make_box, make_bumpy, make_mesh
+from tests.several import LIGHT, coloured, lit_models
 
 SLAB = (350, 520)
 """Columns of the demo's photo."""
@@ -87,3 +102,70 @@ def test_a_fit_leaves_out_what_it_sees_in_front(demo, behind_slab, tmp_path):
     record = load_pose(tmp_path / "car.pose.json", photo.width, photo.height)
     assert record.seen == found.seen
     assert record.mask == "car.mask.png"
+
+
+def make_can(random: np.random.Generator | None = None) -> Mesh:
+    """A printed can; ``random``: with a panel that the model lacks."""
+    shape = trimesh.creation.cylinder(0.7, 2.0, sections=48).subdivide().subdivide()
+    angle, z = np.arctan2(shape.vertices[:, 1], shape.vertices[:, 0]), shape.vertices[:, 2]
+    shade = (
+        0.5 + 0.25 * np.sin(3 * angle + 1) * np.cos(2.5 * z) + 0.2 * np.sign(np.sin(angle + 2 * z))
+    )
+    colours = np.clip(shade[:, None] * [1.0, 0.75, 0.6], 0.05, 0.95)
+    if random is not None:
+        middle, width, low, grey = random.uniform((-np.pi, 0.5, -0.8, 0.1), (np.pi, 0.9, 0.1, 0.9))
+        panel = (np.cos(angle - middle) > np.cos(width)) & (z > low)
+        colours[panel] = grey * random.uniform(0.4, 1.0, 3)
+    return make_mesh(shape.vertices, shape.faces, colours=colours)
+
+
+@pytest.fixture(scope="module")
+def painted_over():
+    """A can with another label than the model's, whose occluder is painted over exactly, 8 degrees
+    off; and the true pose.
+    """
+    random, camera = np.random.default_rng(11), Perspective(520.0, 520.0, 160.5, 120.5, 320, 240)
+
+    def at(turn, *shift: float) -> Pose:
+        return Pose(camera, RigidTransform.from_rotation_vector(turn, shift))
+
+    turn = np.array([1.4, 0.2, -0.2]) + random.normal(0.0, 0.3, 3)
+    x, y = random.uniform((-0.3, -0.2), (0.3, 0.2))
+    truth, tint = at(turn, x, y, 7.0), random.uniform(0.3, 1.0, 3)
+    side = random.choice([-1, 1])
+    front = coloured(make_box((1.0, 2.6, 0.3)), tint)
+    occluder = PlacedModel(front, at([0.05, 0.1, 0.3 * side], 0.6 * x + 0.55 * side, 0.1, 5.0))
+    bumpy = coloured(make_bumpy(3), random.uniform(0.3, 1.0, 3))
+    behind = PlacedModel(bumpy, at([0.4, -0.3, 0.2], -1.3 * side, -0.2, 9.0))
+    ground = random.uniform(0.05, 0.5, (8, 10, 3)).astype(np.float32)
+    ground = cv2.resize(ground, (960, 720), interpolation=cv2.INTER_CUBIC).clip(0.02, 0.9)
+    shown = PlacedModel(make_can(random), truth), occluder, behind
+    photo = Photo(lit_models(shown, LIGHT, random, ground), "can.png", "0" * 64)
+    model, away = make_can(), random.normal(size=(2, 3))
+    away *= np.array([[np.radians(8.0)], [0.06]]) / np.linalg.norm(away, axis=1, keepdims=True)
+    start = FreeBodyChart.near(model, truth).to_pose(away.ravel())
+    mask = Mask.of(~hiding(PlacedModel(model, truth), (occluder,)).hidden)
+    view = View("can.png", photo, camera, mask=mask)
+    return scene_at(view, LoadedModel(model, "can.ply", "0" * 64), start), truth
+
+
+@pytest.mark.slow
+def test_what_is_in_front_does_not_eat_an_object_whose_occluder_is_painted_over(painted_over):
+    scene, truth = painted_over
+    case = make_scene(scene, SoftwareRenderer(scene.objects[0].mesh))
+    end = case.fit()
+    assert pose_error(case.mesh, end.pose, truth).percent < 1.0
+    assert end.hidden is not None  # the label
+    assert np.mean(end.hidden) < 0.03
+    painted = scene.with_object(0, settings=FitSettings(in_front="painted"))
+    assert make_scene(painted, case.renderer).fit().hidden is None
+
+
+def test_what_is_painted_hides_unless_the_user_says_that_nothing_does(painted_over):
+    scene, _ = painted_over
+    masked = {}
+    for name in ("find", "painted", "nothing"):
+        now = scene.with_object(0, settings=FitSettings(in_front=name))
+        photo = make_scene(now, SoftwareRenderer(scene.objects[0].mesh)).problem.photo
+        masked[name] = np.count_nonzero(photo.weights == 0.0)
+    assert masked["find"] == masked["painted"] > masked["nothing"]

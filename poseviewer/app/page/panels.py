@@ -48,6 +48,10 @@ SHOWN_DIGITS, NUMBER_STEP = 5, 0.0005
 CURVE_POINTS = 300
 """Newest improvements in the plot of the search."""
 PIXELS = {"near": "near the model", "whole": "whole photo", "clip": "inside the model"}
+IN_FRONT = {"find": "find it", "painted": "only what I painted", "nothing": "nothing"}
+IN_FRONT_HINT = (
+    "What hides the model: what the search finds and you painted, or that alone, or nothing."
+)
 BESIDE_RESTART = 1e-3
 """Evaluations between a restart's line on the curve and what is not one."""
 AS_IT_IS = "as it is"
@@ -288,8 +292,12 @@ def _add_hiding(controls: Controls) -> None:
     def hidden(session: Session) -> tuple[Any, ...]:
         document = session.document
         ended = None if session.searching else session.search
-        return *h.masks_of(session), document.object.result, document.at, ended
+        masks, choice = h.masks_of(session), document.settings.in_front
+        return *masks, choice, document.object.result, document.at, ended
 
+    in_front = attrgetter("document.settings.in_front")
+    controls.dropdown("In front", IN_FRONT, partial(_set, "in_front"), in_front, IN_FRONT_HINT)
+    controls.text(kept(hidden, hidden_text))
     controls.action("hide", is_hiding, icon="brush")
     tools = {tool.capitalize(): c.set_tool(tool) for tool in h.HIDING}
     controls.choices("Tool", tools, lambda s: s.tool.capitalize(), visible=is_hiding)
@@ -298,7 +306,6 @@ def _add_hiding(controls: Controls) -> None:
     for_one = controls.gui.add_checkbox("For this object only", False)
     several = lambda s: s.tool in h.SHAPES and len(s.document.scene.objects) > 1  # noqa: E731
     controls.bind(for_one, "for_one", visible=several)
-    controls.text(kept(hidden, hidden_text))
     has_found = kept(hidden, lambda s: h.found_hidden(s) is not None)
     controls.action("hide found", visible=has_found)
     controls.action("unhide", visible=lambda s: is_hiding(s) and any(h.masks_of(s)))

@@ -81,7 +81,9 @@ class PhotoScene:
         """Content of each node, for the photo that is shown."""
         self._photo: Photo | None = None
         self._pixels = kept(lambda s: (s.document.photo,), _photo_pixels)
-        self._painted = kept(lambda s: (*masks_of(s), s.tool in HIDING), _painted)
+        self._painted = kept(
+            lambda s: (*masks_of(s), s.document.settings.in_front, s.tool in HIDING), _painted
+        )
         self._found = kept(
             lambda s: (not s.searching and s.search, s.document.object.result, s.document.at),
             lambda s: _tint(found_hidden(s), FOUND_COLOUR, HIDDEN_OPACITY),

@@ -209,6 +209,8 @@ def hidden_text(session: Session) -> str:
     lines = []
     if mask is not None:
         lines.append(f"**{1.0 - float(np.mean(mask.weights)):.1%}** of the photo is hidden")
+    elif any(h.masks_of(session)):
+        lines.append("What is painted counts all the same")
     if occluders is not None:
         lines.append(
             f"**{np.mean(occluders):.1%}** were taken for something in front by the search (violet)"

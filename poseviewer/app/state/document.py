@@ -8,9 +8,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseviewer.app.state.camera_change import with_camera
 from poseviewer.errors import SingularChartError
+from poseviewer.fit.compared import box_near
 from poseviewer.fit.problem import FitProblem, moved, numbers_of
 from poseviewer.fit.scene import InView, LoadedModel, Scene, SceneObject
 from poseviewer.fit.settings import FitSettings
@@ -210,19 +212,35 @@ class Document:
 
     @property
     def mask(self) -> Mask | None:
-        """Pixels of the view that count by hand, by its mask and the active object's own one."""
+        """Pixels of the view that count by hand, by its mask and the active object's own one, as
+        far as its settings let these hide.
+        """
+        if self.settings.in_front == "nothing":
+            return None
         return self.scene.with_object(self.active, result=None).mask(self.active, self.at)
 
     def with_mask(self, mask: Mask | None, own: bool = False) -> Document:
         """The document with another mask of the view, or of the active object alone there, without
-        results of searches by the old one.
+        results of searches that compared other pixels.
         """
-        if own:
-            return self.with_own(mask=mask).with_object(result=None)
-        views = list(self.scene.views)
-        views[self.at] = replace(self.view, mask=mask)
-        objects = tuple(replace(one, result=None) for one in self.scene.objects)
-        return replace(self, scene=replace(self.scene, views=tuple(views), objects=objects))
+        before = self.own.mask if own else self.view.mask
+        old, new = (1.0 if weights is None else weights.weights for weights in (before, mask))
+        changed = np.broadcast_to(np.not_equal(old, new), (self.photo.height, self.photo.width))
+        document, views = self.with_own(mask=mask) if own else self, list(self.scene.views)
+        if not own:
+            views[self.at] = replace(self.view, mask=mask)
+            document = replace(self, scene=replace(self.scene, views=tuple(views)))
+        for index in (self.active,) if own else range(len(self.states)):
+            if self._compares(index, changed):
+                document = document.with_object(index, result=None)
+        return document
+
+    def _compares(self, index: int, where: NDArray[np.bool_]) -> bool:
+        """Whether a search for an object compares pixels ``where`` (height, width) of the view."""
+        if self.scene.objects[index].settings.pixels == "whole":
+            return bool(where.any())
+        near = box_near(self.scene.objects[index].mesh, self.scene.pose(index, self.at))
+        return bool(np.any(near.mask(*where.shape)[where]))
 
     def with_state(self, **changes: Any) -> Document:
         """The document with changed fields of the active object's state."""

@@ -81,6 +81,9 @@ def paint_found(
             mask = None if np.all(weights == 1.0) else Mask.of(weights)
             document = document.with_mask(mask, own)
     if document is not session.document:
+        if document.settings.in_front == "nothing" and not erase:
+            settings = replace(document.settings, in_front="painted")
+            document = document.with_object(settings=settings)
         session = session.with_document(document)
     return replace(session, strokes=session.strokes + 1)
 

@@ -155,7 +155,7 @@ def test_what_is_painted_is_hidden_from_every_object_or_from_one_alone():
     other = after(alone, pick_object(1))
     assert counts(other)[60, 90] == 1.0
     assert other.document.object.result is result  # its pixels are as they were
-    painted = after(other, c.change(for_one=False), brush((20.5, 90.5)))
+    painted = after(other, c.change(for_one=False), brush((60.5, 90.5)))
     assert [one.result for one in painted.document.scene.objects] == [None, None]
     # Erasing shows what is seen to be hidden, whatever hides it; a part is undone alone.
     erased = after(alone, c.change(for_one=False), brush((90.5, 60.5), radius=9.0, erase=True))
@@ -163,6 +163,27 @@ def test_what_is_painted_is_hidden_from_every_object_or_from_one_alone():
     assert counts(erased)[30, 40] == 0.0
     assert counts(after(alone, h.unhide()))[30, 40] == 0.0
     assert h.masks_of(after(alone, c.change(for_one=False), h.unhide())) == (None, None)
+
+
+def test_an_object_keeps_its_verdict_where_strokes_change_none_of_its_pixels():
+    session, result = make_session(PERSPECTIVE), SearchResult(None, 0.1, 0.1)
+    session = replace(session, document=session.document.with_object(result=result))
+    at_edge = brush((2.5, 60.5), radius=3.0)
+    beside = after(session, at_edge)
+    assert beside.document.object.result is result
+    assert after(beside, brush((80.5, 60.5))).document.object.result is None
+    whole = after(session, c.alter_settings(lambda now: replace(now, pixels="whole")), at_edge)
+    assert whole.document.object.result is None
+
+
+def test_nothing_is_hidden_where_the_user_says_so_until_more_is_painted():
+    nothing = c.alter_settings(lambda now: replace(now, in_front="nothing"))
+    session = after(make_session(PERSPECTIVE), brush((40.5, 30.5)), nothing)
+    assert np.all(counts(session) == 1.0)
+    assert any(h.masks_of(session))  # it is kept
+    painted = after(session, brush((80.5, 30.5)))
+    assert painted.document.settings.in_front == "painted"
+    assert counts(painted)[30, 40] == counts(painted)[30, 80] == 0.0
 
 
 def record_of(session: Session) -> PoseRecord:
