@@ -5,17 +5,14 @@ files are silent.
 import json
 import logging
 import math
-import os
 import re
 import stat
-import threading
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import IO, Annotated, Any, TypeVar
 
 import msgspec
@@ -48,35 +45,6 @@ def quiet_libraries() -> Iterator[None]:
         pillow.setLevel(level)
 
 
-@contextmanager
-def printed_errors(said: list[str]) -> Iterator[None]:
-    """Add to ``said`` what libjpeg prints inside the ``with`` block, and leave out what libpng
-    does, which warns of harmless profiles; other lines go to the standard error as ever.
-    """
-    with _STDERR, TemporaryFile() as file:
-        try:
-            terminal = os.dup(2)
-        except OSError:  # closed: nobody reads it
-            yield
-            return
-        os.dup2(file.fileno(), 2)
-        try:
-            yield
-        finally:
-            os.dup2(terminal, 2)
-            file.seek(0)
-            for line in file:
-                if OF_JPEG.match(line):
-                    text = line.strip().decode("ascii", "replace")
-                    said.append(printable(f"It may be damaged ({text})."))
-                elif not line.startswith(b"libpng "):
-                    os.write(terminal, line)
-            os.close(terminal)
-
-
-_STDERR = threading.Lock()
-OF_JPEG = re.compile(rb"[^:]*JPEG|Invalid SOS|Inconsistent progression")
-"""Beginnings of libjpeg's lines (``jerror.h``)."""
 ROUNDING = 1e-6
 """A rotation this near to orthonormal is taken as rounded, and made exact without a warning."""
 LARGEST_REPAIR_DEG = 1.0

@@ -13,11 +13,11 @@ import cv2
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from PIL import ExifTags, Image, UnidentifiedImageError
+from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
 
 from poseviewer.errors import CalibrationFileError, PhotoFileError, printable
 from poseviewer.files.cameras import Calibration, load_calibration
-from poseviewer.files.checks import LARGEST_DATA, Reading, printed_errors, quiet_libraries
+from poseviewer.files.checks import LARGEST_DATA, Reading, quiet_libraries
 from poseviewer.files.structs import Distortion
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.image import Photo
@@ -140,11 +140,13 @@ def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]
             focal = focal_35mm(image.getexif(), image.width, image.height)
             is_transparent = image.has_transparency_data
             image.load()  # whether it is whole: OpenCV fills up with grey
-            is_small = image.mode in ("L", "RGB", "RGBA") and max(tags.get(BITS, (8,))) <= 8
-            if TILE_WIDTH in tags and (is_small or image.mode == "I;16"):
-                # OpenCV reads few tiled TIFF files, and turns them wrongly; Pillow has turned it.
-                pixels = np.atleast_3d(np.asarray(image))
-                return pixels[..., : 1 if pixels.shape[2] == 1 else 3], focal, is_transparent
+            depth = max(tags.get(BITS, (data[24] if image.format == "PNG" else 8,)))
+            is_tiled = TILE_WIDTH in tags and image.mode == "I;16"  # which OpenCV turns wrongly
+            if is_tiled or (depth <= 8 and image.mode[0] not in "IF"):
+                ImageOps.exif_transpose(image, in_place=True)
+                if image.mode not in ("L", "RGB", "I;16"):
+                    image = image.convert("L" if image.mode in ("1", "LA") else "RGB")
+                return np.atleast_3d(np.asarray(image)), focal, is_transparent
             image.close()  # frees its pixels
     except UnidentifiedImageError:
         wanted = "wanted JPEG, PNG, TIFF, WebP or BMP with 8 or 16 bits"
@@ -154,13 +156,11 @@ def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]
     except Image.DecompressionBombError:
         found = f"more than {MAX_MEGAPIXELS:.0f} megapixels"
         raise reading.error(found, "make it smaller first") from None
-    # OpenCV turns it upright, and leaves transparency out.
-    depth = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH
-    with printed_errors(reading.warnings):
-        picture = cv2.imdecode(np.frombuffer(data, np.uint8), depth)
+    # OpenCV reads 16 bits of each colour, turns them upright, and leaves transparency out.
+    how = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), how)
     if picture is None:
-        found = "OpenCV cannot read this kind of picture"
-        raise reading.error(found, "save it as PNG or JPEG")
+        raise reading.error("OpenCV cannot read this kind of picture", "save it as PNG or JPEG")
     if picture.ndim == 2:
         return picture[..., None], focal, is_transparent
     for top in range(0, len(picture), ROWS):  # in place: the whole is up to 0.6 GB
