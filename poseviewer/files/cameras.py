@@ -93,7 +93,6 @@ def load_calibration(
 def _chosen(
     reading: Reading, choice: Calibration, cameras: list[FileCamera], photo: str
 ) -> FileCamera:
-    """The camera that the user names, or the only one, or that of the photo."""
     names = [repr(camera.name) if camera.name else "one without a name" for camera in cameras]
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
     known = ", ".join(names[:MOST_NAMES]) + more

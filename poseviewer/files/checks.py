@@ -11,7 +11,6 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
-from functools import reduce
 from pathlib import Path
 from typing import IO, Annotated, Any, TypeVar
 
@@ -216,7 +215,9 @@ class Reading:
             if not said.startswith(("Expected", "Invalid", "Number")):  # a struct's own check
                 found, _, wanted = said.partition("; ")
                 raise self.error(f"{where}{found}".lstrip("."), wanted) from None
-            value = reduce(_item, KEY.findall(place), data)
+            value: Any = data
+            for key in KEY.findall(place):
+                value = value.get(key) if isinstance(value, dict) else value[int(key)]
             wanted = "one of those in the file's schema"
             if said.startswith("Expected"):
                 wanted = TYPE.sub(_words, said.removeprefix("Expected ").partition(", got")[0])
@@ -283,12 +284,7 @@ class Reading:
         return None if value is None else self.decoded(value, kind, what)
 
 
-def _item(value: Any, key: str) -> Any:
-    return value.get(key) if isinstance(value, dict) else value[int(key)]
-
-
 def _words(types: re.Match[str]) -> str:
-    """Name types of msgspec's messages for people."""
     return " or ".join(NAMES.get(name, name) for name in types[1].split(" | ") if name != "null")
 
 
@@ -329,17 +325,15 @@ def checked_rotation(reading: Reading, matrix: FloatArray) -> FloatArray:
     # A small angle moves the matrix by sqrt(2) of it, in the Frobenius norm.
     off_deg = math.degrees(float(np.linalg.norm(matrix - nearest)) / math.sqrt(2.0))
     if off_deg >= LARGEST_REPAIR_DEG:
-        raise reading.error(
-            f"the rotation is not a rotation matrix (determinant {np.linalg.det(matrix):.3g})",
-            "wanted an orthonormal one of determinant 1; where it is -1, change the sign of one "
-            "axis and of the model or camera",
+        found = f"the rotation is not a rotation matrix (determinant {np.linalg.det(matrix):.3g})"
+        wanted = (
+            "wanted an orthonormal one of determinant 1; where it is -1, change the sign of an axis"
         )
+        raise reading.error(found, f"{wanted} of the model or camera")
     error = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
     if error < 1e-14:
         return matrix
     if error > ROUNDING:
-        reading.warnings.append(
-            f"{reading.path.name}: the rotation was not quite orthonormal "
-            f"(by {off_deg:.2g} degrees); the nearest rotation is used."
-        )
+        found = f"the rotation was not quite orthonormal (by {off_deg:.2g} degrees)"
+        reading.warnings.append(f"{reading.path.name}: {found}; the nearest rotation is used.")
     return nearest

@@ -192,11 +192,7 @@ def _walk(root: Path) -> Iterator[Path]:
 
 
 def _kind_of(path: Path, as_pose: bool, sole: bool) -> str:
-    """``model``, ``picture``, ``scene``, ``set``, ``reconstruction``, ``pose``, ``camera`` or "".
-
-    A ``sole`` JSON file is a pose if nothing else, so that its reader says why it is none; so do
-    those of raw photos, and of models that are to be exported as GLB.
-    """
+    """What a file is, or ""; of a ``sole`` one that is none, what its reader says why it is not."""
     suffix = path.suffix.lower()
     if suffix in READERS or (sole and suffix in ELSEWHERE):
         return "model"
@@ -241,7 +237,6 @@ def _json_of(path: Path) -> dict[str, object]:
 
 
 def _masks_of(poses: Sequence[Path]) -> set[Path]:
-    """The pictures beside pose files that these name as their masks."""
     names = ((path, _json_of(path).get("mask")) for path in poses)
     return {path.parent / bare_name(name) for path, name in names if isinstance(name, str)}
 
@@ -256,7 +251,6 @@ def _only(paths: Sequence[Path], what: str, instead: str = "") -> Path | None:
 
 
 def _listed(paths: Sequence[Path]) -> str:
-    """The first paths, as they lie in the folder that holds all of them."""
     root = Path(os.path.commonpath([path.parent for path in paths]))
     names = ", ".join(path.relative_to(root).as_posix() for path in paths[:MOST_NAMED])
     return names if len(paths) <= MOST_NAMED else f"{names} and {len(paths) - MOST_NAMED:,} more"

@@ -87,7 +87,6 @@ def _reading(path: str | Path) -> Reading:
 def _numbers(
     reading: Reading, where: str, row: Sequence[str], names: Sequence[str], chosen: Sequence[str]
 ) -> list[float]:
-    """The chosen numbers of a row that has one for each of the names."""
     if len(row) != len(names):
         wanted = f"wanted {len(names)}: {', '.join(names)[:80]}"
         raise reading.error(f"{where} has {len(row)} values", wanted)

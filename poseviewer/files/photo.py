@@ -98,7 +98,6 @@ def _exif_tags(path: str | Path) -> dict[int, Any]:
 
 @contextmanager
 def _head(path: str | Path) -> Iterator[Image.Image]:
-    """A picture of which no pixel is read."""
     with (
         _reading(path).open() as file,
         quiet_libraries(),
@@ -112,13 +111,10 @@ def save_image(path: str | Path, rgb: NDArray, *, is_own: bool = False) -> None:
     ``write_whole``.
     """
     path = Path(path)
-    try:
-        ok, data = cv2.imencode(path.suffix or ".", np.ascontiguousarray(rgb[..., ::-1]))
-    except cv2.error:
-        ok, data = False, np.zeros(0, np.uint8)
-    if not ok:
+    if not cv2.haveImageWriter(f"a{path.suffix}"):
         found = f"pictures cannot be written as {path.suffix!r}"
         raise _reading(path).error(found, "use .png or .jpg")
+    data = np.asarray(cv2.imencode(path.suffix, np.ascontiguousarray(rgb[..., ::-1]))[1])
     write_whole(path, data.tobytes(), PhotoFileError, is_own=is_own)
 
 

@@ -103,8 +103,13 @@ def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews
     reading = Reading(path, kind=KIND)
     with reading.naming_errors():
         records, unit, scale = _views(reading, choice)
-        chosen = (view for view in records if _is_chosen(view.photo.file, choice.photos))
-        views = [_opened(reading, record) for record in chosen]
+        views: list[View] = []
+        for record in records:
+            if _is_chosen(record.photo.file, choice.photos):
+                checked_camera(reading, record.camera)
+                view = open_view(record)[0]
+                camera = view.camera if isinstance(view.camera, Perspective) else None
+                views.append(replace(view, photo=replace(view.photo, camera=camera)))
         for wanted in choice.photos:
             if not any(_is_chosen(str(view.path), [wanted]) for view in views):
                 raise reading.error(f"it has no photo {wanted}", "choose others with --photos")
@@ -130,7 +135,6 @@ def with_names(views: Sequence[View]) -> tuple[View, ...]:
 def _views(
     reading: Reading, choice: SetChoice
 ) -> tuple[Iterable[ViewRecord], str | None, float | None]:
-    """The photos that may be chosen from, the unit of the set's lengths, and its scale."""
     path = reading.path
     if path.is_dir():
         for name in COLMAP_FOLDERS:
@@ -193,14 +197,6 @@ def _of_bop(reading: Reading, choice: SetChoice) -> Iterator[ViewRecord]:
         if place is None:
             raise own.error(found, f"{wanted}, with --rig-object: its poses tell the cameras'")
         yield ViewRecord.of(reading.path / image.photo, image.camera, place=place)
-
-
-def _opened(reading: Reading, record: ViewRecord) -> View:
-    """The view, whose photo has its camera."""
-    checked_camera(reading, record.camera)
-    view = open_view(record)[0]
-    camera = view.camera if isinstance(view.camera, Perspective) else None
-    return replace(view, photo=replace(view.photo, camera=camera))
 
 
 def _is_chosen(name: str, photos: Sequence[str]) -> bool:

@@ -7,12 +7,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal
 
-import numpy as np
 from msgspec import Meta, Struct
 
 from poseviewer.errors import MeshFileError
 from poseviewer.files.checks import Reading
-from poseviewer.files.formats.bop_models import MODELS_INFO, load_bop_models
+from poseviewer.files.formats.bop_models import MODELS_INFO, Axis, load_bop_models
 from poseviewer.files.structs import Three
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.symmetry_group import MOST_FOLD, NO_SYMMETRY, Symmetry, Turn
@@ -24,15 +23,10 @@ ANY: Literal["any"] = "any"
 BOP_MODEL = re.compile(r"obj_(\d{6})\.ply")
 
 
-class TurnsAbout(Struct, frozen=True):
+class TurnsAbout(Axis, frozen=True):
     """fold: in how many equal steps the turns about the axis go round; any: every turn."""
 
-    axis: Three
     fold: Annotated[int, Meta(ge=2, le=MOST_FOLD)] | Literal["any"]
-
-    def __post_init__(self) -> None:
-        if not np.linalg.norm(self.axis) > 0.0:
-            raise ValueError(".axis has no length; wanted a direction")
 
 
 class SymmetryTurns(Struct, frozen=True):
@@ -64,9 +58,8 @@ class SymmetryTurns(Struct, frozen=True):
 @lru_cache(maxsize=16)
 def _closed(centre: tuple[float, ...], turns: tuple[TurnsAbout, ...]) -> Symmetry:
     """The symmetry of these turns; many take 50 ms."""
-    axes = [np.array(turn.axis) / np.linalg.norm(turn.axis) for turn in turns]
-    folds = [0 if turn.fold == ANY else turn.fold for turn in turns]
-    return Symmetry.from_turns(centre, list(map(Turn, axes, folds)))
+    groups = [Turn(turn.unit, 0 if turn.fold == ANY else turn.fold) for turn in turns]
+    return Symmetry.from_turns(centre, groups)
 
 
 class SymmetryFile(SymmetryTurns, frozen=True, tag_field="format", tag=FORMAT):

@@ -93,7 +93,6 @@ def write_whole(
 
 
 def _remove_old_parts(folder: Path, start: str) -> None:
-    """Remove what a kill left half written."""
     for entry in os.scandir(folder):
         if entry.name.startswith(start) and entry.name.endswith(".part"):
             with suppress(OSError):

@@ -18,9 +18,9 @@ from poseviewer.errors import PoseFileError
 from poseviewer.files.camera_forms import camera_of_matrix
 from poseviewer.files.checks import LARGEST_DATA, Reading, checked_rotation
 from poseviewer.files.formats.conversion import (
+    Contents,
     ConvertOptions,
     Format,
-    Written,
     metres_per_unit,
     perspective_of,
 )
@@ -81,7 +81,7 @@ class BopImage:
     """None: the scene does not say it."""
 
 
-def write_bop(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
+def write_bop(scene: SceneRecord, out: Path, options: ConvertOptions, *_: object) -> Contents:
     """Append an object's poses to the scene folder ``out``, unless they are there; of several
     objects, write their poses as the whole image.
     """
@@ -106,7 +106,7 @@ def write_bop(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written
         if not isinstance(of_image, list):
             raise in_poses.error(f"image {image} is not a list", "wanted a list of poses")
         of_image += [entry for entry in entries if entry not in of_image]
-    return Written(_scene_texts(out, cameras, poses))
+    return _scene_texts(out, cameras, poses)
 
 
 def read_bop(path: Path, request: ConvertOptions) -> SceneRecord:
@@ -220,7 +220,6 @@ def _number(given: str | int | None, pattern: str, name: str, what: str, example
 
 
 def _photos(folder: Path) -> dict[int, str]:
-    """The photos by their numbers, from the scene's folder."""
     return {
         int(path.stem): f"{name}/{path.name}"
         for name in PHOTO_FOLDERS
@@ -245,7 +244,6 @@ def _objects(reading: Reading, entries: Any, image: str) -> tuple[BopObject, ...
 def _transform(
     reading: Reading, said: dict[str, Any], keys: tuple[str, str], what: str
 ) -> RigidTransform:
-    """The rotation, row by row, and the translation behind these keys."""
     rotation, translation = (
         np.array(reading.numbers(said.get(key), f"{what}.{key}", length))
         for key, length in zip(keys, (9, 3), strict=True)

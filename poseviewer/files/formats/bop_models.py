@@ -13,6 +13,7 @@ import numpy as np
 from msgspec import Meta, Struct, field
 
 from poseviewer.files.checks import LARGEST_DATA, Number, Positive, Reading, Three
+from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.symmetry_group import Symmetry
 from poseviewer.geometry.transform import RigidTransform, nearest_rotation
 
@@ -24,15 +25,25 @@ NO_ROTATION = 0.01
 digits at worst."""
 
 
-class BopTurns(Struct, frozen=True):
-    """All turns about an axis."""
+class Axis(Struct, frozen=True):
+    """A direction of any length above 0."""
 
     axis: Three
-    offset: Three
 
     def __post_init__(self) -> None:
         if not np.linalg.norm(self.axis) > 0.0:
             raise ValueError(".axis has no length; wanted a direction")
+
+    @property
+    def unit(self) -> FloatArray:
+        """(3,), of length 1."""
+        return np.array(self.axis) / np.linalg.norm(self.axis)
+
+
+class BopTurns(Axis, frozen=True):
+    """All turns about an axis."""
+
+    offset: Three
 
 
 class BopModel(Struct, frozen=True):
@@ -60,8 +71,7 @@ class BopModel(Struct, frozen=True):
         """The symmetry as the program has it."""
         matrices = np.reshape(self.discrete, (-1, 4, 4))
         discrete = [RigidTransform(nearest_rotation(m[:3, :3]), m[:3, 3]) for m in matrices]
-        axes = [np.array(turns.axis) / np.linalg.norm(turns.axis) for turns in self.continuous]
-        offsets = [turns.offset for turns in self.continuous]
+        axes, offsets = [t.unit for t in self.continuous], [t.offset for t in self.continuous]
         return Symmetry.from_transforms(discrete, axes, offsets, self.diameter)
 
 

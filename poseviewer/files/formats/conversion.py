@@ -34,6 +34,7 @@ from poseviewer.geometry.lens import SAME, LensModel
 from poseviewer.geometry.transform import RigidTransform, Similarity
 
 Entry = TypeVar("Entry")
+Contents = dict[Path, str | bytes]
 MOST_NAMED = 10
 """Number of images in a message."""
 METRES = {"km": 1000.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
@@ -131,15 +132,6 @@ class ConvertOptions:
         return SceneRecord(views=(self.sized(reading, view),), objects=(item,), warnings=warnings)
 
 
-@dataclass(frozen=True, slots=True)
-class Written:
-    """Content of the files that hold a scene."""
-
-    contents: Mapping[Path, str | bytes]
-    notes: Sequence[str] = ()
-    """Sentences for the user."""
-
-
 Lenses = Sequence[tuple[str, LensModel, int]]
 """A format's lens models, the poorest first: its name for each, OpenCV's model, and how many of
 that one's coefficients it has."""
@@ -149,8 +141,8 @@ that one's coefficients it has."""
 class Format:
     """A tool's format."""
 
-    write: Callable[[SceneRecord, Path, ConvertOptions], Written]
-    """Gives what the files hold, of a scene, where to, and what else is known."""
+    write: Callable[[SceneRecord, Path, ConvertOptions, list[str]], Mapping[Path, str | bytes]]
+    """Gives what the files hold, of a scene, where to, and what else is known; adds notes."""
     read: Callable[[Path, ConvertOptions], SceneRecord]
     lenses: Lenses = ()
     several_photos: bool = True
@@ -209,23 +201,22 @@ class Format:
                 f"{photo.name} is stored turned (EXIF), and the pose is one in the upright photo"
             )
             notes.append(f"{found}; save it upright for tools that do not turn it.")
-        written = self.write(structs.replace(scene, views=tuple(ready)), out, options)
-        for path in () if self.appends else written.contents:
+        written = self.write(structs.replace(scene, views=tuple(ready)), out, options, notes)
+        for path in () if self.appends else written:
             if path.is_dir():
                 raise PoseFileError(f"{path}: is a folder; name a file in it.")
             if path.exists() and not options.overwrite:
                 found = "is there already and was not touched"
                 raise PoseFileError(f"{path}: {found}; name another, or add --overwrite.")
-        for path, content in written.contents.items():
+        for path, content in written.items():
             if path.parent == out:
                 make_folder(out)
             data = content if isinstance(content, bytes) else content.encode()
             write_whole(path, data, PoseFileError)
-        return [*files, *written.contents], [*notes, *written.notes]
+        return [*files, *written], notes
 
 
 def _of_undistorted(view: ViewRecord, path: Path, options: ConvertOptions) -> ViewRecord:
-    """Write the undistorted photo of a view; returns the view of that photo."""
     if not view.path.is_file():
         found = "The pose is one in the undistorted photo, and that as taken is not known"
         raise PoseFileError(f"{found}, of which it is made; add --photo FILE.")

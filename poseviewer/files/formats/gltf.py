@@ -26,7 +26,6 @@ from poseviewer.files.checks import LARGEST_DATA, Reading
 from poseviewer.files.formats.conversion import (
     ConvertOptions,
     Format,
-    Written,
     from_4x4,
     in_one_world,
     metres_per_unit,
@@ -52,7 +51,9 @@ FLOAT, UNSIGNED, VERTICES, INDICES = 5126, 5125, 34962, 34963
 """OpenGL's numbers of what a buffer holds and is for."""
 
 
-def write_gltf(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
+def write_gltf(
+    scene: SceneRecord, out: Path, options: ConvertOptions, notes: list[str]
+) -> dict[Path, bytes]:
     """Write a GLB file of models and cameras ``in_one_world``, which is glTF's; lengths become
     metres where the models' unit is known.
     """
@@ -79,14 +80,14 @@ def write_gltf(scene: SceneRecord, out: Path, options: ConvertOptions) -> Writte
     for name, (pose, depth) in zip(names, placed, strict=True):
         nodes.append(file.add_camera(name, pose, depth, scale))
     if not scene.views[0].path.is_file():
-        note = "No photo is known: the file has no plane with it; add --photo FILE."
-        return Written({out: file.as_bytes(nodes)}, [note])
+        notes.append("No photo is known: the file has no plane with it; add --photo FILE.")
+        return {out: file.as_bytes(nodes)}
     photo = open_view(structs.replace(scene.views[0], mask=None))[0].photo
     (pose, depth), rgb = placed[0], photo.as_rgb8(photo.width, photo.height)
     plane = _photo_plane(pose, PLANE_BEHIND * depth, scale, rgb)
     index, origin = file.add_mesh(plane, "photo"), _origin(plane).tolist()
     nodes.append(file.add("nodes", name="photo plane", mesh=index, translation=origin))
-    return Written({out: file.as_bytes(nodes)})
+    return {out: file.as_bytes(nodes)}
 
 
 def _origin(mesh: Mesh) -> FloatArray:

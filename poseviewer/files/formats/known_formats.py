@@ -6,7 +6,7 @@ from msgspec import structs
 
 from poseviewer.files.checks import Reading
 from poseviewer.files.formats.bop import BOP
-from poseviewer.files.formats.conversion import ConvertOptions, Format, Written
+from poseviewer.files.formats.conversion import ConvertOptions, Format
 from poseviewer.files.formats.gltf import GLTF
 from poseviewer.files.formats.matrices import DOPE, MATRIX
 from poseviewer.files.formats.meshlab import MESHLAB
@@ -17,14 +17,14 @@ from poseviewer.files.pose import load_pose, pose_bytes
 from poseviewer.files.scene_file import SceneRecord, load_scene, scene_contents, scene_of_pose
 
 
-def write_own(scene: SceneRecord, out: Path, _: ConvertOptions) -> Written:
+def write_own(scene: SceneRecord, out: Path, *_: object) -> dict[Path, bytes]:
     """Write a pose file of our own, and its mask beside it."""
     view, record, contents = scene.views[0], scene.pose_record(0), {}
     if view.mask and Path(view.mask).is_file():
         mask = load_mask(view.mask, view.photo.width, view.photo.height)
         contents[mask_path(out)] = mask_as_png(mask)
         record = structs.replace(record, mask=mask_path(out).name)
-    return Written({**contents, out: pose_bytes(out, record)})
+    return {**contents, out: pose_bytes(out, record)}
 
 
 def read_own(path: Path, request: ConvertOptions) -> SceneRecord:
@@ -45,7 +45,7 @@ FORMATS = {
     "matrix": MATRIX,
     "dope": DOPE,
     "scene": Format(
-        lambda scene, out, _: Written(scene_contents(out, scene)),
+        lambda scene, out, *_: scene_contents(out, scene),
         lambda path, _: load_scene(path),
         several_objects=True,
         is_own=True,

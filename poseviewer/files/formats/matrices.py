@@ -19,9 +19,9 @@ from poseviewer.files.camera_forms import cameras_in, load_tree, matrix_text
 from poseviewer.files.cameras import Calibration, load_calibration
 from poseviewer.files.checks import Reading, rotation_of
 from poseviewer.files.formats.conversion import (
+    Contents,
     ConvertOptions,
     Format,
-    Written,
     from_4x4,
     metres_per_unit,
     perspective_of,
@@ -37,7 +37,7 @@ UNIT = "cm"
 """DOPE's."""
 
 
-def write_matrix(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
+def write_matrix(scene: SceneRecord, out: Path, options: ConvertOptions, *_: object) -> Contents:
     """Write the matrix camera from model in the form of the file's ending."""
     perspective_of(scene.views[0].camera, "matrix")
     place = scene.pose(0).camera_from_model
@@ -46,11 +46,11 @@ def write_matrix(scene: SceneRecord, out: Path, options: ConvertOptions) -> Writ
         case ".npy":
             memory = BytesIO()
             np.save(memory, rows)
-            return Written({out: memory.getvalue()})
+            return {out: memory.getvalue()}
         case ".json":
-            return Written({out: json.dumps(rows.tolist()) + "\n"})
+            return {out: json.dumps(rows.tolist()) + "\n"}
         case ".txt":
-            return Written({out: "".join(" ".join(map(repr, r)) + "\n" for r in rows.tolist())})
+            return {out: "".join(" ".join(map(repr, r)) + "\n" for r in rows.tolist())}
     raise PoseFileError(f"{out.name}: matrix files end in {', '.join(ENDINGS)}; name it so.")
 
 
@@ -72,7 +72,6 @@ def read_matrix(path: Path, request: ConvertOptions) -> SceneRecord:
 def _calibrated(
     reading: Reading, request: ConvertOptions, place: RigidTransform | None = None
 ) -> ViewRecord:
-    """The view of the camera in the file ``request.calibration``."""
     if request.calibration is None:
         wanted = "add --calibration FILE, and --photo or --photo-size"
         raise reading.error("it does not say the camera", wanted)
@@ -83,7 +82,7 @@ def _calibrated(
     return ViewRecord.of(photo, known.camera, undistortion=undistortion, place=place)
 
 
-def write_dope(scene: SceneRecord, out: Path, options: ConvertOptions) -> Written:
+def write_dope(scene: SceneRecord, out: Path, options: ConvertOptions, *_: object) -> Contents:
     """Write camera and objects of one photo."""
     camera = perspective_of(scene.views[0].camera, "DOPE")
     shifted, objects = camera_as_integer_centres(camera), []
@@ -101,7 +100,7 @@ def write_dope(scene: SceneRecord, out: Path, options: ConvertOptions) -> Writte
     numbers = {name: float(getattr(shifted, name)) for name in ("fx", "fy", "cx", "cy")}
     size = {"width": camera.width, "height": camera.height}
     data = {"camera_data": {**size, "intrinsics": numbers}, "objects": objects}
-    return Written({out: json.dumps(data, indent=2) + "\n"})
+    return {out: json.dumps(data, indent=2) + "\n"}
 
 
 def read_dope(path: Path, request: ConvertOptions) -> SceneRecord:

@@ -15,7 +15,6 @@ from poseviewer.files.checks import Reading
 from poseviewer.files.formats.conversion import (
     ConvertOptions,
     Format,
-    Written,
     from_4x4,
     in_one_world,
     perspective_of,
@@ -31,7 +30,9 @@ SENSOR_MM = 36.0
 """Width of the sensor we claim: MeshLab wants mm, of which only ratios count."""
 
 
-def write_meshlab(scene: SceneRecord, out: Path, _: ConvertOptions) -> Written:
+def write_meshlab(
+    scene: SceneRecord, out: Path, _: ConvertOptions, notes: list[str]
+) -> dict[Path, str]:
     """Write a project that names models and photos by their paths from its folder."""
     require_file(scene.views[0].path, "photo", "MeshLab")
     places, poses = in_one_world(scene)
@@ -42,7 +43,7 @@ def write_meshlab(scene: SceneRecord, out: Path, _: ConvertOptions) -> Written:
         mesh = {"label": item.label, "visible": "1", "filename": model}
         matrix = add(add(group, "MLMesh", mesh), "MLMatrix44")
         matrix.text = "\n" + "".join(f"{_words(row)} \n" for row in place)
-    rasters, notes = add(root, "RasterGroup"), []
+    rasters = add(root, "RasterGroup")
     for view, pose in zip(scene.views, poses, strict=True):
         if not view.path.is_file():
             notes.append(f"{view.path.name} is not there, and is left out.")
@@ -52,11 +53,10 @@ def write_meshlab(scene: SceneRecord, out: Path, _: ConvertOptions) -> Written:
         add(raster, "Plane", {"semantic": "1", "fileName": relative_name(out, view.path)})
     ElementTree.indent(root, " ")
     text = "<!DOCTYPE MeshLabDocument>\n" + ElementTree.tostring(root, encoding="unicode") + "\n"
-    return Written({out: text}, notes)
+    return {out: text}
 
 
 def _shot(pose: Pose) -> dict[str, str]:
-    """MeshLab's words for a camera."""
     camera = camera_with_rows_from_below(perspective_of(pose.camera, "MeshLab"))
     place = OPENGL_FROM_OPENCV @ pose.camera_from_model
     turn = Similarity(RigidTransform(place.rotation, np.zeros(3)))

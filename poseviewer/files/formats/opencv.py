@@ -16,7 +16,6 @@ from poseviewer.files.formats.conversion import (
     ConvertOptions,
     Format,
     Lenses,
-    Written,
     cameras_as_taken,
 )
 from poseviewer.files.scene_file import SceneRecord, ViewRecord
@@ -32,7 +31,7 @@ LENSES: Lenses = (
 )
 
 
-def write_opencv(scene: SceneRecord, out: Path, _: ConvertOptions) -> Written:
+def write_opencv(scene: SceneRecord, out: Path, *_: object) -> dict[Path, str]:
     """Write YAML or JSON, by the ending."""
     transform, camera, lens, k = next(cameras_as_taken(scene, "OpenCV", LENSES))[1:]
     ending = out.suffix.lower()
@@ -47,7 +46,7 @@ def write_opencv(scene: SceneRecord, out: Path, _: ConvertOptions) -> Written:
         storage.write("fisheye_model", 1)  # as OpenCV's calibration sample says it
     storage.write("rvec", transform.as_rotation_vector().reshape(3, 1))
     storage.write("tvec", np.array(transform.translation).reshape(3, 1))
-    return Written({out: storage.releaseAndGetString()})
+    return {out: storage.releaseAndGetString()}
 
 
 def read_opencv(path: Path, request: ConvertOptions) -> SceneRecord:

@@ -22,7 +22,6 @@ from poseviewer.files.formats.conversion import (
     ConvertOptions,
     Format,
     Lenses,
-    Written,
     cameras_as_taken,
     from_4x4,
 )
@@ -50,7 +49,7 @@ COEFFICIENTS = {
 """nerfstudio's names."""
 
 
-def write_colmap(scene: SceneRecord, out: Path, _: ConvertOptions) -> Written:
+def write_colmap(scene: SceneRecord, out: Path, *_: object) -> dict[Path, str]:
     """Write a model's cameras and images, without points, into the folder ``out``."""
     cameras: dict[str, int] = {}
     images = ""
@@ -62,15 +61,9 @@ def write_colmap(scene: SceneRecord, out: Path, _: ConvertOptions) -> Written:
         said = f"{model} {camera.width} {camera.height} {numbers}"
         number = cameras.setdefault(said, len(cameras) + 1)
         images += f"{index} {place} {number} {path.name or 'photo'}\n\n"
-    texts = {
-        "cameras.txt": "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[] (fx, fy, cx, cy, distortion)\n"
-        + "".join(f"{number} {said}\n" for said, number in cameras.items()),
-        "images.txt": "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
-        "# POINTS2D[] as (X, Y, POINT3D_ID)\n" + images,
-        "points3D.txt": "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, "
-        "POINT2D_IDX)\n",
-    }
-    return Written({out / name: text for name, text in texts.items()})
+    lines = "".join(f"{number} {said}\n" for said, number in cameras.items())
+    texts = {"cameras.txt": lines, "images.txt": images, "points3D.txt": "# none\n"}
+    return {out / name: text for name, text in texts.items()}
 
 
 def read_colmap(path: Path, request: ConvertOptions) -> SceneRecord:
@@ -97,7 +90,7 @@ def colmap_views(folder: Path, reading: Reading) -> list[tuple[str, ViewRecord]]
     return views
 
 
-def write_nerfstudio(scene: SceneRecord, out: Path, _: ConvertOptions) -> Written:
+def write_nerfstudio(scene: SceneRecord, out: Path, *_: object) -> dict[Path, str]:
     """Write a file of a frame for each photo; the world is the model's frame."""
     shared, frames = {}, []
     taken = cameras_as_taken(scene, "nerfstudio", NERFSTUDIO_LENSES)
@@ -115,15 +108,14 @@ def write_nerfstudio(scene: SceneRecord, out: Path, _: ConvertOptions) -> Writte
         other = {key: value for key, value in own.items() if shared.get(key) != value}
         matrix = Similarity(world_from_camera).matrix.tolist()
         frames.append({"file_path": name, **other, "transform_matrix": matrix})
-    return Written({out: json.dumps({**shared, "frames": frames}, indent=2) + "\n"})
+    return {out: json.dumps({**shared, "frames": frames}, indent=2) + "\n"}
 
 
 def read_nerfstudio(path: Path, request: ConvertOptions) -> SceneRecord:
     """Read one frame: ``request.image`` by its path or file name, or the only one."""
     reading = Reading(path)
     data = reading.load_object()
-    frames = data.get("frames")
-    frames = [reading.object(f, "a frame") for f in (frames if isinstance(frames, list) else [])]
+    frames = reading.decoded(data.get("frames", []), list[dict[str, Any]], "frames")
     named = [(str(frame.get("file_path")), frame) for frame in frames]
     frame = request.the_one(reading, "frames", named)
     return request.scene_of(reading, frame_view(reading, data | frame, request))
@@ -142,10 +134,10 @@ def frame_view(reading: Reading, own: dict[str, Any], options: ConvertOptions) -
         own = {"fl_x": focal, "cx": 0.5 * width, "cy": 0.5 * height, **own}
     said = {key: value for key, value in own.items() if key != "frames"}
     known = cameras_in(replace(reading, numbers_as_text=True), said)[0]
-    camera, lens = replace(known.camera, width=width, height=height), known.lens
+    camera = replace(known.camera, width=width, height=height)
     world_from_camera = from_4x4(reading, own.get("transform_matrix"), "transform_matrix")
     place = OPENGL_FROM_OPENCV @ world_from_camera.inverse()
-    undistortion = lens and Undistortion.of(lens, camera)
+    undistortion = known.lens and Undistortion.of(known.lens, camera)
     return ViewRecord.of(path, camera, undistortion=undistortion, place=place)
 
 

@@ -25,12 +25,7 @@ from scipy.spatial.transform import Rotation
 from poseviewer.errors import MeshFileError
 from poseviewer.files.checks import LARGEST_DATA, Reading
 from poseviewer.files.mesh.named import find_named
-from poseviewer.files.mesh.parts import (
-    MOST_TEXELS,
-    Part,
-    noted,
-    textures_from_images,
-)
+from poseviewer.files.mesh.parts import MOST_TEXELS, Part, noted, textures_from_images
 from poseviewer.files.mesh.polygons import strip_corners
 from poseviewer.geometry.image import srgb_from_linear
 
@@ -94,8 +89,6 @@ def read_gltf(path: Path) -> tuple[list[Part], list[str]]:
 
 @dataclass(eq=False)
 class _Document:
-    """A glTF document and its buffers."""
-
     path: Path
     data: dict[str, Any]
     parents: dict[int, int]
@@ -180,7 +173,6 @@ class _Document:
     def _dressed(
         self, part: Part, material: dict[str, Any], attributes: dict[str, int]
     ) -> tuple[Part, NDArray]:
-        """The part with its texture, cut as the texture's alpha says; and its base colour."""
         factor, info = _look(material)
         transform = _extension(info or {}, "KHR_texture_transform") or {}
         coordinates = f"TEXCOORD_{transform.get('texCoord', (info or {}).get('texCoord', 0))}"
@@ -208,7 +200,6 @@ class _Document:
         return replace(part, faces=part.faces[shown.any(axis=1)])
 
     def _image_of(self, info: dict[str, Any]) -> int | None:
-        """Index of the picture of a texture, if it is of a kind that is read."""
         texture = self.data["textures"][info["index"]]
         index = (_extension(texture, "EXT_texture_webp") or texture).get("source")
         index = texture.get("source") if index is None else index
@@ -240,7 +231,6 @@ class _Document:
         return textures_from_images(opened, self.notes)
 
     def _skinned(self, part: Part, attributes: dict[str, int], skin: dict[str, Any]) -> Part:
-        """The part in the pose in which the file's nodes have its joints."""
         nodes, parents = self.data["nodes"], self.parents
         matrices = np.array([world_matrix(nodes, joint, parents) for joint in skin["joints"]])
         if "inverseBindMatrices" in skin:
@@ -275,7 +265,6 @@ class _Document:
         return values
 
     def _table(self, entry: dict[str, Any], count: int, width: int, kind: np.dtype) -> NDArray:
-        """Rows of a buffer view; zeros where there is none."""
         if "bufferView" not in entry:
             return np.zeros((min(count, LARGEST_DATA // (width * kind.itemsize)), width), kind)
         data = self.view(entry["bufferView"])
@@ -298,7 +287,6 @@ class _Document:
         return whole[start:end]
 
     def _chunk(self) -> bytes:
-        """The second chunk of a GLB file, and what is behind it."""
         with self.path.open("rb") as file:
             (text,) = struct.unpack("<12xI4x", file.read(GLB_HEADER))
             file.seek(GLB_HEADER + text + GLB_CHUNK)

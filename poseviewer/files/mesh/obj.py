@@ -109,7 +109,6 @@ def read_table(lines: list[str], columns: int) -> NDArray:
 
 
 def _read_vertices(lines: list[str]) -> tuple[NDArray, NDArray | None]:
-    """Vertices (V, 3), and colours (V, 3) where every vertex line has them behind its place."""
     if lines and len(lines[0].split()) >= 6:
         with suppress(ValueError):
             table = read_table(lines, 6)

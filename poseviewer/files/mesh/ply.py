@@ -69,7 +69,6 @@ def read_ply(path: Path) -> tuple[list[Part], list[str]]:
 
 
 def _read_header(data: bytes) -> tuple[list[Element], str, list[str], int]:
-    """Elements, encoding, names of textures, and where the header ends, of a PLY file's bytes."""
     end = data.find(b"end_header")
     start = data.find(b"\n", end) + 1
     if not data.startswith(b"ply") or end < 0 or start == 0:
@@ -147,7 +146,6 @@ def _walk(rows: int, data: memoryview, at: int, kinds: list[Kind]) -> tuple[list
 
 
 def _stack(columns: Columns, *choices: tuple[str, ...]) -> NDArray | None:
-    """The first of the choices of columns that is there, side by side."""
     for names in choices:
         if all(name in columns and not isinstance(columns[name], tuple) for name in names):
             return np.stack([columns[name] for name in names], axis=1)

@@ -28,7 +28,10 @@ def names_in(path: Path) -> dict[str, bool]:
     suffix = path.suffix.lower()
     try:
         if suffix in GLTF:
-            return dict.fromkeys(_uris(gltf_header(path)), True)
+            header = gltf_header(path)
+            entries = [*header.get("buffers", []), *header.get("images", [])]
+            uris = [str(entry["uri"]) for entry in entries if entry.get("uri")]
+            return {unquote(u): True for u in uris if not re.match(r"data:|https?:", u)}
         with path.open("rb") as file:
             data = file.read(LONGEST_HEADER if suffix == ".ply" else -1)
     except (OSError, ValueError, AttributeError, TypeError, RecursionError, MeshFileError):
@@ -45,10 +48,3 @@ def names_in(path: Path) -> dict[str, bool]:
             for own in library_names(name) if word == b"mtllib" else filter(None, [name]):
                 names[own] = names.get(own, False) or word.lower() in READ
     return names
-
-
-def _uris(header: dict) -> list[str]:
-    """Names of the files beside a glTF file with this header."""
-    entries = [*header.get("buffers", []), *header.get("images", [])]
-    uris = [str(entry["uri"]) for entry in entries if entry.get("uri")]
-    return [unquote(uri) for uri in uris if not re.match(r"data:|https?:", uri)]

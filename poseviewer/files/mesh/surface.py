@@ -89,7 +89,6 @@ def _merged(parts: list[Part], notes: list[str]) -> Mesh:
 
 
 def _columns(values: Any, default: float, part: Part, width: int) -> NDArray[np.float32]:
-    """Values of a part's vertices (V, width), or the default; what is no number is 0."""
     values = np.asarray(default if values is None else values, np.float32)
     columns = np.broadcast_to(values, (len(part.vertices), width))
     return np.nan_to_num(columns, posinf=0.0, neginf=0.0)
@@ -161,7 +160,6 @@ def _tinted_evenly(mesh: Mesh) -> Mesh:
 
 
 def _with_computed_normals(mesh: Mesh) -> Mesh:
-    """Wind neighbours alike and compute creased normals, 100 times as fast as trimesh does."""
     # Vertices alike in all that they carry are made one (STL has three for each triangle).
     columns = [a for a in (mesh.colours, mesh.uvs) if np.any(a != a[0])]
     same = weld(np.concatenate([mesh.vertices, *columns], axis=1, dtype=float))

@@ -166,7 +166,6 @@ def display_name(name: str) -> str:
 
 
 def _unpacked(data: bytes) -> list[tuple[str, memoryview]]:
-    """Names and contents, which are not copied."""
     head, rest = data.partition(b"\n")[0], memoryview(data)[data.find(b"\n") + 1 :]
     try:
         entries = msgspec.convert(json.loads(head), Entries)
@@ -183,7 +182,6 @@ def _unpacked(data: bytes) -> list[tuple[str, memoryview]]:
 
 
 def _unzip(file: Path | BytesIO, name: str, place: Path, room: int) -> int:
-    """Unpack a zip of up to ``room`` bytes into the folder ``place``; return how many it has."""
     reading = Reading(Path(name), error_type=FileSetError, kind="zip")
     with reading.naming_errors():
         _check_directory(reading, file)
@@ -255,7 +253,6 @@ def _fill(place: Path, files: Sequence[tuple[str, memoryview | Path]]) -> None:
 
 
 def _safe_part(part: str) -> str:
-    """One name of a path; "" for what leads nowhere."""
     part = "".join(c if c.isprintable() and c not in NO_NAME else "_" for c in part).strip()
     part = part.rstrip(". ")
     if len(part) > LONGEST_PART:
@@ -264,7 +261,6 @@ def _safe_part(part: str) -> str:
 
 
 def _remove_old(folder: Path) -> None:
-    """Remove old sets that no session names, and what a kill left half written."""
     ours = [p for p in folder.iterdir() if OUR_NAME.fullmatch(p.name) and not p.is_symlink()]
     ours.sort(key=lambda p: (p.name.startswith(BEGUN), -p.stat().st_mtime_ns))  # begun ones last
     surplus = [p for i, p in enumerate(ours) if i >= KEPT or p.name.startswith(BEGUN)]
