@@ -257,11 +257,6 @@ class Reading:
         """A number above 0 and up to ``most``."""
         return self.number(value, what, most, 1.0 / LARGEST_NUMBER)
 
-    def numbers(self, value: Any, what: str, length: int = 3) -> list[float]:
-        """The value, a list of ``length`` finite numbers."""
-        kind: Any = Annotated[list[Number], Meta(min_length=length, max_length=length)]
-        return self.decoded(value, kind, what)
-
     def flat_numbers(self, value: Any, what: str, length: int | None = None) -> list[float]:
         """Numbers of a text, of (lists in) a list, or of OpenCV's ``{rows, cols, data}``."""
         value = value.get("data") if isinstance(value, dict) else value

@@ -44,5 +44,5 @@ def save_keypoints(mesh_path: str | Path, keypoints: VehicleKeypoints, unit: str
 
 def _side(reading: Reading, data: dict[str, Any], key: str) -> SideKeypoints:
     side = reading.object(data.get(key), key)
-    points = [reading.numbers(side.get(name), f"{key}.{name}") for name in NAMES]
+    points = [reading.flat_numbers(side.get(name), f"{key}.{name}", 3) for name in NAMES]
     return SideKeypoints(*map(np.array, points))

@@ -2,8 +2,7 @@
 
 import hashlib
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -67,16 +66,6 @@ def load_photo(path: str | Path) -> Photo:
     return Photo(pixels, printable(reading.path.name), sha256, focal, notes)
 
 
-def upright_size(path: Path) -> tuple[int, int]:
-    """Width and height of a photo as ``load_photo`` gives it, by the file's head if that can be."""
-    if path.suffix.lower() in (".heic", ".heif", ".tif", ".tiff"):  # Pillow turns TIFF or not
-        photo = load_photo(path)
-        return photo.width, photo.height
-    with _reading(path).naming_errors(), _head(path) as image:
-        turned = image.getexif().get(ExifTags.Base.Orientation, 1) in (5, 6, 7, 8)
-        return (image.height, image.width) if turned else image.size
-
-
 def is_stored_turned(path: str | Path) -> bool:
     """Whether a photo's EXIF turns or mirrors it: other tools may show it as it is stored."""
     return _exif_tags(path).get(ExifTags.Base.Orientation) in range(2, 9)
@@ -90,20 +79,14 @@ def was_taken_by_a_camera(path: str | Path) -> bool:
 
 def _exif_tags(path: str | Path) -> dict[int, Any]:
     """EXIF of a picture by tag; {} for a HEIC photo, or a file that cannot be read."""
-    with suppress(PhotoFileError), _reading(path).naming_errors(), _head(path) as image:
+    reading = _reading(path)
+    with (
+        suppress(PhotoFileError), reading.naming_errors(), reading.open() as file,
+        quiet_libraries(), Image.open(file, formats=FORMATS) as image,
+    ):  # fmt: skip
         exif = image.getexif()
         return {**exif, **exif.get_ifd(ExifTags.IFD.Exif)}
     return {}
-
-
-@contextmanager
-def _head(path: str | Path) -> Iterator[Image.Image]:
-    with (
-        _reading(path).open() as file,
-        quiet_libraries(),
-        Image.open(file, formats=FORMATS) as image,
-    ):
-        yield image
 
 
 def save_image(path: str | Path, rgb: NDArray, *, is_own: bool = False) -> None:
@@ -126,12 +109,15 @@ def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]
     """Pixels (h, w, 1 or 3), 35-mm focal length, and whether there was transparency."""
     if (scans := _scans(data)) > MOST_SCANS:
         raise reading.error(f"a JPEG of {scans:,} scans or more", "save it again")
+    raw = reading.error("a raw photo", "develop it to JPEG, PNG or TIFF first")
+    if reading.path.suffix.lower() in RAW_ENDINGS:
+        raise raw
     try:
         with Image.open(BytesIO(data), formats=FORMATS) as image:
             tags = getattr(image, "tag_v2", {})
             is_preview = DNG_VERSION in tags or tags.get(SUBFILE_TYPE, 0) & REDUCED
-            if is_preview or data[8:10] == b"CR" or reading.path.suffix.lower() in RAW_ENDINGS:
-                raise reading.error("a raw photo", "develop it to JPEG, PNG or TIFF first")
+            if is_preview or data[8:10] == b"CR":
+                raise raw
             _refuse_size(reading, *image.size)
             focal = focal_35mm(image.getexif(), image.width, image.height)
             is_transparent = image.has_transparency_data
@@ -146,8 +132,6 @@ def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]
             image.close()  # frees its pixels
     except UnidentifiedImageError:
         wanted = "wanted JPEG, PNG, TIFF, WebP or BMP with 8 or 16 bits"
-        if reading.path.suffix.lower() in RAW_ENDINGS:
-            wanted = "develop the raw photo to JPEG, PNG or TIFF first"
         raise reading.error("not a picture that can be read", wanted) from None
     except Image.DecompressionBombError:
         found = f"more than {MAX_MEGAPIXELS:.0f} megapixels"

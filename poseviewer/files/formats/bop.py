@@ -245,7 +245,7 @@ def _transform(
     reading: Reading, said: dict[str, Any], keys: tuple[str, str], what: str
 ) -> RigidTransform:
     rotation, translation = (
-        np.array(reading.numbers(said.get(key), f"{what}.{key}", length))
+        np.array(reading.flat_numbers(said.get(key), f"{what}.{key}", length))
         for key, length in zip(keys, (9, 3), strict=True)
     )
     return RigidTransform(checked_rotation(reading, rotation.reshape(3, 3)), translation)

@@ -16,7 +16,7 @@ from msgspec import structs
 
 from poseviewer.errors import PhotoFileError, PoseFileError, printable
 from poseviewer.files.checks import Reading, checked_rotation
-from poseviewer.files.photo import is_stored_turned, load_photo, save_photo, upright_size
+from poseviewer.files.photo import is_stored_turned, load_photo, save_photo
 from poseviewer.files.scene_file import (
     ModelFile,
     ObjectRecord,
@@ -34,7 +34,7 @@ from poseviewer.geometry.lens import SAME, LensModel
 from poseviewer.geometry.transform import RigidTransform, Similarity
 
 Entry = TypeVar("Entry")
-Contents = dict[Path, str | bytes]
+Contents = Mapping[Path, str | bytes]
 MOST_NAMED = 10
 """Number of images in a message."""
 METRES = {"km": 1000.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
@@ -90,7 +90,8 @@ class ConvertOptions:
         has them, else as the user says.
         """
         if None in (width, height) and photo is not None and photo.is_file():
-            width, height = upright_size(photo)
+            opened = load_photo(photo)
+            width, height = opened.width, opened.height
         if None in (width, height):
             width, height = self.photo_size or (None, None)
         width, height = reading.size(width, "the photo's width"), reading.size(height, "its height")
@@ -141,7 +142,7 @@ that one's coefficients it has."""
 class Format:
     """A tool's format."""
 
-    write: Callable[[SceneRecord, Path, ConvertOptions, list[str]], Mapping[Path, str | bytes]]
+    write: Callable[[SceneRecord, Path, ConvertOptions, list[str]], Contents]
     """Gives what the files hold, of a scene, where to, and what else is known; adds notes."""
     read: Callable[[Path, ConvertOptions], SceneRecord]
     lenses: Lenses = ()

@@ -116,8 +116,8 @@ def read_dope(path: Path, request: ConvertOptions) -> SceneRecord:
     entries = data.get("objects")
     for number, entry in enumerate(entries if isinstance(entries, list) else [], 1):
         said, what = reading.object(entry, "an object"), f"objects[{number - 1}]"
-        location = np.array(reading.numbers(said.get("location"), f"{what}.location"))
-        quaternion = reading.numbers(said.get("quaternion_xyzw"), f"{what}.quaternion_xyzw", 4)
+        location = np.array(reading.flat_numbers(said.get("location"), f"{what}.location", 3))
+        quaternion = reading.flat_numbers(said.get("quaternion_xyzw"), f"{what}.quaternion_xyzw", 4)
         rotation = rotation_of(reading, quaternion, f"{what}.quaternion_xyzw")
         place = Place.of(RigidTransform(rotation, location * factor))
         name = reading.text(said.get("class"), f"{what}.class") or ""

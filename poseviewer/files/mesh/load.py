@@ -1,7 +1,5 @@
 """Load a model file as a Mesh. The only importer of assimp and cascadio."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
