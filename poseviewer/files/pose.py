@@ -133,7 +133,13 @@ def record_from_json(
     reading: Reading, data: Any, width: int | None = None, height: int | None = None
 ) -> PoseRecord:
     """Read a pose file's JSON, for a photo as ``load_pose`` does."""
-    reading.require_format(reading.object(data, "its content"), FORMAT)
+    said = reading.object(data, "its content")
+    reading.require_format(said, FORMAT)
+    if said.keys().isdisjoint(("projection", "camera", "camera_from_model")):
+        found = f"no pose of poseviewer's (its keys: {', '.join(map(str, said))[:80] or 'none'})"
+        raise reading.error(
+            found, "make one of another tool's with poseviewer convert --from FORMAT"
+        )
     record = reading.decoded(data, PoseRecord, raw=("mask",))
     known = record.photo or PhotoReference()
     made_for = known.width or width, known.height or height

@@ -189,6 +189,13 @@ def test_a_broken_file_is_refused(
     refuse(path, kind)
 
 
+def test_a_pose_of_another_tool_is_named_by_its_keys(tmp_path: Path) -> None:
+    (tmp_path / "dope.json").write_text('{"camera_data": {}, "objects": []}')
+    found = refuse(tmp_path / "dope.json", "pose")
+    assert "(its keys: camera_data, objects); make one" in found
+    assert "convert --from FORMAT" in found
+
+
 @pytest.mark.parametrize("change", GLTF_CHANGES)
 def test_a_gltf_that_contradicts_itself_is_refused(tmp_path: Path, change: str) -> None:
     path = write_gltf(tmp_path, "gone.png")

@@ -34,6 +34,7 @@ from poseviewer.app.state.objects import alter_object
 from poseviewer.app.state.session import SearchUpdate, Session
 from poseviewer.app.workers.exporting import CONVERTED
 from poseviewer.app.workers.tasks import Request, ShowHelp, download, find_wheels
+from poseviewer.files.formats.conversion import METRES
 from poseviewer.fit.settings import LOSSES, SEARCHES
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel
@@ -370,7 +371,10 @@ def add_saving(controls: Controls) -> None:
     controls.download("Download pose", "pose")
     controls.download("Download overlay", "overlay", icon="photo-down")
     kind = controls.gui.add_dropdown("Format", tuple(CONVERTED))
-    controls.button("Export as ...", lambda _, client: download(kind.value, client), icon="share")
+    unit = controls.gui.add_dropdown("Model's unit", ("as it says", *METRES))
+    controls.button(
+        "Export as ...", lambda _, to: download(kind.value, to, unit.value), icon="share"
+    )
 
 
 STEPS = {

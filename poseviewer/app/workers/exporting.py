@@ -16,7 +16,7 @@ from poseviewer.app.state.document import Document, stands
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.errors import SettingsError
-from poseviewer.files.formats.conversion import ConvertOptions
+from poseviewer.files.formats.conversion import METRES, ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.masks import mask_as_png, mask_path
 from poseviewer.files.pose import pose_bytes
@@ -72,13 +72,14 @@ def stem_of(document: Document, view: int) -> str:
     return ".".join(stem[:LONGEST_STEM].decode(errors="ignore") for stem in stems)
 
 
-def export(what: Export, session: Session) -> dict[str, bytes]:
-    """The contents of files by their names: of maps, one for each loss that is shown; raises
-    ``PoseViewerError``: there is nothing of that kind yet.
+def export(what: Export, session: Session, unit: str = "") -> dict[str, bytes]:
+    """The contents of files by their names: of maps, one for each loss that is shown; ``unit``: the
+    model's, in place of what it says; raises ``PoseViewerError``: there is nothing of that kind
+    yet, or a format wants to know the unit.
     """
     own = session.document
     if what in CONVERTED:
-        return _converted(what, session)
+        return _converted(what, session, unit if unit in METRES else None)
     view = filed_view(own) if what == "pose" else own.at
     photo = own.scene.views[view].photo
     stem = Path(photo.name).stem + (".undistorted" if photo.undistortion is not None else "")
@@ -104,7 +105,7 @@ def export(what: Export, session: Session) -> dict[str, bytes]:
     }
 
 
-def _converted(what: str, session: Session) -> dict[str, bytes]:
+def _converted(what: str, session: Session, unit: str | None) -> dict[str, bytes]:
     """One file of another tool, or a zip of several; of all objects where it holds several."""
     own, scene = session.document, record_of(saved_scene(session))
     stem = Path(own.photo.name).stem
@@ -113,7 +114,7 @@ def _converted(what: str, session: Session) -> dict[str, bytes]:
         if what in FORMATS:
             if not FORMATS[what].several_objects:
                 scene = structs.replace(scene, objects=(scene.objects[own.active],))
-            options = ConvertOptions(image="0", object_id=1, overwrite=True)
+            options = ConvertOptions(image="0", object_id=1, unit=unit, overwrite=True)
             FORMATS[what].convert(scene, out, options)
         else:
             from poseviewer.figures.object_maps import (  # numba takes a quarter of a second

@@ -141,13 +141,14 @@ def restore(kept: AutosavedSession) -> Task:
     return Task(run)
 
 
-def download(what: Export, client: int) -> Task:
-    """Make files of the session for a page."""
-    drawn = "Drawing ..." if what in ("overlay", "sheet") else ""
+def download(what: Export, client: int, unit: str = "") -> Task:
+    """Make files of the session for a page; ``unit``: the model's, where it is known."""
+    working = "Drawing ..." if what in ("overlay", "sheet") else ""
 
-    return Task(
-        lambda now, _: Result(files=export(what, now), client=client), drawn, what == "overlay"
-    )
+    def run(now: Session, _: Path) -> Result:
+        return Result(files=export(what, now, unit), client=client)
+
+    return Task(run, working, draws=what == "overlay")
 
 
 def find_wheels() -> Task:

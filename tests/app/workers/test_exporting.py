@@ -9,6 +9,7 @@ import pytest
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import CONVERTED, export
 from poseviewer.app.workers.opening import open_files
+from poseviewer.errors import PoseViewerError
 from poseviewer.files.formats.known_formats import FORMATS
 
 
@@ -29,3 +30,11 @@ def test_a_pose_is_sent_in_every_format(scene, what):
         names = ZipFile(BytesIO(data)).namelist()
         assert any("cameras.txt" in file or "/nocs/" in file for file in names)
     assert data
+
+
+@pytest.mark.parametrize("what", ["bop", "dope"])
+def test_a_format_of_one_unit_asks_for_the_models(scene, what):
+    session = Session(open_files(scene.photo, scene.model, scene.start))
+    with pytest.raises(PoseViewerError, match="on the page with Model's unit"):
+        export(what, session, "as it says")
+    assert export(what, session, "mm")

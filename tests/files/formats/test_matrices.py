@@ -101,6 +101,17 @@ def test_dopes_poses_are_in_centimetres(tmp_path, unit, size):
     assert len(one.objects) == 1
 
 
+def test_a_file_of_dope_without_its_camera_takes_that_of_a_calibration(tmp_path):
+    (tmp_path / "d.json").write_text(json.dumps({"objects": DOPE["objects"]}))
+    size = {"photo_size": (200, 150)}
+    with pytest.raises(PoseViewerError, match="does not say the camera; add --calibration"):
+        FORMATS["dope"].read(tmp_path / "d.json", ConvertOptions(**size))
+    options = ConvertOptions(calibration=write(tmp_path / "cam_K.txt", K), unit="m", **size)
+    seen = FORMATS["dope"].read(tmp_path / "d.json", options).pose(0).project(POINTS)
+    wanted = cv2.projectPoints(POINTS, TURN, SHIFT, K, None)[0][:, 0]
+    np.testing.assert_allclose(seen - 0.5, wanted, atol=1e-6)
+
+
 def test_a_pose_for_dope_is_as_its_description_says(tmp_path):
     record = perspective_record(unit="m")
     scene, out = scene_of_pose(tmp_path, record), tmp_path / "d.json"
