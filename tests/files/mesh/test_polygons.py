@@ -1,6 +1,5 @@
 """Polygons, strips and the ways in which programs write OBJ, PLY and STL."""
 
-import importlib.util
 import struct
 from pathlib import Path
 
@@ -148,11 +147,3 @@ def test_models_of_other_programs_are_to_be_exported_as_glb(tmp_path, name):
     (tmp_path / name).write_bytes(b"Kaydara FBX Binary")
     with pytest.raises(MeshFileError, match="export it as GLB"):
         load_mesh(tmp_path / name)
-
-
-def test_a_step_file_says_what_it_needs(tmp_path):
-    if importlib.util.find_spec("cascadio") is not None:
-        pytest.skip("cascadio is installed")
-    (tmp_path / "box.step").write_text("ISO-10303-21;")
-    with pytest.raises(MeshFileError, match=r"pip install 'poseviewer\[step\]'"):
-        load_mesh(tmp_path / "box.step")
