@@ -87,6 +87,14 @@ FORMS: dict[str, tuple[str, Any, Lens | None]] = {
                   "image_height: 480\ndistortion_parameters:\n   k1: -0.3\n   k2: 0.1\n"
                   "   p1: 0.001\n   p2: -0.001\n   k3: 0.02\nprojection_parameters:\n"
                   "   fx: 500\n   fy: 510\n   cx: 321\n   cy: 239\n", LENS),
+    "blocks": ("a.yaml", "K:\n-\n  - 500.0\n  - 0.0\n  - 321.0\n- [0, 510, 239]\n- - 0\n  - 0\n"
+               "  - 1\ndist:\n- -0.3\n- .1\n- 1e-3\n- -1.e-3\n- '0.02'\n", LENS),
+    "anchors, tags and flows": (
+        "a.yml", "%YAML:1.0\nrow: &z [0, 0, 1]\nK: !!opencv-matrix\n  {rows: 3, cols: 3, dt: d, data: "
+        "[500, 0, 321, 0, 510, 239, 0, 0, 1]}\nD: {data: [-0.3, 0.1, 0.001, -0.001, 0.02]}\n", LENS),
+    "a date and a second document": (
+        "a.yml", "date: 2024-01-02\n" + YAML + "dist: [-0.3, 0.1, 0.001, -0.001, 0.02]\n---\nK: 1\n",
+        LENS),
     "npz": ("a.npz", saved(mtx=np.array(K), dist=np.array([BROWN]), rvecs=np.ones((4, 3))), LENS),
     "npy": ("a.npy", array(np.array(K)), None),
     "text": ("cam_K.txt", "\n".join(" ".join(map(str, row)) for row in K), None),
@@ -113,6 +121,24 @@ def assert_reads(path: Path, content: Any, matrix: Any, lens: Lens | None) -> No
 def test_a_camera_is_the_same_in_each_form(tmp_path, form):
     name, content, lens = FORMS[form]
     assert_reads(tmp_path / name, content, K, lens)
+
+
+RADIAL, NO_LENS = Lens("opencv", (0.02, -0.01, 0.0, 0.0, 0.0)), None
+EQUIDISTANT = Lens("fisheye", (0.02, -0.01, 0.0, 0.0))
+NGP: list[tuple[dict[str, Any], Lens | None]] = [
+    *(({"is_fisheye": value}, EQUIDISTANT) for value in (True, 1, 1.0, "true", "1")),
+    *(({"is_fisheye": value}, RADIAL) for value in (False, 0, None, "false")),
+    *(({"camera_model": name}, RADIAL) for name in ("OPENCV", "RADIAL", "SIMPLE_RADIAL")),
+    ({"camera_model": "OPENCV_FISHEYE"}, EQUIDISTANT),
+    ({"camera_model": "OPENCV_FISHEYE", "is_fisheye": False}, EQUIDISTANT),
+    ({"camera_model": "PINHOLE", "k1": 0, "k2": 0}, NO_LENS),
+]
+
+
+@pytest.mark.parametrize(("said", "lens"), NGP, ids=lambda value: str(value)[:40])
+def test_a_fisheye_of_instant_ngp_and_nerfstudio_is_one(tmp_path, said, lens):
+    own = {"fl_x": 500, "fl_y": 510, "cx": 321.5, "cy": 239.5, "k1": 0.02, "k2": -0.01, **said}
+    assert_reads(tmp_path / "a.json", {**own, "w": 640, "h": 480}, K, lens)
 
 
 SQUARE = [[500.0, 0.0, 329.5], [0.0, 500.0, 234.5], [0.0, 0.0, 1.0]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -9,14 +10,17 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import cKDTree
 
 from poseviewer.cli.main import main
+from poseviewer.files.cameras import load_cameras
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.gltf import GLTF
 from poseviewer.files.formats.meshlab import MESHLAB, read_meshlab
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.scene_file import load_scene, scene_of_pose
 from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from tests.files.formats.cases import (
     HEIGHT,
@@ -26,6 +30,7 @@ from tests.files.formats.cases import (
     write_files,
 )
 from tests.files.formats.foreign import read_with
+from tests.files.test_cameras import COLMAP
 from tests.several import make_three
 
 HALF_A_PIXEL_SHOWS = 0.1
@@ -110,3 +115,41 @@ def test_the_photo_covers_what_gltf_shows_of_it(tmp_path):
     np.testing.assert_array_equal(plane.visual.uv, [[0, 1], [1, 1], [1, 0], [0, 0]])
     shown = np.asarray(plane.visual.material.baseColorTexture)
     assert shown[40, 130, :2].tolist() == [130, 40]
+
+
+def test_blender_has_the_same_shapes(shared_cases, tmp_path):
+    """Sparse and quantised accessors, a skin, instances; and what we write far from the origin."""
+    names = ("sparse", "gltfpack_like", "skin", "instancing", "texture_transform", "texcoord1")
+    files = [shared_cases / "gltf_silent" / f"{name}.glb" for name in names]
+    folder, far = shared_cases / "far_from_origin", tmp_path / "far.glb"
+    with_files = ["--photo", folder / "photo.png", "--model", folder / "box_utm.obj"]
+    convert = ["convert", folder / "pose.json", "--to", "gltf", far, *with_files]
+    assert main([*map(str, convert)]) == 0
+    answer = read_with("bpy", *files, far, out=tmp_path / "out.json")
+    for file in files:
+        theirs, ours = np.array(answer[file.stem]["vertices"]), load_mesh(file).vertices
+        for some, others in ((theirs, ours), (ours, theirs)):
+            assert cKDTree(others).query(some)[0].max() < 1e-5, file.stem
+    sizes = np.array([size for name, size in answer["far"]["sizes"].items() if "photo" not in name])
+    np.testing.assert_allclose(np.sort(sizes[0]), (0.6, 0.8, 2.0), rtol=1e-5)
+    (name,) = (n for n in trimesh.load_scene(far).geometry if "photo" not in n)
+    extents = trimesh.load_scene(far, process=False).geometry[name].extents
+    np.testing.assert_allclose(np.sort(extents), (0.6, 0.8, 2.0), rtol=1e-5)
+
+
+def test_colmap_sees_through_its_models_as_opencv_through_what_we_read(tmp_path):
+    lines = list(COLMAP)
+    cameras = "".join(f"{number} {line}\n" for number, line in enumerate(lines, 1))
+    (tmp_path / "cameras.txt").write_text(cameras)
+    for name in ("images", "points3D"):
+        (tmp_path / f"{name}.txt").write_text("# none\n")
+    points = np.random.default_rng(0).uniform((-0.2, -0.2, 1.0), (0.2, 0.2, 1.5), (20, 3))
+    (tmp_path / "points.json").write_text(json.dumps(points.tolist()))
+    seen = read_with("pycolmap", tmp_path, tmp_path / "points.json", out=tmp_path / "out.json")
+    for number, found in enumerate(load_cameras(tmp_path / "cameras.txt"), 1):
+        is_fisheye = found.lens is not None and found.lens.model == "fisheye"
+        project = cv2.fisheye.projectPoints if is_fisheye else cv2.projectPoints
+        k = np.zeros(5) if found.lens is None else found.lens.array
+        still = np.zeros(3), np.zeros(3), opencv_matrix(found.camera), k
+        ours = project(points[:, None], *still)[0][:, 0] + 0.5  # COLMAP's centres are at i + 0.5
+        np.testing.assert_allclose(ours, seen[str(number)], atol=1e-6, err_msg=lines[number - 1])

@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from poseviewer.errors import PoseFileError, PoseViewerError
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
+from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_file import SceneRecord, scene_of_pose
 from poseviewer.geometry.transform import RigidTransform
@@ -98,6 +100,26 @@ def test_nothing_is_overwritten_unasked(tmp_path, name, out):
     assert contents(tmp_path) == before
     write(name, tmp_path / out, moved, overwrite=True)
     assert contents(tmp_path) != before
+
+
+@pytest.mark.parametrize("unit", [None, "m", "mm"])
+@pytest.mark.parametrize(
+    "away", [(0, 0, 0), (300, 0, 0), (-4e5, 0, 0), (4e5, 5.4e6, 200), (0, 0, 1e7), (-9e8, 1, 1)]
+)
+def test_a_model_stays_exact_in_gltf_wherever_it_lies(tmp_path, away, unit):
+    mesh, request = write_files(tmp_path)
+    obj = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in (mesh.vertices + away).tolist())
+    obj += "".join(f"f {a} {b} {c}\n" for a, b, c in (mesh.faces + 1).tolist())
+    (tmp_path / "m.obj").write_text(obj)
+    request = replace(request, model=tmp_path / "m.obj", unit=unit)
+    scene = scene_of_pose(tmp_path, perspective_record(unit))
+    model = structs.replace(scene.objects[0].model, file=str(tmp_path / "m.obj"))
+    scene = structs.replace(scene, objects=(structs.replace(scene.objects[0], model=model),))
+    FORMATS["gltf"].convert(scene, tmp_path / "out.glb", request)
+    found, size = load_mesh(tmp_path / "out.glb"), 0.001 if unit == "mm" else 1.0
+    name = next(name for name in found.part_names if "photo" not in name)
+    wanted = np.ptp(mesh.vertices + away, axis=0) * size
+    np.testing.assert_allclose(np.ptp(found.part_vertices(name), axis=0), wanted, rtol=3e-5)
 
 
 def contents(folder: Path) -> dict[Path, bytes]:

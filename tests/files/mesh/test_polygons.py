@@ -68,6 +68,53 @@ def test_strips_end_at_minus_one_and_turn_every_second_triangle():
     assert strip_corners(np.array(strips)).tolist() == wanted
 
 
+@pytest.mark.parametrize("suffix", ["obj", "ply", "off"])
+@pytest.mark.parametrize("name", SHAPES)
+def test_readers_cut_polygons_into_triangles_of_their_area(tmp_path, name, suffix):
+    flat, path = np.array(SHAPES[name], float), tmp_path / f"m.{suffix}"
+    rows = "".join(f"{x} {y} 0\n" for x, y in flat)
+    face = " ".join(map(str, range(len(flat))))
+    head = f"ply\nformat ascii 1.0\nelement vertex {len(flat)}\n" + PLY_HEAD
+    texts = {"off": f"OFF\n{len(flat)} 1 0\n{rows}", "ply": f"{head}end_header\n{rows}"}
+    texts = {key: f"{text}{len(flat)} {face}\n" for key, text in texts.items()}
+    texts["obj"] = "".join(f"v {row}\n" for row in rows.splitlines())
+    texts["obj"] += "f " + " ".join(str(i + 1) for i in range(len(flat)))
+    path.write_text(texts[suffix])
+    mesh = load_mesh(path)
+    areas = face_normals_and_areas(mesh.vertices, mesh.faces)[1]
+    assert areas.sum() == pytest.approx(shoelace(flat), rel=1e-6)
+
+
+PLY_HEAD = "property float x\nproperty float y\nproperty float z\nelement face 1\n"
+PLY_HEAD += "property list uchar int vertex_indices\n"
+STRIPS = {
+    "one": [[0, 1, 2, 3, 4, 5]],
+    "two": [[0, 1, 2, 3, -1, 2, 3, 4, 5]],
+    "ends": [[-1, 0, 1, 2, 3, -1, -1, 2, 3, 4, 5, -1]],
+    "two rows": [[0, 1, 2, 3], [2, 3, 4, 5]],
+}
+
+
+@pytest.mark.parametrize("order", ["ascii", "<", ">"])
+@pytest.mark.parametrize("name", STRIPS)
+def test_strips_of_ply_are_read(tmp_path, name, order):
+    """A band of four triangles, three corners wide."""
+    strips, points = STRIPS[name], [(x, y, 0) for x in (0, 1, 2) for y in (0, 1)]
+    encoding = {"<": "binary_little_endian", ">": "binary_big_endian"}.get(order, order)
+    head = PLY_HEAD.replace("face 1", f"tristrips {len(strips)}")
+    data = f"ply\nformat {encoding} 1.0\nelement vertex 6\n{head}end_header\n".encode()
+    for row in [*points, *((len(strip), *strip) for strip in strips)]:
+        kind = "3f" if row in points else f"B{len(row) - 1}i"
+        data += (" ".join(map(str, row)) + "\n").encode() if order == "ascii" else struct.pack(
+            order + kind, *row)  # fmt: skip
+    (tmp_path / "m.ply").write_bytes(data)
+    mesh = load_mesh(tmp_path / "m.ply")
+    assert (len(mesh.faces), mesh.notes) == (4, ())
+    normals, areas = face_normals_and_areas(mesh.vertices, mesh.faces)
+    assert areas.sum() == pytest.approx(2.0)
+    assert np.all(normals == normals[0])
+
+
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
 FACE = "f 1/1 2/2 3/3 4/4\n"
 
