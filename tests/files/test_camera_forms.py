@@ -90,11 +90,12 @@ FORMS: dict[str, tuple[str, Any, Lens | None]] = {
     "blocks": ("a.yaml", "K:\n-\n  - 500.0\n  - 0.0\n  - 321.0\n- [0, 510, 239]\n- - 0\n  - 0\n"
                "  - 1\ndist:\n- -0.3\n- .1\n- 1e-3\n- -1.e-3\n- '0.02'\n", LENS),
     "anchors, tags and flows": (
-        "a.yml", "%YAML:1.0\nrow: &z [0, 0, 1]\nK: !!opencv-matrix\n  {rows: 3, cols: 3, dt: d, data: "
-        "[500, 0, 321, 0, 510, 239, 0, 0, 1]}\nD: {data: [-0.3, 0.1, 0.001, -0.001, 0.02]}\n", LENS),
+        "a.yml", "%YAML:1.0\nrow: &z [0, 0, 1]\nK: !!opencv-matrix\n  {rows: 3, cols: 3, dt: d, "
+        "data: [500, 0, 321, 0, 510, 239, 0, 0, 1]}\n"
+        "D: {data: [-0.3, 0.1, 0.001, -0.001, 0.02]}\n", LENS),
     "a date and a second document": (
-        "a.yml", "date: 2024-01-02\n" + YAML + "dist: [-0.3, 0.1, 0.001, -0.001, 0.02]\n---\nK: 1\n",
-        LENS),
+        "a.yml", "date: 2024-01-02\n" + YAML + "dist: [-0.3, 0.1, 0.001, -0.001, 0.02]\n---\n"
+        "K: 1\n", LENS),
     "npz": ("a.npz", saved(mtx=np.array(K), dist=np.array([BROWN]), rvecs=np.ones((4, 3))), LENS),
     "npy": ("a.npy", array(np.array(K)), None),
     "text": ("cam_K.txt", "\n".join(" ".join(map(str, row)) for row in K), None),
