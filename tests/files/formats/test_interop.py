@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from poseviewer.cli.main import main
 from poseviewer.files.cameras import load_cameras
@@ -129,7 +129,7 @@ def test_blender_has_the_same_shapes(shared_cases, tmp_path):
     for file in files:
         theirs, ours = np.array(answer[file.stem]["vertices"]), load_mesh(file).vertices
         for some, others in ((theirs, ours), (ours, theirs)):
-            assert cKDTree(others).query(some)[0].max() < 1e-5, file.stem
+            assert KDTree(others).query(some)[0].max() < 1e-5, file.stem
     sizes = np.array([size for name, size in answer["far"]["sizes"].items() if "photo" not in name])
     np.testing.assert_allclose(np.sort(sizes[0]), (0.6, 0.8, 2.0), rtol=1e-5)
     (name,) = (n for n in trimesh.load_scene(far).geometry if "photo" not in n)

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -103,7 +104,7 @@ def test_dopes_poses_are_in_centimetres(tmp_path, unit, size):
 
 def test_a_file_of_dope_without_its_camera_takes_that_of_a_calibration(tmp_path):
     (tmp_path / "d.json").write_text(json.dumps({"objects": DOPE["objects"]}))
-    size = {"photo_size": (200, 150)}
+    size: Any = {"photo_size": (200, 150)}
     with pytest.raises(PoseViewerError, match="does not say the camera; add --calibration"):
         FORMATS["dope"].read(tmp_path / "d.json", ConvertOptions(**size))
     options = ConvertOptions(calibration=write(tmp_path / "cam_K.txt", K), unit="m", **size)
