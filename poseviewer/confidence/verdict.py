@@ -14,6 +14,9 @@ from poseviewer.confidence.weights import FEATURES, FOUND_FROM, LOST_BELOW, OFFS
 
 LEAST_SEEN = 0.35
 """Share of the model that must be seen: with less, poses far off look right too."""
+PLAIN_FROM, PLAIN_OUTLINE, PLAIN_SEEN = 0.85, 0.9, 0.95
+"""Share of the model of one look from which it is plain, and what a ``found`` one has at least of
+its outline and of itself: inside it a larger thing of that look fits as well."""
 SURE_FROM = 0.93
 """Probability from which a pose is neither continued nor, after an estimate, given up for it."""
 SURE_BEHIND = 0.8
@@ -56,6 +59,13 @@ class Features:
     """Share of the outline with an edge of its direction in the photo, in [0, 1]."""
     seen: float
     """Share of the model's picture that lies on pixels that count, in [0, 1]."""
+    alike: float = 0.0
+    """Share of the model's picture that has the median's normal and reflectance, in [0, 1]."""
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether little but its outline tells where the model is."""
+        return self.alike >= PLAIN_FROM
 
 
 class Verdict(Struct, frozen=True, omit_defaults=True):
@@ -101,8 +111,9 @@ def judge(features: Features | None) -> Verdict:
         away = (scaled(name, getattr(features, name)) - mean) / deviation
         score += weight * min(max(away, -LARGEST_SCORE), LARGEST_SCORE)
     probability = 1.0 / (1.0 + math.exp(-score)) if features.seen >= LEAST_SEEN else 0.0
-    is_found = probability >= FOUND_FROM and features.outline >= LEAST_OUTLINE
-    word = _word(is_found, probability < LOST_BELOW)
+    outline, seen = (PLAIN_OUTLINE, PLAIN_SEEN) if features.is_plain else (LEAST_OUTLINE, 0.0)
+    is_found = features.outline >= outline and features.seen >= seen
+    word = _word(is_found and probability >= FOUND_FROM, probability < LOST_BELOW)
     return Verdict(word, probability, reasons_for(features), asdict(features))
 
 
@@ -146,6 +157,9 @@ def reasons_for(features: Features) -> tuple[str, ...]:
         f"Along {how}{outline:.0%} of its outline the photo has an edge of that direction.": True,
         f"Only {features.seen:.0%} of the model is seen: the rest lies on pixels left out.": (
             features.seen < LEAST_WHOLE
+        ),
+        "The model is flat and of one colour there: its outline alone tells where it is.": (
+            features.is_plain
         ),
     }
     return tuple(sentence for sentence, holds in sentences.items() if holds)

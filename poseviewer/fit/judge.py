@@ -18,12 +18,14 @@ from poseviewer.fit.probing import Probe
 from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.camera import Pose, level_pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.optimise import quadratic
 from poseviewer.render.pyramid.levels import covered, seen_share
-from poseviewer.render.types import Renderer
+from poseviewer.render.types import AttributeImage, Renderer
 
+ALIKE = 0.1
+"""Distance of two looks, normal (unit) and reflectance (of 1), that counts as none."""
 FEWEST_PIXELS = 50
 """Pixels of the model below which it counts as unseen."""
 WRONG_POSES, WRONG_DEG, WRONG_SHIFT, WRONG_SIZE = 48, (15.0, 45.0), 0.2, 0.1
@@ -105,7 +107,15 @@ def gather_features(probe: Probe) -> Features | None:
         spread_percent=100.0 * float(np.median(_distances_of_returns(probe))),
         outline=outline_support(photo.channels, photo.weights, drawn),
         seen=seen_share(photo, renderer, pose),
+        alike=_share_alike(renderer.render(level_pose(pose, photo.factor))),
     )
+
+
+def _share_alike(image: AttributeImage) -> float:
+    """The share of the model's pixels that look as their median does."""
+    looks = np.hstack([image.normals[image.mask], image.reflectance[image.mask]])
+    apart = np.linalg.norm(looks - np.median(looks, axis=0), axis=1)
+    return float(np.mean(apart < ALIKE))
 
 
 def _wrong_steps(probe: Probe) -> FloatArray:

@@ -53,6 +53,16 @@ def test_a_model_along_whose_outline_the_photo_has_few_edges_is_not_found():
     assert any("only 60%" in reason for reason in flat.reasons)
 
 
+@pytest.mark.parametrize("short", [{"outline": 0.8}, {"seen": 0.7}])
+def test_a_plain_model_is_found_by_its_whole_outline_alone(short: dict[str, float]):
+    sure = replace(RIGHT, turn_margin=20.0, spread_percent=0.1, **short)
+    assert judge(sure).word == "found"
+    plain = judge(replace(sure, alike=0.95))
+    assert plain.word == "doubtful"
+    assert any("flat and of one colour" in reason for reason in plain.reasons)
+    assert judge(replace(RIGHT, alike=0.95)).word == "found"
+
+
 @pytest.mark.parametrize("word", ["found", "doubtful", "lost"])
 def test_word_and_number_of_a_verdict_never_contradict(word: str):
     """The number alone leads to its word, and is never sure."""

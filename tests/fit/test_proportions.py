@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 
 from poseviewer.api import make_scene
+from poseviewer.confidence.verdict import FOUND_FROM
 from poseviewer.fit.scene import Scene
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.starts.loading import load_model, open_photo
+from tests.meshes import make_box, merged
+from tests.scene import make_scene_of
 
 
 def stretched(scene, *factors: float) -> Scene:
@@ -35,3 +39,25 @@ def test_a_model_that_fits_stays_found(scene):
     assert verdict is not None
     assert verdict.word == "found"
     assert not any("another model?" in reason for reason in verdict.reasons)
+
+
+def plate(width: float, height: float, x: float = 0.0, y: float = 0.0) -> Mesh:
+    """A grey plate about (x, y, 0)."""
+    box = make_box((width, height, 0.1))
+    colours = np.full_like(box.colours, 0.6)
+    return replace(box, vertices=box.vertices + np.array([x, y, 0.0]), colours=colours)
+
+
+def test_a_plate_that_lacks_a_corner_is_not_found_on_a_whole_one(tmp_path):
+    """An L-shaped plate fits into a square one but for a fourth of its outline."""
+    whole, corner = plate(2, 2), merged(plate(2, 1, 0, -0.5), plate(1, 1, -0.5, 0.5))
+    scene, words = make_scene_of(whole, tmp_path), []
+    model = load_model(scene.model)
+    for mesh in (whole, corner):
+        opened = open_photo(scene.photo, replace(model, mesh=mesh), scene.start)
+        verdict = make_scene(opened).fit().verdict
+        assert verdict is not None
+        assert verdict.probability >= FOUND_FROM
+        assert any("of one colour" in reason for reason in verdict.reasons)
+        words.append(verdict.word)
+    assert words == ["found", "doubtful"]
