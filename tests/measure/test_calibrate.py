@@ -44,14 +44,10 @@ def test_only_what_can_be_told_apart_is(tmp_path, capsys, informative, area):
 def test_what_is_seen_is_weighed_without_touching_the_other_weights(tmp_path, capsys):
     table = write_table(tmp_path / "trials.csv", informative=True)
     assert calibrate.main([str(table), "--seen"]) == 0
-    written = capsys.readouterr().out.split("FEATURES", 1)[1]
-    kept, (*known, seen) = WEIGHTS.read_text(), weights.FEATURES.values()
-    for name, numbers in zip(NAMES, known, strict=False):
-        line = f'"{name}": ({numbers[0]:.4g}, {numbers[1]:.4g}, {numbers[2]:.4g}),'
-        assert line in written
-        assert line in kept
-    assert f"({seen[0]:.4g}, {seen[1]:.4g}, " in written
-    assert f"{seen[2]:.4g})" not in written
+    *others, seen = WEIGHTS.read_text().splitlines()[3 : 3 + len(NAMES)]
+    written = capsys.readouterr().out.splitlines()
+    assert set(others) < set(written)
+    assert seen not in written
 
 
 def test_a_truth_that_is_known_to_be_worse_makes_more_of_them_right(tmp_path, capsys):
