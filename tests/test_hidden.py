@@ -84,6 +84,19 @@ def test_the_command_line_leaves_out_hides_and_says_what_there_is(scene, halves,
     assert "nothing would be left of the model" in capsys.readouterr().err
 
 
+def test_a_mask_hides_unless_the_command_line_says_that_nothing_does(scene, mask, tmp_path):
+    out, losses = tmp_path / "out.pose.json", []
+    line = ("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out, "--quiet")
+    for more in ((), ("--mask", mask), ("--mask", mask, "--in-front", "nothing")):
+        assert run(*line, "--evaluations", 60, *more) == 0
+        losses.append(load_pose(out, 160, 120).loss)
+    assert losses[0] == losses[2] != losses[1]
+    record = load_pose(out, 160, 120)
+    assert record.settings is not None
+    assert record.settings["in_front"] == "nothing"
+    assert record.mask == "out.mask.png"  # what the user painted is kept
+
+
 def test_parts_of_a_scene_s_objects_are_left_out_by_the_object_s_id(scene, halves, tmp_path):
     start = load_pose(scene.start, 160, 120)
     view = ViewRecord.of(scene.photo, start.pose.camera)
