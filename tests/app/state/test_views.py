@@ -102,7 +102,8 @@ def test_what_a_search_said_goes_with_the_photos_that_it_compared(session: Sessi
     result = SearchResult(None, 0.1, 0.1)
     found = replace(session, document=session.document.with_object(result=result))
     assert after(found, show_view(1)).document.object.result is result
-    for edit in (compare_view(2, False), paint(STROKE), c.nudge("move", 1.0)):
+    on_it = paint(replace(STROKE, points=found.document.pose.project(MESH.centre)[None]))
+    for edit in (compare_view(2, False), on_it, c.nudge("move", 1.0)):
         assert after(found, edit).document.object.result is None
 
 
