@@ -9,7 +9,7 @@ import argparse
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from pathlib import Path
 from statistics import mean
 from textwrap import fill
@@ -171,7 +171,11 @@ def error_table(studies: Mapping[str, Sequence[Trial]]) -> Table:
         cells = name, f"{degrees}°", str(len(some)), COLUMNS["end"](some)
         rows.append((*cells, *(str(_within(some, limit)) for limit in (1.0, 2.0, 5.0))))
     columns = "photos", "off by", "fits", "error, %", "within 1 %", "within 2 %", "within 5 %"
-    return Table("Errors of fits, median and shares in % (95 % interval)", columns, tuple(rows))
+    return Table(
+        "Errors of fits by the default method, median and shares in % (95 % interval)",
+        columns,
+        tuple(rows),
+    )
 
 
 def _within(trials: Iterable[Trial], limit: float) -> Share:
@@ -297,11 +301,11 @@ def write_page(folder: Path, page: Path, readme: Path, options: str, size: int =
         path.write_bytes(figure_bytes(sheet))
         texts[name] = f"![{words}](pictures/{path.name})\n\n{table.as_markdown()}"
     fill_in(page, texts)
-    fill_in(readme, {"results": readme_table(studies)})
+    fill_in(readme, {"results": readme_table(studies, day)})
 
 
-def readme_table(studies: Mapping[str, Sequence[Trial]]) -> str:
-    """Rows for the README, without intervals."""
+def readme_table(studies: Mapping[str, Sequence[Trial]], day: date) -> str:
+    """Rows for the README, with method and day of the last measurement."""
     real = [trial for trial in studies["real"] if SETS[trial.set] != SINGLE]
     groups, rows = grouped(real, lambda trial: SETS[trial.set]), []
     groups |= grouped(studies["clutter"], lambda t: f"tabletops, {visibility(t.visible)}")
@@ -309,7 +313,8 @@ def readme_table(studies: Mapping[str, Sequence[Trial]]) -> str:
         shares = (str(_within(some, limit)) for limit in (1.0, 5.0))
         rows.append((name, str(len(some)), COLUMNS["end"](some), *shares))
     columns = "photos", "fits", "error, %", "within 1 %", "within 5 %"
-    title = "Starts 5 and 15 degrees off: median error and shares in % (95 % interval)"
+    title = f"`--method default`, {day}, starts 5 and 15 degrees off: median error and shares in %"
+    title += " (95 % interval)"
     return Table(title, columns, tuple(rows)).as_markdown()
 
 

@@ -86,7 +86,11 @@ def test_page_and_readme_say_what_was_measured(folder: Path) -> None:
     assert all(load_photo(folder / picture).width > 500 for picture in pictures)
     kept = re.compile(r"begin -->.*?<!--", re.DOTALL)
     assert kept.sub("", text) == kept.sub("", source)
-    assert "| groceries (truth good to 1 %) | 12 | 0.50 (0.50 to 20.00) |" in readme.read_text()
+    row = readme.read_text()
+    assert "| groceries (truth good to 1 %) | 12 | 0.50 (0.50 to 20.00) |" in row
+    measured = re.search(r"Measured until ([\d-]+) by", text)
+    assert measured is not None
+    assert f"*`--method default`, {measured[1]}, starts 5 and 15" in row
 
 
 def test_figures_show_only_points_of_ten_fits_and_more(folder: Path) -> None:
