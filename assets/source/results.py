@@ -56,8 +56,8 @@ LMO_PERCENT = 6.0
 """Largest error of the annotations of LINEMOD-Occlusion, by the object's size."""
 CLIPPED, TRACED = "background,photo-parallel", "bmw"
 """Photos of the study, and cases, that the paper's loss is tried on by both searches, too."""
-SEARCHED = ("paper", "real", "searches", "searches-real")
-"""Studies that have starts which both searches had."""
+SEARCHES = ("searches", "searches-real", "searches-clutter")
+"""Studies by the search that is not a loss's own, from starts of the others."""
 HELD = ("delta_x", "delta_y", "psi_x", "psi_y")
 """Numbers that stay at the truth on maps of the rear wheel's place."""
 FAR = 0.08
@@ -86,8 +86,11 @@ def measure(folder: Path, starts: int, draws: int) -> None:
     _run("study", *near, "--search", "simplex", "--starts", starts)
     of_paper = "--loss", "paper", "--pixels", "clip", "--search"
     _run("study", *near, *of_paper, "models", "--kinds", CLIPPED, "--starts", starts)
-    real = "--out", folder / "searches-real", "--real", DATA, "--degrees", 15, "--draws", 1
+    at = "--degrees", 15, "--draws", 1
+    real = "--out", folder / "searches-real", "--real", DATA, *at
     _run("study", *real, "--search", "simplex")
+    clutter = "--out", folder / "searches-clutter", "--real", DATA / "clutter", *at
+    _run("study", *clutter, "--search", "simplex")
     for search in ("auto", "models"):
         _run("study", *real, "--cases", TRACED, *of_paper, search)
     cars = "--cases", TRACED, "--free-focal", "--degrees", "5,15", "--draws", (draws + 1) // 2
@@ -112,8 +115,7 @@ def _run(*words: object) -> None:
 def load_trials(folder: Path) -> dict[str, list[Trial]]:
     """Load all rows by study; an end on LINEMOD-Occlusion is right within its own accuracy."""
     studies = {}
-    names = "paper", "real", "clutter", "among", "searches", "searches-real", "focal", "symmetric"
-    for name in names:
+    for name in ("paper", "real", "clutter", "among", *SEARCHES, "focal", "symmetric"):
         rows = load_rows(folder / name / "trials.csv", Trial)
         limit = LMO_PERCENT + 1.0
         rows.sort(key=lambda row: ([*SETS, row.set].index(row.set), row.degrees, -row.visible))
@@ -190,9 +192,10 @@ def search_table(studies: Mapping[str, Sequence[Trial]]) -> Table:
         return trial.method.partition(" by ")[0], *named
 
     def line(trial: Trial) -> tuple[str, str]:
-        return "the study's, 8 % off" if trial.percent else "real, 15° off", trial.method
+        photos = "real" if trial.set in SETS else f"tabletops, {visibility(trial.visible)}"
+        return "the study's" if trial.percent else photos, trial.method
 
-    every = [trial for name in SEARCHED for trial in studies[name]]
+    every = [t for name in ("paper", "real", "clutter", *SEARCHES) for t in studies[name]]
     starts, rows = grouped(every, start), []
     both = [trial for trial in every if len({t.method for t in starts[start(trial)]}) > 1]
     for names, some in sorted(grouped(both, line).items()):
