@@ -77,12 +77,11 @@ def make_landscape_row(
         _draw_map(axes, piece, pose, scale)
         low, size = (1.0 - share) * at, 2.0 * share * at
         axes.add_patch(Rectangle(tuple(low), *size, fill=False, ls="--", ec=POSE_COLOUR))
-        named = {"xlabel": readable(names[piece.first]), "ylabel": readable(names[piece.second])}
-        axes.set(title=title, **named)
+        x, y = readable(names[piece.first]), readable(names[piece.second])
+        axes.set(title=title, xlabel=x, ylabel=y)
         figure.colorbar(ScalarMappable(scale, COLOURS), ax=axes)
-    marks = [
-        Line2D([], [], linestyle="none", **kind) for kind in ({**_POSE, "label": "truth"}, _MINIMUM)
-    ]
+    kinds = {**_POSE, "label": "truth"}, _MINIMUM
+    marks = [Line2D([], [], ls="none", **kind) for kind in kinds]
     marks.append(Line2D([], [], label=f"{share:.0%} off", ls="--", c=POSE_COLOUR))
     figure.legend(handles=marks, loc="outside lower center", ncols=len(marks), frameon=False)
     return figure
