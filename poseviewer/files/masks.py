@@ -3,11 +3,13 @@ mask, which lies beside it.
 """
 
 from base64 import b64decode, b64encode
+from io import BytesIO
 from pathlib import Path
 
 import cv2
 import numpy as np
 from msgspec import structs
+from PIL import Image
 
 from poseviewer.errors import PhotoFileError
 from poseviewer.files.checks import Reading
@@ -27,8 +29,8 @@ def load_mask(path: str | Path, width: int, height: int) -> Mask:
     reading = Reading(Path("a mask" if is_inline else path), [], PhotoFileError, "mask")
     if is_inline:
         with reading.naming_errors():
-            data = np.frombuffer(b64decode(str(path)[len(INLINE) :], validate=True), np.uint8)
-            pixels = np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH))
+            data = b64decode(str(path)[len(INLINE) :], validate=True)
+            pixels = np.asarray(Image.open(BytesIO(data), formats=("PNG",)))
             weights = pixels * np.float32(1.0 / np.iinfo(pixels.dtype).max)
     else:
         weights = np.minimum(load_photo(path).grey(), 1.0)  # a sum of colours may end just above it

@@ -27,7 +27,7 @@ from poseviewer.files.structs import (
     checked_camera,
 )
 from poseviewer.geometry.camera import Perspective
-from poseviewer.geometry.lens import Lens, Undistortion
+from poseviewer.geometry.lens import Lens
 from poseviewer.geometry.view import View
 
 KIND = "set of photos"
@@ -53,9 +53,8 @@ class SetView(Struct, frozen=True):
         """The view as scenes say it; its photo and its mask lie in this folder."""
         camera, known = self.camera.perspective(0, 0), self.distortion
         lens = known and Lens.of(known.lens.model, known.coefficients)
-        undistortion = lens and Undistortion.of(lens, camera)
         place, mask = self.camera_from_set.rigid, self.mask and folder / self.mask
-        return ViewRecord.of(folder / self.photo, camera, None, undistortion, place, mask or None)
+        return ViewRecord.of(folder / self.photo, camera, None, lens, place, mask or None)
 
 
 class SetFile(Struct, frozen=True):

@@ -42,8 +42,8 @@ from poseviewer.files.structs import (
 )
 from poseviewer.files.symmetry import SymmetryTurns
 from poseviewer.files.writing import json_bytes, write_whole
-from poseviewer.geometry.camera import Camera, Pose
-from poseviewer.geometry.lens import Undistortion
+from poseviewer.geometry.camera import Camera, Perspective, Pose
+from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.geometry.view import View, pose_in_view, world_from_pose
@@ -105,18 +105,20 @@ class ViewRecord(CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
         photo: Path,
         camera: Camera,
         sha256: str | None = None,
-        undistortion: Undistortion | None = None,
+        lens: Lens | Undistortion | None = None,
         place: RigidTransform | None = None,
         mask: Mask | Path | None = None,
     ) -> ViewRecord:
         """The view of a camera (pixel centres at i + 0.5) that stands in the world at a ``place``,
-        ``camera_from_world``.
+        ``camera_from_world``; a ``lens`` is one of the photo as taken by that camera.
         """
+        if isinstance(lens, Lens) and isinstance(camera, Perspective):
+            lens = Undistortion.of(lens, camera)
         return cls(
             photo=PhotoFile(str(photo), camera.width, camera.height, sha256),
             projection=projection_of(camera),
             numbers=CameraNumbers.of(camera),
-            distortion=undistortion and Distortion.of(undistortion),
+            distortion=Distortion.of(lens) if isinstance(lens, Undistortion) else None,
             place=Transform.of(place or RigidTransform.identity()),
             mask=mask_text(mask),
         )

@@ -8,9 +8,8 @@ from poseviewer.files.checks import Reading
 from poseviewer.files.formats.bop import BOP
 from poseviewer.files.formats.conversion import ConvertOptions, Format
 from poseviewer.files.formats.gltf import GLTF
-from poseviewer.files.formats.matrices import DOPE, MATRIX
+from poseviewer.files.formats.matrices import DOPE, MATRIX, OPENCV
 from poseviewer.files.formats.meshlab import MESHLAB
-from poseviewer.files.formats.opencv import OPENCV
 from poseviewer.files.formats.reconstructions import COLMAP, NERFSTUDIO
 from poseviewer.files.masks import load_mask, mask_as_png, mask_path
 from poseviewer.files.pose import load_pose, pose_bytes

@@ -1,40 +1,81 @@
-"""Poses of one model as matrices and quaternions alone.
+"""Poses of one model as matrices, vectors and quaternions alone; pixel centres are at integers.
+
+``opencv``: camera matrix, rotation vector and translation in the files of ``cv2.FileStorage``, by
+the names of OpenCV's own calibration sample; rows first.
 
 ``matrix``: the 4x4 matrix camera from model, row-major, as text, JSON or ``.npy``: what
 FoundationPose, SAM-6D and most scripts print. It says no camera, which a file of one has to.
 
 ``dope``: DOPE's and NDDS's JSON (https://github.com/NVlabs/Deep_Object_Pose): cm, OpenCV axes,
-quaternions x y z w, pixel centres at integers.
+quaternions x y z w.
 """
 
 import json
 from io import BytesIO
 from pathlib import Path
 
+import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.camera_forms import cameras_in, load_tree, matrix_text
 from poseviewer.files.cameras import Calibration, load_calibration
-from poseviewer.files.checks import Reading, rotation_of
+from poseviewer.files.checks import Reading, checked_rotation, rotation_of
 from poseviewer.files.formats.conversion import (
     Contents,
     ConvertOptions,
     Format,
+    Lenses,
+    cameras_as_taken,
     from_4x4,
     metres_per_unit,
     perspective_of,
 )
-from poseviewer.files.formats.opencv import LENSES
 from poseviewer.files.scene_file import ModelFile, ObjectRecord, Place, SceneRecord, ViewRecord
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_as_integer_centres
-from poseviewer.geometry.lens import Undistortion
+from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.transform import RigidTransform, Similarity
 
-ENDINGS = (".txt", ".npy", ".json")
+ENDINGS, STORAGES = (".txt", ".npy", ".json"), (".yml", ".yaml", ".json")
+"""Endings of matrices' and of OpenCV's files."""
+FISHEYE = "OpenCV fisheye"
+LENSES: Lenses = (*(("OpenCV", "opencv", n) for n in (5, 8, 12, 14)), (FISHEYE, "fisheye", 4))
 UNIT = "cm"
 """DOPE's."""
+
+
+def write_opencv(scene: SceneRecord, out: Path, *_: object) -> dict[Path, str]:
+    """Write YAML or JSON, by the ending."""
+    transform, camera, lens, k = next(cameras_as_taken(scene, "OpenCV", LENSES))[1:]
+    ending = out.suffix.lower()
+    if ending not in STORAGES:
+        raise PoseFileError(f"{out.name}: OpenCV files end in {', '.join(STORAGES)}; name one so.")
+    storage = cv2.FileStorage(f"m{ending}", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
+    storage.write("image_width", camera.width)
+    storage.write("image_height", camera.height)
+    storage.write("camera_matrix", opencv_matrix(camera))
+    storage.write("distortion_coefficients", np.reshape(k, (-1, 1)))
+    if lens == FISHEYE:
+        storage.write("fisheye_model", 1)  # as OpenCV's calibration sample says it
+    storage.write("rvec", transform.as_rotation_vector().reshape(3, 1))
+    storage.write("tvec", np.array(transform.translation).reshape(3, 1))
+    return {out: storage.releaseAndGetString()}
+
+
+def read_opencv(path: Path, request: ConvertOptions) -> SceneRecord:
+    """Read ``camera_matrix`` or ``K``, ``rvec`` or ``R``, ``tvec`` or ``t``; JSON lists as well."""
+    reading = Reading(path, numbers_as_text=True)
+    data = reading.object(load_tree(reading), "its content")
+    known = cameras_in(reading, data)[0]
+    rotation = reading.flat_numbers(data.get("rvec") or data.get("R"), "rvec or R")
+    translation = reading.flat_numbers(data.get("tvec") or data.get("t"), "tvec or t", 3)
+    if len(rotation) not in (3, 9):
+        raise reading.error(f"rvec or R has {len(rotation)} numbers", "wanted 3, or 9 of a matrix")
+    matrix = Rotation.from_rotvec(rotation).as_matrix() if len(rotation) == 3 else rotation
+    rotation = checked_rotation(reading, np.reshape(matrix, (3, 3)))
+    place = RigidTransform(rotation, np.array(translation))
+    return request.scene_of(reading, ViewRecord.of(Path(), known.camera, None, known.lens, place))
 
 
 def write_matrix(scene: SceneRecord, out: Path, options: ConvertOptions, *_: object) -> Contents:
@@ -78,8 +119,7 @@ def _calibrated(
     size, photo = request.size_of(reading, None, None, request.photo), request.photo or Path()
     known, notes = load_calibration(Calibration(request.calibration), photo.name, *size)
     reading.warnings.extend(notes)
-    undistortion = known.lens and Undistortion.of(known.lens, known.camera)
-    return ViewRecord.of(photo, known.camera, undistortion=undistortion, place=place)
+    return ViewRecord.of(photo, known.camera, None, known.lens, place)
 
 
 def write_dope(scene: SceneRecord, out: Path, options: ConvertOptions, *_: object) -> Contents:
@@ -129,5 +169,6 @@ def read_dope(path: Path, request: ConvertOptions) -> SceneRecord:
     return SceneRecord(views=(view,), objects=tuple(objects), warnings=tuple(reading.warnings))
 
 
+OPENCV = Format(write_opencv, read_opencv, lenses=LENSES, several_photos=False)
 MATRIX = Format(write_matrix, read_matrix, lenses=LENSES, several_photos=False)
 DOPE = Format(write_dope, read_dope, several_photos=False, several_objects=True)

@@ -27,7 +27,6 @@ from poseviewer.files.formats.conversion import (
 )
 from poseviewer.files.scene_file import SceneRecord, ViewRecord, relative_name
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
-from poseviewer.geometry.lens import Undistortion
 from poseviewer.geometry.transform import Similarity
 
 PHOTO_ENDINGS = ("", ".png", ".jpg", ".jpeg")
@@ -84,9 +83,8 @@ def colmap_views(folder: Path, reading: Reading) -> list[tuple[str, ViewRecord]]
             wanted = "wanted the one that the image names"
             raise of_cameras.error(f"it has no camera {key}", wanted)
         camera, lens = cameras[key]
-        undistortion, place = lens and Undistortion.of(lens, camera), image_pose(reading, pose)
-        view = ViewRecord.of(folder / name, camera, undistortion=undistortion, place=place)
-        views.append((name, view))
+        place = image_pose(reading, pose)
+        views.append((name, ViewRecord.of(folder / name, camera, None, lens, place)))
     return views
 
 
@@ -137,8 +135,7 @@ def frame_view(reading: Reading, own: dict[str, Any], options: ConvertOptions) -
     camera = replace(known.camera, width=width, height=height)
     world_from_camera = from_4x4(reading, own.get("transform_matrix"), "transform_matrix")
     place = OPENGL_FROM_OPENCV @ world_from_camera.inverse()
-    undistortion = known.lens and Undistortion.of(known.lens, camera)
-    return ViewRecord.of(path, camera, undistortion=undistortion, place=place)
+    return ViewRecord.of(path, camera, None, known.lens, place)
 
 
 COLMAP = Format(write_colmap, read_colmap, lenses=COLMAP_LENSES)
