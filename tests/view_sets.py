@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from poseviewer.files.formats.bop import BopObject
 from poseviewer.files.photo import save_image
 from poseviewer.files.photo_sets import LoadedViews
-from poseviewer.files.pose import PhotoReference, PoseRecord, save_pose
-from poseviewer.files.structs import Transform
+from poseviewer.files.pose import PoseRecord, save_pose
+from poseviewer.files.structs import PhotoReference, Transform
 from poseviewer.fit.scene import PlacedModel
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV

@@ -11,21 +11,13 @@ from typing import Annotated
 
 from msgspec import Meta, Struct, structs
 
+from poseviewer.files import structs as s
 from poseviewer.files.checks import Reading, is_there, kind_of
 from poseviewer.files.colmap_model import model_file
 from poseviewer.files.formats.bop import CAMERAS, UNIT, WORLD, load_bop_images
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.reconstructions import colmap_views, frame_view
 from poseviewer.files.scene_file import ViewRecord, load_scene, open_view
-from poseviewer.files.structs import (
-    SCENE,
-    VIEWS,
-    CameraNumbers,
-    LensNumbers,
-    Positive,
-    Transform,
-    checked_camera,
-)
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens
 from poseviewer.geometry.view import View
@@ -41,9 +33,9 @@ class SetView(Struct, frozen=True):
     """A photo of a set, its camera as taken, and its lens."""
 
     photo: Annotated[str, Meta(min_length=1)]
-    camera: CameraNumbers
-    camera_from_set: Transform
-    distortion: LensNumbers | None = None
+    camera: s.CameraNumbers
+    camera_from_set: s.Transform
+    distortion: s.LensNumbers | None = None
     mask: str | None = None
 
     def __post_init__(self) -> None:
@@ -62,7 +54,7 @@ class SetFile(Struct, frozen=True):
 
     views: tuple[SetView, ...]
     unit: str | None = None
-    scale: Positive | None = None
+    scale: s.Positive | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +97,7 @@ def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews
         views: list[View] = []
         for record in records:
             if _is_chosen(record.photo.file, choice.photos):
-                checked_camera(reading, record.camera)
+                s.checked_camera(reading, record.camera)
                 view = open_view(record)[0]
                 camera = view.camera if isinstance(view.camera, Perspective) else None
                 views.append(replace(view, photo=replace(view.photo, camera=camera)))
@@ -148,13 +140,13 @@ def _views(
         entries = (data | reading.object(frame, "a frame") for frame in frames)
         chosen = (e for e in entries if _is_chosen(str(e.get("file_path")), choice.photos))
         return (frame_view(reading, own, ConvertOptions()) for own in chosen), None, None
-    if data.get("format") == SCENE:
+    if data.get("format") == s.SCENE:
         scene = load_scene(path)
         return scene.views, scene.unit, None if scene.free_scale or scene.unit else 1.0
-    if data.get("format") != VIEWS:
+    if data.get("format") != s.VIEWS:
         found = f"format is {kind_of(data.get('format'))}"
-        raise reading.error(found, f"wanted {SCENE!r} or {VIEWS!r}, or nerfstudio's frames")
-    reading.require_format(data, VIEWS)
+        raise reading.error(found, f"wanted {s.SCENE!r} or {s.VIEWS!r}, or nerfstudio's frames")
+    reading.require_format(data, s.VIEWS)
     said = reading.decoded(data, SetFile, raw=("photo", "mask"))
     # The units tell the scale where it is left out; null says that it is not known.
     scale = said.scale if "scale" in data or said.unit is not None else 1.0

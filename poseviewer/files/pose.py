@@ -10,19 +10,8 @@ from msgspec import Meta, Struct, field, structs
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseFileError
+from poseviewer.files import structs as s
 from poseviewer.files.checks import Reading
-from poseviewer.files.structs import (
-    CameraNumbers,
-    CameraRecord,
-    ChartParameters,
-    ModelReference,
-    Number,
-    PhotoReference,
-    Positive,
-    Transform,
-    Uncertainty,
-    projection_of,
-)
 from poseviewer.files.symmetry import SymmetryTurns
 from poseviewer.files.writing import json_bytes, write_whole
 from poseviewer.geometry.camera import Pose
@@ -30,10 +19,10 @@ from poseviewer.geometry.camera import Pose
 FORMAT: Literal["poseviewer-pose"] = "poseviewer-pose"
 
 
-class PlaceInSet(Transform, frozen=True):
+class PlaceInSet(s.Transform, frozen=True):
     """x_in_set = size * rotation @ x_in_model + translation, in the set's unit."""
 
-    size: Positive
+    size: s.Positive
     size_was_free: bool = False
 
 
@@ -47,7 +36,7 @@ class PoseInSet(Struct, frozen=True):
     unit: str | None = None
 
 
-class PoseRecord(CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
+class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     """Pose of a known 3D model in one photo. Camera axes are OpenCV's (x right, y down, z
     forward); pixel centres are at integers; lengths are in the model's unit.
 
@@ -60,34 +49,34 @@ class PoseRecord(CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
 
     format: Literal["poseviewer-pose"] = FORMAT
     version: Literal[1] = 1
-    place: Transform = field(name="camera_from_model")
-    photo: PhotoReference | None = None
-    model: ModelReference | None = None
-    loss: Number | None = None
-    unexplained: Number | None = None
+    place: s.Transform = field(name="camera_from_model")
+    photo: s.PhotoReference | None = None
+    model: s.ModelReference | None = None
+    loss: s.Number | None = None
+    unexplained: s.Number | None = None
     settings: dict[str, Any] | None = None
     software: dict[str, Any] | None = None
     verdict: Verdict | None = None
-    uncertainty: Uncertainty | None = None
+    uncertainty: s.Uncertainty | None = None
     without: tuple[str, ...] = ()
-    seen: Number | None = None
+    seen: s.Number | None = None
     notes: tuple[str, ...] = ()
     turns: SymmetryTurns | None = field(name="symmetry", default=None)
     in_set: PoseInSet | None = field(name="set", default=None)
-    chart: ChartParameters | None = None
+    chart: s.ChartParameters | None = None
     warnings: tuple[str, ...] = ()
     """Sentences on how the file was read; not written."""
 
     @classmethod
-    def of(cls, pose: Pose, photo: PhotoReference | None = None, **said: Any) -> PoseRecord:
+    def of(cls, pose: Pose, photo: s.PhotoReference | None = None, **said: Any) -> PoseRecord:
         """The record of a pose, and what else is ``said``, by the names of the fields."""
-        camera, photo = pose.camera, photo or PhotoReference()
+        camera, photo = pose.camera, photo or s.PhotoReference()
         photo = structs.replace(photo, width=camera.width or None, height=camera.height or None)
         return cls(
-            projection=projection_of(camera),
-            numbers=CameraNumbers.of(camera),
-            place=Transform.of(pose.camera_from_model),
-            photo=None if photo == PhotoReference() else photo,
+            projection=s.projection_of(camera),
+            numbers=s.CameraNumbers.of(camera),
+            place=s.Transform.of(pose.camera_from_model),
+            photo=None if photo == s.PhotoReference() else photo,
             **said,
         )
 
@@ -100,7 +89,7 @@ class PoseRecord(CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     @property
     def size(self) -> tuple[int, int]:
         """Width and height of the photo (px); 1 where nothing says it."""
-        photo = self.photo or PhotoReference()
+        photo = self.photo or s.PhotoReference()
         return photo.width or 1, photo.height or 1
 
     @property
@@ -141,7 +130,7 @@ def record_from_json(
             found, "make one of another tool's with poseviewer convert --from FORMAT"
         )
     record = reading.decoded(data, PoseRecord, raw=("mask",))
-    known = record.photo or PhotoReference()
+    known = record.photo or s.PhotoReference()
     made_for = known.width or width, known.height or height
     photo = structs.replace(known, width=width or known.width, height=height or known.height)
     if made_for != (photo.width, photo.height):
@@ -152,11 +141,13 @@ def record_from_json(
     return structs.replace(record, photo=photo, warnings=tuple(reading.warnings))
 
 
-def check_against(known: PhotoReference | ModelReference | None, sha256: str) -> tuple[str, ...]:
+def check_against(
+    known: s.PhotoReference | s.ModelReference | None, sha256: str
+) -> tuple[str, ...]:
     """A warning where a pose file names another photo or model than the one in use, or none."""
     if known is None or not known.sha256 or known.sha256.lower() == sha256:
         return ()
-    what = "photo" if isinstance(known, PhotoReference) else "model"
+    what = "photo" if isinstance(known, s.PhotoReference) else "model"
     name = f" ({known.file})" if known.file else ""
     return (f"The pose was made with another {what}{name}: the fingerprints differ.",)
 

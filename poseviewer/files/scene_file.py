@@ -18,28 +18,12 @@ from msgspec import Meta, Struct, structs
 
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseFileError, printable
+from poseviewer.files import structs as s
 from poseviewer.files.checks import Reading, is_there, kind_of
 from poseviewer.files.masks import INLINE, load_mask, mask_text
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.photo import load_photo, undistorted
 from poseviewer.files.pose import PoseRecord, check_against, record_from_json
-from poseviewer.files.structs import (
-    PROJECTIONS,
-    SCENE,
-    CameraNumbers,
-    CameraRecord,
-    ChartParameters,
-    Distortion,
-    ModelReference,
-    Number,
-    PhotoReference,
-    Pixels,
-    Positive,
-    Sha256,
-    Transform,
-    Uncertainty,
-    projection_of,
-)
 from poseviewer.files.symmetry import SymmetryTurns
 from poseviewer.files.writing import json_bytes, write_whole
 from poseviewer.geometry.camera import Camera, Perspective, Pose
@@ -59,23 +43,23 @@ class PhotoFile(Struct, frozen=True, omit_defaults=True):
     """The photo's file, seen from the scene's folder, its size in px, and its fingerprint."""
 
     file: str
-    width: Pixels
-    height: Pixels
-    sha256: Sha256 | None = None
+    width: s.Pixels
+    height: s.Pixels
+    sha256: s.Sha256 | None = None
 
 
 class ModelFile(Struct, frozen=True, omit_defaults=True):
     """The model's file, seen from the scene's folder, its fingerprint and length unit."""
 
     file: str
-    sha256: Sha256 | None = None
+    sha256: s.Sha256 | None = None
     unit: str | None = None
 
 
-class Place(Transform, frozen=True, omit_defaults=True):
+class Place(s.Transform, frozen=True, omit_defaults=True):
     """x_in_world = scale * rotation @ x_in_model + translation, in the world's unit."""
 
-    scale: Positive = 1.0
+    scale: s.Positive = 1.0
 
     @property
     def similarity(self) -> Similarity:
@@ -88,15 +72,15 @@ def place_of(place: Similarity) -> Place:
     return Place.of(place.rigid, scale=float(place.scale))
 
 
-class ViewRecord(CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
+class ViewRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     """A photo, its camera (of the undistorted photo where there is a distortion) and where that
     stands: x_in_camera = rotation @ x_in_world + translation; left out for a camera in which the
     world's frame is. mask: a picture of the photo's size, black where something stands in front.
     """
 
     photo: PhotoFile
-    place: Transform = msgspec.field(
-        name="camera_from_world", default=Transform.of(RigidTransform.identity())
+    place: s.Transform = msgspec.field(
+        name="camera_from_world", default=s.Transform.of(RigidTransform.identity())
     )
 
     @classmethod
@@ -116,10 +100,10 @@ class ViewRecord(CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
             lens = Undistortion.of(lens, camera)
         return cls(
             photo=PhotoFile(str(photo), camera.width, camera.height, sha256),
-            projection=projection_of(camera),
-            numbers=CameraNumbers.of(camera),
-            distortion=Distortion.of(lens) if isinstance(lens, Undistortion) else None,
-            place=Transform.of(place or RigidTransform.identity()),
+            projection=s.projection_of(camera),
+            numbers=s.CameraNumbers.of(camera),
+            distortion=s.Distortion.of(lens) if isinstance(lens, Undistortion) else None,
+            place=s.Transform.of(place or RigidTransform.identity()),
             mask=mask_text(mask),
         )
 
@@ -139,10 +123,10 @@ class ViewRecord(CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
         return structs.replace(self, photo=photo)
 
     @property
-    def reference(self) -> PhotoReference:
+    def reference(self) -> s.PhotoReference:
         """The photo as pose files name it."""
         name, photo = printable(self.path.name) or None, self.photo
-        return PhotoReference(name, photo.width, photo.height, photo.sha256)
+        return s.PhotoReference(name, photo.width, photo.height, photo.sha256)
 
 
 def view_record(view: View) -> ViewRecord:
@@ -176,7 +160,7 @@ class InViewRecord(Struct, frozen=True, omit_defaults=True):
     """
 
     mask: str | None = None
-    region: Annotated[tuple[Number, ...], Meta(min_length=4, max_length=4)] | None = None
+    region: Annotated[tuple[s.Number, ...], Meta(min_length=4, max_length=4)] | None = None
     is_compared: bool = True
 
 
@@ -186,13 +170,13 @@ class Result(Struct, frozen=True, kw_only=True, omit_defaults=True):
     compared; settings: those of the search. The rest is as in pose files.
     """
 
-    loss: Number | None = None
-    unexplained: Number | None = None
-    seen: tuple[Number | None, ...] = ()
+    loss: s.Number | None = None
+    unexplained: s.Number | None = None
+    seen: tuple[s.Number | None, ...] = ()
     verdict: Verdict | None = None
     view: Annotated[int, Meta(ge=0)] = 0
-    uncertainty: Uncertainty | None = None
-    chart: ChartParameters | None = None
+    uncertainty: s.Uncertainty | None = None
+    chart: s.ChartParameters | None = None
     settings: dict[str, Any] | None = None
     notes: tuple[str, ...] = ()
 
@@ -210,7 +194,7 @@ class ObjectRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
     model: ModelFile
     place: Place = msgspec.field(name="world_from_model")
     start: Place | None = None
-    start_cameras: tuple[CameraNumbers, ...] = ()
+    start_cameras: tuple[s.CameraNumbers, ...] = ()
     settings: dict[str, Any] | None = None
     in_views: tuple[InViewRecord, ...] = ()
     locked: bool = False
@@ -226,7 +210,7 @@ class ObjectRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
         cls, object_id: str, model: Path, record: PoseRecord, view: ViewRecord, name: str = ""
     ) -> ObjectRecord:
         """The object of a scene of one view that a pose file says."""
-        known, camera = record.model or ModelReference(), view.camera
+        known, camera = record.model or s.ModelReference(), view.camera
         result = Result(
             seen=() if record.seen is None else (record.seen,),
             **{name: getattr(record, name) for name in AS_IN_POSE},
@@ -258,12 +242,12 @@ class SceneRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
     the world; free_scale: nothing tells the world's unit in the model's, it is to be searched for.
     """
 
-    format: Literal["poseviewer-scene"] = SCENE
+    format: Literal["poseviewer-scene"] = s.SCENE
     version: Literal[2] = 2
     unit: str | None = None
     free_scale: bool = False
     views: Annotated[
-        tuple[Annotated[ViewRecord, Meta(extra_json_schema=PROJECTIONS)], ...], Meta(min_length=1)
+        tuple[Annotated[ViewRecord, Meta(extra_json_schema=s.PROJECTIONS)], ...], Meta(min_length=1)
     ]
     objects: tuple[ObjectRecord, ...] = ()
     software: dict[str, Any] | None = None
@@ -290,11 +274,11 @@ class SceneRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
         if result.view != view:
             said |= {"chart": None, "uncertainty": None}
         file = printable(item.path.name) or None
-        model = ModelReference(file, item.model.sha256, item.model.unit)
+        model = s.ModelReference(file, item.model.sha256, item.model.unit)
         return PoseRecord.of(
             self.pose(index, view),
             own.reference,
-            model=None if model == ModelReference() else model,
+            model=None if model == s.ModelReference() else model,
             **said,
             software=self.software,
             distortion=own.distortion,
@@ -332,9 +316,9 @@ def load_scene(path: str | Path, inside: Path | None = None) -> SceneRecord:
 
     with reading.naming_errors():
         data = reading.load_object()
-        if data.get("format") != SCENE:
-            raise reading.error(f"format is {kind_of(data.get('format'))}", f"wanted {SCENE!r}")
-        reading.require_format(data, SCENE, newest=2)
+        if data.get("format") != s.SCENE:
+            raise reading.error(f"format is {kind_of(data.get('format'))}", f"wanted {s.SCENE!r}")
+        reading.require_format(data, s.SCENE, newest=2)
         if data.get("version") == 2:
             scene = reading.decoded(data, SceneRecord, raw=("file", "mask"))
         else:
@@ -378,7 +362,7 @@ def scene_of_pose(path: Path, record: PoseRecord) -> SceneRecord:
     """The scene of a pose file, whose photos, model and masks lie beside it, or not; of several
     views where an earlier version said the pose in several photos.
     """
-    model, view = record.model or ModelReference(), _view_of_pose(path, record)
+    model, view = record.model or s.ModelReference(), _view_of_pose(path, record)
     item = ObjectRecord.of("1", _beside(path, model.file), record, view, model.file or "")
     more: dict[str, Any] = {"software": record.software, "warnings": record.warnings}
     if (said := record.in_set) is None:
@@ -387,7 +371,7 @@ def scene_of_pose(path: Path, record: PoseRecord) -> SceneRecord:
     for entry in said.views:
         moved = entry.place.rigid
         moved = RigidTransform(moved.rotation, size * moved.translation) @ place.inverse()
-        views.append(structs.replace(_view_of_pose(path, entry), place=Transform.of(moved)))
+        views.append(structs.replace(_view_of_pose(path, entry), place=s.Transform.of(moved)))
     result = structs.replace(item.result or Result(), seen=())
     item = structs.replace(item, place=place_of(Similarity(place, size)), result=result)
     more |= {"unit": said.unit, "free_scale": said.set_from_model.size_was_free}
@@ -395,7 +379,7 @@ def scene_of_pose(path: Path, record: PoseRecord) -> SceneRecord:
 
 
 def _view_of_pose(path: Path, record: PoseRecord) -> ViewRecord:
-    known = record.photo or PhotoReference()
+    known = record.photo or s.PhotoReference()
     size = known.width or 0, known.height or 0
     photo = PhotoFile(str(_beside(path, known.file)), *size, known.sha256)
     mask = record.mask and str(_beside(path, record.mask))
@@ -409,7 +393,7 @@ def _beside(path: Path, name: str | None) -> Path:
     return folder / bare_name(name) if name else Path()
 
 
-def _camera_said(record: CameraRecord) -> tuple[Any, ...]:
+def _camera_said(record: s.CameraRecord) -> tuple[Any, ...]:
     """A camera's numbers but for the scale, which is each object's own."""
     return record.projection, structs.replace(record.numbers, scale=None), record.distortion
 
@@ -467,7 +451,7 @@ def scene_contents(path: Path, scene: SceneRecord) -> dict[Path, bytes]:
         return file.name
 
     data = with_files(structs.replace(scene, warnings=()), name, beside)
-    contents[path] = json_bytes(path, data, PoseFileError, format=SCENE, version=2)
+    contents[path] = json_bytes(path, data, PoseFileError, format=s.SCENE, version=2)
     return contents
 
 

@@ -14,16 +14,8 @@ from msgspec import structs
 
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import PoseFileError
-from poseviewer.files.pose import (
-    ChartParameters,
-    ModelReference,
-    PhotoReference,
-    PoseRecord,
-    check_against,
-    load_pose,
-    save_pose,
-)
-from poseviewer.files.structs import Uncertainty
+from poseviewer.files.pose import PoseRecord, check_against, load_pose, save_pose
+from poseviewer.files.structs import ChartParameters, ModelReference, PhotoReference, Uncertainty
 from poseviewer.files.symmetry import SymmetryTurns
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.symmetry_group import Symmetry, Turn

@@ -17,13 +17,7 @@ import numpy as np
 from poseviewer.errors import PoseFileError
 from poseviewer.files.camera_forms import camera_of_matrix
 from poseviewer.files.checks import LARGEST_DATA, Reading, checked_rotation
-from poseviewer.files.formats.conversion import (
-    Contents,
-    ConvertOptions,
-    Format,
-    metres_per_unit,
-    perspective_of,
-)
+from poseviewer.files.formats import conversion as c
 from poseviewer.files.scene_file import ModelFile, ObjectRecord, Place, SceneRecord, ViewRecord
 from poseviewer.files.structs import checked_camera
 from poseviewer.files.writing import make_folder, write_whole
@@ -81,14 +75,17 @@ class BopImage:
     """None: the scene does not say it."""
 
 
-def write_bop(scene: SceneRecord, out: Path, options: ConvertOptions, *_: object) -> Contents:
+def write_bop(scene: SceneRecord, out: Path, options: c.ConvertOptions, *_: Any) -> c.Contents:
     """Append an object's poses to the scene folder ``out``, unless they are there; of several
     objects, write their poses as the whole image.
     """
     in_cameras, in_poses = (Reading(out / name) for name in (CAMERAS, POSES))
     cameras, poses = (load_scene_file(reading.path) for reading in (in_cameras, in_poses))
     for index, view in enumerate(scene.views):
-        image, camera = str(image_number(scene, options, index)), perspective_of(view.camera, "BOP")
+        image, camera = (
+            str(image_number(scene, options, index)),
+            c.perspective_of(view.camera, "BOP"),
+        )
         entries = [_entry(scene, number, index, options) for number in range(len(scene.objects))]
         if len(scene.objects) > 1:
             if image in poses and not options.overwrite:
@@ -109,7 +106,7 @@ def write_bop(scene: SceneRecord, out: Path, options: ConvertOptions, *_: object
     return _scene_texts(out, cameras, poses)
 
 
-def read_bop(path: Path, request: ConvertOptions) -> SceneRecord:
+def read_bop(path: Path, request: c.ConvertOptions) -> SceneRecord:
     """Read all objects of an image of a scene folder, or those of the number ``object_id``.
 
     Their models lie in the folder ``request.model``, where one is named.
@@ -120,7 +117,7 @@ def read_bop(path: Path, request: ConvertOptions) -> SceneRecord:
     image, unit = by_number.the_one(reading, "images", posed), request.unit or UNIT
     view = ViewRecord.of(request.photo or path / image.photo, image.camera)
     view = request.sized(Reading(path / CAMERAS), view)
-    factor = metres_per_unit(UNIT) / metres_per_unit(unit)
+    factor = c.metres_per_unit(UNIT) / c.metres_per_unit(unit)
     folder = request.model if request.model and request.model.is_dir() else Path()
     counts, objects = Counter[int](), []
     for item in image.objects:
@@ -188,11 +185,11 @@ def load_scene_file(path: Path) -> SceneFile:
 
 def same_intrinsics(one: Perspective, other: Perspective) -> bool:
     """Whether two cameras are one, up to the rounding of files."""
-    numbers = [[c.fx, c.fy, c.cx, c.cy] for c in (one, other)]
+    numbers = [[own.fx, own.fy, own.cx, own.cy] for own in (one, other)]
     return bool(np.allclose(*numbers, rtol=SAME, atol=SAME))
 
 
-def _entry(scene: SceneRecord, index: int, view: int, options: ConvertOptions) -> dict[str, Any]:
+def _entry(scene: SceneRecord, index: int, view: int, options: c.ConvertOptions) -> dict[str, Any]:
     item, given = scene.objects[index], options.object_id
     factor = options.lengths_in(UNIT, scene, "BOP")
     place = scene.pose(index, view).camera_from_model
@@ -203,7 +200,7 @@ def _entry(scene: SceneRecord, index: int, view: int, options: ConvertOptions) -
     return BopObject(number, replace(place, translation=place.translation * factor)).as_json()
 
 
-def image_number(scene: SceneRecord, options: ConvertOptions, view: int = 0) -> int:
+def image_number(scene: SceneRecord, options: c.ConvertOptions, view: int = 0) -> int:
     """Number of a view's image: what the user says, else by the photo's name."""
     name = scene.views[view].path.name
     return _number(options.image_of(view), PHOTO_NAME, name, "image", "000003.png")
@@ -251,4 +248,4 @@ def _transform(
     return RigidTransform(checked_rotation(reading, rotation.reshape(3, 3)), translation)
 
 
-BOP = Format(write_bop, read_bop, several_objects=True, appends=True, photos_in="rgb")
+BOP = c.Format(write_bop, read_bop, several_objects=True, appends=True, photos_in="rgb")

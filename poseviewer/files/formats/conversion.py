@@ -15,16 +15,9 @@ import numpy as np
 from msgspec import structs
 
 from poseviewer.errors import PhotoFileError, PoseFileError, printable
+from poseviewer.files import scene_file as s
 from poseviewer.files.checks import Reading, checked_rotation
 from poseviewer.files.photo import is_stored_turned, load_photo, save_photo
-from poseviewer.files.scene_file import (
-    ModelFile,
-    ObjectRecord,
-    Place,
-    SceneRecord,
-    ViewRecord,
-    open_view,
-)
 from poseviewer.files.structs import Transform, checked_camera
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.arrays import FloatArray
@@ -69,11 +62,11 @@ class ConvertOptions:
             return self.image
         return str(int(self.image) + view) if self.image.isdecimal() else None
 
-    def unit_of(self, scene: SceneRecord) -> str | None:
+    def unit_of(self, scene: s.SceneRecord) -> str | None:
         """The models' unit: what the user says, else what the scene says."""
         return self.unit or next((o.model.unit for o in scene.objects if o.model.unit), None)
 
-    def lengths_in(self, unit: str, scene: SceneRecord, tool: str) -> float:
+    def lengths_in(self, unit: str, scene: s.SceneRecord, tool: str) -> float:
         """The tool's ``unit``, in which its lengths are, in the models'; raises PoseFileError where
         theirs is not known.
         """
@@ -103,7 +96,7 @@ class ConvertOptions:
             raise reading.error(f"it is for a photo of {width}x{height} px", f"not of {asked} px")
         return width, height
 
-    def sized(self, reading: Reading, view: ViewRecord) -> ViewRecord:
+    def sized(self, reading: Reading, view: s.ViewRecord) -> s.ViewRecord:
         """The view with the size of its photo, by ``size_of``."""
         width, height = view.photo.width or None, view.photo.height or None
         return view.resized(*self.size_of(reading, width, height, view.path))
@@ -121,16 +114,18 @@ class ConvertOptions:
             raise reading.error(found, f"wanted one, choose it with --image NAME ({names}{more})")
         return chosen[0]
 
-    def scene_of(self, reading: Reading, view: ViewRecord, unit: str | None = None) -> SceneRecord:
+    def scene_of(
+        self, reading: Reading, view: s.ViewRecord, unit: str | None = None
+    ) -> s.SceneRecord:
         """The scene of a view whose world is the frame of the model, in the user's ``unit`` or that
         of the file.
         """
         checked_camera(reading, view.camera)
-        model = ModelFile(str(Path()), unit=self.unit or unit)
-        item = ObjectRecord(id="1", model=model, place=Place.of(view.place.rigid))
+        model = s.ModelFile(str(Path()), unit=self.unit or unit)
+        item = s.ObjectRecord(id="1", model=model, place=s.Place.of(view.place.rigid))
         view = structs.replace(view, place=Transform.of(RigidTransform.identity()))
         warnings = tuple(reading.warnings)
-        return SceneRecord(views=(self.sized(reading, view),), objects=(item,), warnings=warnings)
+        return s.SceneRecord(views=(self.sized(reading, view),), objects=(item,), warnings=warnings)
 
 
 Lenses = Sequence[tuple[str, LensModel, int]]
@@ -142,9 +137,9 @@ that one's coefficients it has."""
 class Format:
     """A tool's format."""
 
-    write: Callable[[SceneRecord, Path, ConvertOptions, list[str]], Contents]
+    write: Callable[[s.SceneRecord, Path, ConvertOptions, list[str]], Contents]
     """Gives what the files hold, of a scene, where to, and what else is known; adds notes."""
-    read: Callable[[Path, ConvertOptions], SceneRecord]
+    read: Callable[[Path, ConvertOptions], s.SceneRecord]
     lenses: Lenses = ()
     several_photos: bool = True
     several_objects: bool = False
@@ -159,7 +154,7 @@ class Format:
     """Folder, in the output, of undistorted photos; None: beside the file that is written."""
 
     def convert(
-        self, scene: SceneRecord, out: Path, options: ConvertOptions
+        self, scene: s.SceneRecord, out: Path, options: ConvertOptions
     ) -> tuple[list[Path], list[str]]:
         """Write a scene for the photos as taken, or else the undistorted photos as well.
 
@@ -217,11 +212,11 @@ class Format:
         return [*files, *written], notes
 
 
-def _of_undistorted(view: ViewRecord, path: Path, options: ConvertOptions) -> ViewRecord:
+def _of_undistorted(view: s.ViewRecord, path: Path, options: ConvertOptions) -> s.ViewRecord:
     if not view.path.is_file():
         found = "The pose is one in the undistorted photo, and that as taken is not known"
         raise PoseFileError(f"{found}, of which it is made; add --photo FILE.")
-    opened, differences = open_view(structs.replace(view, mask=None))
+    opened, differences = s.open_view(structs.replace(view, mask=None))
     if differences:
         found = f"{opened.name}: not the photo of the pose (the fingerprints differ)"
         raise PhotoFileError(f"{found}; name that one with --photo, or this one if you mean it.")
@@ -231,7 +226,7 @@ def _of_undistorted(view: ViewRecord, path: Path, options: ConvertOptions) -> Vi
     elif is_taken or not np.array_equal(load_photo(path).pixels, opened.photo.pixels):
         wanted = "move it away: the undistorted photo is to be written there"
         raise PhotoFileError(f"{path}: is there already and was not touched; {wanted}.")
-    return ViewRecord.of(path, view.camera, place=view.place.rigid)
+    return s.ViewRecord.of(path, view.camera, place=view.place.rigid)
 
 
 def from_4x4(reading: Reading, values: Any, what: str) -> RigidTransform:
@@ -245,7 +240,7 @@ def from_4x4(reading: Reading, values: Any, what: str) -> RigidTransform:
     return RigidTransform(checked_rotation(reading, matrix[:3, :3]), matrix[:3, 3])
 
 
-def in_one_world(scene: SceneRecord) -> tuple[list[FloatArray], list[Pose]]:
+def in_one_world(scene: s.SceneRecord) -> tuple[list[FloatArray], list[Pose]]:
     """The objects and cameras of a scene in one frame: the model's, or, of several objects, the
     first camera's with OpenGL's axes; lengths in the models' unit.
 
@@ -290,7 +285,7 @@ def metres_per_unit(unit: str) -> float:
 
 
 def cameras_as_taken(
-    scene: SceneRecord, tool: str, lenses: Lenses
+    scene: s.SceneRecord, tool: str, lenses: Lenses
 ) -> Iterator[tuple[Path, RigidTransform, Perspective, str, tuple[float, ...]]]:
     """For each photo as taken its path, ``camera_from_model`` of the only object, the camera (pixel
     centres at i + 0.5), and the tool's name of its lens and coefficients.
@@ -303,7 +298,7 @@ def cameras_as_taken(
 
 
 def _as_taken(
-    view: ViewRecord, lenses: Lenses
+    view: s.ViewRecord, lenses: Lenses
 ) -> tuple[Perspective, str, tuple[float, ...]] | None:
     """Camera of a view's photo as taken, and name and coefficients of the first model that holds
     its lens; None where a format has no such model, or the camera is another by now.

@@ -23,14 +23,7 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.checks import LARGEST_DATA, Reading
-from poseviewer.files.formats.conversion import (
-    ConvertOptions,
-    Format,
-    from_4x4,
-    in_one_world,
-    metres_per_unit,
-    require_file,
-)
+from poseviewer.files.formats import conversion as c
 from poseviewer.files.mesh.gltf import gltf_header, parents_of, world_matrix
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.scene_file import SceneRecord, ViewRecord, open_view
@@ -52,16 +45,16 @@ FLOAT, UNSIGNED, VERTICES, INDICES = 5126, 5125, 34962, 34963
 
 
 def write_gltf(
-    scene: SceneRecord, out: Path, options: ConvertOptions, notes: list[str]
+    scene: SceneRecord, out: Path, options: c.ConvertOptions, notes: list[str]
 ) -> dict[Path, bytes]:
     """Write a GLB file of models and cameras ``in_one_world``, which is glTF's; lengths become
     metres where the models' unit is known.
     """
     if out.suffix.lower() != ".glb":
         raise PoseFileError(f"{out.name}: binary glTF files end in .glb; name it so.")
-    unit, (places, poses) = options.unit_of(scene), in_one_world(scene)
-    scale = 1.0 if unit is None else metres_per_unit(unit)
-    paths = [require_file(item.path, "model", "glTF") for item in scene.objects]
+    unit, (places, poses) = options.unit_of(scene), c.in_one_world(scene)
+    scale = 1.0 if unit is None else c.metres_per_unit(unit)
+    paths = [c.require_file(item.path, "model", "glTF") for item in scene.objects]
     meshes = {path: load_mesh(path) for path in dict.fromkeys(paths)}
     corners = [
         meshes[path].vertices @ place[:3, :3].T + place[:3, 3]
@@ -233,7 +226,7 @@ def _photo_plane(pose: Pose, depth: float, scale: float, rgb: NDArray[np.uint8])
     )
 
 
-def read_gltf(path: Path, request: ConvertOptions) -> SceneRecord:
+def read_gltf(path: Path, request: c.ConvertOptions) -> SceneRecord:
     """Read the only camera, or that of node ``request.image``; the world is the model's frame."""
     reading = Reading(path, kind="glTF file", largest=LARGEST_DATA)
     with reading.naming_errors():
@@ -244,19 +237,19 @@ def read_gltf(path: Path, request: ConvertOptions) -> SceneRecord:
         index = request.the_one(reading, "cameras", known)
         world_from_camera = world_matrix(nodes, index, parents_of(nodes))
         entry = document["cameras"][nodes[index]["camera"]]
-        metres = metres_per_unit(request.unit or "m")
+        metres = c.metres_per_unit(request.unit or "m")
         camera = _camera(reading, entry, request, metres)
     lengths = np.linalg.norm(world_from_camera[:3, :3], axis=0)
     if not np.allclose(lengths, 1.0, rtol=0.0, atol=1e-12) and np.all(lengths > 0.0):
         world_from_camera[:3, :3] /= lengths  # cameras have no size
-    place = from_4x4(reading, world_from_camera.tolist(), "the camera's matrix")
+    place = c.from_4x4(reading, world_from_camera.tolist(), "the camera's matrix")
     place = RigidTransform(place.rotation, place.translation / metres)
     view = ViewRecord.of(Path(), camera, place=OPENGL_FROM_OPENCV @ place.inverse())
     return request.scene_of(reading, view, "m")
 
 
 def _camera(
-    reading: Reading, entry: dict[str, Any], request: ConvertOptions, metres: float
+    reading: Reading, entry: dict[str, Any], request: c.ConvertOptions, metres: float
 ) -> Camera:
     extras = entry.get("extras", {}).get("poseviewer", {})
     width, height = request.size_of(reading, extras.get("width"), extras.get("height"))
@@ -273,4 +266,4 @@ def _camera(
     return Perspective(fx, fy, cx, cy, width, height)
 
 
-GLTF = Format(write_gltf, read_gltf, several_objects=True, is_upright=True)
+GLTF = c.Format(write_gltf, read_gltf, several_objects=True, is_upright=True)

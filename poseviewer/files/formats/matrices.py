@@ -13,6 +13,7 @@ quaternions x y z w.
 import json
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -22,16 +23,7 @@ from poseviewer.errors import PoseFileError
 from poseviewer.files.camera_forms import cameras_in, load_tree, matrix_text
 from poseviewer.files.cameras import Calibration, load_calibration
 from poseviewer.files.checks import Reading, checked_rotation, rotation_of
-from poseviewer.files.formats.conversion import (
-    Contents,
-    ConvertOptions,
-    Format,
-    Lenses,
-    cameras_as_taken,
-    from_4x4,
-    metres_per_unit,
-    perspective_of,
-)
+from poseviewer.files.formats import conversion as c
 from poseviewer.files.scene_file import ModelFile, ObjectRecord, Place, SceneRecord, ViewRecord
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_as_integer_centres
 from poseviewer.geometry.lens import opencv_matrix
@@ -40,14 +32,14 @@ from poseviewer.geometry.transform import RigidTransform, Similarity
 ENDINGS, STORAGES = (".txt", ".npy", ".json"), (".yml", ".yaml", ".json")
 """Endings of matrices' and of OpenCV's files."""
 FISHEYE = "OpenCV fisheye"
-LENSES: Lenses = (*(("OpenCV", "opencv", n) for n in (5, 8, 12, 14)), (FISHEYE, "fisheye", 4))
+LENSES: c.Lenses = (*(("OpenCV", "opencv", n) for n in (5, 8, 12, 14)), (FISHEYE, "fisheye", 4))
 UNIT = "cm"
 """DOPE's."""
 
 
 def write_opencv(scene: SceneRecord, out: Path, *_: object) -> dict[Path, str]:
     """Write YAML or JSON, by the ending."""
-    transform, camera, lens, k = next(cameras_as_taken(scene, "OpenCV", LENSES))[1:]
+    transform, camera, lens, k = next(c.cameras_as_taken(scene, "OpenCV", LENSES))[1:]
     ending = out.suffix.lower()
     if ending not in STORAGES:
         raise PoseFileError(f"{out.name}: OpenCV files end in {', '.join(STORAGES)}; name one so.")
@@ -63,7 +55,7 @@ def write_opencv(scene: SceneRecord, out: Path, *_: object) -> dict[Path, str]:
     return {out: storage.releaseAndGetString()}
 
 
-def read_opencv(path: Path, request: ConvertOptions) -> SceneRecord:
+def read_opencv(path: Path, request: c.ConvertOptions) -> SceneRecord:
     """Read ``camera_matrix`` or ``K``, ``rvec`` or ``R``, ``tvec`` or ``t``; JSON lists as well."""
     reading = Reading(path, numbers_as_text=True)
     data = reading.object(load_tree(reading), "its content")
@@ -78,9 +70,9 @@ def read_opencv(path: Path, request: ConvertOptions) -> SceneRecord:
     return request.scene_of(reading, ViewRecord.of(Path(), known.camera, None, known.lens, place))
 
 
-def write_matrix(scene: SceneRecord, out: Path, options: ConvertOptions, *_: object) -> Contents:
+def write_matrix(scene: SceneRecord, out: Path, options: c.ConvertOptions, *_: Any) -> c.Contents:
     """Write the matrix camera from model in the form of the file's ending."""
-    perspective_of(scene.views[0].camera, "matrix")
+    c.perspective_of(scene.views[0].camera, "matrix")
     place = scene.pose(0).camera_from_model
     rows = Similarity(OPENGL_FROM_OPENCV @ place if options.opengl else place).matrix
     match out.suffix.lower():
@@ -95,7 +87,7 @@ def write_matrix(scene: SceneRecord, out: Path, options: ConvertOptions, *_: obj
     raise PoseFileError(f"{out.name}: matrix files end in {', '.join(ENDINGS)}; name it so.")
 
 
-def read_matrix(path: Path, request: ConvertOptions) -> SceneRecord:
+def read_matrix(path: Path, request: c.ConvertOptions) -> SceneRecord:
     """Read 4 rows of 4 numbers (or 3), and the camera in the file ``request.calibration``."""
     reading = Reading(path, numbers_as_text=True, kind="4x4 matrix")
     match path.suffix.lower():
@@ -105,13 +97,13 @@ def read_matrix(path: Path, request: ConvertOptions) -> SceneRecord:
             values = reading.load_json()
         case _:
             values = matrix_text(reading)
-    place = from_4x4(reading, values, "the matrix")
+    place = c.from_4x4(reading, values, "the matrix")
     place = OPENGL_FROM_OPENCV @ place if request.opengl else place
     return request.scene_of(reading, _calibrated(reading, request, place))
 
 
 def _calibrated(
-    reading: Reading, request: ConvertOptions, place: RigidTransform | None = None
+    reading: Reading, request: c.ConvertOptions, place: RigidTransform | None = None
 ) -> ViewRecord:
     if request.calibration is None:
         wanted = "add --calibration FILE, and --photo or --photo-size"
@@ -122,9 +114,9 @@ def _calibrated(
     return ViewRecord.of(photo, known.camera, None, known.lens, place)
 
 
-def write_dope(scene: SceneRecord, out: Path, options: ConvertOptions, *_: object) -> Contents:
+def write_dope(scene: SceneRecord, out: Path, options: c.ConvertOptions, *_: Any) -> c.Contents:
     """Write camera and objects of one photo."""
-    camera = perspective_of(scene.views[0].camera, "DOPE")
+    camera = c.perspective_of(scene.views[0].camera, "DOPE")
     shifted, objects = camera_as_integer_centres(camera), []
     factor = options.lengths_in(UNIT, scene, "DOPE")
     for index, item in enumerate(scene.objects):
@@ -143,7 +135,7 @@ def write_dope(scene: SceneRecord, out: Path, options: ConvertOptions, *_: objec
     return {out: json.dumps(data, indent=2) + "\n"}
 
 
-def read_dope(path: Path, request: ConvertOptions) -> SceneRecord:
+def read_dope(path: Path, request: c.ConvertOptions) -> SceneRecord:
     """Read all objects of a photo, or those of the class ``request.image``."""
     reading, objects = Reading(path, kind="DOPE file"), []
     data, unit = reading.load_object(), request.unit or UNIT
@@ -152,7 +144,7 @@ def read_dope(path: Path, request: ConvertOptions) -> SceneRecord:
         view = request.sized(reading, ViewRecord.of(request.photo or Path(), known.camera))
     else:
         view = _calibrated(reading, request)
-    factor = metres_per_unit(UNIT) / metres_per_unit(unit)
+    factor = c.metres_per_unit(UNIT) / c.metres_per_unit(unit)
     entries = data.get("objects")
     for number, entry in enumerate(entries if isinstance(entries, list) else [], 1):
         said, what = reading.object(entry, "an object"), f"objects[{number - 1}]"
@@ -169,6 +161,6 @@ def read_dope(path: Path, request: ConvertOptions) -> SceneRecord:
     return SceneRecord(views=(view,), objects=tuple(objects), warnings=tuple(reading.warnings))
 
 
-OPENCV = Format(write_opencv, read_opencv, lenses=LENSES, several_photos=False)
-MATRIX = Format(write_matrix, read_matrix, lenses=LENSES, several_photos=False)
-DOPE = Format(write_dope, read_dope, several_photos=False, several_objects=True)
+OPENCV = c.Format(write_opencv, read_opencv, lenses=LENSES, several_photos=False)
+MATRIX = c.Format(write_matrix, read_matrix, lenses=LENSES, several_photos=False)
+DOPE = c.Format(write_dope, read_dope, several_photos=False, several_objects=True)

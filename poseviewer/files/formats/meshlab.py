@@ -12,14 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from poseviewer.files.checks import Reading
-from poseviewer.files.formats.conversion import (
-    ConvertOptions,
-    Format,
-    from_4x4,
-    in_one_world,
-    perspective_of,
-    require_file,
-)
+from poseviewer.files.formats import conversion as c
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.scene_file import SceneRecord, ViewRecord, relative_name
 from poseviewer.geometry.camera import Perspective, Pose
@@ -31,15 +24,15 @@ SENSOR_MM = 36.0
 
 
 def write_meshlab(
-    scene: SceneRecord, out: Path, _: ConvertOptions, notes: list[str]
+    scene: SceneRecord, out: Path, _: c.ConvertOptions, notes: list[str]
 ) -> dict[Path, str]:
     """Write a project that names models and photos by their paths from its folder."""
-    require_file(scene.views[0].path, "photo", "MeshLab")
-    places, poses = in_one_world(scene)
+    c.require_file(scene.views[0].path, "photo", "MeshLab")
+    places, poses = c.in_one_world(scene)
     add, root = ElementTree.SubElement, ElementTree.Element("MeshLabProject")
     group = add(root, "MeshGroup")
     for item, place in zip(scene.objects, places, strict=True):
-        model = relative_name(out, require_file(item.path, "model", "MeshLab"))
+        model = relative_name(out, c.require_file(item.path, "model", "MeshLab"))
         mesh = {"label": item.label, "visible": "1", "filename": model}
         matrix = add(add(group, "MLMesh", mesh), "MLMatrix44")
         matrix.text = "\n" + "".join(f"{_words(row)} \n" for row in place)
@@ -57,7 +50,7 @@ def write_meshlab(
 
 
 def _shot(pose: Pose) -> dict[str, str]:
-    camera = camera_with_rows_from_below(perspective_of(pose.camera, "MeshLab"))
+    camera = camera_with_rows_from_below(c.perspective_of(pose.camera, "MeshLab"))
     place = OPENGL_FROM_OPENCV @ pose.camera_from_model
     turn = Similarity(RigidTransform(place.rotation, np.zeros(3)))
     pixel_mm = SENSOR_MM / camera.width
@@ -79,7 +72,7 @@ def _words(numbers: Any) -> str:
     return " ".join(repr(float(number)) for number in numbers)
 
 
-def read_meshlab(path: Path, request: ConvertOptions) -> SceneRecord:
+def read_meshlab(path: Path, request: c.ConvertOptions) -> SceneRecord:
     """Read raster ``request.image``, or the only one; the world is the model's frame."""
     reading = Reading(path, kind="MeshLab project (.mlp)")
     with reading.naming_errors():
@@ -107,7 +100,7 @@ def read_meshlab(path: Path, request: ConvertOptions) -> SceneRecord:
     fx, fy = (focal_mm / reading.positive(side, "PixelSizeMm") for side in sides_mm)
     cx, cy = numbers_of("CenterPx", 2)
     camera = Perspective(fx, fy, cx, cy, width, height)
-    rotation = from_4x4(reading, shot.get("RotationMatrix", ""), "RotationMatrix").rotation
+    rotation = c.from_4x4(reading, shot.get("RotationMatrix", ""), "RotationMatrix").rotation
     translation = rotation @ np.array(numbers_of("TranslationVector", 4)[:3])
     place = OPENGL_FROM_OPENCV @ RigidTransform(rotation, translation)
     photo = path.with_name(bare_name(raster.get("label") or "photo"))
@@ -115,4 +108,4 @@ def read_meshlab(path: Path, request: ConvertOptions) -> SceneRecord:
     return request.scene_of(reading, view)
 
 
-MESHLAB = Format(write_meshlab, read_meshlab, several_objects=True)
+MESHLAB = c.Format(write_meshlab, read_meshlab, several_objects=True)

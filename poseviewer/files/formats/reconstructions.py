@@ -18,13 +18,7 @@ from scipy.spatial.transform import Rotation
 from poseviewer.files.camera_forms import cameras_in
 from poseviewer.files.checks import Reading, is_there
 from poseviewer.files.colmap_model import colmap_cameras, colmap_images, image_pose, model_file
-from poseviewer.files.formats.conversion import (
-    ConvertOptions,
-    Format,
-    Lenses,
-    cameras_as_taken,
-    from_4x4,
-)
+from poseviewer.files.formats import conversion as c
 from poseviewer.files.scene_file import SceneRecord, ViewRecord, relative_name
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.transform import Similarity
@@ -33,14 +27,14 @@ PHOTO_ENDINGS = ("", ".png", ".jpg", ".jpeg")
 """NeRF's own sets leave them out."""
 INTRINSICS = ("fl_x", "fl_y", "cx", "cy")
 """nerfstudio's names."""
-COLMAP_LENSES: Lenses = (
+COLMAP_LENSES: c.Lenses = (
     ("PINHOLE", "opencv", 0),
     ("OPENCV", "opencv", 4),
     ("FULL_OPENCV", "opencv", 8),
     ("OPENCV_FISHEYE", "fisheye", 4),
 )
 """Models with two focal lengths."""
-NERFSTUDIO_LENSES: Lenses = (("OPENCV", "opencv", 5), ("OPENCV_FISHEYE", "fisheye", 4))
+NERFSTUDIO_LENSES: c.Lenses = (("OPENCV", "opencv", 5), ("OPENCV_FISHEYE", "fisheye", 4))
 COEFFICIENTS = {
     "OPENCV": ("k1", "k2", "p1", "p2", "k3"),
     "OPENCV_FISHEYE": ("k1", "k2", "k3", "k4"),
@@ -52,7 +46,7 @@ def write_colmap(scene: SceneRecord, out: Path, *_: object) -> dict[Path, str]:
     """Write a model's cameras and images, without points, into the folder ``out``."""
     cameras: dict[str, int] = {}
     images = ""
-    taken = cameras_as_taken(scene, "COLMAP", COLMAP_LENSES)
+    taken = c.cameras_as_taken(scene, "COLMAP", COLMAP_LENSES)
     for index, (path, transform, camera, model, distortion) in enumerate(taken, 1):
         quaternion = Rotation.from_matrix(transform.rotation).as_quat(scalar_first=True)
         place = " ".join(repr(float(x)) for x in (*quaternion, *transform.translation))
@@ -65,7 +59,7 @@ def write_colmap(scene: SceneRecord, out: Path, *_: object) -> dict[Path, str]:
     return {out / name: text for name, text in texts.items()}
 
 
-def read_colmap(path: Path, request: ConvertOptions) -> SceneRecord:
+def read_colmap(path: Path, request: c.ConvertOptions) -> SceneRecord:
     """Read the image ``request.image``, or the only one; the world is the model's frame."""
     reading = Reading(model_file(path, "images"))
     view = request.the_one(reading, "images", colmap_views(path, reading))
@@ -91,7 +85,7 @@ def colmap_views(folder: Path, reading: Reading) -> list[tuple[str, ViewRecord]]
 def write_nerfstudio(scene: SceneRecord, out: Path, *_: object) -> dict[Path, str]:
     """Write a file of a frame for each photo; the world is the model's frame."""
     shared, frames = {}, []
-    taken = cameras_as_taken(scene, "nerfstudio", NERFSTUDIO_LENSES)
+    taken = c.cameras_as_taken(scene, "nerfstudio", NERFSTUDIO_LENSES)
     for path, transform, camera, model, distortion in taken:
         name = relative_name(out, path) if path.is_file() else path.name or "photo"
         world_from_camera = (OPENGL_FROM_OPENCV @ transform).inverse()
@@ -109,7 +103,7 @@ def write_nerfstudio(scene: SceneRecord, out: Path, *_: object) -> dict[Path, st
     return {out: json.dumps({**shared, "frames": frames}, indent=2) + "\n"}
 
 
-def read_nerfstudio(path: Path, request: ConvertOptions) -> SceneRecord:
+def read_nerfstudio(path: Path, request: c.ConvertOptions) -> SceneRecord:
     """Read one frame: ``request.image`` by its path or file name, or the only one."""
     reading = Reading(path)
     data = reading.load_object()
@@ -119,7 +113,7 @@ def read_nerfstudio(path: Path, request: ConvertOptions) -> SceneRecord:
     return request.scene_of(reading, frame_view(reading, data | frame, request))
 
 
-def frame_view(reading: Reading, own: dict[str, Any], options: ConvertOptions) -> ViewRecord:
+def frame_view(reading: Reading, own: dict[str, Any], options: c.ConvertOptions) -> ViewRecord:
     """The view of a frame together with what the file says of all frames."""
     name = reading.text(own.get("file_path"), "file_path") or "photo"
     tried = [reading.path.parent / f"{name}{ending}" for ending in PHOTO_ENDINGS]
@@ -133,10 +127,10 @@ def frame_view(reading: Reading, own: dict[str, Any], options: ConvertOptions) -
     said = {key: value for key, value in own.items() if key != "frames"}
     known = cameras_in(replace(reading, numbers_as_text=True), said)[0]
     camera = replace(known.camera, width=width, height=height)
-    world_from_camera = from_4x4(reading, own.get("transform_matrix"), "transform_matrix")
+    world_from_camera = c.from_4x4(reading, own.get("transform_matrix"), "transform_matrix")
     place = OPENGL_FROM_OPENCV @ world_from_camera.inverse()
     return ViewRecord.of(path, camera, None, known.lens, place)
 
 
-COLMAP = Format(write_colmap, read_colmap, lenses=COLMAP_LENSES)
-NERFSTUDIO = Format(write_nerfstudio, read_nerfstudio, lenses=NERFSTUDIO_LENSES)
+COLMAP = c.Format(write_colmap, read_colmap, lenses=COLMAP_LENSES)
+NERFSTUDIO = c.Format(write_nerfstudio, read_nerfstudio, lenses=NERFSTUDIO_LENSES)

@@ -14,14 +14,8 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError
 from poseviewer.files.checks import Reading
+from poseviewer.files.mesh import parts as p
 from poseviewer.files.mesh.named import bare_name, find_named
-from poseviewer.files.mesh.parts import (
-    Part,
-    check_indices,
-    colours_from_numbers,
-    load_textures,
-    split_by,
-)
 from poseviewer.files.mesh.polygons import polygon_corners
 from poseviewer.geometry.normals import weld
 
@@ -38,7 +32,7 @@ OPTIONS = re.compile(r"(-\S* ((-?(\d+\.?\d*|\.\d+)|on|off)? )*)*")
 """Options before a picture's name, which may hold spaces: ``-s 1 1 1`` or ``-clamp on``."""
 
 
-def read_obj(path: Path) -> tuple[list[Part], list[str]]:
+def read_obj(path: Path) -> tuple[list[p.Part], list[str]]:
     """The parts of an OBJ file, one for each part name and material, and notes for the user."""
     lines, relative, changes = _sort_lines(path.read_text("utf-8-sig", "surrogateescape"))
     vertices, colours = _read_vertices(lines["v"])
@@ -47,7 +41,7 @@ def read_obj(path: Path) -> tuple[list[Part], list[str]]:
     notes: list[str] = []
     counts, corners = _read_faces(lines["f"], relative)
     for kind, column, table in zip(KINDS, corners.T, (vertices, uvs, normals), strict=False):
-        check_indices(column if kind == "v" else column[column != -1], len(table), kind)
+        p.check_indices(column if kind == "v" else column[column != -1], len(table), kind)
     if np.any(counts < 3):
         notes.append(f"Faces of fewer than 3 corners, left out: {np.sum(counts < 3):,}.")
     libraries = [name for line in lines["mtllib"] for name in library_names(line)]
@@ -55,7 +49,7 @@ def read_obj(path: Path) -> tuple[list[Part], list[str]]:
     starts, names = zip(*changes, strict=True)
     keys = {key: number for number, key in enumerate(dict.fromkeys(names))}
     which = np.repeat([keys[key] for key in names], np.diff([*starts, len(counts)]))
-    of_part = split_by(np.repeat(which, np.maximum(counts - 2, 0)), len(keys))
+    of_part = p.split_by(np.repeat(which, np.maximum(counts - 2, 0)), len(keys))
     used = {material for _, material in keys if material}
     if materials and (missing := sorted(used - set(materials))):
         notes.append(f"Materials not in the MTL file: {', '.join(missing)[:120]}.")
@@ -68,7 +62,7 @@ def read_obj(path: Path) -> tuple[list[Part], list[str]]:
         if len(own):
             paint, of_faces = materials.get(material, (None, None)), corners[triangles[own]]
             parts.append(_as_part(name, of_faces, vertices, colours, uvs, normals, paint))
-    return parts or [Part("", vertices)], notes
+    return parts or [p.Part("", vertices)], notes
 
 
 def _sort_lines(text: str) -> tuple[dict[str, list[str]], Relative, Changes]:
@@ -112,7 +106,7 @@ def _read_vertices(lines: list[str]) -> tuple[NDArray, NDArray | None]:
     if lines and len(lines[0].split()) >= 6:
         with suppress(ValueError):
             table = read_table(lines, 6)
-            return table[:, :3], colours_from_numbers(table[:, 3:])
+            return table[:, :3], p.colours_from_numbers(table[:, 3:])
     return read_table(lines, 3), None
 
 
@@ -141,7 +135,7 @@ def _as_part(
     uvs: NDArray,
     normals: NDArray,
     material: Material,
-) -> Part:
+) -> p.Part:
     """A part with one vertex for each distinct corner (v, vt, vn) of ``used`` (F, 3, 3)."""
     diffuse, texture = material
     flat = used.reshape(-1, 3)
@@ -151,7 +145,7 @@ def _as_part(
     columns += [0] if texture is None else [1, 0]
     faces = weld(flat[:, columns])  # numbered by v first
     v, vt, vn = flat[np.unique(faces, return_index=True)[1]].T
-    part = Part(name, vertices[v], faces.reshape(-1, 3), normals[vn] if has_normals else None)
+    part = p.Part(name, vertices[v], faces.reshape(-1, 3), normals[vn] if has_normals else None)
     if texture is not None:
         return replace(part, uvs=uvs[vt], texture=texture)
     return replace(part, colours=diffuse if colours is None else colours[v])
@@ -187,6 +181,6 @@ def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[
                     values = [float(value) for value in rest.split()[:3]]
                     if len(values) in (1, 3):
                         diffuse[name] = np.clip(np.nan_to_num(np.resize(values, 3)), 0.0, 1.0)
-        textures = load_textures(file.parent, filter(None, files.values()), notes)
+        textures = p.load_textures(file.parent, filter(None, files.values()), notes)
         materials |= {key: (diffuse[key], textures.get(files.get(key, ""))) for key in diffuse}
     return materials

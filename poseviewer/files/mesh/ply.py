@@ -11,13 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.files.mesh.parts import (
-    Part,
-    check_indices,
-    colours_from_numbers,
-    load_textures,
-    split_by,
-)
+from poseviewer.files.mesh import parts as p
 from poseviewer.files.mesh.polygons import polygon_corners, strip_corners
 
 TYPES = {
@@ -41,7 +35,7 @@ Columns = dict[str, Any]
 """By name: numbers (N,), or of lists the counts (N,) and all the values one after another."""
 
 
-def read_ply(path: Path) -> tuple[list[Part], list[str]]:
+def read_ply(path: Path) -> tuple[list[p.Part], list[str]]:
     """The parts (one for each texture) of a PLY file, and notes for the user."""
     data = path.read_bytes()
     elements, encoding, textures, at = _read_header(data)
@@ -154,20 +148,20 @@ def _stack(columns: Columns, *choices: tuple[str, ...]) -> NDArray | None:
 
 def _parts(
     path: Path, vertex: Columns, face: Columns, strips: Any, textures: list[str]
-) -> tuple[list[Part], list[str]]:
+) -> tuple[list[p.Part], list[str]]:
     vertices = _stack(vertex, ("x", "y", "z"))
     if vertices is None:
         raise ValueError("no vertices x, y, z in the header")
     counts, indices = next((face[k] for k in INDEX_NAMES if k in face), (np.zeros(0),) * 2)
     indices, triangles = indices.astype(np.int64), np.maximum(counts - 2, 0)
-    check_indices(indices, len(vertices))
+    p.check_indices(indices, len(vertices))
     corners = polygon_corners(counts, vertices[indices])
     faces = indices[corners]
     if strips:  # a row is one or more of them, with -1 between
         faces = strip_corners(np.insert(strips[1], np.cumsum(strips[0])[:-1], -1))
-        check_indices(faces, len(vertices))
+        p.check_indices(faces, len(vertices))
     normals, uvs = _stack(vertex, ("nx", "ny", "nz")), _stack(vertex, *UV_NAMES)
-    part = Part("", vertices, faces, normals, _stack(vertex, *COLOUR_NAMES), uvs)
+    part = p.Part("", vertices, faces, normals, _stack(vertex, *COLOUR_NAMES), uvs)
     texcoord = face.get("texcoord", (None,))
     per_corner = np.array_equal(texcoord[0], 2 * counts)
     of_faces = _stack(face, *COLOUR_NAMES) if part.colours is None else None
@@ -178,15 +172,15 @@ def _parts(
     if of_faces is not None:
         part = replace(part, colours=np.repeat(np.repeat(of_faces, triangles, axis=0), 3, axis=0))
     if part.colours is not None:
-        part = replace(part, colours=colours_from_numbers(part.colours))
+        part = replace(part, colours=p.colours_from_numbers(part.colours))
     notes: list[str] = []
     if not textures or part.uvs is None:
         return [part], notes
-    pictures, number = load_textures(path.parent, textures, notes), face.get("texnumber")
+    pictures, number = p.load_textures(path.parent, textures, notes), face.get("texnumber")
     if number is None or len(textures) == 1:
         return [replace(part, texture=pictures.get(textures[0]))], notes
     which, end = np.repeat(number, triangles).astype(np.int64), len(textures)
-    of_texture = split_by(np.where((which < 0) | (which > end), end, which), end + 1)
+    of_texture = p.split_by(np.where((which < 0) | (which > end), end, which), end + 1)
     return [
         replace(part.corners_of(own), texture=pictures.get(name))
         for name, own in zip([*textures, "?"], of_texture, strict=True)

@@ -16,19 +16,11 @@ import msgspec
 from msgspec import Struct, structs
 
 from poseviewer.errors import AutosaveError, PoseViewerError
+from poseviewer.files import scene_file as s
 from poseviewer.files.checks import LARGEST_DATA, Reading
 from poseviewer.files.masks import INLINE, load_mask
 from poseviewer.files.photo_sets import SetChoice, load_views
 from poseviewer.files.pose import record_from_json
-from poseviewer.files.scene_file import (
-    InViewRecord,
-    ObjectRecord,
-    SceneRecord,
-    ViewRecord,
-    place_of,
-    require_whole,
-    view_record,
-)
 from poseviewer.files.structs import Number
 from poseviewer.files.writing import lock_file, write_whole, writing_to
 from poseviewer.geometry.view import world_from_pose
@@ -51,7 +43,7 @@ class AutosavedSession(Struct, frozen=True, kw_only=True):
     """Index of the view that is shown large."""
     photo_names: tuple[str, ...] = ()
     """Names of the views' photos as they are shown; empty: those of the files."""
-    scene: SceneRecord
+    scene: s.SceneRecord
 
     @property
     def photo_name(self) -> str:
@@ -164,7 +156,7 @@ def _from_json(reading: Reading, data: dict[str, Any]) -> AutosavedSession:
     else:
         session = _from_version_1(reading, data)
     scene = session.scene
-    require_whole(reading, scene)
+    s.require_whole(reading, scene)
     for index, view in enumerate(scene.views):
         for part in (view, *(item.in_views[index] for item in scene.objects if item.in_views)):
             if part.mask is not None:
@@ -180,13 +172,13 @@ def _from_version_1(reading: Reading, old: dict[str, Any]) -> AutosavedSession:
     size = old["pose"]["exact"]["width"], old["pose"]["exact"]["height"]
     own, kept = record_from_json(reading, old["pose"]["file"], *size), old["views"]
     photo, sha256 = Path(old["photo"] or old["photo_name"]), old["photo_sha256"]
-    views = [ViewRecord.of(photo, own.pose.camera, sha256, own.undistortion)]
+    views = [s.ViewRecord.of(photo, own.pose.camera, sha256, own.undistortion)]
     names, unit, scales, left_out = [old["photo_name"]], None, (1.0, 1.0), ()
     if kept is not None:
         folder = None if kept["folder"] is None else Path(kept["folder"])
         choice = SetChoice(tuple(kept["photos"]), folder, kept["rig_object"])
         loaded = load_views(kept["path"], choice)
-        views, unit = [view_record(view) for view in loaded.views], loaded.unit
+        views, unit = [s.view_record(view) for view in loaded.views], loaded.unit
         names, left_out = [view.name for view in loaded.views], kept["left_out"]
         scales = 1.0 / kept["scale"], 1.0 / kept["start_scale"]
     at, objects = [entry.photo.sha256 for entry in views].index(sha256), []
@@ -196,15 +188,15 @@ def _from_version_1(reading: Reading, old: dict[str, Any]) -> AutosavedSession:
             record_from_json(reading, entry[k]["file"], *size) for k in ("pose", "start")
         )
         place, start_place = (
-            place_of(world_from_pose(views[at].camera, views[at].place.rigid, said.pose, scale))
+            s.place_of(world_from_pose(views[at].camera, views[at].place.rigid, said.pose, scale))
             for said, scale in zip((record, start), scales, strict=True)
         )
         in_views = (
-            InViewRecord(masks.get(name) and INLINE + masks[name], None, name not in left_out)
+            s.InViewRecord(masks.get(name) and INLINE + masks[name], None, name not in left_out)
             for name in names
         )
         model = Path(entry["model"] or entry["model_name"])
-        made = ObjectRecord.of(str(entry["number"]), model, record, views[at], entry["name"])
+        made = s.ObjectRecord.of(str(entry["number"]), model, record, views[at], entry["name"])
         made = structs.replace(
             made,
             result=made.result and structs.replace(made.result, view=at, seen=()),
@@ -216,6 +208,6 @@ def _from_version_1(reading: Reading, old: dict[str, Any]) -> AutosavedSession:
         )
         objects.append(made)
     free = kept is not None and kept["free_size"]
-    scene = SceneRecord(views=tuple(views), objects=tuple(objects), unit=unit, free_scale=free)
+    scene = s.SceneRecord(views=tuple(views), objects=tuple(objects), unit=unit, free_scale=free)
     more = {"active_object": str(old["number"]), "active_view": at, "photo_names": tuple(names)}
     return AutosavedSession(saved_at=old["saved_at"], scene=scene, **more)

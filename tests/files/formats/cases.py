@@ -9,7 +9,8 @@ import numpy as np
 import trimesh
 
 from poseviewer.files.formats.conversion import ConvertOptions
-from poseviewer.files.pose import ModelReference, PhotoReference, PoseRecord
+from poseviewer.files.pose import PoseRecord
+from poseviewer.files.structs import ModelReference, PhotoReference
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
