@@ -100,7 +100,7 @@ def _robust_weights(colours: FloatArray, model: FloatArray, variance: float) -> 
     for turn in range(ROBUST_ROUNDS):
         left = colours - model @ _light(colours, model, weights)
         squares = (left**2).sum(axis=1)
-        last = max(4.0 * float(np.median(squares)), 0.02 * variance)
+        last = max(4.0 * float(np.median(squares)), 0.02 * variance, np.finfo(float).tiny)
         scale = last * max(1.0, WIDEST * NARROWING**turn)
         weights = (scale / (scale + squares)) ** 2
     return weights

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -189,9 +190,14 @@ def test_the_list_says_of_each_row_what_came_of_it(review: Review) -> None:
     assert content.count('class="pv-at"') == 1
     assert content.count("data:image/jpeg") == 3
     assert content.count(">failed</b>") == 1
+    reasons = [row.result.reason for row in review.queue.rows if row.result.failed]
+    assert reasons[0]
+    assert f"<small>{escape(reasons[0])}</small>" in content
     row = review.queue.rows[2]
     assert "● pose changed" in row_text(row, unsaved=True)
     kept = replace(row.result, status=Status.KEPT.value, reasons="The start was kept: so it is.")
     assert "The start was kept" in row_text(replace(row, result=kept), unsaved=False)
+    # The pose's loss is said once, by the page, about the pose at hand.
+    assert "unexplained" not in row_text(row, unsaved=False)
     # What a person searches for is not given back.
     assert not review.session.document.settings.keep_start

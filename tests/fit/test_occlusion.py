@@ -11,6 +11,7 @@ import trimesh
 
 from poseviewer.api import load, make_scene
 from poseviewer.files.demo import demo_case
+from poseviewer.files.photo import save_image
 from poseviewer.files.pose import load_pose
 from poseviewer.fit.compared import enlarged
 from poseviewer.fit.occlusion import find_hidden
@@ -169,3 +170,9 @@ def test_what_is_painted_hides_unless_the_user_says_that_nothing_does(painted_ov
         photo = make_scene(now, SoftwareRenderer(scene.objects[0].mesh)).problem.photo
         masked[name] = np.count_nonzero(photo.weights == 0.0)
     assert masked["find"] == masked["painted"] > masked["nothing"]
+
+
+def test_a_black_photo_is_searched_without_a_warning(scene, tmp_path):
+    save_image(tmp_path / "black.png", np.zeros((120, 160, 3), np.uint8))
+    end = load(tmp_path / "black.png", scene.model, scene.start).fit()
+    assert end.verdict is None or end.verdict.word != "found"

@@ -73,6 +73,7 @@ def rows_list(queue: ReviewQueue, at: int | None) -> str:
 
 def _row(folder: Path, row: Row, index: int, is_open: bool) -> str:
     result, name = row.result, escape(Path(row.job.photo).name)
+    below = escape(result.reason if result.failed else Path(row.job.model).stem)
     word = result.review or ("failed" if result.failed else result.verdict or "not searched")
     press = on_press("row", index=index)
     picture = DOT if result.failed else thumbnail(folder / result.picture)
@@ -80,7 +81,7 @@ def _row(folder: Path, row: Row, index: int, is_open: bool) -> str:
     return (
         f'<div tabindex="0" title="row {row.job.row}: {escape(row.job.photo)}" '
         f'{press}{here if is_open else ""}><img alt="" src="{picture}">'
-        f"<span>{name}<br><small>{escape(Path(row.job.model).stem)}</small></span>"
+        f"<span>{name}<br><small>{below}</small></span>"
         f'<b class="pv-{word.split()[0]}">{escape(word)}</b></div>'
     )
 
@@ -108,9 +109,6 @@ def row_text(row: Row, unsaved: bool) -> str:
         lines.append("● pose changed: accept it, or take it back (Z)")
     if result.failed:
         lines.append(plain(f"failed: {result.reason}"))
-    elif result.start_unexplained is not None:
-        share = "-" if result.unexplained is None else f"{result.unexplained:.3f}"
-        lines.append(f"unexplained {share}, at the start {result.start_unexplained:.3f}")
     if result.verdict:
         lines.append(plain(f"verdict: {result.verdict}"))
     if result.status == Status.KEPT.value:

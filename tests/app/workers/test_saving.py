@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from errno import EROFS
 from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import export
 from poseviewer.app.workers.opening import open_files
+from poseviewer.errors import PoseFileError
 from poseviewer.files.pose import load_pose
 from poseviewer.files.state.uploads import keep_set, pack
 from tests.app.state.documents import after, make_keypoints
@@ -119,3 +122,21 @@ def test_very_long_names_can_be_saved(scene: Scene, saver: Autosaver):
     photo = scene.photo.rename(scene.photo.with_name("ä" * 120 + ".png"))
     model = scene.model.rename(scene.model.with_name("ß" * 120 + ".ply"))
     assert saver.save(Session(open_files(photo, model, scene.start))).exists()
+
+
+def test_a_folder_that_is_read_only_is_said_in_a_sentence(
+    scene: Scene, session: Session, saver: Autosaver, monkeypatch: pytest.MonkeyPatch
+):
+    before = sorted(scene.photo.parent.iterdir())
+
+    def refuse(path: Path, mode: str = "r", *more: Any, **options: Any) -> IO[Any]:
+        if "x" in mode:
+            raise OSError(EROFS, "Read-only file system")
+        return open(path, mode, *more, **options)  # noqa: PTH123 - Path's own is replaced
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "open", refuse)
+        with pytest.raises(PoseFileError, match=r"^p\.m\.pose\.json: cannot be written to .*yours"):
+            saver.save(session)
+    assert sorted(scene.photo.parent.iterdir()) == before
+    assert saver.save(session).exists()
