@@ -100,8 +100,12 @@ def compared_view(
         settings.pixels == "clip",
     )
     coloured = not settings.grey and _has_colour(own, weights)
-    channels = own.as_float() if coloured else own.grey()[..., None]
-    photo = plain = PhotoAttributes(channels, weights, is_clipped, settings.colour_reflectance)
+    photo = plain = PhotoAttributes(
+        own.as_float() if coloured else own.grey()[..., None],  # by no name: it is gigabytes
+        weights,
+        is_clipped,
+        settings.colour_reflectance,
+    )
     counted = np.count_nonzero(weights)
     mesh, pose = scene.objects[index].mesh, scene.pose(index, number)
     factor, finest = (working_factor(mesh, pose, most) for most in (WORKING_PIXELS, FINE_PIXELS))
@@ -152,12 +156,17 @@ def _weights(
     return weights
 
 
+ENOUGH_COLOURS = 1_000_000
+"""Pixels that tell well whether a photo has colours."""
+
+
 def _has_colour(photo: Photo, weights: NDArray[np.float32]) -> bool:
     """Whether the colours of the pixels that count leave a line in RGB by more than noise."""
     counts = weights > 0.0
     if photo.pixels.shape[2] == 1 or np.count_nonzero(counts) < 2:
         return False
-    colours = photo.pixels[counts] / np.iinfo(photo.pixels.dtype).max
+    few = photo.pixels[counts][:: 1 + np.count_nonzero(counts) // ENOUGH_COLOURS]
+    colours = few / np.iinfo(photo.pixels.dtype).max
     return bool(np.linalg.eigvalsh(np.cov(colours.T))[1] > LEAST_COLOUR**2)
 
 

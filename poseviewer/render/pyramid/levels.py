@@ -65,6 +65,10 @@ def _counting(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> NDArray
     return photo.weights[covered(photo, renderer, pose)] > 0.0
 
 
+STRIP_PIXELS = 1_000_000
+"""Pixels of a photo that are averaged at a time."""
+
+
 def smaller(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
     """The photo reduced ``factor`` times along each side by weighted means; it takes the same
     poses.
@@ -78,17 +82,20 @@ def smaller(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
     weights = np.zeros((rows, columns), np.float32)
     channels = np.zeros((rows, columns, n), np.float32)
     # What does not count costs nothing: only the box of the pixels that do is looked at.
-    small = tuple(
-        slice(box.start // factor, max(box.stop - 1, 0) // factor + 1)
+    down, across = (
+        range(box.start // factor, max(box.stop - 1, 0) // factor + 1)
         for box in bounding_slices(photo.weights)
     )
-    pixels = tuple(slice(box.start * factor, box.stop * factor) for box in small)
-    counts = photo.weights[pixels]
-    seen = np.where(counts[..., None] > 0.0, photo.channels[pixels], np.float32(0.0))
-    mean = weights[small] = _averaged(counts, factor)
-    sums = _averaged(seen * counts[..., None], factor)
-    known = mean[..., None] > 0.0
-    channels[small] = np.divide(sums, mean[..., None], where=known, out=np.zeros_like(sums))
+    strip = max(1, STRIP_PIXELS // (factor * width))
+    for top in down[::strip]:  # all of a large photo at once would take gigabytes
+        small = slice(top, min(top + strip, down.stop)), slice(across.start, across.stop)
+        pixels = tuple(slice(box.start * factor, box.stop * factor) for box in small)
+        counts = photo.weights[pixels]
+        seen = np.where(counts[..., None] > 0.0, photo.channels[pixels], np.float32(0.0))
+        mean = weights[small] = _averaged(counts, factor)
+        sums = _averaged(seen * counts[..., None], factor)
+        known = mean[..., None] > 0.0
+        channels[small] = np.divide(sums, mean[..., None], where=known, out=np.zeros_like(sums))
     structure = None if photo.structure is None else make_structure(channels, weights)
     factor *= photo.factor
     return replace(photo, channels=channels, weights=weights, structure=structure, factor=factor)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -85,3 +87,19 @@ def test_what_does_not_count_does_not_show_in_a_coarser_pixel():
     assert small.weights[0] == pytest.approx([1.0, 0.5, 0.0, 0.0])
     assert small.channels[:, :2] == pytest.approx(np.full((4, 2, 3), 0.25))
     assert np.all(small.channels[:, 2:] == 0.0)
+
+
+def test_a_large_photo_is_reduced_in_strips_that_show_nowhere(monkeypatch):
+    random = np.random.default_rng(0)
+    weights = random.integers(0, 2, (1500, 1001)).astype(np.float32)
+    channels = random.random((1500, 1001, 3), dtype=np.float32)
+    photo = PhotoAttributes(channels, weights)
+    whole = smaller(photo, 7)
+    monkeypatch.setattr("poseviewer.render.pyramid.levels.STRIP_PIXELS", 50_000)
+    tracemalloc.start()
+    striped = smaller(photo, 7)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    np.testing.assert_array_equal(striped.channels, whole.channels)
+    np.testing.assert_array_equal(striped.weights, whole.weights)
+    assert peak < 0.5 * channels.nbytes
