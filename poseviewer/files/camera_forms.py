@@ -369,13 +369,10 @@ def _mappings(node: Any, path: tuple[str, ...], depth: int) -> Iterator[tuple[st
         return
     entries, inner = {}, []
     for key, value in node.items():
-        is_merged = FIELDS.get(_plain(key), _plain(key)) in MERGED
-        if isinstance(value, dict) and not _is_matrix(value):
-            if is_merged:
-                entries |= {k: v for k, v in value.items() if not isinstance(v, dict)}
-                inner += [(k, v) for k, v in value.items() if isinstance(v, dict)]
-                continue
-            inner.append((key, value))
+        is_mapping = isinstance(value, dict) and not _is_matrix(value)
+        if is_mapping and FIELDS.get(_plain(key), _plain(key)) in MERGED:
+            entries |= {k: v for k, v in value.items() if not isinstance(v, dict)}
+            inner += [(k, v) for k, v in value.items() if isinstance(v, dict)]
         elif isinstance(value, list) and value and isinstance(value[0], dict):
             adjusted = [one for one in value if one.get("class") == "adjusted"]
             for number, one in enumerate(adjusted or value):
@@ -384,8 +381,9 @@ def _mappings(node: Any, path: tuple[str, ...], depth: int) -> Iterator[tuple[st
                 label = next((one[k] for k in LABELS if k in one), number)
                 if not is_frame or "fl_x" in one:
                     inner.append((label, more | one))
-            continue
-        entries[key] = value
+        else:
+            entries[key] = value
+            inner += [(key, value)] * is_mapping
     yield next((part for part in reversed(path) if part not in UNNAMED), ""), entries
     for key, value in inner:
         yield from _mappings(value, (*path, str(key).strip()), depth - 1)

@@ -11,7 +11,6 @@ from poseviewer.files.camera_forms import TREES, FileCamera, cameras_in, is_matr
 from poseviewer.files.checks import Reading
 from poseviewer.files.colmap_model import colmap_cameras, colmap_images
 from poseviewer.files.structs import checked_camera
-from poseviewer.geometry.camera import Perspective
 
 KIND = "file of cameras"
 LEAST_FOCAL = 0.02
@@ -83,7 +82,9 @@ def load_calibration(
     if (camera.width, camera.height) == (width, height):
         return chosen, ()
     said = f"the camera is for {size}, the photo has {width}x{height} px"
-    if not _is_scaling(camera, width, height):
+    sides = ((width, camera.width), (height, camera.height))
+    least = max((side - ROUNDING_PX) / own for side, own in sides)
+    if least > min((side + ROUNDING_PX) / own for side, own in sides):  # no one factor
         wanted = "calibrate on pictures of the photo's size and orientation"
         raise reading.error(said, wanted)
     scaled = replace(chosen, camera=camera.resized(width, height))
@@ -109,10 +110,3 @@ def _chosen(
         found = f"{len(cameras)} cameras, {known}, and none of them named after {photo}"
         raise reading.error(found, "choose one by --calibration-camera NAME")
     return cameras[0] if len(cameras) == 1 else named[0]
-
-
-def _is_scaling(camera: Perspective, width: int, height: int) -> bool:
-    """Whether one factor, and rounding, makes one size of the other."""
-    least = max((width - ROUNDING_PX) / camera.width, (height - ROUNDING_PX) / camera.height)
-    most = min((width + ROUNDING_PX) / camera.width, (height + ROUNDING_PX) / camera.height)
-    return least <= most

@@ -15,8 +15,6 @@ from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
 from poseviewer.geometry.transform import RigidTransform
 
-SUFFIXES = (".bin", ".txt")
-"""Endings of a model's files; of both the binary one is read, as COLMAP does."""
 MODELS: dict[str, tuple[int, int, LensModel | None]] = {
     "SIMPLE_PINHOLE": (1, 0, "opencv"),
     "PINHOLE": (2, 0, "opencv"),
@@ -50,9 +48,9 @@ LARGEST_FILE = 100_000_000_000
 
 
 def model_file(folder: Path, stem: str) -> Path:
-    """``cameras`` or ``images`` of the model in ``folder``; the text file where there is none."""
-    binary, text = (folder / (stem + suffix) for suffix in SUFFIXES)
-    return binary if binary.is_file() else text
+    """``cameras`` or ``images`` of a model, the binary file where it is there, as COLMAP does."""
+    binary = folder / f"{stem}.bin"
+    return binary if binary.is_file() else folder / f"{stem}.txt"
 
 
 def colmap_cameras(reading: Reading) -> dict[str, tuple[Perspective, Lens | None]]:

@@ -198,10 +198,6 @@ def _decode_heic(reading: Reading, data: bytes) -> tuple[NDArray, float | None, 
     return colours, focal_35mm(exif, width, height), picture.has_alpha
 
 
-DEEP_FORMATS = (".png", ".tif", ".tiff")
-"""Endings of pictures with 16 bits."""
-
-
 def load_calibrated_photo(path: str | Path, calibration: Calibration | None = None) -> Photo:
     """The photo in a file; with a calibration, undistorted, and with its camera."""
     photo = load_photo(path)
@@ -240,6 +236,7 @@ def photo_text(photo: Photo) -> str:
 
 def save_photo(path: Path, photo: Photo, *, is_own: bool = False) -> None:
     """Write a photo with as many bits as the format of the file's ending holds; whole or not."""
-    is_deep = path.suffix.lower() in DEEP_FORMATS
-    pixels = photo.pixels if is_deep else photo.as_rgb8(photo.width, photo.height)
+    pixels = photo.pixels
+    if path.suffix.lower() not in (".png", ".tif", ".tiff"):
+        pixels = photo.as_rgb8(photo.width, photo.height)
     save_image(path, pixels, is_own=is_own)

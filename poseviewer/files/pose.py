@@ -141,11 +141,9 @@ def record_from_json(
     return structs.replace(record, photo=photo, warnings=tuple(reading.warnings))
 
 
-def check_against(
-    known: s.PhotoReference | s.ModelReference | None, sha256: str
-) -> tuple[str, ...]:
+def check_against(known: s.PhotoReference | s.ModelReference | None, sha: str) -> tuple[str, ...]:
     """A warning where a pose file names another photo or model than the one in use, or none."""
-    if known is None or not known.sha256 or known.sha256.lower() == sha256:
+    if known is None or not known.sha256 or known.sha256.lower() == sha:
         return ()
     what = "photo" if isinstance(known, s.PhotoReference) else "model"
     name = f" ({known.file})" if known.file else ""

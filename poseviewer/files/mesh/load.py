@@ -13,10 +13,9 @@ from poseviewer.files.checks import LARGEST_DATA, Reading, quiet_libraries
 from poseviewer.files.mesh.gltf import GLTF, read_gltf
 from poseviewer.files.mesh.guarded import guarded
 from poseviewer.files.mesh.obj import read_obj
-from poseviewer.files.mesh.off import read_off
 from poseviewer.files.mesh.parts import Part, load_textures
+from poseviewer.files.mesh.plain import read_off, read_stl
 from poseviewer.files.mesh.ply import read_ply
-from poseviewer.files.mesh.stl import read_stl
 from poseviewer.files.mesh.surface import as_mesh
 from poseviewer.geometry.mesh import Mesh
 

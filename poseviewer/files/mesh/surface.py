@@ -9,13 +9,8 @@ from numpy.typing import NDArray
 from poseviewer.errors import MeshFileError, printable
 from poseviewer.files.checks import LARGEST_NUMBER as LARGEST_COORDINATE
 from poseviewer.files.mesh.parts import Part, check_indices
+from poseviewer.geometry import normals as n
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.normals import (
-    crease_normals,
-    face_normals_and_areas,
-    weld,
-    winding_to_flip,
-)
 
 MOST_FACES = 20_000_000
 MOST_PARTS = 50_000
@@ -66,17 +61,14 @@ def _merged(parts: list[Part], notes: list[str]) -> Mesh:
     names = {name: i for i, name in enumerate(dict.fromkeys(part.name for part in parts))}
     sizes = [len(part.faces) for part in parts]
     offsets = np.cumsum([0] + [len(part.vertices) for part in parts])
-    normals = [part.normals for part in parts if part.normals is not None]
+    lacks_some = any(part.normals is None for part in parts)
+    normals = [np.zeros_like(p.vertices) if lacks_some else np.asarray(p.normals) for p in parts]
     colours = [_columns(p.colours, GREY if p.texture is None else 1.0, p, 3) for p in parts]
     uvs = [_columns(None if p.texture is None else p.uvs, 0.0, p, 2) for p in parts]
     return Mesh(
         vertices=np.concatenate([part.vertices for part in parts]),
         faces=np.concatenate([p.faces + o for p, o in zip(parts, offsets, strict=False)]),
-        normals=(
-            np.nan_to_num(np.concatenate(normals), posinf=0.0, neginf=0.0)
-            if len(normals) == len(parts)
-            else np.zeros((offsets[-1], 3))
-        ),
+        normals=np.nan_to_num(np.concatenate(normals), posinf=0.0, neginf=0.0),
         colours=np.concatenate(colours),
         uvs=np.concatenate(uvs),
         face_texture=np.repeat([numbers.get(id(part.texture), -1) for part in parts], sizes),
@@ -102,11 +94,11 @@ def _noted(mesh: Mesh, note: str, count: int, **changes: Any) -> Mesh:
 
 def _without_useless_faces(mesh: Mesh) -> Mesh:
     """Leave out faces that have no area, and second copies, turned either way."""
-    _, areas = face_normals_and_areas(mesh.vertices, mesh.faces)
+    _, areas = n.face_normals_and_areas(mesh.vertices, mesh.faces)
     solid = np.flatnonzero(areas > 0.0)
     if not len(solid):
         raise ValueError(f"none of its triangles ({len(areas):,}) has an area")
-    places = np.sort(weld(mesh.vertices)[mesh.faces[solid]], axis=1)
+    places = np.sort(n.weld(mesh.vertices)[mesh.faces[solid]], axis=1)
     order = np.lexsort(places.T)
     repeated = np.all(places[order][1:] == places[order][:-1], axis=1)
     # lexsort is stable: the copy that comes first in the file stays.
@@ -122,7 +114,7 @@ def _turned_to_normals(mesh: Mesh) -> Mesh:
     """Turn faces to the side of the file's normals, or drop these where they contradict."""
     length = np.linalg.norm(mesh.normals, axis=1)
     normals = mesh.normals / np.where(length > 0.0, length, 1.0)[:, None]
-    face_normals, areas = face_normals_and_areas(mesh.vertices, mesh.faces)
+    face_normals, areas = n.face_normals_and_areas(mesh.vertices, mesh.faces)
     cosine = np.einsum("fij,fj->fi", normals[mesh.faces], face_normals)
     turned = cosine.sum(axis=1) < 0.0
     cosine[turned] *= -1.0
@@ -162,11 +154,11 @@ def _tinted_evenly(mesh: Mesh) -> Mesh:
 def _with_computed_normals(mesh: Mesh) -> Mesh:
     # Vertices alike in all that they carry are made one (STL has three for each triangle).
     columns = [a for a in (mesh.colours, mesh.uvs) if np.any(a != a[0])]
-    same = weld(np.concatenate([mesh.vertices, *columns], axis=1, dtype=float))
+    same = n.weld(np.concatenate([mesh.vertices, *columns], axis=1, dtype=float))
     _, first = np.unique(same, return_index=True)
     mesh = mesh.with_vertices(first, same[mesh.faces])
-    flip = winding_to_flip(mesh.vertices, mesh.faces)
+    flip = n.winding_to_flip(mesh.vertices, mesh.faces)
     faces = np.where(flip[:, None], mesh.faces[:, ::-1], mesh.faces)
     note = "Triangles turned to face the way of their neighbours"
-    source, faces, normals = crease_normals(mesh.vertices, faces)
+    source, faces, normals = n.crease_normals(mesh.vertices, faces)
     return _noted(mesh.with_vertices(source, faces), note, int(flip.sum()), normals=normals)
