@@ -40,10 +40,8 @@ def _colmap_cameras(reading: Reading) -> list[FileCamera]:
     if beside.is_file():
         for name, key, _ in colmap_images(replace(reading, path=beside)):
             photos[key].add(PurePosixPath(name).name)
-    return [
-        FileCamera(key, *known, frozenset(photos[key]), "COLMAP's model")
-        for key, known in colmap_cameras(reading).items()
-    ]
+    known, read = colmap_cameras(reading).items(), "COLMAP's model"
+    return [FileCamera(key, *camera, frozenset(photos[key]), read) for key, camera in known]
 
 
 ROUNDING_PX = 1.0

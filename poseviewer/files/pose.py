@@ -134,10 +134,8 @@ def record_from_json(
     made_for = known.width or width, known.height or height
     photo = structs.replace(known, width=width or known.width, height=height or known.height)
     if made_for != (photo.width, photo.height):
-        reading.warnings.append(
-            f"{reading.path.name}: the pose was made for a photo of {made_for[0]}x{made_for[1]} "
-            f"px, this one has {width}x{height} px."
-        )
+        size = f"a photo of {made_for[0]}x{made_for[1]} px, this one has {width}x{height} px"
+        reading.warnings.append(f"{reading.path.name}: the pose was made for {size}.")
     return structs.replace(record, photo=photo, warnings=tuple(reading.warnings))
 
 

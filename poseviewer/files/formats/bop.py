@@ -54,11 +54,8 @@ class BopObject:
 
     def as_json(self) -> dict[str, Any]:
         """Return the pose for ``scene_gt.json``."""
-        return {
-            "cam_R_m2c": self.place.rotation.reshape(-1).tolist(),
-            "cam_t_m2c": self.place.translation.tolist(),
-            "obj_id": self.object_id,
-        }
+        rotation, shift = self.place.rotation.reshape(-1).tolist(), self.place.translation.tolist()
+        return {"cam_R_m2c": rotation, "cam_t_m2c": shift, "obj_id": self.object_id}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

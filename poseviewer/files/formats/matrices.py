@@ -121,14 +121,9 @@ def write_dope(scene: SceneRecord, out: Path, options: c.ConvertOptions, *_: Any
     factor = options.lengths_in(UNIT, scene, "DOPE")
     for index, item in enumerate(scene.objects):
         place = scene.pose(index).camera_from_model
-        quaternion = Rotation.from_matrix(place.rotation).as_quat()
-        objects.append(
-            {
-                "class": item.label,
-                "location": (place.translation * factor).tolist(),
-                "quaternion_xyzw": quaternion.tolist(),
-            }
-        )
+        quaternion = Rotation.from_matrix(place.rotation).as_quat().tolist()
+        place = {"location": (place.translation * factor).tolist(), "quaternion_xyzw": quaternion}
+        objects.append({"class": item.label, **place})
     numbers = {name: float(getattr(shifted, name)) for name in ("fx", "fy", "cx", "cy")}
     size = {"width": camera.width, "height": camera.height}
     data = {"camera_data": {**size, "intrinsics": numbers}, "objects": objects}
