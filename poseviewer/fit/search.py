@@ -62,6 +62,8 @@ MOST_RUNS = 4
 """Runs of the stages before a verdict: what others hide settles after two mostly."""
 FOCAL_THRESHOLD = 0.02
 """Share by which a run moves the focal length to be continued, where its spread is not known."""
+LAST_MOVE_PERCENT = 1.0
+"""Move of the model by a run's last models, by its size, from which they left their valley."""
 CHANGED = 0.05
 """Share of an object's pixels that others hide or free: less hardly moves its minimum."""
 LEAST_LEFT = 0.5
@@ -116,6 +118,8 @@ class Search:
         self._searched: dict[int, FitProblem] = {}
         """The problem that each object was searched for by last, its end taken or not."""
         self._index, self._began = self._indices[0], 0.0
+        self._is_far = False
+        """Whether the last models of the last run moved far: they lead to a valley's side only."""
 
     def run(self) -> Steps[None]:
         """The search after every evaluation; an object's last progress has a verdict. To stop it,
@@ -192,7 +196,8 @@ class Search:
             scene = moved(self.scene, self._index, best.problem, best.parameters)
             hidden = self._seen_in(scene, best.problem)
             is_same = not _differ(best.problem, hidden)
-            is_settled = is_same and not is_coarse and not is_focal_moved(before, best)
+            is_far = self._is_far or is_focal_moved(before, best)
+            is_settled = is_same and not is_coarse and not is_far
             if is_settled or not best.may_continue:
                 break
             best = best if is_same else self._on(self._made(hidden), best)
@@ -211,11 +216,15 @@ class Search:
         **how: Any,
     ) -> Steps[FitProgress]:
         """Run the stages; meanwhile the pose of ``shown`` is the best, by default their own."""
-        end = before
+        end = last = before
         for end in fit_pose(problem, self._renderer, self._threads, before, **how):
+            last = end if last is None or end.restart != last.restart else last
             if end.status is Status.RUNNING:
                 yield self._told(end if shown is None else end.keeping(shown))
         assert end is not None  # a run yields at least once
+        assert last is not None
+        apart = pose_error(problem.model.mesh, last.pose, end.pose, problem.model.symmetry)
+        self._is_far = problem.is_structured and apart.percent > LAST_MOVE_PERCENT
         return end
 
     @property

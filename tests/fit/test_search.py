@@ -68,6 +68,17 @@ def test_a_pose_that_is_trusted_ends_the_fit(small, judge):
     assert (end.evaluations, end.loss, end.verdict) == (alone.evaluations, alone.loss, FOUND)
 
 
+def test_a_run_whose_last_models_moved_far_is_followed_by_another(small, judge, monkeypatch):
+    _, data, renderer, alone = small
+    judge(FOUND)
+    once = run(data, renderer)[-1]
+    assert once.evaluations == alone.evaluations
+    monkeypatch.setattr(searching, "LAST_MOVE_PERCENT", 0.0)
+    again = run(data, renderer)[-1]
+    assert again.evaluations > alone.evaluations
+    assert again.loss <= once.loss
+
+
 @pytest.mark.slow
 def test_a_pose_that_is_not_is_searched_for_again(small, judge):
     _, data, renderer, alone = small
