@@ -87,7 +87,7 @@ class LossGrid:
         return (
             f'<div class="pv-with">{"" if large is None else self._large(large)}'
             f'<div class="pv-land{" pv-dim" if self.dimmed else ""}" '
-            f'style="grid-template-columns:26px repeat({columns},minmax(0,1fr))">'
+            f'style="grid-template-columns:1.9rem repeat({columns},minmax(0,1fr))">'
             f"{self._labels(free)}{cells}{self._key()}</div></div>"
         )
 

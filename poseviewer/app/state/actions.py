@@ -75,7 +75,7 @@ ACTIONS: Mapping[str, Action] = {
     "reset": Action(c.reset_to_start(), "Place", "Reset to start", "Go back to the start", "R"),
     "start": Action(c.make_start(), "Place", "Make this the start", "Start from the pose at hand"),
     "box": Action(c.toggle_box(), "Place", "Fit to box", BOX, end=DRAWING),
-    "propose": Action(c.toggle_proposing(), "Place", "Propose starts", PROPOSE, end="Stop looking"),
+    "propose": Action(c.propose_starts(), "Place", "Propose starts", PROPOSE, end="Stop looking"),
     "previous": Action(c.step_proposals(-1), "Place", "Previous", "Start from the proposal before"),
     "next": Action(c.step_proposals(), "Place", "Next", "Start from the next likely proposal"),
     "pairs": Action(c.set_tool("pairs"), "Place", "Point pairs", "Click points, model then photo"),

@@ -377,17 +377,11 @@ def set_field_of_view(session: Session, degrees: float) -> Session:
 
 @edit
 def propose_starts(session: Session) -> Session:
-    """Look for start poses, in the rectangle about the object."""
+    """Look for start poses, in the rectangle about the object; or stop looking."""
     if session.proposing:
-        return session
+        return replace(session, proposals=None)
     tool = "pose" if session.tool == "box" else session.tool
     return replace(session, proposals=ProposedStarts(session.document), tool=tool)
-
-
-@edit
-def toggle_proposing(session: Session) -> Session:
-    """Look for start poses, or stop looking."""
-    return (stop_proposing() if session.proposing else propose_starts())(session)
 
 
 @edit
