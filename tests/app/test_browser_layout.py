@@ -1,0 +1,107 @@
+"""Every step in windows of several sizes: main buttons are in sight, no label is cut, and nothing
+lies over anything else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser
+
+from poseviewer.files.demo import demo_case
+from tests.app.app_process import AppProcess
+from tests.app.browser import AppPage
+from tests.several import make_three
+from tests.view_sets import write_views
+
+pytestmark = pytest.mark.slow
+LARGER_TEXT = """document.addEventListener("DOMContentLoaded", () => {
+    document.documentElement.style.fontSize = "138.75%";
+})"""
+"""Half as large again as viser's."""
+TROUBLES = """() => {
+    const box = (node) => node.getBoundingClientRect();
+    const name = (node) =>
+        (node.ariaLabel || node.textContent || node.value || node.outerHTML).trim().slice(0, 60);
+    const shown = (node) => node.checkVisibility({ opacityProperty: true }) && box(node).width > 0;
+    const nodes = [...document.querySelectorAll(`button:not(.pv-cell button), input, .pv-hint,
+        .pv-cell, .pv-col, .pv-row, .pv-key, .pv-marks span, .pv-result :is(td, th), .pv-loss span,
+        .pv-objects td, .pv-strip, .pv-said :is(b, span), [role=tab] span`)].filter(shown);
+    const cut = nodes.filter((node) => box(node).right > innerWidth + 1
+        || node.scrollWidth > node.clientWidth + 1 && !node.matches(".pv-strip")
+        && getComputedStyle(node).display !== "inline");
+    const over = [];
+    nodes.forEach((one, i) => nodes.slice(i + 1).forEach((other) => {
+        if (one.contains(other) || other.contains(one)) return;
+        const [a, b] = [box(one), box(other)];
+        const width = Math.min(a.right, b.right) - Math.max(a.left, b.left);
+        const height = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
+        if (width > 2 && height > 2) over.push(`${name(one)} | ${name(other)}`);
+    }));
+    return [...cut.map((node) => `cut: ${name(node)}`), ...over];
+}"""
+"""Labels that are cut, and pairs of which one lies over the other."""
+WINDOWS: dict[str, tuple[tuple[int, int], dict[str, Any]]] = {
+    "small": ((1280, 720), {}),
+    "middle": ((1500, 900), {}),
+    "large": ((2560, 1440), {}),
+    "fine": ((1280, 720), {"device_scale_factor": 2}),
+    "larger text": ((1500, 900), {"before": LARGER_TEXT}),
+}
+MAIN = {2: ["Fit to box"], 3: ["Search (space)", "Hide what"], 5: ["Save "]}
+"""Names of main buttons by their steps."""
+CASES = {
+    "not placed": MAIN,
+    "seven numbers": {**MAIN, 3: ["Keep it", "Hide what"]},
+    "three objects": MAIN,
+    "three photos": MAIN,
+}
+
+
+@pytest.fixture(scope="module")
+def apps(tmp_path_factory: pytest.TempPathFactory, browser: Browser) -> Iterator[list[AppProcess]]:
+    """The app for each case; of the second after a search."""
+    case, folders = demo_case(), [tmp_path_factory.mktemp("app") for _ in CASES]
+    views, model, start = write_views(folders[3])
+    files: list[list[str | Path]] = [
+        [case.photo, case.model],
+        [case.photo, case.model, "--pose", case.start],
+        [make_three(folders[2])],
+        ["--views", views, model, "--pose", start],
+    ]
+    with ExitStack() as stack:
+        begun = [AppProcess(folder, *own) for folder, own in zip(folders, files, strict=True)]
+        begun = [stack.enter_context(app) for app in begun]
+        with AppPage(browser, begun[1].url) as tab:
+            tab.wait_for_text("at this pose")
+            tab.open_step(3)
+            tab.page.get_by_text("Settings", exact=True).click()
+            tab.page.get_by_label("Find the focal length").check()
+            tab.page.keyboard.press("Space")
+            tab.wait_for_text("Verdict:")
+        yield begun
+
+
+@pytest.mark.parametrize("name", WINDOWS)
+def test_main_buttons_are_in_sight_and_nothing_is_cut_or_covered(name: str, browser, apps):
+    (size, options), troubles = WINDOWS[name], []
+    for app, (case, steps) in zip(apps, CASES.items(), strict=True):
+        with AppPage(browser, app.url, size, **options) as tab:
+            tab.wait_for_text("unexplained")
+            assert tab.page.locator(".pv-land").is_visible() is (case != "not placed")
+            for step, buttons in steps.items():
+                tab.open_step(step)
+                for button in buttons:
+                    place = tab.page.get_by_role("button", name=button)
+                    place.wait_for()
+                    box = place.bounding_box()
+                    assert box is not None
+                    if box["y"] + box["height"] > size[1]:
+                        troubles.append(f"{case}, step {step}: {button} is below")
+                found = tab.page.evaluate(TROUBLES)
+                troubles += [f"{case}, step {step}: {trouble}" for trouble in found]
+    assert not troubles, "\n".join(troubles)
