@@ -44,23 +44,20 @@ def test_a_pose_is_the_less_probable_the_less_of_the_model_is_seen():
     assert (each[0].word, each[-1].word) == ("found", "lost")
 
 
-def test_a_model_along_whose_outline_the_photo_has_few_edges_is_not_found():
-    """A square explains half of an L-shaped plate, however steep its minimum is."""
-    steep = replace(RIGHT, turn_margin=20.0, spread_percent=0.1)
-    assert judge(replace(steep, outline=0.7)).word == "found"
-    flat = judge(replace(steep, outline=0.6))
-    assert flat.word == "doubtful"
-    assert any("only 60%" in reason for reason in flat.reasons)
-
-
-@pytest.mark.parametrize("short", [{"outline": 0.8}, {"seen": 0.7}])
-def test_a_plain_model_is_found_by_its_whole_outline_alone(short: dict[str, float]):
-    sure = replace(RIGHT, turn_margin=20.0, spread_percent=0.1, **short)
-    assert judge(sure).word == "found"
-    plain = judge(replace(sure, alike=0.95))
-    assert plain.word == "doubtful"
-    assert any("flat and of one colour" in reason for reason in plain.reasons)
-    assert judge(replace(RIGHT, alike=0.95)).word == "found"
+@pytest.mark.parametrize(
+    ("alike", "short", "said"),
+    [
+        (0.0, {"outline": 0.6}, "only 60%"),
+        (0.95, {"outline": 0.8}, "flat and of one colour"),
+        (0.95, {"seen": 0.7}, "flat and of one colour"),
+    ],
+)
+def test_a_steep_minimum_that_lacks_outline_is_not_found(alike: float, short, said: str):
+    steep = replace(RIGHT, turn_margin=20.0, spread_percent=0.1, alike=alike)
+    assert judge(steep).word == "found"
+    poor = judge(replace(steep, **short))
+    assert poor.word == "doubtful"
+    assert any(said in reason for reason in poor.reasons)
 
 
 @pytest.mark.parametrize("word", ["found", "doubtful", "lost"])
