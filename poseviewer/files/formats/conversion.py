@@ -163,9 +163,7 @@ class Format:
         views, notes, files, ready = scene.views, [], [], []
         several = len(scene.objects) > 1
         if several and not self.several_objects:
-            wanted = (
-                "choose its object with --object ID, or convert all to bop, dope, gltf, meshlab"
-            )
+            wanted = "choose an object by --object ID, or convert all to bop, dope, gltf, meshlab"
             raise PoseFileError(f"Such a file holds one pose; {wanted}.")
         if len(views) > 1 and (not self.several_photos or (several and not self.is_own)):
             notes.append(f"It holds one photo: the other {len(views) - 1} of the set are left out.")
