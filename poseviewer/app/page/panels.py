@@ -19,7 +19,6 @@ from poseviewer.app.page.texts import (
     hidden_text,
     marks_text,
     opened_text,
-    proposals_of,
     proposals_text,
     search_text,
     verdict_text,
@@ -142,7 +141,8 @@ def _add_quick_start(controls: Controls) -> None:
     controls.action("box", label=label, color=None, icon="frame")
     controls.html(lambda s: WAITING if s.proposing else "")
     controls.text(proposals_text)
-    controls.actions("Proposal", "previous", "next", visible=lambda s: proposals_of(s) > 1)
+    several = {"visible": lambda s: bool(s.proposals and s.proposals.starts[1:])}
+    controls.actions("Proposal", "previous", "next", **several)
     controls.html(kept(lambda s: (s.proposals, s.document.photo), proposals_row))
     with controls.gui.add_folder("Quick start", expand_by_default=False):
         controls.actions("Mark", "pairs", "wheels")

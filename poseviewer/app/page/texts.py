@@ -129,16 +129,11 @@ def proposals_text(session: Session) -> str:
         return "Waiting to begin."
     if session.proposing:
         return "Trying views from everywhere (Esc stops it): some seconds, longer without a box."
-    if asked is not None and proposals_of(session):
+    if asked is not None and asked.starts:
         which = f"**proposal {asked.index + 1} of {len(asked.starts)}**"
         others = "press another one, or " if len(asked.starts) > 1 else ""
         return f"{which}: {others}space to search from here"
     return ""
-
-
-def proposals_of(session: Session) -> int:
-    """Number of proposals for what is open."""
-    return 0 if session.proposals is None else len(session.proposals.starts)
 
 
 def focal_note(session: Session) -> str:
