@@ -65,7 +65,7 @@ def test_what_is_too_large_is_refused_when_it_is_announced(
 ) -> None:
     upload(running, page, "huge.png", b"", size_bytes=LARGEST_UPLOAD + 1, part_count=400)
     assert refusal(page, "huge.png") == (
-        "huge.png: 200,000,001 bytes; up to 200,000,000 can be uploaded, make it smaller or "
+        "huge.png: 200,000,001 bytes; up to 200,000,000 can be uploaded, "
         "start poseviewer with its path."
     )
     assert held(running) == 0
