@@ -140,7 +140,7 @@ def by_pairs(hand: Hand) -> None:
         hit = surface_point(mesh, pose, pose.project(point))
         return hit is not None and float(np.linalg.norm(hit - point)) < 0.01 * mesh.diameter
 
-    points = mesh.vertices[:: 1 + len(mesh.vertices) // 500]
+    points = mesh.vertices[mesh.faces[:: 1 + len(mesh.faces) // 500]].mean(axis=1)
     points = [p for p in points if is_seen(now, p) and is_seen(truth, p)]
     chosen = points[:1]
     while len(chosen) < 4:
@@ -225,7 +225,7 @@ def fitted(cases: Sequence[Case], folder: Path) -> Words:
 UserJob = tuple[str, Callable[[Sequence[Case], Path], Words], Callable[[Hand], None], int]
 """Names of cases, the app's command line for them, the work, and clicks that it may take."""
 CLUTTER = "clutter-1-cat clutter-1-driller clutter-1-bbq_sauce"
-HOPE = "hope-0000-light0-mustard hope-0000-light0-bbq_sauce hope-0002-light0-bbq_sauce"
+HOPE = "hope-0000-light0-mustard hope-0002-light0-bbq_sauce hope-0002-light1-alphabet_soup"
 VIEWS = "clutter-1-driller clutter-0-driller clutter-6-driller"
 JOBS: dict[str, UserJob] = {
     "wheels": ("bmw-0", photo_and_model, by_wheels, 7),
