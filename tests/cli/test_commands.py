@@ -76,6 +76,7 @@ def test_a_command_says_and_writes_its_results(folder, capsys, line, words, writ
         ("fit --views set/set.json set/m.ply --start auto --out o.json", "a start with --pose"),
         (f"fit {SET} --view z.png --out o.json", "no photo z.png"),
         ("landscape three.scene.json --out o", "several objects; say which"),
+        ("landscape --views set/set.json set/m.ply --out o", "--pose"),
         ("landscape p.png m.ply --pose start.json --out p.png --quiet", "folder of yours"),
         ("convert three.scene.json o.yml --from scene --to opencv", "choose an object"),
         ("convert named.json o --to bop --photo none.png", "none.png: no such file"),
