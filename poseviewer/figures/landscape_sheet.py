@@ -88,7 +88,7 @@ def make_landscape_row(
 
 
 def _range(losses: Sequence[FloatArray]) -> Normalize:
-    """From the least to the greatest known loss; never empty."""
+    """Range of the known losses; never empty."""
     known = np.concatenate([a[np.isfinite(a)] for a in losses])
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     return Normalize(low, max(high, low + 1e-6))

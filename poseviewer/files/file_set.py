@@ -192,7 +192,7 @@ def _walk(root: Path) -> Iterator[Path]:
 
 
 def _kind_of(path: Path, as_pose: bool, sole: bool) -> str:
-    """What a file is, or ""; of a ``sole`` one that is none, what its reader says why it is not."""
+    """Kind of a file, or ""; of a ``sole`` one that is none, what its reader says why it is not."""
     suffix = path.suffix.lower()
     if suffix in READERS or (sole and suffix in ELSEWHERE):
         return "model"

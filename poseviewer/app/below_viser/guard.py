@@ -79,7 +79,7 @@ Answer = Callable[[ServerConnection, Request], Response | None]
 
 @dataclass(frozen=True, slots=True)
 class AccessPolicy:
-    """Who may talk to an app that listens at ``host`` and ``port``."""
+    """Rule of who may talk to an app that listens at ``host`` and ``port``."""
 
     host: str
     port: int

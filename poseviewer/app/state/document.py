@@ -271,7 +271,7 @@ class Document:
         return self._placed(scene, index, problem.views[0].index)
 
     def _placed(self, scene: Scene, index: int, view: int) -> Document:
-        """With an object where ``scene`` has it; others stay as a view shows them."""
+        """Document with an object where ``scene`` has it; others stay as a view shows them."""
         scene = scene.with_object(index, is_placed=True)
         if scene.views != self.scene.views:
             for other, one in enumerate(self.scene.objects):

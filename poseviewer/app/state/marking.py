@@ -150,7 +150,7 @@ def lay_wheels(
 
 
 def solved(document: Document, tool: str) -> Document:
-    """With the pose that the marks of a tool give; where they give none it stays, with a note."""
+    """Document with the pose that a tool's marks give; where they give none, with a note."""
     try:
         pose = _pose_of_wheels(document) if tool == "wheels" else _pose_of_pairs(document)
     except QuickStartError as error:

@@ -323,7 +323,7 @@ class Session:
 
     @property
     def mapped(self) -> tuple[FitSettings, ...]:
-        """By which settings the losses are that the maps are to show."""
+        """Settings of the losses that the maps are to show."""
         own, whose = self.document.settings, self.whose
         if whose == "both":
             return tuple(map(self.settings_by, LOSSES))
@@ -335,7 +335,7 @@ class Session:
         return self.saved is None or self.saved.placement != self.document.placement
 
     def at(self, history: History, document: Document) -> Session:
-        """At another document of a history, without a search or results of another photo."""
+        """Session at another document of a history, without a search or another photo's results."""
         gone = {} if document.shown == self.document.shown else {**OF_A_PHOTO, "ends": ()}
         state = {"history": history, "document": document, "anchor": document.scene}
         return replace(self, search=None, **state, **gone)

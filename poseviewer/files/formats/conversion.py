@@ -285,8 +285,8 @@ def metres_per_unit(unit: str) -> float:
 def cameras_as_taken(
     scene: s.SceneRecord, tool: str, lenses: Lenses
 ) -> Iterator[tuple[Path, RigidTransform, Perspective, str, tuple[float, ...]]]:
-    """For each photo as taken its path, ``camera_from_model`` of the only object, the camera (pixel
-    centres at i + 0.5), and the tool's name of its lens and coefficients.
+    """List for each photo as taken its path, ``camera_from_model`` of the only object, the camera
+    (pixel centres at i + 0.5), and the tool's name of its lens and coefficients.
     """
     for index, view in enumerate(scene.views):
         perspective_of(view.camera, tool)

@@ -83,7 +83,7 @@ def colours_from_numbers(values: NDArray) -> NDArray[np.float64]:
 
 
 def split_by(which: NDArray, count: int) -> list[NDArray[np.int64]]:
-    """For each number below ``count``, where it stands in ``which`` (N,), in order."""
+    """List for each number below ``count`` where it stands in ``which`` (N,), in order."""
     order = np.argsort(which, kind="stable")
     return np.split(order, np.searchsorted(which[order], np.arange(1, count)))
 

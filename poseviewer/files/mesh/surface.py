@@ -1,4 +1,4 @@
-"""From the parts of a model file to a Mesh: checked, mended, with normals and a reflectance."""
+"""Mesh of the parts of a model file: checked, mended, with normals and a reflectance."""
 
 from dataclasses import replace
 from typing import Any

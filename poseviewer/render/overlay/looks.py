@@ -84,7 +84,7 @@ def draw_look(name: str, view: ModelInPhoto) -> Picture:
 
 
 def line_scale(width: int, height: int) -> float:
-    """By how much lines are widened in a photo of this size; never below 1."""
+    """Factor by which lines are widened in a photo of this size; never below 1."""
     return max(1.0, max(width, height) / REFERENCE_SIDE)
 
 
