@@ -200,8 +200,8 @@ def search_table(studies: Mapping[str, Sequence[Trial]]) -> Table:
     both = [trial for trial in every if len({t.method for t in starts[start(trial)]}) > 1]
     for names, some in sorted(grouped(both, line).items()):
         cells = *names, str(len(some)), str(Share.of(some)), COLUMNS["end"](some)
-        rows.append((*cells, *(COLUMNS[name](some) for name in ("evaluations", "seconds"))))
-    columns = "photos", "method", "fits", "right, %", "error, %", "evaluations", "seconds"
+        rows.append((*cells, COLUMNS["evaluations"](some)))
+    columns = "photos", "method", "fits", "right, %", "error, %", "evaluations"
     return Table("Each loss by each search: shares, and medians", columns, tuple(rows))
 
 

@@ -347,10 +347,10 @@ def unlike(shown: dict[str, Any], new: dict[str, Any]) -> list[str]:
 
 def check_files(tab: AppPage, running: RunningApp, folder: Path) -> None:
     """What is saved is the pose at hand; all poses, scenes and sessions can be read."""
-    document = running.app.session.document
-    in_pose, in_scene = document.pose.camera_from_model, document.object.world_from_model.rigid
 
     def is_saved() -> bool:
+        document = running.app.session.document  # what was asked for may still arrive
+        in_pose, in_scene = document.pose.camera_from_model, document.object.world_from_model.rigid
         press(tab, "s")
         poses = [load_json(path)["camera_from_model"] for path in folder.rglob("*.pose.json")]
         scenes = [load_json(path)["objects"] for path in folder.rglob("*.scene.json")]
