@@ -35,7 +35,7 @@ IN_CAMERA = ("cam_R_m2c", "cam_t_m2c")
 """BOP's names of the camera from a model."""
 PHOTO_NAME, MODEL_NAME = r"(\d+)\.\w+", r"obj_(\d+)\.\w+"
 PHOTO_FOLDERS = ("gray", "rgb")
-"""Where both are there, photos are those of the second."""
+"""Folders of a scene's photos; of both, the second counts."""
 PHOTO_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 MODEL_FILE = "obj_{:06d}.ply"
 SAME = 1e-9
