@@ -11,8 +11,6 @@ As a library (``poseviewer.api``)::
 The names below are loaded when they are first asked for: ``import poseviewer`` alone costs nothing.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:

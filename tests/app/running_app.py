@@ -1,7 +1,5 @@
 """The app in this process, on a thread, served on a port of its own."""
 
-from __future__ import annotations
-
 import sys
 import threading
 from collections.abc import Iterator

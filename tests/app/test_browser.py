@@ -1,7 +1,5 @@
 """The app as a person sees it: real Chromium on the real app."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """A crash of the app in real Chromium: the session is offered, the page comes back."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Painting over what is in front, and leaving parts out, in real Chromium on the real app."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

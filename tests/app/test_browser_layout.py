@@ -2,8 +2,6 @@
 lies over anything else.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The list of several objects in one photo, in real Chromium."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Model and photo coincide to half a pixel in real Chromium."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

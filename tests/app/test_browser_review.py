@@ -1,7 +1,5 @@
 """A review in real Chromium: the list of rows, verdicts, a corrected pose."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Files as people have them, dropped on the page in real Chromium: several, a folder."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A set of three photos in real Chromium: looked at, dragged, searched, saved."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A review: each row of a batch is an ordinary document, and nothing of a person's is lost."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The start of the app."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The bundled demo's files belong together, byte for byte."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from pathlib import Path

@@ -2,8 +2,6 @@
 is generated is up to date, and the notebook runs.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

@@ -1,7 +1,5 @@
 """Covariance of a pose in its tangent space."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The verdict on a pose by its features, and by several photos."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

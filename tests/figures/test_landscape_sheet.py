@@ -1,7 +1,5 @@
 """Sheets of maps: how many, of what, with which marks; and that they can be saved."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

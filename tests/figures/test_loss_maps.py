@@ -1,7 +1,5 @@
 """Maps of the loss in files: each kind holds them, and half a file never stays."""
 
-from __future__ import annotations
-
 from io import BytesIO
 from pathlib import Path
 

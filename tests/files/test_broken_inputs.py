@@ -1,7 +1,5 @@
 """Files that cannot be used, one of each kind that users come with, are refused in one sentence."""
 
-from __future__ import annotations
-
 import json
 import os
 import struct

@@ -1,7 +1,5 @@
 """Files are opened, numbers taken, and errors worded alike by all readers."""
 
-from __future__ import annotations
-
 import logging
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Files that came together are told apart; two of one kind are refused, and nothing guessed."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path

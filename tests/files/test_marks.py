@@ -1,7 +1,5 @@
 """Point pairs and wheels are read; mistakes are one sentence."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Masks as pictures, and beside pose files."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Sets of photos, read from four kinds of files."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

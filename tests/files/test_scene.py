@@ -1,7 +1,5 @@
 """Scene files: what is written is read back, and what is wrong is said in a sentence."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace

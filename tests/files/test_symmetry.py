@@ -1,7 +1,5 @@
 """Symmetries from files: beside a model, of a BOP data set, in pose files."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Tables of rows read back as they were, also where their writer was cut off."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import pytest

@@ -1,7 +1,5 @@
 """Files that version 0.1.0 wrote (``tests/fixtures/v0_1_0``) still open, with what they said."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The chart that suits a model and a pose, and why."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

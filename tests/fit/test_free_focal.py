@@ -1,7 +1,5 @@
 """An unknown focal length: freed, it comes nearer to the true one, and the pose with it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Which model is it: the right one first, judged on pixels that all share."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

@@ -1,7 +1,5 @@
 """Evidence on a pose of the small scene: its features, its covariance, and the border of charts."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace

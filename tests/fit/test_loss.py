@@ -1,7 +1,5 @@
 """Properties of the loss that the paper proves, and a least-squares oracle."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Things in front of the model are seen without being told; nothing else is taken for one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

@@ -1,7 +1,5 @@
 """The paper's method: four attributes, one simplex, the photo alone."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Poses that stand right but are turned about an axis: told from right ones, and mended."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Searches coarse to fine: what they report is judged on the photo, and they end at its minimum."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

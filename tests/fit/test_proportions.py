@@ -1,7 +1,5 @@
 """Models of other proportions than the thing in the photo."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

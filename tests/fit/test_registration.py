@@ -1,7 +1,5 @@
 """What a photo, a model and settings are made into."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A search with restarts: when it restarts, from where, and whose pose is taken."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

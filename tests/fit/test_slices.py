@@ -1,7 +1,5 @@
 """Slices through the loss: what is evaluated, in which order, and that it is the loss."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import combinations
 

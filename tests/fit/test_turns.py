@@ -1,7 +1,5 @@
 """Several objects in one photo: each is found among the others, and all of them in turn."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The scale that losses are read on."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

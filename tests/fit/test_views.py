@@ -1,7 +1,5 @@
 """One pose in several views."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

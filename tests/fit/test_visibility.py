@@ -1,7 +1,5 @@
 """Which pixels show which of several models, and what that leaves to be compared."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Moments summed over the model's pixels against NumPy's over the whole region."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

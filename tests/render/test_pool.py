@@ -1,7 +1,5 @@
 """Many poses at once give what one after another gives, and end when nobody asks any more."""
 
-from __future__ import annotations
-
 import threading
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Two rasterisers that share no code but the texture pyramid must give the same pictures."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,7 +1,5 @@
 """Classes and edges: what alters them, what does not, and that all renderers see the same."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

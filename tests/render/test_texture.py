@@ -1,7 +1,5 @@
 """The textures' definition: orientation, wrapping, levels."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Circles of an ellipse, and a vehicle's pose from the ellipses of its wheels."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

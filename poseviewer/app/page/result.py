@@ -2,8 +2,6 @@
 to be copied as matrix, quaternion or JSON.
 """
 
-from __future__ import annotations
-
 import math
 from html import escape
 from itertools import zip_longest

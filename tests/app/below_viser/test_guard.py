@@ -1,7 +1,5 @@
 """The guard of the web app, asked over real sockets as a browser would, or a stranger."""
 
-from __future__ import annotations
-
 import http.client
 import socket
 import sys

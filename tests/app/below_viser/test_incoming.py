@@ -1,7 +1,5 @@
 """Checks of what pages send: no more is uploaded than is allowed, only what makes sense goes on."""
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Iterator

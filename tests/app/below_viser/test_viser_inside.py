@@ -1,7 +1,5 @@
 """Viser's insides that the app uses: fails when viser changes them."""
 
-from __future__ import annotations
-
 import inspect
 import re
 from pathlib import Path

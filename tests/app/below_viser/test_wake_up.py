@@ -1,7 +1,5 @@
 """Pages are woken in the thread of the server's loop."""
 
-from __future__ import annotations
-
 import asyncio
 import threading
 

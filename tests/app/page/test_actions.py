@@ -1,7 +1,5 @@
 """Buttons, help and docs of the table of actions."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The maps as a page shows them: colours where the losses say, marks where the numbers say."""
 
-from __future__ import annotations
-
 import base64
 import re
 from dataclasses import replace

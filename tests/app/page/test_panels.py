@@ -1,7 +1,5 @@
 """The curve of a search, and the ends of two methods, as the step "Fit" shows them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Quick starts as a person makes them: clicks in a real Chromium on the demo."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

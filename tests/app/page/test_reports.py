@@ -1,7 +1,5 @@
 """Meanings of reports of a page."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

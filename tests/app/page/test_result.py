@@ -1,7 +1,5 @@
 """The pose in numbers, as the page shows it."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Texts of the panel on a session."""
 
-from __future__ import annotations
-
 import html
 import json
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Documents and sessions to test with: noise for a photo, a box for a car."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sessions on three photos, to test with: one colour each, seen by cameras that are known."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

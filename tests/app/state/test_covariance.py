@@ -1,7 +1,5 @@
 """How sure a searched pose is, in the session."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

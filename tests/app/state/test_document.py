@@ -1,7 +1,5 @@
 """Documents, their charts, and history that goes back to the very same objects."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Motions under the pointer: what must stay, stays; what is pulled, comes."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

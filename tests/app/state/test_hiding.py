@@ -1,7 +1,5 @@
 """What is painted over, or taken off the model, does not count; all of it can be undone."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

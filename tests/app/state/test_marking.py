@@ -1,7 +1,5 @@
 """Marks on the photo place the model; they can be moved, removed and undone."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Both methods in the session: chosen, mapped, compared; each end can be taken, and undone."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

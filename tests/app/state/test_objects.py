@@ -1,7 +1,5 @@
 """Several objects in one photo: one is picked, all else goes on working on it, nothing is lost."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

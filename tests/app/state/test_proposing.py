@@ -1,7 +1,5 @@
 """Proposed starts: asked for, stepped through, taken, and undone in one step."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from html import escape

@@ -3,8 +3,6 @@
 The page is driven at random by ``python -m tests.measure.drive``; this is what lies below it.
 """
 
-from __future__ import annotations
-
 import random
 from collections.abc import Callable
 from contextlib import suppress

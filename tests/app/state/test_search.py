@@ -1,7 +1,5 @@
 """Searches and maps in the session, with real updates; and what waits until all is ready."""
 
-from __future__ import annotations
-
 import pytest
 
 from poseviewer import api

@@ -1,7 +1,5 @@
 """What commands do to a session: one step for a drag, exact undo, refusals that change nothing."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A scribble grows to the edge of the thing that it lies on."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

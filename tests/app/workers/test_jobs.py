@@ -1,7 +1,5 @@
 """What runs beside the session gives what the command line gives, piece by piece."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from itertools import combinations

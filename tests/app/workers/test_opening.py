@@ -1,7 +1,5 @@
 """What the app opens with a calibration, with a pose of an undistorted photo, and again."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The model drawn over the photo, among others, and outlines in the strip of a set."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from threading import Event
 

@@ -1,7 +1,5 @@
 """Names of saved poses, and what becomes of files that are there already."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from errno import EROFS
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Tasks are done in order; those that are dropped bring nothing."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The photos of a set through the app's workers: opened, drawn, mapped, searched, saved, kept."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 from pathlib import Path

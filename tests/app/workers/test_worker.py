@@ -1,7 +1,5 @@
 """Promises of jobs, told by events: nothing here waits for the clock."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

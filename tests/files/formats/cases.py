@@ -1,7 +1,5 @@
 """Poses that show a slip: unequal focal lengths, a principal point off the middle, turned axes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

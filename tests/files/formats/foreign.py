@@ -1,7 +1,5 @@
 """Run another tool's own reader, in a process of its own: these libraries do not mix."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """A scene's files as the BOP toolkit publishes them; appended to, never replaced."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

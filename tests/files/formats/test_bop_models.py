@@ -1,7 +1,5 @@
 """Files of a BOP data set that cannot be read are said in a line."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

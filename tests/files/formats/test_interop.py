@@ -1,7 +1,5 @@
 """The other tools' own readers see the model where we see it."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from xml.etree import ElementTree

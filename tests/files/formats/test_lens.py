@@ -1,7 +1,5 @@
 """Poses found through a lens: every number that is written says which photo it belongs to."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

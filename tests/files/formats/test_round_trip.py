@@ -1,7 +1,5 @@
 """Files read back; poses that a format cannot say are refused; nothing is overwritten."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

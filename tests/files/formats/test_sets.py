@@ -1,7 +1,5 @@
 """Formats say every camera of a pose in a set of photos."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

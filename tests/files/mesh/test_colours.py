@@ -1,7 +1,5 @@
 """Colours and textures of model files come in as they would be shown."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

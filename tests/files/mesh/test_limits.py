@@ -1,7 +1,5 @@
 """Huge models, and models with very many textures or parts, take bounded memory."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Names in model files, and the files that they mean."""
 
-from __future__ import annotations
-
 import json
 import struct
 import unicodedata

@@ -1,7 +1,5 @@
 """Sessions: written and read back, left behind by a killed process, damaged, of version 1."""
 
-from __future__ import annotations
-
 import json
 import logging
 import os

@@ -1,7 +1,5 @@
 """Uploads are kept on disk under their own names, and never outside."""
 
-from __future__ import annotations
-
 import json
 import os
 import stat

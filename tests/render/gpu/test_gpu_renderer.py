@@ -1,7 +1,5 @@
 """The GPU's moments are the software renderer's; and what is done where it cannot be used."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Silhouettes as line segments, against circles whose outline is known."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Looks against circles, cubes and residuals that are known exactly."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Coarser levels of a photo: what they average, and that they have the full photo's minimum."""
 
-from __future__ import annotations
-
 import tracemalloc
 
 import numpy as np

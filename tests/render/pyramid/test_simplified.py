@@ -1,7 +1,5 @@
 """Simplified models look like the original from all around, and lie on it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Machine code of kernels: where it cannot be kept, when it is old, and who compiles it."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The rasteriser against analytic pictures, exact coverage, and the plain path to the moments."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
