@@ -27,7 +27,7 @@ ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", "
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "PPM")
 """Pillow's names of them; its readers of others believe the lengths that a file claims."""
 RAW_ENDINGS = (".dng", ".nef", ".cr2", ".cr3", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw")
-DNG_VERSION, SUBFILE_TYPE, TILE_WIDTH, BITS = 50706, 254, 322, 258
+DNG_VERSION, SUBFILE_TYPE, BITS = 50706, 254, 258
 """TIFF's tags."""
 REDUCED = 1
 """Subfile type of a preview, as that of raw files is."""
@@ -123,10 +123,9 @@ def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]
             is_transparent = image.has_transparency_data
             image.load()  # whether it is whole: OpenCV fills up with grey
             depth = max(tags.get(BITS, (data[24] if image.format == "PNG" else 8,)))
-            is_tiled = TILE_WIDTH in tags and image.mode == "I;16"  # which OpenCV turns wrongly
-            if is_tiled or (depth <= 8 and image.mode[0] not in "IF"):
+            if depth <= 8 and image.mode[0] not in "IF":
                 ImageOps.exif_transpose(image, in_place=True)
-                if image.mode not in ("L", "RGB", "I;16"):
+                if image.mode not in ("L", "RGB"):
                     image = image.convert("L" if image.mode in ("1", "LA") else "RGB")
                 return np.atleast_3d(np.asarray(image)), focal, is_transparent
             image.close()  # frees its pixels

@@ -13,10 +13,12 @@ from tests.textured import write_ply
 
 
 def test_an_obj_names_its_mtl_and_that_its_pictures(tmp_path: Path) -> None:
-    (tmp_path / "a.obj").write_text("o x\nmtllib my paint.mtl\r\nv 0 0 0\n# mtllib no.mtl\n")
-    assert names_in(tmp_path / "a.obj") == {"my paint.mtl": True}
+    (tmp_path / "a.obj").write_text(
+        "\ufeffmtllib a.mtl b.mtl\no x\nmtllib\tmy paint.mtl \r\nv 0 0 0\n# mtllib no.mtl\n"
+    )
+    assert names_in(tmp_path / "a.obj") == {"a.mtl": True, "b.mtl": True, "my paint.mtl": True}
     (tmp_path / "b.mtl").write_text(
-        "newmtl m\nmap_Kd -s 1 1 1 wood.png\nmap_Bump -bm 0.2 grain.png\nnorm n.png\nKd 1 1 1\n"
+        "newmtl m\n\tmap_Kd\t-s 1 1 1 wood.png\nmap_Bump -bm 0.2 grain.png\nnorm n.png\nKd 1 1 1\n"
     )
     assert names_in(tmp_path / "b.mtl") == {"wood.png": True, "grain.png": False, "n.png": False}
 
