@@ -30,7 +30,7 @@ from poseviewer.starts.placing import surface_point
 from poseviewer.starts.point_pairs import start_from_pairs
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage, open_browser
-from tests.lenses import from_taken
+from tests.lenses import as_taken, write_camera
 from tests.several import make_three
 from tests.view_sets import BOX, BOX_TRUTH, CAMERA, MESH, TRUTH, write_two, write_views
 
@@ -186,19 +186,9 @@ def make_lens(folder: Path) -> None:
     known = load_pose(DEMO.truth, *PHOTO).pose.camera
     assert isinstance(known, Perspective)
     camera = replace(known, fx=1.15 * known.fx, fy=1.15 * known.fy)
-    rows, columns = np.mgrid[: photo.height, : photo.width] + 0.5
-    points = np.stack([columns, rows], axis=-1).reshape(-1, 2)
-    at = from_taken(Undistortion(LENS, camera, known), points) - 0.5
-    at = at.reshape(*rows.shape, 2).astype(np.float32)
-    taken = cv2.remap(photo.pixels, at[..., 0], at[..., 1], cv2.INTER_CUBIC)
+    taken = as_taken(Undistortion(LENS, camera, known), photo.pixels)
     Image.fromarray(taken).save(folder / "taken.png")
-    matrix = np.array([[camera.fx, 0, camera.cx - 0.5], [0, camera.fy, camera.cy - 0.5], [0, 0, 1]])
-    storage = cv2.FileStorage(str(folder / "camera.yml"), cv2.FILE_STORAGE_WRITE)
-    storage.write("image_width", camera.width)
-    storage.write("image_height", camera.height)
-    storage.write("camera_matrix", matrix)
-    storage.write("distortion_coefficients", LENS.array.reshape(-1, 1))
-    storage.release()
+    write_camera(folder / "camera.yml", camera, LENS)
     words = ("undistort", "taken.png", "--calibration", "camera.yml", "--out", "flat.png")
     assert command_line([str(folder / word) if "." in word else word for word in words]) == 0
     save_sheet(DOCS / "lens.jpg", taken, np.array(Image.open(folder / "flat.png").convert("RGB")))

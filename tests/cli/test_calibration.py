@@ -4,7 +4,6 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import jsonschema
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.lens import Lens, Undistortion, same_undistortion
 from poseviewer.geometry.pose_error import pose_error
 from tests.commands import run
-from tests.lenses import from_taken
+from tests.lenses import as_taken, write_camera
 from tests.schemas import json_schema
 
 TAKEN = Perspective(300.0, 300.0, 83.0, 58.0, 160, 120)
@@ -32,21 +31,9 @@ FIT = "fit taken.png m.ply --quiet"
 
 def take(folder: Path, lens: Lens) -> Calibration:
     """Write ``p.png`` as a lens takes it, ``taken.png``, and ``camera.yml`` as OpenCV writes it."""
-    pixels = np.array(load_photo(folder / "p.png").pixels, np.uint8)
-    v, u = np.mgrid[:120, :160] + 0.5
-    taken = from_taken(Undistortion.of(lens, TAKEN), np.stack([u, v], -1).reshape(-1, 2)) - 0.5
-    maps = taken.reshape(120, 160, 2).astype(np.float32)
-    assert np.abs(maps - np.stack([u, v], -1) + 0.5).max() > 5.0
-    distorted = cv2.remap(pixels, maps[..., 0], maps[..., 1], cv2.INTER_CUBIC)
-    save_image(folder / "taken.png", distorted)
-    storage = cv2.FileStorage(str(folder / "camera.yml"), cv2.FILE_STORAGE_WRITE)
-    for name, value in (("image_width", 160), ("image_height", 120)):
-        storage.write(name, value)
-    storage.write("fisheye_model", int(lens.model == "fisheye"))
-    storage.write("camera_matrix", np.array([[300, 0, 82.5], [0, 300, 57.5], [0, 0, 1.0]]))
-    storage.write("distortion_coefficients", lens.array)
-    storage.release()
-    return Calibration(folder / "camera.yml")
+    pixels, undistortion = load_photo(folder / "p.png").pixels, Undistortion.of(lens, TAKEN)
+    save_image(folder / "taken.png", as_taken(undistortion, pixels))
+    return Calibration(write_camera(folder / "camera.yml", TAKEN, lens))
 
 
 @pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES)

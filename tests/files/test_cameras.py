@@ -11,6 +11,7 @@ from poseviewer.errors import CalibrationFileError
 from poseviewer.files.cameras import Calibration, load_calibration, load_cameras
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens
+from tests.lenses import write_camera
 
 MATRIX = np.array([[1234.5678901234567, 0.0, 640.25], [0.0, 1236.1, 355.0625], [0.0, 0.0, 1.0]])
 INSIDE = Perspective(1234.5678901234567, 1236.1, 640.75, 355.5625, 1280, 720)
@@ -23,18 +24,6 @@ COEFFICIENTS = {
 FISHEYE = (0.05, -0.02, 0.006, -0.001)
 
 
-def write_by_opencv(path: Path, coefficients: tuple[float, ...], fisheye: bool = False) -> Path:
-    """Write a calibration as OpenCV's own sample does."""
-    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-    storage.write("image_width", 1280)
-    storage.write("image_height", 720)
-    storage.write("fisheye_model", int(fisheye))
-    storage.write("camera_matrix", MATRIX)
-    storage.write("distortion_coefficients", np.array(coefficients)[:, None])
-    storage.release()
-    return path
-
-
 def write(path: Path, content: object) -> Path:
     path.write_text(content if isinstance(content, str) else json.dumps(content))
     return path
@@ -43,15 +32,14 @@ def write(path: Path, content: object) -> Path:
 @pytest.mark.parametrize("count", COEFFICIENTS)
 @pytest.mark.parametrize("ending", [".yml", ".yaml", ".json", ".xml"])
 def test_what_opencv_writes_reads_back_to_the_last_digit(tmp_path, ending, count):
-    path = write_by_opencv(tmp_path / f"camera{ending}", COEFFICIENTS[count])
-    (found,) = load_cameras(path)
-    assert found.camera == INSIDE
-    assert found.lens == Lens("opencv", COEFFICIENTS[count])
+    lens = Lens("opencv", COEFFICIENTS[count])
+    (found,) = load_cameras(write_camera(tmp_path / f"camera{ending}", INSIDE, lens))
+    assert (found.camera, found.lens) == (INSIDE, lens)
 
 
 def test_opencvs_fisheye_is_known_by_its_mark_or_by_the_users_word(tmp_path):
-    marked = write_by_opencv(tmp_path / "a.yml", FISHEYE, fisheye=True)
-    assert load_cameras(marked)[0].lens == Lens("fisheye", FISHEYE)
+    marked = Lens("fisheye", FISHEYE)
+    assert load_cameras(write_camera(tmp_path / "a.yml", INSIDE, marked))[0].lens == marked
     plain = {"K": MATRIX.tolist(), "D": [[k] for k in FISHEYE], "image_size": [1280, 720]}
     path = write(tmp_path / "b.json", plain)
     assert load_cameras(path)[0].lens == Lens("opencv", FISHEYE)
@@ -155,7 +143,7 @@ def test_bops_cameras_are_read(tmp_path):
 
 
 def test_a_calibration_is_scaled_in_the_same_ratio_alone(tmp_path):
-    path = write_by_opencv(tmp_path / "c.yml", COEFFICIENTS[5])
+    path = write_camera(tmp_path / "c.yml", INSIDE, Lens("opencv", COEFFICIENTS[5]))
     half, notes = load_calibration(Calibration(path), "p.png", 640, 360)
     assert half.camera == INSIDE.resized(640, 360)
     assert half.lens == Lens("opencv", COEFFICIENTS[5])  # it acts on rays: no px in it
