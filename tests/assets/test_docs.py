@@ -9,9 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from assets.source import understood
+from assets.source import tables
 from assets.source.api_reference import api_as_markdown
-from assets.source.rooms import PICTURE, rooms_as_svg
 from poseviewer.cli import main as cli
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -73,20 +72,14 @@ def test_commands_are_commands(page: Path):
             pytest.fail(f"{line}: ends with {ended.code}")
 
 
-def test_the_table_of_files_is_that_of_the_readers():
-    page = understood.PAGE.read_text("utf-8")
-    assert page == understood.page(), "run: python -m assets.source.understood"
+@pytest.mark.parametrize("page", tables.PAGES, ids=lambda page: page.name)
+def test_tables_are_those_of_readers_and_contracts(page):
+    assert page.read_text("utf-8") == tables.page(page), "run: python -m assets.source.tables"
 
 
 def test_the_api_reference_is_that_of_the_docstrings():
     page = (DOCS / "api.md").read_text(encoding="utf-8")
     assert page == api_as_markdown(), "run: python -m assets.source.api_reference"
-
-
-def test_the_picture_of_the_rooms_is_that_of_the_contracts():
-    assert PICTURE.read_text(encoding="utf-8") == rooms_as_svg(), (
-        "run: python -m assets.source.rooms"
-    )
 
 
 @pytest.mark.slow

@@ -1,10 +1,12 @@
-"""The table in ``assets/docs/files.md`` of what is understood, noted and refused, made from the
-readers' own lists.
+"""Tables in the docs: what is understood, noted and refused (``files.md``), from the readers' own
+lists; the rooms (``architecture.md``), from their import contract.
 
-Run from the repository's root: ``python -m assets.source.understood`` writes it.
+Run from the repository's root: ``python -m assets.source.tables`` writes them.
 """
 
+import ast
 import re
+import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -15,20 +17,21 @@ from poseviewer.files.mesh.gltf import HARMLESS, LOST, UNDERSTOOD
 from poseviewer.files.mesh.load import ELSEWHERE, READERS
 from poseviewer.files.photo import ENDINGS, RAW_ENDINGS
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "files.md"
-PART = re.compile(r"(?<=<!-- understood -->\n).*(?=<!-- end -->)", re.DOTALL)
+ROOT = Path(__file__).resolve().parents[2]
+PART = re.compile(r"(?<=<!-- made -->\n).*(?=<!-- end -->)", re.DOTALL)
+RULE = "---"
 
 
-def table() -> str:
-    """The rows, in Markdown."""
+def files() -> list[tuple[str, ...]]:
+    """Rows of what is understood."""
     plain = [name for name in READERS if "gl" not in name]
     colmap = {True: [], False: []}
     for name, (*_, lens) in MODELS.items():
         colmap[lens is not None].append(name)
     tools = ", ".join(dict.fromkeys(form.tools for form in FORMS))
-    rows = [
+    return [
         ("format", "understood", "noted", "refused"),
-        ("---", "---", "---", "---"),
+        (RULE,) * 4,
         ("photos", _codes(ENDINGS), "transparency", f"raw: {_codes(RAW_ENDINGS)}"),
         (
             "models", f"{_codes(plain)}; polygons, strips, textures of 8 and 16 bits",
@@ -56,12 +59,34 @@ def table() -> str:
         ("COLMAP", _codes(colmap[True]), "", _codes(colmap[False])),
         ("poses", _codes(FORMATS), "a rotation that is not quite one; another photo or model", ""),
     ]  # fmt: skip
-    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 
-def page() -> str:
+def architecture() -> list[tuple[str, ...]]:
+    """Rows of the rooms that may import one another downwards, the uppermost first."""
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]
+    rows = [("rooms", "what is in them"), (RULE,) * 2]
+    for layer in contracts["contracts"][0]["layers"]:
+        rooms = layer.split(" | ")
+        rows.append((_codes(rooms), "<br>".join(map(_purpose, rooms))))
+    return rows
+
+
+def _purpose(room: str) -> str:
+    """The first sentence of a room's docstring."""
+    package = ROOT / "poseviewer" / room
+    path = package / "__init__.py" if package.is_dir() else package.with_suffix(".py")
+    text = ast.get_docstring(ast.parse(path.read_text())) or ""
+    return " ".join(text.split("\n\n")[0].split()).rstrip(".:")
+
+
+PAGES = {ROOT / "assets" / "docs" / f"{make.__name__}.md": make for make in (files, architecture)}
+"""Functions that make the rows of the table of each page."""
+
+
+def page(path: Path) -> str:
     """The page with the table as it is made now."""
-    return PART.sub(lambda _: table(), PAGE.read_text("utf-8"))
+    text = "".join(f"| {' | '.join(row)} |\n" for row in PAGES[path]())
+    return PART.sub(lambda _: text, path.read_text("utf-8"))
 
 
 def _codes(names: Iterable[str]) -> str:
@@ -69,4 +94,5 @@ def _codes(names: Iterable[str]) -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page(), "utf-8")
+    for path in PAGES:
+        path.write_text(page(path), "utf-8")
