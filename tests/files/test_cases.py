@@ -2,6 +2,8 @@
 values are said in the README beside each, and were computed without us.
 """
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -37,7 +39,7 @@ def test_cameras(shared_cases, name, capsys):
     assert f"from {path.name}" in said  # and the keys
 
 
-MODELS: dict[str, dict[str, object]] = {
+MODELS: dict[str, dict[str, Any]] = {
     "concave_ngons/u_bracket.obj": {"area": 10.52},
     "concave_ngons/letter_e.obj": {"area": 4.984},
     "concave_ngons/l_plate.ply": {"area": 3.0},
