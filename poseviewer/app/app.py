@@ -58,7 +58,7 @@ class App:
     ) -> None:
         sys.setswitchinterval(INTERPRETER_SHARE_S)
         self._mailbox: Mailbox[Request] = Mailbox()
-        self.session = Session(document, anchor=document.scene, saved=document)
+        self.session = Session(document, anchor=document.scene, saved=document).opened
         notify = self._mailbox.notify
         self._tasks = Tasks(notify, state)
         self._review = review

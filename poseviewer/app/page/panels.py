@@ -136,7 +136,8 @@ def _add_quick_start(controls: Controls) -> None:
     def label(session: Session) -> str:
         own = ACTIONS["box"]
         drawing = own.end if session.tool == "box" else own.label
-        return ACTIONS["propose"].end if session.proposing else drawing
+        is_asked_for = session.proposing and not session.looking
+        return ACTIONS["propose"].end if is_asked_for else drawing
 
     controls.action("box", label=label, color=None, icon="frame")
     controls.html(lambda s: WAITING if s.proposing else "")

@@ -45,6 +45,11 @@ PLACE_HINT = (
     "<b>press where the object is</b>, or drag the model there &nbsp;·&nbsp; "
     "<b>Fit to box</b> proposes starting poses"
 )
+LOOKING_HINT = (
+    "<b>Looking for the object ...</b> &nbsp;·&nbsp; or <b>press where it is</b> &nbsp;·&nbsp; "
+    "Esc stops"
+)
+UNSURE_HINT = "<b>which is it?</b> press a picture at the left, or <b>where the object is</b>"
 SEARCHING_HINT = (
     "the best pose so far is shown &nbsp;·&nbsp; <b>space</b> stops the search and keeps it"
 )
@@ -94,10 +99,14 @@ def hint_of(session: Session) -> str:
             return TOOL_HINTS[tool]
         case _ if session.searching:
             return SEARCHING_HINT
+        case _ if session.looking:
+            return LOOKING_HINT
+        case _ if not session.document.object.is_placed:
+            return UNSURE_HINT if session.proposals else PLACE_HINT
         case _ if session.look == "residual":
             return ""  # it would lie over the colours' legend
         case _:
-            return USUAL_HINT if session.document.object.is_placed else PLACE_HINT
+            return USUAL_HINT
     return f"<b>{what}</b>{MARKING_HINT}"
 
 
@@ -127,13 +136,18 @@ def proposals_text(session: Session) -> str:
     asked = session.proposals
     if session.proposing and session.preparation is not None:
         return "Waiting to begin."
-    if session.proposing:
-        return "Trying views from everywhere (Esc stops it): some seconds, longer without a box."
-    if asked is not None and asked.starts:
-        which = f"**proposal {asked.index + 1} of {len(asked.starts)}**"
-        others = "press another one, or " if len(asked.starts) > 1 else ""
-        return f"{which}: {others}space to search from here"
-    return ""
+    if asked is None:
+        return ""
+    if not asked.starts:
+        return "Looking for the object ... (Esc stops)"
+    if not asked.is_over:
+        return "Fitting the likeliest ... (Esc stops)"
+    count = len(asked.starts)
+    if asked.index < 0:
+        return f"**{_counted(count, 'proposal')}**, none of them sure: press the right one"
+    others = "press another one, or " if count > 1 else ""
+    what = "fitted" if session.search else f"{others}space to search from here"
+    return f"**proposal {asked.index + 1} of {count}**: {what}"
 
 
 def focal_note(session: Session) -> str:

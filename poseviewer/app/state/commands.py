@@ -12,7 +12,15 @@ from typing import Any, Literal
 import numpy as np
 
 from poseviewer.app.state.camera_change import camera_from_numbers, with_camera
-from poseviewer.app.state.document import UNLOCK, Document, History, label_of, scale_at, stands
+from poseviewer.app.state.document import (
+    UNLOCK,
+    Document,
+    History,
+    compared,
+    label_of,
+    scale_at,
+    stands,
+)
 from poseviewer.app.state.dragging import (
     draw_rectangle,
     moved,
@@ -95,6 +103,7 @@ def press(
     """Take hold of what is at a point of the photo, of any object; with a marking tool, set a mark
     where there is none; put a model that is nowhere yet there. ``zoom``: screen px per photo px.
     """
+    session = stop_proposing()(session)
     document, point, tool = session.document, np.array([x, y]), session.tool
     if tool == "part":
         return leave_out(x, y)(session)
@@ -295,10 +304,11 @@ def redo(session: Session) -> Session:
 def open_document(
     session: Session, document: Document, unsaved: bool = False, is_first: bool = False
 ) -> Session:
-    """Open another photo, model or both. ``unsaved``: its pose stands in no file; ``is_first``:
-    undo does not lead back before it.
+    """Open another photo, model or both. ``unsaved``: its pose stands in no file, and a model
+    without one is not looked for; ``is_first``: undo does not lead back before it.
     """
     opened = session.with_document(document)
+    opened = opened if unsaved else opened.opened
     history = History() if is_first else opened.history
     saved = None if unsaved else document
     return replace(opened, history=history, drag=None, tool="pose", saved=saved)
@@ -379,7 +389,7 @@ def set_field_of_view(session: Session, degrees: float) -> Session:
 def propose_starts(session: Session) -> Session:
     """Look for start poses, in the rectangle about the object; or stop looking."""
     if session.proposing:
-        return replace(session, proposals=None)
+        return stop_proposing()(session)
     tool = "pose" if session.tool == "box" else session.tool
     return replace(session, proposals=ProposedStarts(session.document), tool=tool)
 
@@ -387,29 +397,51 @@ def propose_starts(session: Session) -> Session:
 @edit
 def toggle_box(session: Session) -> Session:
     """Draw a rectangle about the object, to look for start poses there; or stop looking."""
-    return (stop_proposing() if session.proposing else set_tool("box"))(session)
+    is_asked_for = session.proposing and not session.looking
+    return (stop_proposing() if is_asked_for else set_tool("box"))(session)
 
 
 @edit
 def stop_proposing(session: Session) -> Session:
     """Look for start poses no more."""
-    return replace(session, proposals=None) if session.proposing else session
+    asked = session.proposals
+    return replace(session, proposals=asked.stopped) if asked and session.proposing else session
 
 
-@edit
+@drag_edit
 def starts_proposed(
     session: Session,
     document: Document,
     starts: tuple[Proposal, ...],
     outlines: tuple[FloatArray, ...],
 ) -> Session:
-    """Take the likeliest of the starts that were asked for at ``document``, and list all."""
+    """List the starts that were asked for at ``document``; take the likeliest, unless the model
+    was nowhere: then its fit follows.
+    """
     asked = session.proposals
     if asked is None or asked.document is not document or asked.starts:
         return session
-    return take_start(0)(
-        replace(session, proposals=replace(asked, starts=starts, outlines=outlines))
-    )
+    session = replace(session, proposals=replace(asked, starts=starts, outlines=outlines))
+    return take_start(0)(session) if document.object.is_placed else session
+
+
+@drag_edit
+def start_fitted(
+    session: Session, document: Document, asked: SearchRequest, latest: SearchUpdate, index: int
+) -> Session:
+    """Put a model that was looked for at ``document`` where a search from a proposal has ended,
+    if that is found.
+    """
+    proposals, result = session.proposals, latest.results[document.active]
+    if proposals is None or proposals.document is not document or proposals.is_over:
+        return session
+    scenes, verdict = (session.document.scene, document.scene), result and result.verdict
+    is_same = len({compared(scene, document.active) for scene in scenes}) == 1
+    if not (is_same and verdict and verdict.word == "found"):
+        return stop_proposing()(session)
+    session = take_start(index)(session)
+    session = replace(session, document=found_at(session.document, latest))
+    return replace(session, search=Search(asked, False, latest), anchor=asked.start.scene)
 
 
 @edit
@@ -418,7 +450,8 @@ def step_proposals(session: Session, by: int = 1) -> Session:
     asked = session.proposals
     if asked is None or not asked.starts:
         return session
-    return take_start((asked.index + by) % len(asked.starts))(session)
+    at = max(asked.index, min(-by, 0))  # while none is taken: the first, or the last
+    return take_start((at + by) % len(asked.starts))(session)
 
 
 @edit
@@ -430,7 +463,7 @@ def take_start(session: Session, index: int) -> Session:
     document = put(session.document, asked.starts[index].pose).started
     # One step back leads to before all proposals.
     session = session.with_document(document, asked.document)
-    return replace(session, proposals=replace(asked, index=index))
+    return replace(session, proposals=replace(asked, index=index, is_over=True))
 
 
 # --- searches and maps --------------------------------------------------------------------------
@@ -482,7 +515,7 @@ def _searching(
         return session
     if session.preparation is not None and session.preparation.trouble:
         raise SettingsError(session.preparation.trouble)
-    document = session.document
+    session, document = stop_proposing()(session), session.document
     if document.object.locked and indices == (document.active,):
         raise SettingsError(f"{label_of(document.object)} is locked: {UNLOCK} to search")
     return replace(

@@ -27,7 +27,7 @@ def add_object(session: Session, model: LoadedModel | None = None) -> Session:
     """Add an object, active and still to be placed; None: of the active one's model."""
     document = session.document
     added = session.with_document(with_added(document, model or document.model))
-    return replace(added, tool="pose", photo_alone=False)
+    return replace(added, tool="pose", photo_alone=False).opened
 
 
 def with_added(document: Document, model: LoadedModel) -> Document:

@@ -28,6 +28,7 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.starts.automatic import Proposal, StartQuery
+from poseviewer.starts.instances import beside
 from poseviewer.starts.loading import StartInputs
 
 NO_LINES = np.zeros((0, 2, 2))
@@ -153,15 +154,24 @@ class ProposedStarts:
     """The likeliest first; none while they are looked for."""
     outlines: tuple[FloatArray, ...] = ()
     """(n, 2, 2) of each: line segments in px of the photo."""
-    index: int = 0
-    """The one that is shown."""
+    index: int = -1
+    """The one that is taken; -1: none yet."""
+    is_over: bool = False
+    """Whether nothing is looked for, or fitted, any more."""
+
+    @property
+    def stopped(self) -> ProposedStarts | None:
+        """What is left of them when nothing more is looked for."""
+        return replace(self, is_over=True) if self.starts else None
 
 
 def start_query(document: Document) -> StartQuery:
-    """Request for start poses at a document, by its camera."""
-    own = document.own
+    """Request for start poses at a document, by its camera, beside others of the same model."""
+    own, scene = document.own, document.scene
     settings = replace(document.settings, region=own.region)
     inputs = StartInputs(document.photo, document.mesh, document.model.keypoints, document.mask)
+    placed = (scene.placed(index, document.at) for index in document.others)
+    inputs = beside(inputs, [one for one in placed if one.mesh is document.mesh])
     box = document.marks.box or own.region
     return StartQuery(inputs, document.pose.camera, box, settings)
 
@@ -281,7 +291,18 @@ class Session:
     @property
     def proposing(self) -> bool:
         """Whether start poses are being looked for."""
-        return self.proposals is not None and not self.proposals.starts
+        return self.proposals is not None and not self.proposals.is_over
+
+    @property
+    def looking(self) -> bool:
+        """Whether this is for a model that is nowhere yet: whatever places it ends that."""
+        return self.proposing and not self.document.object.is_placed
+
+    @property
+    def opened(self) -> Session:
+        """The session that looks for an active object that is nowhere yet."""
+        is_placed = self.document.object.is_placed
+        return self if is_placed else replace(self, proposals=ProposedStarts(self.document))
 
     @property
     def moving(self) -> bool:
@@ -337,8 +358,10 @@ class Session:
     def at(self, history: History, document: Document) -> Session:
         """Session at another document of a history, without a search or another photo's results."""
         gone = {} if document.shown == self.document.shown else {**OF_A_PHOTO, "ends": ()}
-        state = {"history": history, "document": document, "anchor": document.scene}
-        return replace(self, search=None, **state, **gone)
+        state = {"history": history, "document": document, "anchor": document.scene, **gone}
+        if self.looking and self.proposals and document.object.is_placed:
+            state = {"proposals": self.proposals.stopped, **state}
+        return replace(self, search=None, **state)
 
     def with_active(self, index: int) -> Session:
         """Make another object active, which is no step; the same session where it is."""

@@ -9,6 +9,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, TypeVar
 from weakref import WeakSet
 
+import numpy as np
+
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.document import Document, reference_view
 from poseviewer.app.state.edits import Edit
@@ -20,17 +22,18 @@ from poseviewer.app.state.session import (
     start_query,
 )
 from poseviewer.app.workers.worker import Job, lower_priority
-from poseviewer.errors import SettingsError, sentence_of
+from poseviewer.errors import PoseViewerError, SettingsError, sentence_of
 from poseviewer.fit import search as fit
 from poseviewer.fit.problem import make_problem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.scene import Scene
 from poseviewer.fit.settings import LOSSES
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.overlay.contour import quick_silhouette
 from poseviewer.render.pool import processors
 from poseviewer.render.types import Renderer
-from poseviewer.starts.automatic import propose
+from poseviewer.starts.automatic import best_start, propose
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -111,19 +114,44 @@ def proposing(notify: Callable[[], None]) -> Job[Document, Edit]:
 
     def asked(session: Session) -> Document | None:
         wanted = session.proposals if session.preparation is None else None
-        return wanted.document if wanted is not None and not wanted.starts else None
+        return wanted.document if wanted is not None and not wanted.is_over else None
 
     def make(document: Document) -> Iterator[Edit]:
-        def watch() -> None:
-            job.require_asked(document)
+        return proposed(document, lambda: job.require_asked(document))
 
-        renderer = renderer_of(document.mesh).clone()
-        starts = tuple(propose(start_query(document), renderer, lower_priority, watch))
+    job = Job(
+        "proposals",
+        asked,
+        make,
+        notify,
+        failed=lambda *_: c.stop_proposing(),
+        low_priority=True,
+    )
+    return job
+
+
+def proposed(document: Document, watch: Callable[[], None]) -> Iterator[Edit]:
+    """Propose start poses, and fit the best of them for a model that is nowhere yet; that it is not
+    seen is an error for a model that is placed alone. ``watch`` may raise to stop it.
+    """
+    query, renderer = start_query(document), renderer_of(document.mesh).clone()
+    try:
+        starts = tuple(propose(query, renderer, lower_priority, watch))
         lines = tuple(quick_silhouette(document.mesh, renderer, one.pose) for one in starts)
         yield c.starts_proposed(document, starts, lines)
-
-    job = Job("proposals", asked, make, notify, failed=lambda *_: c.stop_proposing())
-    return job
+        if document.object.is_placed:
+            return
+        best = best_start(query, starts, renderer, watch).pose
+        begun = c.put(document, best).started
+        asked = SearchRequest(begun, (begun.settings,), (begun.active,))
+        for update in run_search(asked):  # noqa: B007 - the last one is what is wanted
+            watch()
+        away = [pose_error(document.mesh, best, one.pose).reprojection_px for one in starts]
+        yield c.start_fitted(document, asked, update, int(np.argmin(away)))
+    except PoseViewerError:
+        if document.object.is_placed:
+            raise
+        yield c.stop_proposing()
 
 
 def run_search(asked: SearchRequest) -> Iterator[SearchUpdate]:

@@ -9,11 +9,17 @@ import pytest
 
 from poseviewer.app.page.reports import meaning_of
 from poseviewer.app.page.strip import proposals_row
+from poseviewer.app.page.texts import proposals_text
 from poseviewer.app.state import commands as c
+from poseviewer.app.state.document import verdict_of
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.objects import add_object, pick_object
 from poseviewer.app.state.session import Session, start_query
+from poseviewer.app.workers.jobs import proposed as made
+from poseviewer.app.workers.opening import open_files
+from poseviewer.confidence.verdict import Verdict
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.starts.automatic import Proposal
 from tests.app.state.documents import (
@@ -34,6 +40,12 @@ STARTS = tuple(Proposal(pose, 1.0, 0.3) for pose in POSES)
 OUTLINES = tuple(
     np.array([[[20.0, 30.0 + i], [60.0, 30.0]], [[60.0, 30.0], [60.0, 50.0]]]) for i in range(3)
 )
+
+
+def nowhere(**more: bool) -> Session:
+    """A model without a pose has been opened on a photo."""
+    document = make_document().with_object(is_placed=False)
+    return after(make_session(), c.open_document(document, **more))
 
 
 def proposed(session: Session) -> Session:
@@ -101,8 +113,8 @@ def test_the_one_that_is_pressed_becomes_the_start():
 def test_proposals_for_an_object_wait_while_another_one_is_active():
     first = proposed(after(make_session(), add_object(), pick_object(1)))
     other = after(first, pick_object(2))
-    assert other.proposals is None
-    again = after(other, c.propose_starts(), pick_object(1), c.step_proposals(1))
+    assert other.looking  # it was just added
+    again = after(other, pick_object(1), c.step_proposals(1))
     assert_same_pose(again.document.pose, POSES[1])
     assert after(again, pick_object(2)).proposing  # these are still looked for
     # Another model, or photo, is another matter.
@@ -120,3 +132,77 @@ def test_old_news_and_other_photos_change_nothing():
     opened = after(session, c.open_document(other), c.starts_proposed(asked, STARTS, OUTLINES))
     assert opened.document is other
     assert opened.proposals is None
+
+
+def test_a_model_without_a_pose_is_looked_for_until_somebody_places_it():
+    session = nowhere()
+    assert session.looking
+    for edit in (c.press(80, 60), c.cancel_drag(), c.view_from("front"), c.start_search()):
+        assert not after(session, edit).proposing
+    assert after(session, c.set_tool("box"), c.change(look="solid")).looking  # a press will end it
+    assert after(session, c.toggle_box()).tool == "box"
+    assert after(session, c.press(80, 60), c.release()).document.object.is_placed
+    assert after(make_session(), add_object()).looking
+    # A pose, and a session that is restored, are the user's.
+    for known in (make_session(), nowhere(unsaved=True)):
+        assert not known.proposing
+    assert not after(make_session(), c.open_document(make_document())).proposing
+
+
+def test_what_is_only_proposed_places_nothing():
+    session = nowhere()
+    assert session.proposals is not None
+    document = session.proposals.document
+    listed = after(session, c.starts_proposed(document, STARTS, OUTLINES))
+    assert listed.looking  # the best of them is fitted now
+    assert not listed.document.object.is_placed
+    assert "pv-at" not in proposals_row(listed)
+    for by, index in ((1, 0), (-1, 2)):
+        taken = after(listed, c.step_proposals(by))
+        assert_same_pose(taken.document.pose, POSES[index])
+        assert not taken.proposing
+        assert after(taken, c.undo()).document is document
+    pressed = after(listed, c.press(80, 60), c.release())
+    assert proposals_row(pressed).count("<image") == 3
+    assert_same_pose(after(pressed, c.take_start(1)).document.pose, POSES[1])
+
+
+@pytest.fixture(scope="module")
+def edits(scene) -> tuple[Session, list[Edit]]:
+    """A model that is nowhere on its photo, and what the search for it brings."""
+    document = open_files(scene.photo, scene.model, None)
+    session = Session(document.with_own(region=Rectangle(0, 0, 160, 120))).opened
+    return session, list(made(session.document, lambda: None))
+
+
+@pytest.mark.slow
+def test_a_model_that_is_found_is_placed_in_one_step(edits):
+    session, (listing, fitting) = edits
+    listed = after(session, listing)
+    assert not listed.document.object.is_placed
+    found = after(listed, fitting)
+    assert (verdict_of(found.document.object), found.proposing) == ("found", False)
+    assert_same_pose(found.document.pose, fitting.arguments[2].progress.pose)
+    assert found.search is not None
+    assert not found.searching
+    for back in (c.undo(), c.revert_search()):
+        assert after(found, back).document is session.document
+
+
+@pytest.mark.slow
+def test_a_fit_that_is_not_sure_or_not_asked_for_any_more_places_nothing(edits):
+    session, (listing, fitting) = edits
+    document, asked, latest, index = fitting.arguments
+    result = replace(latest.results[0], verdict=Verdict("doubtful", 0.5))
+    unsure = replace(latest, results={0: result})
+    listed = after(session, listing)
+    left = after(listed, c.start_fitted(document, asked, unsure, index))
+    assert (left.document, left.proposing) == (session.document, False)
+    assert "none of them sure" in proposals_text(left)
+    for edit in (c.press(80, 60), c.cancel_drag()):
+        by_hand = after(listed, edit)
+        assert after(by_hand, fitting).document is by_hand.document
+    # It was fitted on other pixels.
+    region = listed.document.with_own(region=Rectangle(0, 0, 160, 60))
+    changed = replace(listed, document=region)
+    assert after(changed, fitting).document is region
