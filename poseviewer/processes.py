@@ -1,19 +1,72 @@
-"""Calls in processes of this machine, which end with the process that started them."""
+"""Calls in processes of this machine: many at once, or one that may crash or hang."""
 
 import multiprocessing
 import os
+import pickle
 import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import Connection
-from typing import TypeVar
+from typing import Any, TypeVar
+
+from poseviewer.errors import PoseViewerError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 _SPAWN = multiprocessing.get_context("spawn")
 """A fork would copy an OpenGL context, and other threads' locks as they happen to be."""
+
+
+def call_alone(
+    function: Callable[..., Result],
+    *given: Any,
+    seconds: float | None = None,
+    memory: int | None = None,
+) -> Result:
+    """Call a function of a module in a process of its own, of up to ``memory`` bytes.
+
+    Raises:
+        PoseViewerError: as the function.
+        subprocess.CalledProcessError: the process ended at it.
+        subprocess.TimeoutExpired: it was stopped after so many ``seconds``.
+    """
+    code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import answer; answer()"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        input=pickle.dumps(memory) + pickle.dumps((function, given)),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        timeout=seconds,
+        check=True,
+    )
+    result = pickle.loads(done.stdout)
+    if isinstance(result, PoseViewerError):
+        raise result
+    return result
+
+
+def answer() -> None:
+    """Call the function that the standard input names; write what it returns, or its error."""
+    memory = pickle.load(sys.stdin.buffer)
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # libraries print
+    if sys.platform != "win32":
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        if memory is not None:
+            resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+    function, given = pickle.load(sys.stdin.buffer)
+    try:
+        result = function(*given)
+    except PoseViewerError as error:
+        result = error
+    with out:
+        out.write(pickle.dumps(result))
 
 
 def run_in_processes(

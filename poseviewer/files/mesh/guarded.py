@@ -1,16 +1,12 @@
 """Readers whose libraries can end the process, each call in a process of its own."""
 
-import os
-import pickle
 import subprocess
-import sys
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
-from poseviewer.errors import MeshFileError, PoseViewerError
+from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.parts import Part
+from poseviewer.processes import call_alone
 
 Read = tuple[list[Part], list[str]]
 DEADLINE_S, BYTES_PER_S = 20.0, 250_000
@@ -26,46 +22,13 @@ def guarded(reader: Callable[[Path], Read]) -> Callable[[Path], Read]:
 
     def read(path: Path) -> Read:
         size = path.stat().st_size
-        call = (reader.__module__, reader.__name__, path, MOST_MEMORY + PER_BYTE * size)
-        code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import answer; answer()"
-        command, seconds = [sys.executable, "-c", code], DEADLINE_S + size / BYTES_PER_S
+        seconds, memory = DEADLINE_S + size / BYTES_PER_S, MOST_MEMORY + PER_BYTE * size
         try:
-            done = subprocess.run(
-                command,
-                input=pickle.dumps(call),
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                timeout=seconds,
-                check=True,
-            )
+            return call_alone(reader, path, seconds=seconds, memory=memory)
         except subprocess.TimeoutExpired:
             found = f"its reader was not done after {seconds:.0f} s and was stopped"
-            raise MeshFileError(f"{path.name}: {found}; export it again, or as GLB.") from None
         except subprocess.CalledProcessError:
             found = "its reader ended at it: damaged, or too large for the memory"
-            raise MeshFileError(f"{path.name}: {found}; export it again, or as GLB.") from None
-        result = pickle.loads(done.stdout)
-        if isinstance(result, PoseViewerError):
-            raise result
-        return result
+        raise MeshFileError(f"{path.name}: {found}; export it again, or as GLB.") from None
 
     return read
-
-
-def answer() -> None:
-    """Call the reader that the standard input names; write what it returns, or its error."""
-    module, name, path, memory = pickle.load(sys.stdin.buffer)
-    out = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # libraries print
-    if sys.platform != "win32":
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    result: Any
-    try:
-        result = getattr(import_module(module), name)(path)
-    except PoseViewerError as error:
-        result = error
-    with out:
-        out.write(pickle.dumps(result))

@@ -1,6 +1,7 @@
 """Decimated models for coarse pictures, their attributes, textures included, averaged."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import fast_simplification
 import numpy as np
@@ -10,10 +11,13 @@ from scipy.spatial import KDTree
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.normals import crease_normals, face_normals_and_areas, weld
+from poseviewer.processes import call_alone
 from poseviewer.render.texture import TexturePyramid, mip_levels
 
 FEWEST = 200
 """Triangles that a reduced model has at least."""
+MOST_HERE = 200_000
+"""Triangles that are decimated in this process: its other threads wait a second for so many."""
 MOST_SAMPLES = 300_000
 """On the original's surface, beside one for each of its faces."""
 NEIGHBOURS = 24
@@ -84,8 +88,14 @@ def _decimated(mesh: Mesh, faces: int) -> tuple[FloatArray, NDArray[np.int32]]:
     triangles = _with_area(points, place[mesh.faces])
     if len(triangles) <= faces:
         return points, triangles
-    vertices, triangles = fast_simplification.simplify(points, triangles, target_count=faces)[:2]
+    call = _collapsed if len(triangles) <= MOST_HERE else partial(call_alone, _collapsed)
+    vertices, triangles = call(points, triangles, faces)
     return vertices, _with_area(vertices, triangles)
+
+
+def _collapsed(points: FloatArray, triangles: NDArray, faces: int) -> tuple[FloatArray, NDArray]:
+    """Vertices and triangles of a decimated surface; it keeps the interpreter's lock."""
+    return fast_simplification.simplify(points, triangles, target_count=faces)[:2]
 
 
 def _with_area(vertices: FloatArray, triangles: NDArray) -> NDArray[np.int32]:

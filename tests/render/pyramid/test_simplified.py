@@ -123,3 +123,14 @@ def test_small_and_broken_meshes_stay_usable(mesh):
     assert np.isfinite(small.vertices).all()
     assert np.isfinite(small.normals).all()
     assert small.colours.min() >= 0.0
+
+
+def test_a_large_model_is_decimated_beside_the_interpreter(monkeypatch: pytest.MonkeyPatch):
+    mesh = make_bumpy(4)
+    here = simplify(mesh, 500)
+    monkeypatch.setattr("poseviewer.render.pyramid.simplified.MOST_HERE", 0)
+    monkeypatch.delattr("fast_simplification.simplify")  # it would keep the lock
+    beside = simplify(mesh, 500)
+    assert len(here.faces) < len(mesh.faces)
+    for name in ("vertices", "faces", "colours"):
+        np.testing.assert_array_equal(getattr(here, name), getattr(beside, name))
