@@ -161,6 +161,7 @@ def test_the_log_says_where_it_happened() -> None:
         ("fit p.png m.ply --pose start.json --mask three.png --out ODD", "three.png"),
         ("fit three.scene.json --out ODD", "ball.ply"),
         ("undistort p.png --calibration camera.yml --out ODD", "camera.yml"),
+        ("undistort p.png --calibration camera.yml --out ODD", "p.png"),
         ("convert start.json ODD --overwrite", "start.json"),
         ("batch jobs.csv --out .", "results.csv"),
     ],

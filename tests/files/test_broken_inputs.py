@@ -3,6 +3,7 @@
 import json
 import os
 import struct
+import time
 import zlib
 from io import BytesIO
 from pathlib import Path
@@ -114,6 +115,7 @@ MODELS: dict[str, str | bytes] = {
 }
 GLTF_CHANGES: dict[str, dict[str, Any]] = {
     "missing_buffer": {"buffers": [{"uri": "gone.bin", "byteLength": 9}]},
+    "pipe_as_buffer": {"buffers": [{"uri": "pipe.bin", "byteLength": 9}]},
     "count_beyond_the_buffer": {"accessors": {"count": 6_000_000}},
     "count_of_words": {"accessors": {"count": "many"}},
     "flat_positions": {"accessors": {"type": "VEC2"}},
@@ -197,6 +199,8 @@ def test_a_pose_of_another_tool_is_named_by_its_keys(tmp_path: Path) -> None:
 @pytest.mark.parametrize("change", GLTF_CHANGES)
 def test_a_gltf_that_contradicts_itself_is_refused(tmp_path: Path, change: str) -> None:
     path = write_gltf(tmp_path, "gone.png")
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(tmp_path / "pipe.bin")  # who opens it waits for ever
     data = json.loads(path.read_text())
     for key, value in GLTF_CHANGES[change].items():
         if isinstance(value, dict):
@@ -205,6 +209,15 @@ def test_a_gltf_that_contradicts_itself_is_refused(tmp_path: Path, change: str) 
             data[key] = value
     path.write_text(json.dumps(data))
     refuse(path, "model")
+
+
+def test_a_ply_of_very_many_empty_rows_is_read_at_once(tmp_path: Path) -> None:
+    empty = "".join(f"element n{number} 20000000\n" for number in range(60))
+    path = tmp_path / "empty.ply"
+    path.write_text(PLY.replace("element face", f"{empty}element face") + TRIANGLE + "3 0 1 2\n")
+    begun = time.process_time()
+    assert len(load_mesh(path).faces) == 1
+    assert time.process_time() - begun < 5.0
 
 
 @pytest.mark.parametrize("kind", ["model", "photo", "pose"])

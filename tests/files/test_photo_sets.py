@@ -122,6 +122,7 @@ def test_every_photo_has_its_own_lens(folder):
         (lambda data: data.update(views=data["views"][:1]), "1 photo; a set has two or more"),
         (lambda data: data["views"][1].update(photo="a.png"), "a.png and a.png are one photo"),
         (lambda data: data["views"][1].pop("camera"), "camera is missing"),
+        (lambda data: data["views"][0]["camera"].update(fx=1e29), r"camera\.fx is 1e\+29"),
         (lambda data: data.update(scale=-1), "scale is -1"),
         (lambda data: data.update(format="x"), "format is 'x'"),
         (
