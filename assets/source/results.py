@@ -54,8 +54,8 @@ SETS |= dict.fromkeys(("visp_dragon", "m3t_shampoo", "car_audi_tts"), SINGLE)
 """Names of the sets of photos."""
 LMO_PERCENT = 6.0
 """Largest error of the annotations of LINEMOD-Occlusion, by the object's size."""
-CLIPPED, TRACED = "background,photo-parallel", "bmw"
-"""Photos of the study, and cases, that the paper's loss is tried on by both searches, too."""
+OF_PAPER, TRACED = {"whole": "plain", "clip": "background,photo-parallel"}, "bmw"
+"""Photos of the study by pixels, and cases, that both searches are tried on by the paper's loss."""
 SEARCHES = ("searches", "searches-real", "searches-clutter")
 """Studies by the search that is not a loss's own, from starts of the others."""
 HELD = ("delta_x", "delta_y", "psi_x", "psi_y")
@@ -84,8 +84,10 @@ def measure(folder: Path, starts: int, draws: int) -> None:
     _run("study", "--out", folder / "among", *tabletops, "--among-others")
     near = "--out", folder / "searches", "--deviations", 100.0 * FAR, "--readings", "relative"
     _run("study", *near, "--search", "simplex", "--starts", starts)
-    of_paper = "--loss", "paper", "--pixels", "clip", "--search"
-    _run("study", *near, *of_paper, "models", "--kinds", CLIPPED, "--starts", starts)
+    of_paper = "--loss", "paper", "--search"
+    for pixels, kinds in OF_PAPER.items():
+        photos = "--pixels", pixels, "--kinds", kinds
+        _run("study", *near, *of_paper, "models", *photos, "--starts", starts)
     at = "--degrees", 15, "--draws", 1
     real = "--out", folder / "searches-real", "--real", DATA, *at
     _run("study", *real, "--search", "simplex")

@@ -128,11 +128,11 @@ def calibration_table(trials: Iterable[Trial]) -> Table:
         right = str(Share.of(some)), str(len(called)), str(Share.of(called))
         rows.append((name, str(len(some)), f"{100.0 * stated:.0f}", *right))
     sure = [t for t in judged if is_called_found(t) and FOCAL_DEVIATIONS in t.evidence]
-    if sure:
-        reach = region_reach(1)
-        right = Share.of(sure, lambda t: float(_evidence(t)[FOCAL_DEVIATIONS]) <= reach)
-        name = f"focal length within {reach:.2f} stated deviations"
-        rows.append((name, str(len(sure)), f"{100.0 * REGION:.0f}", str(right), NONE, NONE))
+    reach = region_reach(1)
+    for name, some in grouped(sure, lambda trial: LABELS.get(trial.set, trial.set)).items():
+        right = Share.of(some, lambda t: float(_evidence(t)[FOCAL_DEVIATIONS]) <= reach)
+        name = f"{name}: focal length within {reach:.2f} stated deviations"
+        rows.append((name, str(len(some)), f"{100.0 * REGION:.0f}", str(right), NONE, NONE))
     columns = "stratum", "fits", "stated", "right", "called found", "of these right"
     return Table("Stated probability of a right end, and true share, %", columns, tuple(rows))
 
