@@ -1,13 +1,14 @@
-"""Starts without user input: views from all sides that fill a rectangle about the object.
+"""Starts without user input: by print, and by views from all sides that fill a rectangle.
 
-Those of its shape are scored by the loss on the coarsest pyramid level; the best that differ are
+A model with print is found anywhere in a photo (``printed``). In a rectangle about the object,
+views of its shape are scored by the loss on the coarsest pyramid level; the best that differ are
 improved by short descents, the best of these by longer ones, and a few are proposed.
 """
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, reduce
 from itertools import islice
 
 import numpy as np
@@ -29,6 +30,7 @@ from poseviewer.render.pyramid.levels import Level, make_level
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import PhotoAttributes, Renderer
 from poseviewer.starts.loading import Start, StartCamera, StartInputs
+from poseviewer.starts.printed import SURE_MATCHES, printed_poses
 from poseviewer.starts.views import ViewPoses, even_rotations, ground_views, poses_filling
 from poseviewer.starts.wheels import likely_wheels
 from poseviewer.vehicle.chart import visible_side
@@ -68,6 +70,8 @@ ROUNDS = ((32, 24, 0.12, SIDE_PX), (10, 80, 0.08, 60.0))
 """Rounds of descents from the best poses so far: their number; evaluations of each; edge of its
 simplex, radians and shares of the radius; side of the rectangle on the level that it is made on."""
 MOST_PROPOSALS = 5
+ODDS_POWER, EVEN_MATCHES = 4, 9**4
+"""Odds of a pose by print: it is right or wrong alike where its matches to the power are this."""
 LEAD_POWER, EVEN_LEAD, OTHERS_SHARE = 0.95, 0.09, 0.07
 """Odds fitted to photos with known poses: the first is right or wrong alike where its lead to the
 power is ``EVEN_LEAD``; each other one has this share of what remains."""
@@ -84,7 +88,7 @@ class StartQuery:
     inputs: StartInputs
     camera: Camera
     rectangle: Rectangle | None = None
-    """About the object; None: it is still to be drawn."""
+    """About the object; None: it may be anywhere in the photo."""
     settings: FitSettings = field(default_factory=FitSettings)
 
     @property
@@ -94,13 +98,11 @@ class StartQuery:
 
     @property
     def box(self) -> Rectangle:
-        """The rectangle; raises ``QuickStartError``: there is none, or hardly any in the photo."""
+        """The rectangle, or the photo's; raises ``QuickStartError``: hardly any is in the photo."""
+        photo = self.inputs.photo
         if self.rectangle is None:
-            raise QuickStartError(
-                "A start is looked for in a rectangle about the object, and there is none; draw it "
-                "(Fit to box), or name it with --box LEFT,TOP,WIDTH,HEIGHT."
-            )
-        (left, top, width, height), photo = self.rectangle, self.inputs.photo
+            return Rectangle(0.0, 0.0, photo.width, photo.height)
+        left, top, width, height = self.rectangle
         inside = self.rectangle.intersection(Rectangle(0, 0, photo.width, photo.height))
         if min(inside.width, inside.height) < SMALLEST_SIDE_PX:
             raise QuickStartError(
@@ -156,12 +158,20 @@ def propose(
     begin: BeginThread | None = None,
     watch: Callable[[], object] = lambda: None,
 ) -> list[Proposal]:
-    """Propose up to ``MOST_PROPOSALS`` starts, the best first, by some 3,000 evaluations of small
-    pictures on all cores, with the same result each time. Each thread calls ``begin``, each
-    evaluation ``watch``, which may raise to stop it.
+    """Propose up to ``MOST_PROPOSALS`` starts, the likeliest first, with the same result each time:
+    by print, and in a rectangle by some 3,000 evaluations of small pictures on all cores. Each
+    thread calls ``begin``, each evaluation ``watch``, which may raise to stop it.
 
-    Raises ``QuickStartError``: there is no rectangle, hardly any in the photo, or no view fits.
+    Raises ``QuickStartError``: hardly any of the rectangle is in the photo, no view fits there, or
+    the print of the model is nowhere in the photo.
     """
+    if printed := _printed(query, watch):
+        return printed
+    if query.rectangle is None:
+        raise QuickStartError(
+            "The model was not found in the photo by the print on it; draw a rectangle about it "
+            "(Fit to box), or name it with --box LEFT,TOP,WIDTH,HEIGHT."
+        )
     renderer = make_renderer(query.inputs.mesh) if renderer is None else renderer
     search = _ViewSearch(query, query.box, query.photo, renderer, begin, watch)
     proposals = _with_wheels(search, search.best_views(query.views()))
@@ -170,6 +180,17 @@ def propose(
             "No view of the model fits there; lay the rectangle closer about the object."
         )
     return with_odds(proposals)
+
+
+def _printed(query: StartQuery, watch: Callable[[], object]) -> list[Proposal]:
+    """Proposals by the model's print, of those of enough matches."""
+    inputs = query.inputs
+    poses = printed_poses(inputs, query.camera, query.box, watch)
+    return [
+        Proposal(pose, -matches, matches**ODDS_POWER / (matches**ODDS_POWER + EVEN_MATCHES))
+        for pose, matches in poses
+        if matches >= SURE_MATCHES
+    ]
 
 
 def with_odds(proposals: Sequence[Proposal]) -> list[Proposal]:
@@ -307,6 +328,9 @@ def best_start(
 ) -> Start:
     """The least-loss end of a short fit from each proposal; each evaluation calls ``watch``."""
     settings = replace(query.settings, loss="default", search="auto", lock=(), limits=TRIAL)
+    if query.rectangle is None:  # losses compare over the same pixels
+        boxes = [outline_box(proposal.pose, query.points) for proposal in proposals]
+        query = replace(query, rectangle=reduce(Rectangle.union, boxes))
     poses, photo = [], query.photo
     for pose in (proposal.pose for proposal in proposals):
         with suppress(SettingsError):
@@ -332,6 +356,12 @@ def find_start(
     query = StartQuery(inputs, camera.of(inputs.photo), rectangle or settings.region, settings)
     renderer = make_renderer(inputs.mesh)
     return best_start(query, propose(query, renderer, watch=watch), renderer, watch)
+
+
+def outline_box(pose: Pose, points: FloatArray) -> Rectangle:
+    """The rectangle about points (k, 3) of a model in the photo, px."""
+    outline = pose.project(points)
+    return Rectangle.from_corners(*outline.min(axis=0), *outline.max(axis=0))
 
 
 @lru_cache(maxsize=4)

@@ -77,6 +77,19 @@ def test_fit_and_library_go_on_from_the_best(scene: Scene, tmp_path: Path, capsy
     assert pose_error(mesh, load_pose(out, *SIZE).pose, truth).percent < 6.0
 
 
+@pytest.mark.slow
+def test_printed_models_are_found_anywhere(shared_data: Path):
+    """Two bottles, of which one is much nearer the light."""
+    cases = load_cases(shared_data, "hope-0000-light0-bbq_sauce.*")
+    case, photo, model = cases[0], load_photo(cases[0].photo), load_model(cases[0].mesh)
+    query = StartQuery(StartInputs(photo, model.mesh, None), case.truth.camera)
+    found = propose(query)
+    for case in cases:
+        errors = [pose_error(model.mesh, one.pose, case.truth) for one in found]
+        assert min(error.percent for error in errors) < 3.0
+    assert all(one.odds > 0.9 for one in found)
+
+
 @pytest.mark.parametrize("box", [(0, 0, 4, 4), (150, 10, 40, 7), (400, 10, 50, 50)])
 def test_a_box_beside_the_photo_is_one_sentence(scene: Scene, box):
     with pytest.raises(QuickStartError, match=r"--box .* has no 8x8 px in the photo of 160x120 px"):
