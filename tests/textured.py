@@ -1,6 +1,5 @@
 """A textured quad in files of several kinds, which name their picture."""
 
-import base64
 import json
 from pathlib import Path
 from urllib.parse import quote
@@ -12,13 +11,13 @@ UVS = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
 FACES = ((0, 1, 2), (0, 2, 3))
 
 
-def write_obj(folder: Path, picture: str, name: str = "quad") -> Path:
+def write_obj(folder: Path, picture: str) -> Path:
     """``quad.obj`` with ``quad.mtl``."""
-    lines = [f"mtllib {name}.mtl", "usemtl paint"]
+    lines = ["mtllib quad.mtl", "usemtl paint"]
     lines += [f"v {x} {y} {z}" for x, y, z in CORNERS] + [f"vt {u} {v}" for u, v in UVS]
     lines += ["f " + " ".join(f"{i + 1}/{i + 1}" for i in face) for face in FACES]
-    (folder / f"{name}.mtl").write_text(f"newmtl paint\nmap_Kd {picture}\n")
-    path = folder / f"{name}.obj"
+    (folder / "quad.mtl").write_text(f"newmtl paint\nmap_Kd {picture}\n")
+    path = folder / "quad.obj"
     path.write_text("\n".join(lines) + "\n")
     return path
 
@@ -35,16 +34,13 @@ def write_ply(folder: Path, picture: str) -> Path:
     return path
 
 
-def write_gltf(folder: Path, picture: str, buffer: str | None = "quad.bin") -> Path:
-    """``quad.gltf`` with a file of its numbers, or (None) with them inside."""
+def write_gltf(folder: Path, picture: str) -> Path:
+    """``quad.gltf`` with a file of its numbers, ``quad.bin``."""
     uvs = np.array(UVS, np.float32) * [1, -1] + [0, 1]  # v points down in glTF
     arrays = [np.array(CORNERS, "<f4"), uvs.astype("<f4"), np.array(FACES, "<u2")]
     data = b"".join(array.tobytes() for array in arrays)
     starts = np.cumsum([0, *(array.nbytes for array in arrays)])
-    uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
-    if buffer is not None:
-        (folder / buffer).write_bytes(data)
-        uri = quote(buffer)
+    (folder / "quad.bin").write_bytes(data)
     low, high = np.min(CORNERS, axis=0).tolist(), np.max(CORNERS, axis=0).tolist()
     views = [
         {"buffer": 0, "byteOffset": int(start), "byteLength": array.nbytes}
@@ -67,7 +63,7 @@ def write_gltf(folder: Path, picture: str, buffer: str | None = "quad.bin") -> P
             {"bufferView": 2, "componentType": 5123, "count": 6, "type": "SCALAR"},
         ],
         "bufferViews": views,
-        "buffers": [{"uri": uri, "byteLength": len(data)}],
+        "buffers": [{"uri": "quad.bin", "byteLength": len(data)}],
     }  # fmt: skip
     path = folder / "quad.gltf"
     path.write_text(json.dumps(content))

@@ -447,14 +447,9 @@ def _lens(said: _Said, form: Form, fisheye: bool) -> Lens | None:
 
 
 def camera_of_matrix(
-    reading: Reading,
-    value: Any,
-    what: str,
-    size: tuple[int, int] = (0, 0),
-    *,
-    by_columns: bool = False,
+    reading: Reading, value: Any, what: str, *, by_columns: bool = False
 ) -> Perspective:
-    """The pinhole (centres at i + 0.5) of a 3x3 matrix without skew (centres at integers)."""
+    """The pinhole of 0x0 px (centres at i + 0.5) of a 3x3 matrix without skew (at integers)."""
     values = reading.flat_numbers(value, what)
     if len(values) == 16:  # a 4x4 matrix of which the last row and column say nothing
         whole = np.reshape(values, (4, 4))
@@ -470,5 +465,5 @@ def camera_of_matrix(
         raise reading.error(f"{what} is {values}", "wanted rows fx 0 cx, 0 fy cy, 0 0 1")
     if abs(matrix[0, 1]) > LARGEST_SKEW * fx:
         raise reading.error(f"{what} has a skew of {matrix[0, 1]:g}", "calibrate without skew")
-    camera = Perspective(fx, fy, float(matrix[0, 2]), float(matrix[1, 2]), *size)
+    camera = Perspective(fx, fy, float(matrix[0, 2]), float(matrix[1, 2]), 0, 0)
     return camera_from_integer_centres(camera)

@@ -37,11 +37,9 @@ def make_view(camera, seed: int) -> Pose:
     return Pose(pose.camera, RigidTransform(rotation, centre - rotation @ CAR.centre))
 
 
-def wheels_of(pose: Pose, noise_px: float = 0.0, seed: int = 0) -> Wheels:
+def wheels_of(pose: Pose) -> Wheels:
     rims = wheel_rims(pose, visible_side(KEYPOINTS, pose), RADIUS)
-    rng = np.random.default_rng(seed)
-    rear, front = (ellipse_through(rim + rng.normal(0, noise_px, rim.shape)) for rim in rims)
-    return Wheels(rear, front)
+    return Wheels(*map(ellipse_through, rims))
 
 
 @pytest.mark.parametrize("seed", range(4))
