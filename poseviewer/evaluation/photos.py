@@ -140,15 +140,18 @@ def random_view(
 
 def _piece(
     picture: NDArray[np.uint8], size: tuple[int, int], random: np.random.Generator
-) -> NDArray[np.uint8]:
-    """(h, w, 3): a piece of the picture in the photo's shape, mirrored now and then."""
+) -> NDArray[np.float32]:
+    """(h, w, 3) in [0, 1]: a piece of the picture, mirrored now and then, in the photo's size."""
     height, width = picture.shape[:2]
     scale = random.uniform(0.8, 1.0) * min(width / size[0], height / size[1])
     wide, high = (max(1, int(scale * side)) for side in size)
     left = int(random.integers(width - wide + 1))
     top = int(random.integers(height - high + 1))
     piece = picture[top : top + high, left : left + wide]
-    return piece[:, ::-1] if random.random() < 0.5 else piece
+    piece = piece[:, ::-1] if random.random() < 0.5 else piece
+    way = cv2.INTER_AREA if wide > size[0] or high > size[1] else cv2.INTER_LINEAR
+    light = piece.astype(np.float32) / np.float32(255.0)
+    return np.asarray(cv2.resize(light, size, interpolation=way), np.float32)
 
 
 @cache

@@ -100,7 +100,7 @@ def photograph(
     noise: float = 0.0,
     seed: int = 0,
 ) -> NDArray[np.uint8]:
-    """(h, w, 3) RGB. ``background``: RGB in [0, 1], or a photo (h, w, 3) uint8, resized.
+    """(h, w, 3) RGB. ``background``: RGB in [0, 1], one or a picture (h, w, 3) of them.
 
     ``blur_px`` is the standard deviation of the lens's blur, ``noise`` that of the sensor's noise,
     in grey levels of 255, and ``seed`` that noise's. One thread only, as ``opengl``.
@@ -110,19 +110,9 @@ def photograph(
         colour, coverage = cut_out(renderer, pose, lighting, highlights)
     finally:
         renderer.close()
-    behind = _background(background, pose.camera.width, pose.camera.height)
+    behind = np.asarray(background, np.float32)
     photo = 255.0 * (colour + (1.0 - coverage[..., None]) * behind)
     if blur_px > 0.0:
         photo = cv2.GaussianBlur(photo, (0, 0), blur_px)
     photo = photo + np.random.default_rng(seed).normal(0.0, noise, photo.shape)
     return np.clip(np.rint(photo), 0.0, 255.0).astype(np.uint8)
-
-
-def _background(background: ArrayLike, width: int, height: int) -> NDArray[np.float32]:
-    picture = np.asarray(background)
-    if picture.ndim == 1:
-        return picture.astype(np.float32)
-    smaller = picture.shape[0] > height or picture.shape[1] > width
-    how = cv2.INTER_AREA if smaller else cv2.INTER_LINEAR
-    picture = picture.astype(np.float32) / np.float32(255.0)
-    return np.asarray(cv2.resize(picture, (width, height), interpolation=how), np.float32)

@@ -32,15 +32,9 @@ def model_coordinates(model: PlacedModel, depth: NDArray[np.float32]) -> FloatAr
     where ``depth`` (height, width) is not finite.
     """
     pose, (height, width) = model.pose, depth.shape
-    camera = pose.camera
     pixels = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1)
-    z = np.where(np.isfinite(depth), depth, np.nan)[..., None].astype(float)
-    if isinstance(camera, Perspective):
-        points = z * camera.rays(pixels.reshape(-1, 2)).reshape(height, width, 3)
-    else:
-        points = np.concatenate([(pixels - (camera.cx, camera.cy)) / camera.scale, z], axis=-1)
-    place = pose.camera_from_model.inverse()
-    return place.apply(points.reshape(-1, 3)).reshape(height, width, 3)
+    known = np.where(np.isfinite(depth), depth, np.nan).astype(float)
+    return pose.camera_from_model.inverse().apply(pose.camera.points_at(pixels, known))
 
 
 def object_coordinates(model: PlacedModel, depth: NDArray[np.float32]) -> FloatArray:

@@ -95,10 +95,8 @@ def compared_view(
     pixels count.
     """
     own = scene.views[number].photo
-    weights, is_clipped = (
-        _weights(scene, index, number, settings, behind),
-        settings.pixels == "clip",
-    )
+    weights = _weights(scene, index, number, settings, behind)
+    is_clipped = settings.pixels == "clip"
     coloured = not settings.grey and _has_colour(own, weights)
     photo = plain = PhotoAttributes(
         own.as_float() if coloured else own.grey()[..., None],  # by no name: it is gigabytes

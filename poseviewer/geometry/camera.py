@@ -56,6 +56,10 @@ class Perspective:
         y = (pixels[..., 1] - self.cy) / self.fy
         return np.stack([x, y, np.ones_like(x)], axis=-1)
 
+    def points_at(self, pixels: ArrayLike, depths: ArrayLike) -> FloatArray:
+        """Points (..., 3) in the camera frame at depths (...) behind image points (..., 2)."""
+        return self.rays(pixels) * np.asarray(depths)[..., None]
+
     def scaled(self, factor: float) -> Perspective:
         """The camera of the same picture, resized by ``factor`` (sizes rounded, at least 1)."""
         return self.resized(*scaled_size(self.width, self.height, factor))
@@ -85,6 +89,12 @@ class Parallel:
         """Points (..., 3) in the camera frame to the picture (..., 2)."""
         points = np.asarray(points, dtype=float)
         return self.scale * points[..., :2] + np.array([self.cx, self.cy])
+
+    def points_at(self, pixels: ArrayLike, depths: ArrayLike) -> FloatArray:
+        """Points (..., 3) in the camera frame at depths (...) behind image points (..., 2)."""
+        xy = (np.asarray(pixels, dtype=float) - np.array([self.cx, self.cy])) / self.scale
+        z = np.broadcast_to(depths, xy.shape[:-1])
+        return np.concatenate([xy, z[..., None]], axis=-1)
 
     def scaled(self, factor: float) -> Parallel:
         """The camera of the same picture, resized by ``factor``; pixels stay square."""

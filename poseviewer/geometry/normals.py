@@ -63,11 +63,8 @@ def find_adjacency(faces: NDArray) -> Adjacency:
     first, second = order[pairs], order[pairs + 1]
     is_open = np.ones(len(key), dtype=bool)
     is_open[first] = is_open[second] = False
-    same_direction, open_faces = (
-        start[first] == start[second],
-        np.any(is_open.reshape(-1, 3), axis=1),
-    )
-    return Adjacency(first, second, same_direction, open_faces)
+    open_faces = np.any(is_open.reshape(-1, 3), axis=1)
+    return Adjacency(first, second, start[first] == start[second], open_faces)
 
 
 def winding_to_flip(vertices: FloatArray, faces: NDArray) -> NDArray[np.bool_]:

@@ -78,12 +78,8 @@ def with_point_at(
 ) -> Pose:
     """The pose moved until a point (3,) is seen at a pixel (2,), at a depth or the same one."""
     camera, rotation = pose.camera, pose.camera_from_model.rotation
-    pixel = np.asarray(pixel, dtype=float)
     far = float(pose.camera_from_model.apply(point)[2]) if depth is None else depth
-    if isinstance(camera, Parallel):
-        place = np.append((pixel - np.array([camera.cx, camera.cy])) / camera.scale, far)
-    else:
-        place = camera.rays(pixel) * far
+    place = camera.points_at(pixel, far)
     return Pose(camera, RigidTransform(rotation, place - rotation @ np.asarray(point)))
 
 
@@ -131,9 +127,8 @@ def surface_hit(mesh: Mesh, pose: Pose, pixel: ArrayLike) -> tuple[int, FloatArr
     """
     camera, model_from_camera = pose.camera, pose.camera_from_model.inverse()
     if isinstance(camera, Parallel):
-        xy = (np.asarray(pixel, dtype=float) - np.array([camera.cx, camera.cy])) / camera.scale
         back = pose.camera_from_model.apply(mesh.centre)[2] - 2.0 * mesh.diameter
-        origin, direction = np.append(xy, back), np.array([0.0, 0.0, 1.0])
+        origin, direction = camera.points_at(pixel, back), np.array([0.0, 0.0, 1.0])
     else:
         origin, direction = np.zeros(3), camera.rays(pixel)
     origin = model_from_camera.apply(origin)

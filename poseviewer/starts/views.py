@@ -107,8 +107,7 @@ def _place(box: Rectangle, turned: FloatArray, camera: Camera) -> tuple[FloatArr
         depth = np.maximum(depth * larger, nearest)
         pixel = pixel + wanted - (low + high) / 2.0
     low, high = _corners(pixel, depth, turned, camera)
-    at = (pixel - [camera.cx, camera.cy]) / focal * depth[:, None]
-    return np.column_stack([at, depth]), high - low
+    return camera.points_at(pixel, depth), high - low
 
 
 def _corners(

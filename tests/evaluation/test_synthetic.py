@@ -86,10 +86,7 @@ def test_coverage_is_the_share_of_each_pixel_that_the_model_covers(mesh, pose):
 
 
 def test_highlights_only_add_light():
-    pose, renderer = (
-        Pose(Parallel(60.0, 120.0, 90.0, 240, 180), PLACE),
-        OpenGLRenderer(BUMPY),
-    )
+    pose, renderer = Pose(Parallel(60.0, 120.0, 90.0, 240, 180), PLACE), OpenGLRenderer(BUMPY)
     diffuse, glossy = (cut_out(renderer, pose, LIGHTING, much)[0] for much in (0.0, 0.4))
     assert (glossy >= diffuse - 1e-6).all()
     assert (glossy - diffuse).max() > 0.1
@@ -98,7 +95,7 @@ def test_highlights_only_add_light():
 def test_background_blur_and_noise():
     pose, mesh = Pose(Parallel(30.0, 60.0, 40.0, 120, 80), PLACE), make_box()
     picture = np.random.default_rng(0).integers(0, 256, (80, 120, 3), dtype=np.uint8)
-    photo = photograph(mesh, pose, LIGHTING, picture)
+    photo = photograph(mesh, pose, LIGHTING, picture / 255.0)
     _, coverage = cut_out(OpenGLRenderer(mesh), pose, LIGHTING)
     assert (photo[coverage == 0.0] == picture[coverage == 0.0]).all()
     grey = (0.5, 0.5, 0.5)
@@ -107,7 +104,7 @@ def test_background_blur_and_noise():
     assert (noisy[0] == noisy[1]).all()
     assert (noisy[0] != noisy[2]).any()
     assert np.std(noisy[0].astype(float) - plain) == pytest.approx(4.0, rel=0.1)
-    blurred = photograph(mesh, pose, LIGHTING, picture, blur_px=2.0)
+    blurred = photograph(mesh, pose, LIGHTING, picture / 255.0, blur_px=2.0)
     steps = [np.abs(np.diff(one.astype(float), axis=0)).mean() for one in (blurred, photo)]
     assert steps[0] < 0.3 * steps[1]
 

@@ -35,11 +35,8 @@ def exported(kind: str, **options: str) -> Any:
 
 
 GLB, BINARY_PLY, STL = exported("glb"), exported("ply"), exported("stl")
-TEXT_PLY, OFF, TEXT_STL = (
-    exported("ply", encoding="ascii"),
-    exported("off"),
-    exported("stl_ascii"),
-)
+TEXT_PLY, OFF = exported("ply", encoding="ascii"), exported("off")
+TEXT_STL = exported("stl_ascii")
 POSE: dict[str, Any] = {
     "projection": "perspective",
     "camera": {"fx": 500.0, "fy": 500.0, "cx": 39.5, "cy": 31.5},

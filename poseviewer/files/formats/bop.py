@@ -79,10 +79,8 @@ def write_bop(scene: SceneRecord, out: Path, options: c.ConvertOptions, *_: Any)
     in_cameras, in_poses = (Reading(out / name) for name in (CAMERAS, POSES))
     cameras, poses = (load_scene_file(reading.path) for reading in (in_cameras, in_poses))
     for index, view in enumerate(scene.views):
-        image, camera = (
-            str(image_number(scene, options, index)),
-            c.perspective_of(view.camera, "BOP"),
-        )
+        image = str(image_number(scene, options, index))
+        camera = c.perspective_of(view.camera, "BOP")
         entries = [_entry(scene, number, index, options) for number in range(len(scene.objects))]
         if len(scene.objects) > 1:
             if image in poses and not options.overwrite:

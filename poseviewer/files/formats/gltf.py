@@ -209,13 +209,8 @@ def _photo_plane(pose: Pose, depth: float, scale: float, rgb: NDArray[np.uint8])
     camera, place = pose.camera, pose.camera_from_model.inverse()
     uvs = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
     corners = uvs * (camera.width, -camera.height) + (0.0, camera.height)
-    if isinstance(camera, Perspective):
-        points = depth * camera.rays(corners)
-    else:
-        flat = (corners - (camera.cx, camera.cy)) / camera.scale
-        points = np.column_stack([flat, np.full(4, depth)])
     return Mesh(
-        vertices=place.apply(points) * scale,
+        vertices=place.apply(camera.points_at(corners, depth)) * scale,
         faces=np.array([[0, 3, 2], [0, 2, 1]], np.int32),
         normals=np.tile(-place.rotation[:, 2], (4, 1)),
         colours=np.ones((4, 3), np.float32),
