@@ -19,7 +19,7 @@ class Status(enum.Enum):
     """The state of a search; the value is a sentence for the user, with what to try."""
 
     RUNNING = "Searching."
-    CONVERGED = "Converged: restarting the search at its minimum no longer improves it."
+    CONVERGED = "Converged: no pose nearby has a lower loss."
     EVALUATIONS_SPENT = (
         "Stopped at the limit of evaluations: the best pose so far is kept; "
         'fit again from it, or raise "Max evaluations" (--evaluations).'
