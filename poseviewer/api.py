@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +57,8 @@ from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import seen_share
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import AttributeImage, Renderer
-from poseviewer.starts.automatic import AUTOMATIC, find_start
+from poseviewer.starts.automatic import AUTOMATIC, StartQuery
+from poseviewer.starts.instances import find_instances, with_instances
 from poseviewer.starts.loading import (
     Start,
     StartCamera,
@@ -98,6 +98,7 @@ def load(
     calibration: Calibration | str | Path | None = None,
     box: tuple[int, int, int, int] | None = None,
     camera: StartCamera | None = None,
+    instances: int = 1,
     mask: str | Path | Mask | None = None,
     renderer: Renderer | None = None,
     watch: Callable[[], object] = lambda: None,
@@ -124,9 +125,11 @@ def load(
         calibration: the camera and its lens: a file, or a choice among the cameras of one
             (``files.cameras.Calibration``); a distorted photo is undistorted.
         box: for ``"auto"``: a rectangle (left, top, width, height) about the object, px; default:
-            the settings' region.
+            the settings' region, else the whole photo.
         camera: for ``"auto"``: what is known of it; default: EXIF's focal length, or a view of 50
             degrees.
+        instances: for ``"auto"``: how many of the model the photo shows; each becomes an object of
+            the scene, as far as places are found.
         mask: a picture of the photo's size whose white pixels count; or ``Mask.of(weights)``, of
             weights (height, width) from 0, hidden, to 1. Default: that of the pose file.
         renderer: one of the same model, to be used again; default: a new one.
@@ -156,13 +159,29 @@ def load(
         )
     if isinstance(calibration, str | Path):
         calibration = Calibration(Path(calibration))
+    if instances > 1 and (start != AUTOMATIC or chosen.free_focal):
+        raise SettingsError(
+            f'instances={instances}: wanted start="auto", and no free focal length, as one camera '
+            "shows them all."
+        )
+    starts: list[Start] = []
     if start == AUTOMATIC:
-        rectangle = None if box is None else Rectangle(*box)
-        known = {"camera": camera or StartCamera(), "settings": chosen, "watch": watch}
-        start = partial(find_start, rectangle=rectangle, **known)
+        rectangle = chosen.region if box is None else Rectangle(*box)
+
+        def likeliest(inputs: StartInputs) -> Start:
+            query = StartQuery(
+                inputs, (camera or StartCamera()).of(inputs.photo), rectangle, chosen
+            )
+            starts.extend(find_instances(query, instances, make_renderer(inputs.mesh), watch))
+            return starts[0]
+
+        start = likeliest
     if isinstance(mask, str | Path):
         chosen = replace(chosen, mask=Path(mask).name)
-    data = open_photo(photo, model, start, chosen, calibration, mask)
+    data = with_instances(open_photo(photo, model, start, chosen, calibration, mask), starts[1:])
+    if 0 < len(starts) < instances:
+        said = f"{len(starts)} of {instances} instances: nothing else looks like one."
+        data = replace(data, notes=(*data.notes, said))
     own, mesh = model.mesh if isinstance(model, LoadedModel) else None, data.objects[0].mesh
     return make_scene(data, None if mesh.left_out and mesh is not own else renderer)
 
@@ -190,10 +209,9 @@ def make_scene(
     for item in (data.objects[i] for i in scene.indices):
         if item.mesh not in of_mesh:
             of_mesh[item.mesh] = make_renderer(item.mesh, item.settings.renderer)
-    if index is None:
-        return scene
-    _, notes = scene._made
-    return replace(scene, notes=(*data.notes, *data.objects[index].notes, *notes))
+    notes = [*data.notes, *(note for i in scene.indices for note in data.objects[i].notes)]
+    notes += () if index is None else scene._made[1]
+    return replace(scene, notes=tuple(notes))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -42,6 +42,15 @@ def make_box(size=(2.0, 1.0, 0.5)) -> Mesh:
     return make_mesh(box.vertices, box.faces, colours=colours)
 
 
+def make_printed(size=(2.0, 1.4, 1.0)) -> Mesh:
+    """A box with a print of its own on each face: patches of colours, at random."""
+    box = trimesh.creation.box(extents=size)
+    for _ in range(4):
+        box = box.subdivide()
+    colours = np.random.default_rng(0).choice([0.1, 0.5, 0.9], (len(box.vertices), 1))
+    return make_mesh(box.vertices, box.faces, colours=np.tile(colours, 3))
+
+
 def make_two_boxes() -> Mesh:
     """A box called body, and beside it a smaller one called mirror."""
     body = make_box()

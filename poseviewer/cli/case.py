@@ -94,6 +94,7 @@ def open_scene(options: Namespace) -> Scene:
             choice=table.made(SetChoice, options),
             calibration=calibration_of(options),
             box=given.get("box"),
+            instances=given.get("instances") or 1,
             camera=camera,
             mask=options.mask,
             watch=bar.update,
@@ -112,7 +113,11 @@ def _start_of(options: Namespace, camera: StartCamera) -> Path | str | Find:
         raise SettingsError("PHOTO and MODEL are wanted, or a scene file; name them")
     if given["start"] is not None and options.views is None:
         return given["start"]
-    table.refuse(options, (table.BOX,), "without --start auto; leave it out, or add --start auto")
+    table.refuse(
+        options,
+        (table.BOX, table.INSTANCES),
+        "without --start auto; leave it out, or add --start auto",
+    )
     if options.pose is not None:
         return options.pose
     if options.views is not None:

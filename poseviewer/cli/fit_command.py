@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from poseviewer.cli import options as table
@@ -26,6 +27,7 @@ OPTIONS = {
         table.STARTS,
         table.OBJECT,
         table.BOX,
+        table.INSTANCES,
         table.option(
             "--projection", "where no pose file says it", _PROJECTIONS, default=_PROJECTIONS[0]
         ),
@@ -48,11 +50,25 @@ def run(options: Namespace) -> int:
     scene = open_scene(options)
     _require_writable(options)  # now the files that its own name are known
     result = search(scene, options.quiet).whole
+    if options.instances:
+        result = _without_lost(result, options.instances)
     result.save(options.out)
     say(f"{'scene' if result.index is None else 'pose'}: {options.out}")
     for path in result.draw(options.overlay, options.look) if options.overlay else ():
         say(f"overlay: {path}")
     return EXIT_INTERRUPTED if result.stopped else 0
+
+
+def _without_lost(scene: Scene, wanted: int) -> Scene:
+    """Hide lost instances beside others, which are no instances; say how many are left."""
+    words = [end.verdict.word if end.verdict else "" for end in scene.placings.values()]
+    lost = [index for index, word in zip(scene.placings, words, strict=True) if word == "lost"]
+    data = scene.data
+    for index in lost if len(lost) < len(words) else ():
+        data = data.with_object(index, hidden=True)
+    if len(words) - len(lost) < wanted:
+        say(f"{len(words) - len(lost)} of {wanted} instances are found or doubtful")
+    return replace(scene, data=data)
 
 
 def _require_writable(options: Namespace) -> None:

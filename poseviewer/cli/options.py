@@ -201,6 +201,7 @@ SERVER = (
 OBJECT = option("--object ID", "of the scene: which one")
 POSE = option("--pose POSE.json", "a pose file")
 BOX = option(f"--box {RECTANGLE}", "about the object, px")
+INSTANCES = option("--instances N", "that the photo shows of the model: each one is looked for")
 FOCAL = option("--focal PX", "where no pose file says it (EXIF's)")
 STARTS = (
     POSE,
@@ -209,10 +210,10 @@ STARTS = (
         "--wheels REAR;FRONT", "their ellipses, each cx,cy,a,b,angle (half axes in px, degrees)"
     ),
     option(f"--find-wheels {RECTANGLE}", "look for both in a rectangle about the car, px"),
-    option("--start", "look for one in the --box, or the --region", ("auto",)),
+    option("--start", "look for one: in the --box, the --region, or the whole photo", ("auto",)),
 )
 """Options that say where the model starts."""
-OF_A_PHOTO = (MASK, CALIBRATION, BOX, FOCAL)
+OF_A_PHOTO = (MASK, CALIBRATION, BOX, INSTANCES, FOCAL)
 """Options that a set of photos, or a scene, says itself."""
 
 

@@ -29,7 +29,7 @@ from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, make_level
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import PhotoAttributes, Renderer
-from poseviewer.starts.loading import Start, StartCamera, StartInputs
+from poseviewer.starts.loading import Start, StartInputs
 from poseviewer.starts.printed import SURE_MATCHES, printed_poses
 from poseviewer.starts.views import ViewPoses, even_rotations, ground_views, poses_filling
 from poseviewer.starts.wheels import likely_wheels
@@ -340,22 +340,10 @@ def best_start(
         poses.append(pose)
     losses = [registration_loss(renderer.moments(pose, photo)) for pose in poses]
     best = int(np.argmin(losses))
-    note = f"start found: proposal {best + 1} of {len(losses)}, loss {losses[best]:.2f}"
+    odds = f"odds {proposals[best].odds:.0%}, loss {losses[best]:.2f}"
+    note = f"start found: proposal {best + 1} of {len(losses)}, {odds}"
     note += f", the next best {sorted(losses)[1]:.2f}" if len(losses) > 1 else ""
     return Start(poses[best], (f"{note}; look whether it is right.",))
-
-
-def find_start(
-    inputs: StartInputs,
-    rectangle: Rectangle | None,
-    camera: StartCamera,
-    settings: FitSettings,
-    watch: Callable[[], object],
-) -> Start:
-    """Find the best start of the proposals in a rectangle, by default the settings' region."""
-    query = StartQuery(inputs, camera.of(inputs.photo), rectangle or settings.region, settings)
-    renderer = make_renderer(inputs.mesh)
-    return best_start(query, propose(query, renderer, watch=watch), renderer, watch)
 
 
 def outline_box(pose: Pose, points: FloatArray) -> Rectangle:

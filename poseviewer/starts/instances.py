@@ -1,18 +1,87 @@
-"""Several instances of a model in one photo: places where none stands yet."""
+"""Several instances of one model in a photo: each is looked for beside those that are placed."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
-from poseviewer.fit.scene import PlacedModel
-from poseviewer.fit.visibility import NOTHING, visibility
+import numpy as np
+
+from poseviewer.errors import QuickStartError
+from poseviewer.fit.scene import PlacedModel, Scene
+from poseviewer.fit.visibility import NOTHING, depth_image, visibility
+from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
-from poseviewer.starts.loading import StartInputs
+from poseviewer.render.types import Renderer
+from poseviewer.starts.automatic import (
+    BeginThread,
+    Proposal,
+    StartQuery,
+    best_start,
+    propose,
+)
+from poseviewer.starts.loading import Start
+
+MOST_SHARED = 0.3
+"""Share of the smaller one's pixels that two instances may share: one may stand before another."""
 
 
-def beside(inputs: StartInputs, placed: Sequence[PlacedModel]) -> StartInputs:
-    """The inputs with pixels of the ``placed`` models masked: another instance is elsewhere."""
+def propose_beside(
+    query: StartQuery,
+    placed: Sequence[PlacedModel],
+    renderer: Renderer,
+    begin: BeginThread | None = None,
+    watch: Callable[[], object] = lambda: None,
+) -> list[Proposal]:
+    """Propose starts as ``propose``, where none of the ``placed`` instances is; perhaps none."""
+    proposals = propose(_beside(query, placed), renderer, begin, watch)
+    return [own for own in proposals if _is_free(own.pose, placed)]
+
+
+def find_instances(
+    query: StartQuery, count: int, renderer: Renderer, watch: Callable[[], object]
+) -> list[Start]:
+    """Find starts of up to ``count`` instances, the likeliest first; raises as ``propose``."""
+    proposals, starts = propose(query, renderer, watch=watch), list[Start]()
+    while len(starts) < count:
+        placed = [PlacedModel(query.inputs.mesh, start.pose) for start in starts]
+        left = [own for own in proposals if _is_free(own.pose, placed)]
+        with suppress(QuickStartError):
+            left = left or propose_beside(query, placed, renderer, watch=watch)
+        start = best_start(_beside(query, placed), left, renderer, watch) if left else None
+        if start is None or not _is_free(start.pose, placed):
+            break
+        starts.append(start)
+    return starts
+
+
+def with_instances(scene: Scene, starts: Sequence[Start]) -> Scene:
+    """The scene with further instances of its only object: ``bottle`` is beside ``bottle 2``."""
+    if not starts:
+        return scene
+    first, stem = scene.objects[0], Path(scene.objects[0].model.name).stem
+    names = stem, *(f"{stem} {number}" for number in range(2, len(starts) + 2))
+    objects = (replace(first, id=str(i), name=name) for i, name in enumerate(names, 1))
+    notes = tuple(note for start in starts for note in start.notes)
+    scene = replace(scene, objects=tuple(objects), notes=(*scene.notes, *notes))
+    for index, start in enumerate(starts, 1):
+        scene = scene.with_pose(index, start.pose)
+    return scene
+
+
+def _beside(query: StartQuery, placed: Sequence[PlacedModel]) -> StartQuery:
+    """The query without the pixels that show placed models."""
     if not placed:
-        return inputs
-    free = visibility(placed).nearest == NOTHING
-    weights = free if inputs.mask is None else free * inputs.mask.weights
-    return replace(inputs, mask=Mask.of(weights))
+        return query
+    free, mask = visibility(placed).nearest == NOTHING, query.inputs.mask
+    weights = free if mask is None else free * mask.weights
+    return replace(query, inputs=replace(query.inputs, mask=Mask.of(weights)))
+
+
+def _is_free(pose: Pose, placed: Sequence[PlacedModel]) -> bool:
+    """Whether an instance at a pose stands where none of the others does."""
+    for other in placed:
+        one, two = (np.isfinite(depth_image(model)) for model in (replace(other, pose=pose), other))
+        if (one & two).sum() > MOST_SHARED * min(one.sum(), two.sum()):
+            return False
+    return True

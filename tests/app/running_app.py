@@ -28,11 +28,12 @@ class RunningApp:
 
 
 @contextmanager
-def running_app(scene: Scene, state: Path) -> Iterator[RunningApp]:
-    """The app on the scene's photo, model and start; its loop must live until the end."""
+def running_app(scene: Scene, state: Path, has_start: bool = True) -> Iterator[RunningApp]:
+    """The app on the scene's photo, model and start, if any; its loop must live until the end."""
     interval = sys.getswitchinterval()
     guarded = serve("127.0.0.1", 0)
-    app = App(guarded.server, open_files(scene.photo, scene.model, scene.start), state)
+    document = open_files(scene.photo, scene.model, scene.start if has_start else None)
+    app = App(guarded.server, document, state)
     loop = threading.Thread(target=app.run, name="app")
     loop.start()
     try:

@@ -28,7 +28,6 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.starts.automatic import Proposal, StartQuery
-from poseviewer.starts.instances import beside
 from poseviewer.starts.loading import StartInputs
 
 NO_LINES = np.zeros((0, 2, 2))
@@ -166,12 +165,10 @@ class ProposedStarts:
 
 
 def start_query(document: Document) -> StartQuery:
-    """Request for start poses at a document, by its camera, beside others of the same model."""
-    own, scene = document.own, document.scene
+    """Request for start poses at a document, by its camera."""
+    own = document.own
     settings = replace(document.settings, region=own.region)
     inputs = StartInputs(document.photo, document.mesh, document.model.keypoints, document.mask)
-    placed = (scene.placed(index, document.at) for index in document.others)
-    inputs = beside(inputs, [one for one in placed if one.mesh is document.mesh])
     box = document.marks.box or own.region
     return StartQuery(inputs, document.pose.camera, box, settings)
 

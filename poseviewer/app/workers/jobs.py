@@ -33,7 +33,8 @@ from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.overlay.contour import quick_silhouette
 from poseviewer.render.pool import processors
 from poseviewer.render.types import Renderer
-from poseviewer.starts.automatic import best_start, propose
+from poseviewer.starts.automatic import best_start
+from poseviewer.starts.instances import propose_beside
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -136,7 +137,9 @@ def proposed(document: Document, watch: Callable[[], None]) -> Iterator[Edit]:
     """
     query, renderer = start_query(document), renderer_of(document.mesh).clone()
     try:
-        starts = tuple(propose(query, renderer, lower_priority, watch))
+        placed = [document.scene.placed(index, document.at) for index in document.others]
+        same = [one for one in placed if one.mesh is document.mesh]
+        starts = tuple(propose_beside(query, same, renderer, lower_priority, watch))
         lines = tuple(quick_silhouette(document.mesh, renderer, one.pose) for one in starts)
         yield c.starts_proposed(document, starts, lines)
         if document.object.is_placed:

@@ -1,0 +1,83 @@
+"""Several instances of one model in one photo: each found, fitted, and in one scene."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from poseviewer import api
+from poseviewer.errors import SettingsError
+from poseviewer.evaluation.cases import load_cases
+from poseviewer.files.photo import load_photo
+from poseviewer.files.pose import load_pose
+from poseviewer.files.scene_file import load_scene
+from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.pose_error import pose_error
+from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.starts.automatic import StartQuery
+from poseviewer.starts.instances import propose_beside
+from poseviewer.starts.loading import StartCamera, StartInputs
+from tests.commands import read_rows, run
+from tests.two_boxes import CAMERA, MESH, TRUTH, make_two, off
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a photo of two printed boxes, and of their model."""
+    return make_two(tmp_path_factory.mktemp("two")).photo.parent
+
+
+@pytest.mark.slow
+def test_two_of_three_boxes_are_found_in_one_scene(two: Path, capsys):
+    out = two / "carton.scene.json"
+    files = two / "two.png", two / "carton.ply", "--start", "auto"
+    assert run("fit", *files, "--instances", 3, "--out", out, "--evaluations", 300) == 0
+    printed = capsys.readouterr()
+    assert re.search(r"note: start found: proposal [12] of 2, odds 100%, loss", printed.err)
+    assert "note: 2 of 3 instances: nothing else looks like one." in printed.err
+    scene = load_scene(out)
+    assert [item.name for item in scene.objects] == ["carton", "carton 2"]
+    poses = [scene.pose(index, 0) for index in range(2)]
+    assert max(map(off, poses)) < 1.0
+    assert pose_error(MESH, poses[0], poses[1]).percent > 50.0
+
+
+@pytest.mark.slow
+def test_where_one_is_placed_no_other_is_proposed(two: Path):
+    query = StartQuery(StartInputs(load_photo(two / "two.png"), MESH, None), CAMERA)
+    starts = propose_beside(query, TRUTH[:1], SoftwareRenderer(MESH))
+    assert starts
+    ends = [pose_error(MESH, start.pose, TRUTH[1].pose).percent for start in starts]
+    assert max(ends) < 10.0
+
+
+@pytest.mark.slow
+def test_a_row_of_a_batch_needs_no_box(two: Path):
+    (two / "jobs.csv").write_text("photo,model,start\ntwo.png,carton.ply,auto\n")
+    assert run("batch", two / "jobs.csv", "--out", two / "results", "--evaluations", 60) == 0
+    (row,) = read_rows(two / "results" / "results.csv")
+    pose = load_pose(two / "results" / row["pose"], 640, 480).pose
+    assert off(pose) < 2.0
+
+
+@pytest.mark.slow
+def test_two_real_bottles_are_found(shared_data: Path):
+    cases = load_cases(shared_data, "hope-0000-light0-bbq_sauce")
+    photo, model, camera = cases[0].photo, cases[0].mesh, cases[0].truth.camera
+    assert isinstance(camera, Perspective)
+    found = api.load(photo, model, "auto", instances=2, camera=StartCamera(focal_px=camera.fx))
+    assert [item.label for item in found.objects] == ["bbq_sauce", "bbq_sauce 2"]
+    end = found.fit(threads=2, evaluations=300)
+    poses = [end[item.id].pose for item in end.objects]
+    for case in cases:
+        assert min(pose_error(end["1"].mesh, pose, case.truth).percent for pose in poses) < 2.0
+
+
+def test_instances_are_for_an_automatic_start_alone(scene, capsys):
+    with pytest.raises(SettingsError, match="instances=2: wanted start="):
+        api.load(scene.photo, scene.model, scene.start, instances=2)
+    with pytest.raises(SettingsError, match="no free focal length"):
+        api.load(scene.photo, scene.model, "auto", instances=2, free_focal=True)
+    line = "fit", scene.photo, scene.model, "--pose", scene.start, "--out", "x.json"
+    assert run(*line, "--instances", 2) == 2
+    assert "--instances without --start auto" in capsys.readouterr().err
