@@ -95,7 +95,7 @@ def measure(folder: Path, starts: int, draws: int) -> None:
     _run("study", *clutter, "--search", "simplex")
     for search in ("auto", "models"):
         _run("study", *real, "--cases", TRACED, *of_paper, search)
-    cars = "--cases", TRACED, "--free-focal", "--degrees", "5,15", "--draws", (draws + 1) // 2
+    cars = "--cases", TRACED, "--free-focal", "--degrees", "5,15", "--draws", 3
     _run("study", "--out", folder / "focal", "--real", DATA, *cars)
     _run("study", "--out", folder / "symmetric", *_symmetric_targets(folder))
 

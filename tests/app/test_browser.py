@@ -56,7 +56,7 @@ def test_five_steps_lead_through_the_demo(page: AppPage):
     page.page.get_by_role("button", name="Undo (Z)").wait_for(state="hidden")
 
 
-def test_loss_and_search_are_two_choices(page: AppPage):
+def test_loss_and_search_are_two_choices(page: AppPage, demo: AppProcess):
     def choose(label: str, option: str) -> None:
         page.page.get_by_label(label, exact=True).click()
         page.page.get_by_role("option", name=option, exact=True).click()
@@ -65,21 +65,24 @@ def test_loss_and_search_are_two_choices(page: AppPage):
         field = page.page.get_by_label("Search", exact=True).and_(page.page.locator("input"))
         page.until(lambda: field.input_value() == text)
 
-    def search_and_stop(loss: str) -> None:
+    def search_and_stop(loss: str) -> list[str]:
         page.page.keyboard.press("Space")
         page.wait_for_text(loss)
         page.page.keyboard.press("Space")
         page.wait_for_text("Stopped: the best pose so far is shown")
+        saved = page.saved(demo.folder / "demo_photo.demo_car.pose.json")
+        return [saved["settings"][name] for name in ("loss", "search")]
 
     page.open_step(3)
     wait_for_search("CMA-ES and quadratic models")
     choose("Loss", "Paper (2010)")
     wait_for_search("Restarted simplex")  # the paper's own, until one is chosen
     choose("Search", "CMA-ES and quadratic models")
-    search_and_stop("Loss: Paper (2010), pixels inside the model")
+    searched = search_and_stop("Loss: Paper (2010), pixels inside the model")
+    assert searched == ["paper", "models"]
     choose("Loss", "Default (light, colours, edges)")
     choose("Search", "Restarted simplex")
-    search_and_stop("Loss: Default (light, colours, edges)")
+    assert search_and_stop("Loss: Default (light, colours, edges)") == ["default", "simplex"]
     choose("Search", "CMA-ES and quadratic models")
 
 

@@ -76,12 +76,19 @@ def test_a_killed_worker_loses_nothing_and_nothing_is_done_twice(scene, tmp_path
 
 @needs_dask
 @pytest.mark.slow
-def test_a_study_on_a_cluster_ends_as_on_one_machine(scene, cluster, monkeypatch):
+@pytest.mark.parametrize(
+    "line",
+    [
+        "study --real . --degrees 5 --evaluations 200 --quiet",
+        "study --paper --kinds photo-parallel --deviations 4,8 --starts 1 --evaluations 60 --quiet",
+    ],
+)
+def test_a_study_on_a_cluster_ends_as_on_one_machine(scene, tmp_path, cluster, monkeypatch, line):
     monkeypatch.chdir(write_real_folder(scene))  # paths of the command line are relative to it
-    line = "study --real . --degrees 5 --evaluations 200 --quiet"
-    assert run(*line.split(), "--out", "far", "--scheduler", cluster.address) == 0
-    assert run(*line.split(), "--out", "here", "--jobs", 1) == 0
-    far, here = (read_rows(Path(out) / "trials.csv") for out in ("far", "here"))
+    outs = tmp_path / "far", tmp_path / "here"
+    assert run(*line.split(), "--out", outs[0], "--scheduler", cluster.address) == 0
+    assert run(*line.split(), "--out", outs[1], "--jobs", 1) == 0
+    far, here = (read_rows(out / "trials.csv") for out in outs)
     assert sorted(row["end"] for row in far) == sorted(row["end"] for row in here)
     assert len(far) == 4
 
