@@ -1,10 +1,11 @@
 """A textured quad in files of several kinds, which name their picture."""
 
-import json
 from pathlib import Path
 from urllib.parse import quote
 
 import numpy as np
+
+from tests.writing import write
 
 CORNERS = ((-1.0, -0.7, 0.0), (1.0, -0.7, 0.0), (1.0, 0.7, 0.2), (-1.0, 0.7, 0.2))
 UVS = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
@@ -65,6 +66,4 @@ def write_gltf(folder: Path, picture: str) -> Path:
         "bufferViews": views,
         "buffers": [{"uri": "quad.bin", "byteLength": len(data)}],
     }  # fmt: skip
-    path = folder / "quad.gltf"
-    path.write_text(json.dumps(content))
-    return path
+    return write(folder / "quad.gltf", content)

@@ -1,6 +1,5 @@
 """A shape seen by three cameras whose poses to one another are known: in memory, and as files."""
 
-import json
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -27,6 +26,7 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view import View
 from tests.meshes import make_box, make_bumpy
 from tests.several import coloured, lit_models, save_model, write_bop_scene
+from tests.writing import write
 
 CAMERA = Perspective(600.0, 600.0, 160.5, 120.5, 320, 240)
 MESH = coloured(make_bumpy(3), (1.0, 0.8, 0.6))
@@ -103,8 +103,7 @@ def write_set(folder: Path, **more: Any) -> Path:
         for name, place in zip(NAMES, places, strict=True)
     ]
     data = {"format": "poseviewer-views", "version": 1, "views": views, **more}
-    (folder / "set.json").write_text(json.dumps(data))
-    return folder / "set.json"
+    return write(folder / "set.json", data)
 
 
 def write_views(folder: Path) -> tuple[Path, Path, Path]:
@@ -147,8 +146,7 @@ def write_frames(folder: Path, **shared: Any) -> Path:
         world = (OPENGL_FROM_OPENCV @ place).inverse()
         matrix = np.vstack([np.column_stack([world.rotation, world.translation]), LAST])
         frames.append({"file_path": f"./{Path(name).stem}", "transform_matrix": matrix.tolist()})
-    (folder / "transforms.json").write_text(json.dumps({**shared, "frames": frames}))
-    return folder / "transforms.json"
+    return write(folder / "transforms.json", {**shared, "frames": frames})
 
 
 def write_bop(folder: Path, with_world: bool) -> Path:

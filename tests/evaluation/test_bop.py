@@ -1,7 +1,6 @@
 """Fits from estimates of a BOP data set: the scores, and the study as a command."""
 
 import csv
-import json
 import shutil
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from poseviewer.geometry.transform import RigidTransform
 from tests.commands import read_rows, run
 from tests.scene import Scene
 from tests.several import write_bop_scene
+from tests.writing import write
 
 HALF_TURN = [-1, 0, 0, 2, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
 """About the axis through (1, 0, 0) along z."""
@@ -27,9 +27,7 @@ CORNERS = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [1.0, 3.0, 1.0], [1.0, -3.
 
 
 def write_models(path: Path, **of_object_1) -> Path:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps({"1": {"diameter": 4.0, **of_object_1}, "2": {"diameter": 4.0}}))
-    return path
+    return write(path, {"1": {"diameter": 4.0, **of_object_1}, "2": {"diameter": 4.0}})
 
 
 def test_a_symmetry_is_no_error(tmp_path: Path) -> None:

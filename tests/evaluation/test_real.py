@@ -1,6 +1,5 @@
 """Starts of a folder of cases: every case is fitted, and the rows say how far off it was."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from poseviewer.fit.settings import Limits
 from tests.commands import read_rows, run
 from tests.evaluation.real_folder import write_real_folder
 from tests.scene import make_scene
+from tests.writing import edit
 
 STUDY = "study --real . --out out --degrees 5 --jobs 1 --quiet"
 
@@ -48,9 +48,7 @@ def test_every_start_is_fitted_and_both_methods_share_a_table(capsys):
 
 
 def test_cases_and_draws_are_chosen_and_the_report_tells_how_much_is_seen(folder):
-    data = json.loads((folder / "cases.json").read_text())
-    data["cases"][0]["visible"] = 0.6
-    (folder / "cases.json").write_text(json.dumps(data))
+    edit(folder / "cases.json", lambda data: data["cases"][0].update(visible=0.6))
     line = f"{STUDY} --draws 1 --evaluations 30"
     assert run(*line.split(), "--cases", "*-b") == 0
     assert [(r["case"], r["draw"]) for r in read_rows(Path("out/trials.csv"))] == [("ball-b", "0")]

@@ -19,6 +19,7 @@ from poseviewer.files.mesh.load import READERS, load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from tests.textured import write_gltf
+from tests.writing import edit, write
 
 LETTER = "Dear all,\nplease find the file attached.\n" * 5
 CUBE = trimesh.creation.box()
@@ -181,9 +182,7 @@ def refuse(path: Path, kind: str) -> str:
 def test_a_broken_file_is_refused(
     tmp_path: Path, kind: str, name: str, content: str | bytes
 ) -> None:
-    path = tmp_path / name
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    refuse(path, kind)
+    refuse(write(tmp_path / name, content), kind)
 
 
 def test_a_pose_of_another_tool_is_named_by_its_keys(tmp_path: Path) -> None:
@@ -198,14 +197,15 @@ def test_a_gltf_that_contradicts_itself_is_refused(tmp_path: Path, change: str) 
     path = write_gltf(tmp_path, "gone.png")
     if hasattr(os, "mkfifo"):
         os.mkfifo(tmp_path / "pipe.bin")  # who opens it waits for ever
-    data = json.loads(path.read_text())
-    for key, value in GLTF_CHANGES[change].items():
-        if isinstance(value, dict):
-            data[key][0] |= value
-        else:
-            data[key] = value
-    path.write_text(json.dumps(data))
-    refuse(path, "model")
+
+    def contradict(data: dict) -> None:
+        for key, value in GLTF_CHANGES[change].items():
+            if isinstance(value, dict):
+                data[key][0] |= value
+            else:
+                data[key] = value
+
+    refuse(edit(path, contradict), "model")
 
 
 def test_a_ply_of_very_many_empty_rows_is_read_at_once(tmp_path: Path) -> None:

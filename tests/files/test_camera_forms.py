@@ -1,6 +1,5 @@
 """Cameras as tools of the field write them, the same one in each form."""
 
-import json
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from poseviewer.files.camera_forms import cameras_in
 from poseviewer.files.cameras import Calibration, load_calibration, load_cameras
 from poseviewer.files.checks import Reading
 from poseviewer.geometry.lens import Lens, opencv_matrix
+from tests.writing import write
 
 K = [[500.0, 0.0, 321.0], [0.0, 510.0, 239.0], [0.0, 0.0, 1.0]]
 FLAT, FOCALS = [*K[0], *K[1], *K[2]], {"fx": 500, "fy": 510, "cx": 321, "cy": 239}
@@ -101,14 +101,6 @@ FORMS: dict[str, tuple[str, Any, Lens | None]] = {
     "text": ("cam_K.txt", "\n".join(" ".join(map(str, row)) for row in K), None),
     "text with a fourth row": ("K.txt", "500 0 321 0\n0 510 239 0\n0 0 1 0\n0 0 0 1\n", None),
 }  # fmt: skip
-
-
-def write(path: Path, content: Any) -> Path:
-    if isinstance(content, bytes):
-        path.write_bytes(content)
-    else:
-        path.write_text(content if isinstance(content, str) else json.dumps(content))
-    return path
 
 
 def assert_reads(path: Path, content: Any, matrix: Any, lens: Lens | None) -> None:

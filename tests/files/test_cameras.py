@@ -1,7 +1,5 @@
-import json
 import struct
 import time
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -12,6 +10,7 @@ from poseviewer.files.cameras import Calibration, load_calibration, load_cameras
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens
 from tests.lenses import write_camera
+from tests.writing import write
 
 MATRIX = np.array([[1234.5678901234567, 0.0, 640.25], [0.0, 1236.1, 355.0625], [0.0, 0.0, 1.0]])
 INSIDE = Perspective(1234.5678901234567, 1236.1, 640.75, 355.5625, 1280, 720)
@@ -22,11 +21,6 @@ COEFFICIENTS = {
     12: (-0.2, 0.05, 1e-3, 1e-3, 0.0, 0.01, 0.0, 0.0, 4e-3, -1e-3, -3e-3, 1e-3),
 }
 FISHEYE = (0.05, -0.02, 0.006, -0.001)
-
-
-def write(path: Path, content: object) -> Path:
-    path.write_text(content if isinstance(content, str) else json.dumps(content))
-    return path
 
 
 @pytest.mark.parametrize("count", COEFFICIENTS)
@@ -191,11 +185,7 @@ BROKEN = {
 @pytest.mark.parametrize("name", BROKEN)
 def test_broken_files_are_refused_with_one_sentence(tmp_path, name, capfd):
     content, words = BROKEN[name]
-    path = tmp_path / name
-    if isinstance(content, bytes):
-        path.write_bytes(content)
-    else:
-        write(path, content)
+    path = write(tmp_path / name, content)
     with pytest.raises(CalibrationFileError) as caught:
         load_cameras(path)
     message = str(caught.value)

@@ -1,6 +1,5 @@
 """Files that came together are told apart; two of one kind are refused, and nothing guessed."""
 
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from poseviewer.files.photo_sets import load_views
 from poseviewer.files.state.uploads import gathered
 from tests.textured import write_gltf, write_obj, write_ply
 from tests.view_sets import write_bop, write_colmap, write_frames, write_views
+from tests.writing import write
 
 POSE = {"projection": "perspective", "camera": {}, "camera_from_model": {}}
 CAMERA = {"camera_matrix": [[300, 0, 80], [0, 300, 60], [0, 0, 1]], "image_size": [160, 120]}
@@ -27,12 +27,6 @@ def picture(path: Path, camera: str = "") -> Path:
     if camera:
         exif[ExifTags.Base.Make] = camera
     image.save(path, exif=exif)
-    return path
-
-
-def write(path: Path, content: object) -> Path:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(content if isinstance(content, str) else json.dumps(content))
     return path
 
 

@@ -1,6 +1,5 @@
 import sys
 from io import BytesIO
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +8,7 @@ from PIL import ExifTags, Image
 from poseviewer.errors import PhotoFileError
 from poseviewer.files.photo import load_photo
 from poseviewer.geometry.camera import Perspective
+from tests.writing import write
 
 RGB = (np.arange(48 * 64 * 3) % 251).reshape(48, 64, 3).astype(np.uint8)
 LOSSLESS = {"quality": -1, "chroma": 444, "matrix_coefficients": 0}
@@ -21,11 +21,6 @@ def heic(pixels: np.ndarray, mode: str, **options: object) -> bytes:
     memory = BytesIO()
     file.save(memory, **LOSSLESS, **options)
     return memory.getvalue()
-
-
-def write(path: Path, data: bytes) -> Path:
-    path.write_bytes(data)
-    return path
 
 
 def test_a_heic_photo_is_read_with_its_focal_length(tmp_path):

@@ -1,4 +1,3 @@
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ import trimesh
 from poseviewer.errors import MeshFileError
 from poseviewer.files.keypoints import keypoints_path, load_keypoints
 from poseviewer.files.mesh.load import load_mesh
+from tests.writing import edit, write
 
 
 def good() -> dict[str, Any]:
@@ -31,7 +31,7 @@ def model(tmp_path: Path) -> Path:
 
 
 def test_key_points_stand_beside_the_model(model: Path) -> None:
-    (model.parent / "car.keypoints.json").write_text(json.dumps(good()))
+    write(model.parent / "car.keypoints.json", good())
     assert keypoints_path(model) == model.parent / "car.keypoints.json"
     keypoints = load_keypoints(model, load_mesh(model))
     assert keypoints is not None
@@ -55,8 +55,6 @@ def test_without_a_file_and_without_wheels_there_are_none(model: Path) -> None:
     ],
 )
 def test_wrong_key_points_are_refused(model: Path, change: Callable[[dict], object]) -> None:
-    data = good()
-    change(data)
-    (model.parent / "car.keypoints.json").write_text(json.dumps(data))
+    edit(write(model.parent / "car.keypoints.json", good()), change)
     with pytest.raises(MeshFileError, match=r"^car\.keypoints\.json: [^\n]*\.$"):
         load_keypoints(model, load_mesh(model))

@@ -8,6 +8,7 @@ import pytest
 
 from poseviewer.errors import QuickStartError
 from poseviewer.files.marks import load_pairs, wheels_from_text
+from tests.writing import write
 
 ROWS = [[1.0, 2.0, 3.0, 10.0, 20.0], [4.0, 5.0, 6.5, 30.25, 40.0]]
 BODY = "1,2,3,10,20\n4, 5 ,6.5,30.25,40\n"
@@ -46,7 +47,7 @@ def test_pairs_are_read_and_shifted_by_half_a_pixel(tmp_path: Path, text: str):
 def test_broken_pairs_are_told_by_file_and_place(tmp_path: Path, text, words: str):
     path = tmp_path / "pairs.csv"
     if text is not None:
-        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        write(path, text)
     with pytest.raises(QuickStartError, match=words) as caught:
         load_pairs(path)
     assert "pairs.csv" in str(caught.value)

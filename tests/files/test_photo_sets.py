@@ -1,6 +1,5 @@
 """Sets of photos, read from four kinds of files."""
 
-import json
 import shutil
 from pathlib import Path
 
@@ -19,21 +18,16 @@ from tests.view_sets import (
     write_bop,
     write_colmap,
     write_frames,
+    write_set,
     write_views,
 )
+from tests.writing import edit
 
 
 @pytest.fixture
 def folder(tmp_path) -> Path:
     write_views(tmp_path)
     return tmp_path
-
-
-def edited(folder: Path, change) -> Path:
-    data = json.loads((folder / "set.json").read_text())
-    change(data)
-    (folder / "other.json").write_text(json.dumps(data))
-    return folder / "other.json"
 
 
 def require_same_cameras(found, names=NAMES) -> None:
@@ -51,8 +45,8 @@ def test_our_own_file_is_read(folder):
     found = load_views(folder / "set.json")
     require_same_cameras(found)
     assert found.scale == 1.0
-    assert load_views(edited(folder, lambda data: data.update(unit="mm"))).scale is None
-    assert load_views(edited(folder, lambda data: data.update(scale=None))).scale is None
+    assert load_views(write_set(folder, unit="mm")).scale is None
+    assert load_views(write_set(folder, scale=None)).scale is None
 
 
 def test_a_scene_without_objects_is_a_set(folder):
@@ -109,7 +103,7 @@ def test_every_photo_has_its_own_lens(folder):
             if model is not None:
                 view["distortion"] = {"model": model, "coefficients": [-0.1, 0.02, 0.0, 0.0]}
 
-    views = load_views(edited(folder, mix)).views
+    views = load_views(edit(folder / "set.json", mix)).views
     known = [view.photo.undistortion for view in views]
     assert [one and one.lens.model for one in known] == ["opencv", "fisheye", None]
     for view, one in zip(views, known, strict=True):
@@ -135,13 +129,14 @@ def test_every_photo_has_its_own_lens(folder):
 )
 def test_what_is_wrong_is_said_in_a_sentence(folder, change, said):
     with pytest.raises(PoseViewerError, match=said) as error:
-        load_views(edited(folder, change))
+        load_views(edit(folder / "set.json", change))
     assert "\n" not in str(error.value)
 
 
 def test_names_that_no_file_can_have_are_those_of_photos_that_are_not_there(folder):
+    path = folder / "set.json"
     with pytest.raises(PoseViewerError, match=r"no such file|cannot be read"):
-        load_views(edited(folder, lambda data: data["views"][1].update(photo="x" * 100_000)))
+        load_views(edit(path, lambda data: data["views"][1].update(photo="x" * 100_000)))
     with pytest.raises(PoseViewerError, match="1 of the 3 photos"):
         load_views(write_colmap(folder / "model", (NAMES[0], "x" * 10_000, NAMES[2])))
 

@@ -19,6 +19,7 @@ from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.symmetry_group import Symmetry, Turn
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
 from tests.schemas import json_schema
+from tests.writing import write
 
 WIDTH, HEIGHT = 640, 480
 SHA = "0123456789abcdef" * 4
@@ -53,11 +54,6 @@ def plain() -> dict[str, Any]:
             "translation": [0, 0, 5],
         },
     }
-
-
-def write(path: Path, data: Any) -> Path:
-    path.write_text(json.dumps(data))
-    return path
 
 
 @pytest.mark.parametrize("camera", [PERSPECTIVE, PARALLEL])
@@ -108,8 +104,7 @@ def test_pixel_centres_are_at_integers_in_files(tmp_path: Path) -> None:
 
 def test_three_fields_are_enough_and_unknown_ones_are_ignored(tmp_path: Path) -> None:
     data = plain() | {"comment": "by hand", "photo": {"camera": "old"}, "model": {}, "loss": None}
-    path = tmp_path / "pose.json"
-    path.write_bytes(b"\xef\xbb\xbf" + json.dumps(data).encode())  # a byte order mark
+    path = write(tmp_path / "pose.json", "\ufeff" + json.dumps(data))  # a byte order mark
     read = load_pose(path, WIDTH, HEIGHT)
     assert (read.warnings, read.loss, read.chart) == ((), None, None)
     np.testing.assert_array_equal(read.pose.camera_from_model.translation, [0.0, 0.0, 5.0])

@@ -29,6 +29,7 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.starts.loading import open_scene
 from tests.schemas import json_schema
 from tests.several import CAMERA, IDS, STARTS, TRUTH, make_three
+from tests.writing import edit
 
 V1 = Path(__file__).parents[1] / "fixtures" / "v0_1_0" / "three.scene.json"
 
@@ -36,13 +37,6 @@ V1 = Path(__file__).parents[1] / "fixtures" / "v0_1_0" / "three.scene.json"
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     return make_three(tmp_path)
-
-
-def changed(path: Path, change) -> Path:
-    data = json.loads(path.read_text())
-    change(data)
-    path.write_text(json.dumps(data))
-    return path
 
 
 def told(path: Path) -> SceneRecord:
@@ -100,7 +94,7 @@ def test_a_pose_may_be_a_file_with_its_mask_in_version_1(path, tmp_path):
     camera = json.loads(V1.read_text())["camera"]
     pose = Pose(replace(CAMERA, fx=camera["fx"], fy=camera["fy"]), TRUTH[1].pose.camera_from_model)
     save_pose_and_mask(tmp_path / "front.json", PoseRecord.of(pose), white)
-    changed(version_1(path), lambda data: data["objects"][1].update(pose="front.json"))
+    edit(version_1(path), lambda data: data["objects"][1].update(pose="front.json"))
     scene = load_scene(path)
     place = scene.pose(1).camera_from_model
     assert np.array_equal(place.translation, pose.camera_from_model.translation)
@@ -111,7 +105,7 @@ def test_a_pose_may_be_a_file_with_its_mask_in_version_1(path, tmp_path):
 
 
 def test_the_same_model_may_be_there_twice(path):
-    changed(path, lambda data: data["objects"].append({**data["objects"][0], "id": "again"}))
+    edit(path, lambda data: data["objects"].append({**data["objects"][0], "id": "again"}))
     opened = open_scene(path)
     assert opened.objects[3].mesh.whole is opened.objects[0].mesh.whole
 
@@ -134,7 +128,7 @@ def test_the_same_model_may_be_there_twice(path):
     ],
 )
 def test_what_is_wrong_is_said(path, change, words):
-    changed(path, change)
+    edit(path, change)
     with pytest.raises(PoseViewerError, match=words) as error:
         load_scene(path)
     assert "\n" not in str(error.value)
@@ -153,14 +147,14 @@ def test_what_is_wrong_is_said(path, change, words):
 def test_what_is_wrong_in_version_1_is_said(path, tmp_path, change, words):
     other = Pose(replace(CAMERA, fx=500.0), STARTS[0].pose.camera_from_model)
     save_pose(tmp_path / "other.json", PoseRecord.of(other))
-    changed(version_1(path), change)
+    edit(version_1(path), change)
     with pytest.raises(PoseViewerError, match=words):
         load_scene(path)
 
 
 def test_another_size_or_unit_is_said(path):
     scene = load_scene(path)
-    changed(path, lambda data: data["views"][0]["photo"].update(width=100))
+    edit(path, lambda data: data["views"][0]["photo"].update(width=100))
     with pytest.raises(PoseViewerError, match="320x240 px, and its camera is for 100x240"):
         open_scene(path)
     save_scene(path, scene)
@@ -170,7 +164,7 @@ def test_another_size_or_unit_is_said(path):
         data["objects"][2]["model"]["unit"] = "m"
 
     with pytest.raises(PoseViewerError, match="ball is in mm and apart in m"):
-        open_scene(changed(path, set_units))
+        open_scene(edit(path, set_units))
 
 
 def test_a_mask_of_another_size_is_said(path, tmp_path):
@@ -188,7 +182,7 @@ def test_files_are_sought_where_they_may_lie(path, tmp_path):
     path = Path(shutil.move(path, tmp_path / "drop"))
     with pytest.raises(PoseViewerError, match=r"three\.png, and there is no such file"):
         load_scene(path)
-    changed(path, lambda data: data["views"][0]["photo"].update(file="../three.png"))
+    edit(path, lambda data: data["views"][0]["photo"].update(file="../three.png"))
     for name in IDS:
         shutil.copy(tmp_path / f"{name}.ply", tmp_path / "drop")
     assert load_scene(path).views[0].path.is_file()
@@ -205,11 +199,12 @@ def test_what_lies_in_a_private_folder_is_copied_beside_the_scene(path, tmp_path
     for name in ("ball.ply", "front.ply", "three.png"):
         shutil.move(tmp_path / name, private / name)
     (private / "ball.symmetry.json").write_text("{}")
-    data = json.loads(path.read_text())
-    for one in (data["views"][0]["photo"], *(one["model"] for one in data["objects"][:2])):
-        one["file"] = f"uploads/00ff/{one['file']}"
-    path.write_text(json.dumps(data))
-    scene = load_scene(path)
+
+    def move(data) -> None:
+        for one in (data["views"][0]["photo"], *(one["model"] for one in data["objects"][:2])):
+            one["file"] = f"uploads/00ff/{one['file']}"
+
+    scene = load_scene(edit(path, move))
     for _ in range(2):
         save_scene(out / "s.json", taken_out(out / "s.json", scene, tmp_path / "uploads"))
     data = json.loads((out / "s.json").read_text())

@@ -1,6 +1,5 @@
 """Symmetries from files: beside a model, of a BOP data set, in pose files."""
 
-import json
 from pathlib import Path
 
 import jsonschema
@@ -12,6 +11,7 @@ from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.symmetry import load_symmetry, symmetry_path
 from tests.schemas import json_schema
+from tests.writing import write
 
 _, _, Z = np.eye(3)
 HALF_TURN = [-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
@@ -33,10 +33,6 @@ def model(tmp_path: Path) -> Path:
     return path
 
 
-def write(model: Path, data: object) -> None:
-    symmetry_path(model).write_text(json.dumps(data))
-
-
 @pytest.mark.parametrize(
     ("turn", "words"),
     [
@@ -47,17 +43,17 @@ def write(model: Path, data: object) -> None:
 def test_a_file_beside_the_model_is_read(model: Path, turn: dict, words: str) -> None:
     data = good() | {"turns": [turn]}
     jsonschema.validate(data, json_schema("symmetry"))
-    write(model, data)
+    write(symmetry_path(model), data)
     assert load_symmetry(model, load_mesh(model)).words == words
 
 
 def test_that_of_a_bop_data_set_is_read(model: Path) -> None:
     info = {"3": {"diameter": 2.3, "symmetries_discrete": [HALF_TURN]}, "4": {"diameter": 1.0}}
-    (model.parent / "models_info.json").write_text(json.dumps(info))
+    write(model.parent / "models_info.json", info)
     assert load_symmetry(model, load_mesh(model)).words == "half a turn about (0, 0, 1)"
     other = model.rename(model.with_name("obj_000004.ply"))
     assert load_symmetry(other, load_mesh(other)).is_none
-    write(other, good())  # the user's own goes before
+    write(symmetry_path(other), good())  # the user's own goes before
     assert not load_symmetry(other, load_mesh(other)).is_none
 
 
@@ -75,7 +71,7 @@ def test_that_of_a_bop_data_set_is_read(model: Path) -> None:
     ],
 )
 def test_one_that_cannot_be_used_is_said(model: Path, change: dict, said: str) -> None:
-    write(model, good() | change)
+    write(symmetry_path(model), good() | change)
     with pytest.raises(MeshFileError, match=rf"^obj_000003\.symmetry\.json: .*{said}") as caught:
         load_symmetry(model, load_mesh(model))
     assert "\n" not in str(caught.value)
@@ -84,6 +80,6 @@ def test_one_that_cannot_be_used_is_said(model: Path, change: dict, said: str) -
 def test_a_unit_that_is_not_the_models_is_said(model: Path) -> None:
     mesh = load_mesh(model)
     object.__setattr__(mesh, "unit", "mm")
-    write(model, good() | {"unit": "m"})
+    write(symmetry_path(model), good() | {"unit": "m"})
     with pytest.raises(MeshFileError, match=r"lengths in 'm', the model's are in 'mm'"):
         load_symmetry(model, mesh)

@@ -1,6 +1,5 @@
 """Scenes from files, and back to the records that are saved."""
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +20,7 @@ from poseviewer.geometry.symmetry_group import Symmetry, Turn
 from poseviewer.starts.loading import open_photo, open_scene, open_views, record_of
 from tests.several import IDS, make_three
 from tests.view_sets import DISTANCE, NAMES, TRUTH, make_views, write_views
+from tests.writing import edit
 
 
 @pytest.fixture
@@ -121,9 +121,7 @@ def test_views_begin_with_the_one_of_the_start(tmp_path):
     scene = open_views(views, model, start)
     assert [one.name for one in scene.views] == list(NAMES)
     assert not scene.free_scale
-    data = json.loads(start.read_text())
-    data["photo"]["file"] = "c.png"
-    start.write_text(json.dumps(data))
+    edit(start, lambda data: data["photo"].update(file="c.png"))
     scene = open_views(views, model, start)
     assert [one.name for one in scene.views] == ["c.png", "a.png", "b.png"]
     place, wanted = scene.pose(0).camera_from_model, load_pose(start, 320, 240).pose

@@ -36,15 +36,14 @@ from tests.app.state.documents import assert_same_pose
 from tests.scene import Scene
 from tests.several import make_three
 from tests.textured import write_obj
+from tests.writing import write
 
 
 @pytest.fixture
 def calibration(tmp_path: Path) -> Calibration:
-    path = tmp_path / "camera.json"
     matrix = [[300.0, 0.0, 82.5], [0.0, 300.0, 57.5], [0.0, 0.0, 1.0]]
     content = {"camera_matrix": matrix, "dist_coeffs": [-0.9, 0, 0, 0, 0], "image_size": [160, 120]}
-    path.write_text(json.dumps(content))
-    return Calibration(path)
+    return Calibration(write(tmp_path / "camera.json", content))
 
 
 @pytest.fixture
@@ -148,8 +147,6 @@ def test_photo_models_and_start_that_came_together_are_opened(scene: Scene) -> N
 def test_files_outside_of_a_dropped_folder_are_refused(plain: Document, tmp_path: Path) -> None:
     data = json.loads(make_three(tmp_path).read_text())
     data["views"][0]["photo"]["file"] = "../three.png"
-    inner = tmp_path / "dropped" / "s.scene.json"
-    inner.parent.mkdir()
-    inner.write_text(json.dumps(data))
+    inner = write(tmp_path / "dropped" / "s.scene.json", data)
     with pytest.raises(PoseFileError, match="outside of the folder that was dropped"):
         open_file_set(plain, FileSet(scene=inner), [], inside=inner.parent)

@@ -1,12 +1,12 @@
 """Files of a BOP data set that cannot be read are said in a line."""
 
-import json
 from pathlib import Path
 
 import pytest
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.bop_models import RESULTS, load_bop_estimates, load_bop_models
+from tests.writing import write
 
 HALF_TURN = [-1, 0, 0, 2, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
 """About the axis through (1, 0, 0) along z."""
@@ -27,8 +27,7 @@ HALF_TURN = [-1, 0, 0, 2, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
     ],
 )
 def test_symmetries_that_are_none_are_said(tmp_path: Path, more, said: str) -> None:
-    path = tmp_path / "i.json"
-    path.write_text(json.dumps({"1": {"diameter": 4.0, **more}}))
+    path = write(tmp_path / "i.json", {"1": {"diameter": 4.0, **more}})
     with pytest.raises(PoseFileError, match=said) as caught:
         load_bop_models(path)
     assert "\n" not in str(caught.value)

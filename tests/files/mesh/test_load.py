@@ -9,6 +9,7 @@ import trimesh
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.normals import face_normals_and_areas
+from tests.writing import write
 
 COLOURS = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 255, 0]] * 2, np.uint8)
 
@@ -64,7 +65,7 @@ def test_a_cube_comes_back_with_its_colours_if_the_file_has_them(tmp_path: Path,
     data: Any = cube().export(file_type="stl_ascii" if kind == "stl text" else ending, **options)
     data = as_big_endian(data) if kind == "ply big-endian" else data
     for name, content in (data if ending == "gltf" else {f"model.{ending}": data}).items():
-        (tmp_path / name).write_bytes(content.encode() if isinstance(content, str) else content)
+        write(tmp_path / name, content)
     mesh = load_mesh(tmp_path / f"model.{ending}")
     assert_is_cube(mesh)
     assert mesh.notes == ()
