@@ -53,6 +53,18 @@ def test_pictures_are_small_and_shown():
         assert path.relative_to(DOCS).as_posix() in text
 
 
+def test_buttons_and_steps_in_the_docs_are_on_the_page():
+    sources = (
+        *(ROOT / "poseviewer/app/page").glob("*.py"),
+        ROOT / "poseviewer/app/state/actions.py",
+    )
+    shown = "".join(path.read_text(encoding="utf-8") for path in sources)
+    told = "".join(page.read_text(encoding="utf-8") for page in (*PAGES, ROOT / "README.md"))
+    named = re.findall(r"(?:[Pp]ress|button|step|folder|[Cc]hoose) \*(\w+(?: \w+)?)", told)
+    assert len(named) > 10
+    assert not [name for name in named if name not in shown]
+
+
 def commands_of(page: Path) -> list[str]:
     """The lines of code blocks that call poseviewer."""
     blocks = re.findall(r"```[a-z]*\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
