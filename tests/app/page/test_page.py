@@ -6,6 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 
+from poseviewer.app.state import commands as c
+from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.tasks import upload
 from poseviewer.files.state.uploads import pack
 from tests.app.below_viser.socket_page import SocketPage
@@ -30,6 +32,18 @@ def test_lines_are_as_wide_at_every_zoom(running: RunningApp) -> None:
             return {line["name"]: line["props"].get("thickness_units", "") for line in lines}
 
         assert page.wait_until(lambda: units().keys() == wanted.keys() and units()) == wanted
+
+
+def test_a_guessed_focal_length_is_searched_for_by_the_button_beside(running: RunningApp) -> None:
+    app, scene, uuid = running.app, running.scene, running.uuid("Find the focal length")
+    handle = app._page._server.gui._gui_input_handle_from_uuid[uuid]
+    with SocketPage(running.url) as page:
+        assert not handle.visible
+        app._mailbox.post(c.open_document(open_files(scene.photo, scene.model, None)))
+        page.wait_until(lambda: handle.visible)
+        page.change(uuid, True)
+        page.wait_until(lambda: app.session.searching and app.session.document.settings.free_focal)
+        app._mailbox.post(c.revert_search())
 
 
 def test_all_notes_on_a_model_are_one_notice(running: RunningApp) -> None:
