@@ -58,7 +58,7 @@ MAIN = {2: ["Fit to box"], 3: ["Search (space)", "Hide what"], 5: ["Save "]}
 """Names of main buttons by their steps."""
 LONG_NAME = "porsche-2010-05-17-a.png"
 CASES = {
-    "not placed": {**MAIN, 3: ["Search (space)", "Find the focal length"]},
+    "not placed": MAIN,
     "seven numbers": {**MAIN, 3: ["Keep it", "Hide what"]},
     "three objects": MAIN,
     "three photos": MAIN,

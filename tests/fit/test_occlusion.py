@@ -13,6 +13,7 @@ from poseviewer.files.photo import save_image
 from poseviewer.files.pose import load_pose
 from poseviewer.fit.compared import enlarged
 from poseviewer.fit.occlusion import find_hidden
+from poseviewer.fit.problem import pose_loss
 from poseviewer.fit.scene import LoadedModel, PlacedModel, scene_at
 from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.visibility import hiding
@@ -156,6 +157,10 @@ def test_what_is_in_front_does_not_eat_an_object_whose_occluder_is_painted_over(
     assert pose_error(case.mesh, end.pose, truth).percent < 1.0
     assert end.hidden is not None  # the label
     assert np.mean(end.hidden) < 0.03
+    progress = end.progress
+    assert progress is not None
+    of_start = pose_loss(progress.problem, case.renderer, progress.problem.start)
+    assert progress.start_loss == of_start > progress.loss  # on the same pixels
     painted = scene.with_object(0, settings=FitSettings(in_front="painted"))
     assert make_scene(painted, case.renderer).fit().hidden is None
 
