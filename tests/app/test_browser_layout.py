@@ -40,13 +40,14 @@ TROUBLES = """() => {
         const height = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
         if (width > 2 && height > 2) over.push(`${name(one)} | ${name(other)}`);
     }));
+    const title = (node) =>
+        node.querySelector(":scope > .mantine-Paper-root > .tabler-icon-chevron-down")?.parentNode;
     const empty = [...document.querySelectorAll(".mantine-Paper-root")].filter((node) =>
-        node.querySelector(":scope > .mantine-Paper-root > .tabler-icon-chevron-down")
-        && shown(node) && box(node).height > 40);
+        title(node) && shown(node) && box(title(node)).top < box(node).top - 1);
     return [...cut.map((node) => `cut: ${name(node)}`), ...over,
         ...empty.map((node) => `empty: ${name(node)}`)];
 }"""
-"""Labels that are cut, pairs of which one lies over the other, and closed folders with room."""
+"""Labels that are cut, pairs of which one lies over the other, closed folders that do not hold their name."""
 WINDOWS: dict[str, tuple[tuple[int, int], dict[str, Any]]] = {
     "small": ((1280, 720), {}),
     "middle": ((1500, 900), {}),
