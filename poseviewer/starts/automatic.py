@@ -301,8 +301,9 @@ def _with_wheels(search: _ViewSearch, views: list[Proposal]) -> list[Proposal]:
     query, keypoints = search.query, search.query.inputs.keypoints
     if keypoints is None:
         return views
+    is_guess = bool(query.inputs.photo.focal_note(query.camera))
     try:
-        pairs = likely_wheels(query.inputs, search.rectangle, query.camera)
+        pairs = likely_wheels(query.inputs, search.rectangle, query.camera, is_guess)
     except QuickStartError:  # no two are seen, as from in front
         return views
     agreeing = [v.pose for v in views if _shows(v.pose, keypoints, pairs[0].wheels)]
