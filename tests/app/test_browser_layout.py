@@ -47,7 +47,7 @@ TROUBLES = """() => {
     return [...cut.map((node) => `cut: ${name(node)}`), ...over,
         ...empty.map((node) => `empty: ${name(node)}`)];
 }"""
-"""Labels that are cut, pairs of which one lies over the other, closed folders that do not hold their name."""
+"""Labels that are cut, pairs of which one lies over the other, folders beside their names."""
 WINDOWS: dict[str, tuple[tuple[int, int], dict[str, Any]]] = {
     "small": ((1280, 720), {}),
     "middle": ((1500, 900), {}),
