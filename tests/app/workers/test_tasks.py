@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from poseviewer.app.state import commands as c
+from poseviewer.app.state.edits import Edit
 from poseviewer.app.workers import jobs
 from poseviewer.app.workers.maps import MapMaker
 from poseviewer.app.workers.tasks import Result, Task, Tasks, upload
@@ -64,10 +65,11 @@ def test_uploads_that_wait_are_bounded(tmp_path: Path, monkeypatch: pytest.Monke
     tasks.close()
 
 
+@pytest.mark.parametrize("asked", ["task", "proposals"])
 def test_maps_and_a_search_wait_for_what_was_asked_for(
-    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asked: str
 ):
-    """``done`` is the order in which they work; the task ends once the others have been begun."""
+    """``done`` is the order in which they work; what is ``asked`` for ends once they have begun."""
     done, nice, go = list[str](), dict[str, int](), threading.Event()
 
     def telling(name: str, work: Callable[..., Iterator[Any]]) -> Callable[..., Iterator[Any]]:
@@ -81,27 +83,34 @@ def test_maps_and_a_search_wait_for_what_was_asked_for(
 
     def task(*_: object) -> Result:
         assert go.wait(PATIENCE_S)
-        done.append("task")
+        done.append(asked)
         return Result()
+
+    def proposed(*_: object) -> Iterator[Edit]:
+        task()
+        yield c.stop_proposing()
 
     with running_app(scene, tmp_path) as running, SocketPage(running.url) as page:
         app = running.app
         page.wait_until(lambda: app.session.landscapes and not app._mapper.busy)
         monkeypatch.setattr(MapMaker, "run", telling("maps", MapMaker.run))
         monkeypatch.setattr(jobs, "run_search", telling("search", jobs.run_search))
-        app._mailbox.post(Task(task))
-        page.wait_until(lambda: app._tasks.busy)
+        monkeypatch.setattr(jobs, "proposed", proposed)
+        app._mailbox.post(Task(task) if asked == "task" else c.propose_starts())
+        page.wait_until(lambda: app._tasks.busy or app._proposer.busy)
         before = app.session.losses
         app._mailbox.post(c.nudge("move", 3.0))
         page.wait_until(lambda: app._mapper.busy)
         page.wait_until(lambda: app.session.losses is not before)  # they would long be at it
-        app._mailbox.post(c.toggle_search())
-        page.wait_until(lambda: app._searcher.busy)
+        if asked == "task":  # a search ends proposals
+            app._mailbox.post(c.toggle_search())
+            page.wait_until(lambda: app._searcher.busy)
         overlay = app.session.overlay
         app._mailbox.post(c.change(look="solid"))
         page.wait_until(lambda: app.session.overlay is not overlay)  # drawings wait for nobody
         assert not done
         go.set()
-        page.wait_until(lambda: {"maps", "search"} < {*done})
-    assert done[0] == "task"
-    assert sys.platform != "linux" or nice["maps"] > nice["search"]
+        begun = {"maps", "search"} if asked == "task" else {"maps"}
+        page.wait_until(lambda: begun < {*done})
+    assert done[0] == asked
+    assert sys.platform != "linux" or nice["maps"] > nice.get("search", 0)
