@@ -55,7 +55,13 @@ WINDOWS: dict[str, tuple[tuple[int, int], dict[str, Any]]] = {
     "fine": ((1280, 720), {"device_scale_factor": 2}),
     "larger text": ((1500, 900), {"before": LARGER_TEXT}),
 }
-MAIN = {2: ["Fit to box"], 3: ["Search (space)", "Hide what"], 5: ["Save "]}
+MAIN = {
+    1: ["Photo ..."],
+    2: ["Fit to box"],
+    3: ["Search (space)", "Hide what"],
+    4: [],
+    5: ["Save "],
+}
 """Names of main buttons by their steps."""
 LONG_NAME = "porsche-2010-05-17-a.png"
 CASES = {
