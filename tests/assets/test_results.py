@@ -115,9 +115,10 @@ def test_what_the_page_is_measured_by_are_commands(
     lines: list[list[str]] = []
     monkeypatch.setattr(results, "_run", lambda *words: lines.append([*map(str, words)]))
     results.measure(tmp_path, 10, 5)
-    assert [cli.parse(line).command for line in lines] == ["bench", *["study"] * 14]
+    assert [cli.parse(line).command for line in lines] == ["bench", *["study"] * 18]
     lasts = " ".join(line[-1] for line in lines[1:-1])
-    assert lasts == "10 10 5 3 --among-others 10 10 10 simplex simplex auto models 3"
+    few = "bmw dragon shampoo audi"
+    assert lasts == f"10 10 5 {few} 3 --among-others 10 10 10 simplex simplex auto models 3"
     assert lines[-1][-1] == str(shared_data / "lmo_bop")
     estimates = (tmp_path / "symmetric.csv").read_text()
     assert {line.split(",")[2] for line in estimates.splitlines()[1:]} == {"10", "11"}
