@@ -10,12 +10,14 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, date, datetime
+from io import BytesIO
 from pathlib import Path
 from statistics import mean
 from textwrap import fill
 
 import msgspec
 import numpy as np
+from PIL import Image
 
 from poseviewer.api import make_scene
 from poseviewer.cli import main as cli
@@ -64,8 +66,8 @@ HELD = ("delta_x", "delta_y", "psi_x", "psi_y")
 """Numbers that stay at the truth on maps of the rear wheel's place."""
 FAR = 0.08
 """Deviation to which the paper finds all on a background."""
-FEWEST, WIDEST = 10, 12
-"""Least fits of a point in a figure; characters of a line below an axis."""
+FEWEST, WIDEST, PALETTE = 10, 12, 128
+"""Least fits of a point in a figure; characters of a line below an axis; colours of a picture."""
 SEEN_FROM = (0.0, 0.5, 0.75, 0.9, 0.98)
 """Least visible shares of the classes in the figure of errors."""
 Point = tuple[float, ...]
@@ -307,7 +309,8 @@ def write_page(folder: Path, page: Path, readme: Path, options: str, size: int =
     }
     for name, (table, words, sheet) in parts.items():
         path = page.parent / "pictures" / f"results_{name}.png"
-        path.write_bytes(figure_bytes(sheet))
+        picture = Image.open(BytesIO(figure_bytes(sheet))).convert("RGB")
+        picture.quantize(PALETTE).save(path, optimize=True)  # a third of the bytes
         texts[name] = f"![{words}](pictures/{path.name})\n\n{table.as_markdown()}"
     fill_in(page, texts)
     fill_in(readme, {"results": readme_table(studies, day)})
