@@ -151,6 +151,11 @@ class Proposal:
     odds: float = 0.0
     """Probability that it is right."""
 
+    @property
+    def percent(self) -> str:
+        """The odds in whole per cent, below 100: none is certain."""
+        return f"{min(self.odds, 0.99):.0%}"
+
 
 def propose(
     query: StartQuery,
@@ -341,7 +346,7 @@ def best_start(
         poses.append(pose)
     losses = [registration_loss(renderer.moments(pose, photo)) for pose in poses]
     best = int(np.argmin(losses))
-    odds = f"odds {proposals[best].odds:.0%}, loss {losses[best]:.2f}"
+    odds = f"odds {proposals[best].percent}, loss {losses[best]:.2f}"
     note = f"start found: proposal {best + 1} of {len(losses)}, {odds}"
     note += f", the next best {sorted(losses)[1]:.2f}" if len(losses) > 1 else ""
     return Start(poses[best], (f"{note}; look whether it is right.",))

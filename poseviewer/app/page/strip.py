@@ -86,7 +86,7 @@ def proposals_row(session: Session) -> str:
             f'<button type="button"{at} title="proposal {index + 1}: press to start from it" '
             f'{on_press("start", index=index)}><svg viewBox="{left} {top} {width} {height}">'
             f'<image href="{url}" x="{left}" y="{top}" width="{width}" height="{height}"/>'
-            f"{_outline(path_of(lines), LINE_COLOUR)}</svg>{start.odds:.0%}</button>"
+            f"{_outline(path_of(lines), LINE_COLOUR)}</svg>{start.percent}</button>"
         )
     return f'<div class="pv-starts">{cells}</div>'
 

@@ -102,7 +102,9 @@ def hint_of(session: Session) -> str:
         case _ if session.looking:
             return LOOKING_HINT
         case _ if not session.document.object.is_placed:
-            return UNSURE_HINT if session.proposals else PLACE_HINT
+            asked = session.proposals
+            not_found = "Not found by itself: " if asked else ""
+            return UNSURE_HINT if asked and asked.starts else f"{not_found}{PLACE_HINT}"
         case _ if session.look == "residual":
             return ""  # it would lie over the colours' legend
         case _:
@@ -139,7 +141,7 @@ def proposals_text(session: Session) -> str:
     if asked is None:
         return ""
     if not asked.starts:
-        return "Looking for the object ... (Esc stops)"
+        return "" if asked.is_over else "Looking for the object ... (Esc stops)"
     if not asked.is_over:
         return "Fitting the likeliest ... (Esc stops)"
     count = len(asked.starts)

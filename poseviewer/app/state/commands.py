@@ -421,7 +421,8 @@ def starts_proposed(
     asked = session.proposals
     if asked is None or asked.document is not document or asked.starts:
         return session
-    session = replace(session, proposals=replace(asked, starts=starts, outlines=outlines))
+    asked = replace(asked, starts=starts, outlines=outlines, is_over=not starts)
+    session = replace(session, proposals=asked)
     return take_start(0)(session) if document.object.is_placed else session
 
 

@@ -154,7 +154,7 @@ def proposed(document: Document, watch: Callable[[], None]) -> Iterator[Edit]:
     except PoseViewerError:
         if document.object.is_placed:
             raise
-        yield c.stop_proposing()
+        yield c.starts_proposed(document, (), ())
 
 
 def run_search(asked: SearchRequest) -> Iterator[SearchUpdate]:

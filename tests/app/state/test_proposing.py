@@ -9,7 +9,7 @@ import pytest
 
 from poseviewer.app.page.reports import meaning_of
 from poseviewer.app.page.strip import proposals_row
-from poseviewer.app.page.texts import proposals_text
+from poseviewer.app.page.texts import hint_of, proposals_text
 from poseviewer.app.state import commands as c
 from poseviewer.app.state.document import verdict_of
 from poseviewer.app.state.edits import Edit
@@ -162,6 +162,9 @@ def test_what_is_only_proposed_places_nothing():
         assert_same_pose(taken.document.pose, POSES[index])
         assert not taken.proposing
         assert after(taken, c.undo()).document is document
+    nothing = after(session, c.starts_proposed(document, (), ()))
+    assert not nothing.proposing
+    assert hint_of(nothing).startswith("Not found by itself")
     pressed = after(listed, c.press(80, 60), c.release())
     assert proposals_row(pressed).count("<image") == 3
     assert_same_pose(after(pressed, c.take_start(1)).document.pose, POSES[1])
