@@ -7,7 +7,6 @@ code 1 on a finding; the same seed does the same again, as far as the app answer
 """
 
 import argparse
-import json
 import logging
 import os
 import random
@@ -352,28 +351,21 @@ def check_files(tab: AppPage, running: RunningApp, folder: Path) -> None:
         document = running.app.session.document  # what was asked for may still arrive
         in_pose, in_scene = document.pose.camera_from_model, document.object.world_from_model.rigid
         press(tab, "s")
-        poses = [load_json(path)["camera_from_model"] for path in folder.rglob("*.pose.json")]
-        scenes = [load_json(path)["objects"] for path in folder.rglob("*.scene.json")]
-        objects = [one["world_from_model"] for scene in scenes for one in scene]
-        return any(is_at(one, in_pose) for one in poses) or any(is_at(o, in_scene) for o in objects)
+        poses = [load_pose(path).pose for path in folder.rglob("*.pose.json")]
+        objects = [one for path in folder.rglob("*.scene.json") for one in load_scene(path).objects]
+        return any(is_near(pose.camera_from_model, in_pose) for pose in poses) or any(
+            is_near(one.place.similarity.rigid, in_scene) for one in objects
+        )
 
     tab.until(is_saved)
-    for path in folder.rglob("*.pose.json"):
-        load_pose(path)
-    for path in folder.rglob("*.scene.json"):
-        load_scene(path)
     for path in (folder / "state" / "sessions").glob("*.json"):
         load_autosave(path)
 
 
-def load_json(path: Path) -> dict[str, Any]:
-    return json.loads(path.read_text())
-
-
-def is_at(saved: dict[str, Any], place: RigidTransform) -> bool:
-    """Whether a file's transform is this one."""
-    parts = ((saved[name], getattr(place, name)) for name in ("rotation", "translation"))
-    return all(np.allclose(one, other) for one, other in parts)
+def is_near(one: RigidTransform, other: RigidTransform) -> bool:
+    """Whether two transforms are the same but for rounding."""
+    parts = ((getattr(one, name), getattr(other, name)) for name in ("rotation", "translation"))
+    return all(np.allclose(mine, theirs) for mine, theirs in parts)
 
 
 def main() -> int:

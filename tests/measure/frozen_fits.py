@@ -107,16 +107,14 @@ def real_fits(data: Path) -> Iterator[FrozenFit]:
 
 def drawn_fits(folder: Path) -> Iterator[FrozenFit]:
     """Photos drawn of the demo's car, with their starts beside them, as far as they are there."""
-    number = 0
-    for name, all_settings in DRAWN.items():
+    drawn = ((name, *one) for name, settings in DRAWN.items() for one in enumerate(settings))
+    for number, (name, index, settings) in enumerate(drawn):
         kind = name.partition("-")[0]
-        for index, settings in enumerate(all_settings):
-            photo = folder / name / f"{kind}-{index}.png"
-            start = photo.with_name(f"{kind}-{index}-start.json")
-            if photo.is_file():
-                title = f"synthetic-{number}-{kind}-{settings.loss}"
-                yield FrozenFit(title, photo, demo_case().model, start, settings)
-            number += 1
+        photo = folder / name / f"{kind}-{index}.png"
+        start = photo.with_name(f"{kind}-{index}-start.json")
+        if photo.is_file():
+            title = f"synthetic-{number}-{kind}-{settings.loss}"
+            yield FrozenFit(title, photo, demo_case().model, start, settings)
 
 
 def difference(before: Ending, now: Ending | None) -> str:

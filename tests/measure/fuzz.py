@@ -46,6 +46,7 @@ from poseviewer.files.state.autosave import load_autosave
 from poseviewer.files.symmetry import load_symmetry
 from poseviewer.fit.settings import FitSettings
 from tests.app.state.documents import BUMPY, CAR, make_session
+from tests.writing import write
 
 CORPUS = Path(__file__).with_name("fuzz_corpus.zip")
 MAX_SECONDS, STALL_SECONDS, MAX_BYTES = 2, 60, 1 << 30
@@ -166,10 +167,8 @@ def _change(chance: random.Random, data: bytes, others: list[bytes]) -> bytes:
 def write_files(folder: Path, files: Files) -> Path:
     """Write files into an empty folder; returns the path of the first."""
     shutil.rmtree(folder, ignore_errors=True)
-    for name, data in files.items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_bytes(data)
-    return folder / next(iter(files))
+    first, *_ = [write(folder / name, data) for name, data in files.items()]
+    return first
 
 
 def judge(read: Reader, path: Path) -> str:

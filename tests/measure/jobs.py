@@ -7,7 +7,6 @@ size in the photo), verdicts. Exit code 1 where a job took more clicks, or came 
 """
 
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -38,6 +37,8 @@ from poseviewer.starts.placing import SIDES, framed, look_from, surface_point
 from tests.app.app_process import REPOSITORY, AppProcess
 from tests.app.browser import AppPage, open_browser
 from tests.app.page.test_quick_start import BOX
+from tests.measure.real import DATA
+from tests.writing import write
 
 WINDOW, OPEN, PLACE, FIT, FOLDER = (1500, 900), 1, 2, 3, "Quick start"
 Words = Sequence[str | Path]
@@ -190,7 +191,7 @@ def photo_and_model(cases: Sequence[Case], _: Path) -> Words:
 
 
 def from_start(cases: Sequence[Case], folder: Path) -> Words:
-    start = next(s for s in load_starts(data_folder(), (5,), 1) if s.case == cases[0].name)
+    start = next(s for s in load_starts(DATA, (5,), 1) if s.case == cases[0].name)
     path = folder / "starts" / f"{cases[0].name}.json"
     path.parent.mkdir(exist_ok=True)
     save_pose(path, PoseRecord.of(Pose(cases[0].truth.camera, start.camera_from_model.rigid)))
@@ -208,8 +209,7 @@ def in_views(cases: Sequence[Case], folder: Path) -> Words:
         name = f"photos/{case.photo.name}"
         views.append({"photo": name, "camera": numbers, "camera_from_set": place})
     data = {"format": "poseviewer-views", "version": 1, "scale": 1.0, "views": views}
-    (folder / "set.json").write_text(json.dumps(data))
-    return "--views", folder / "set.json", cases[0].mesh
+    return "--views", write(folder / "set.json", data), cases[0].mesh
 
 
 def fitted(cases: Sequence[Case], folder: Path) -> Words:
@@ -239,12 +239,8 @@ JOBS: dict[str, UserJob] = {
 }
 
 
-def data_folder() -> Path:
-    return Path(os.environ.get("POSEVIEWER_DATA") or REPOSITORY.parent / "shared" / "data")
-
-
 def case_of(name: str) -> Case:
-    return load_cases(data_folder() / ("clutter" if name.startswith("clutter") else ""), name)[0]
+    return load_cases(DATA / ("clutter" if name.startswith("clutter") else ""), name)[0]
 
 
 def ends_in(folder: Path, cases: Sequence[Case]) -> tuple[float, str]:
@@ -289,8 +285,8 @@ def do(name: str, browser: Browser) -> bool:
 
 
 def main(names: Sequence[str]) -> int:
-    if not data_folder().is_dir():
-        print(f"skipped: no photos in {data_folder()}; set POSEVIEWER_DATA")
+    if not DATA.is_dir():
+        print(f"skipped: no photos in {DATA}; set POSEVIEWER_DATA")
         return 0
     with open_browser() as browser:
         return 1 if [name for name in names if not do(name, browser)] else 0

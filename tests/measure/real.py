@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from poseviewer.api import Scene, load, make_scene
+from poseviewer.api import Scene, load
 from poseviewer.cli.options import listed, whole
 from poseviewer.confidence.pose_covariance import region_reach
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError
@@ -27,8 +27,6 @@ from poseviewer.evaluation.cases import Case, load_cases, load_starts, visibilit
 from poseviewer.evaluation.trials import open_model, open_photo
 from poseviewer.files.photo import load_photo
 from poseviewer.files.photo_sets import LoadedViews
-from poseviewer.fit.scene import scene_at
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
@@ -100,7 +98,7 @@ def start_trials(cases: Sequence[Case]) -> Iterator[Trial]:
         errors = [pose_error(model.mesh, proposal.pose, case.truth) for proposal in proposals]
         taken = best_start(query, proposals, renderer).pose
         yield replace(
-            _fit(case, taken, "rectangle", FitSettings()),
+            _fit(case, taken, "rectangle"),
             seconds=seconds,
             proposals=len(errors),
             right_proposal=next((i for i, e in enumerate(errors, 1) if is_right(e)), 0),
@@ -127,12 +125,11 @@ def careless_box(name: str, mesh: Mesh, truth: Pose) -> Rectangle:
     return Rectangle(*map(round, wide))
 
 
-def _fit(case: Case, start: Pose, way: str, settings: FitSettings) -> Trial:
+def _fit(case: Case, start: Pose, way: str) -> Trial:
     model, renderer = open_model(case.mesh)
-    photo = open_photo(case.photo)
-    scene = scene_at(View(photo.name, photo, start.camera), model, start, settings)
+    scene = load(case.photo, model, start, renderer=renderer)
     began = time.perf_counter()
-    end = make_scene(scene, renderer).fit(threads=processors())
+    end = scene.fit(threads=processors())
     return _trial(case, way, start, end, time.perf_counter() - began)
 
 
@@ -184,7 +181,7 @@ def view_trials(
         model, start = open_model(first.mesh)[0], Pose(first.truth.camera, starts[first.name])
         for count in (count for count in counts if count <= len(chosen)):
             if count == 1:
-                yield _fit(first, start, "1 photo", FitSettings())
+                yield _fit(first, start, "1 photo")
                 continue
             views = LoadedViews("exact", tuple(map(_view, chosen[:count])), None, 1.0)
             placed = load(views=views, model=model, start=start, view=views.views[0].name)
