@@ -24,6 +24,7 @@ from poseviewer.evaluation.cases import load_cases, load_starts
 from poseviewer.files.demo import demo_case
 from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Parallel, Pose
+from poseviewer.geometry.transform import rotation_angle
 from tests.measure.real import DATA
 
 CASES = {"lmo": 8, "hope": 6, "bmw_traced": 6, "m3t_shampoo": 1, "visp_dragon": 1}
@@ -121,9 +122,7 @@ def difference(before: Ending, now: Ending | None) -> str:
     """Which of the values differ, and by how much; empty where none does."""
     if now is None:
         return "was not made"
-    turn = np.array(now["rotation"]) @ np.array(before["rotation"]).T
-    sine = np.linalg.norm((turn - turn.T)[[2, 0, 1], [1, 2, 0]]) / 2.0
-    degrees = math.degrees(math.atan2(float(sine), (float(np.trace(turn)) - 1.0) / 2.0))
+    degrees = math.degrees(rotation_angle(*(np.array(end["rotation"]) for end in (before, now))))
     moved = float(np.linalg.norm(np.subtract(now["translation"], before["translation"])))
     share = moved / float(np.linalg.norm(before["translation"]))
     amounts = {"rotation": f"{degrees:.3g} degrees", "translation": f"{share:.3g} of the distance"}
