@@ -225,8 +225,7 @@ def _upright(pose: Pose, up: FloatArray) -> FloatArray:
 def _start(chart: VehicleChart, axle: FloatArray, wheels: Wheels, up: FloatArray) -> FloatArray:
     """(7,): the chart's numbers, and the logarithm of the wheels' radius; raises as ``_fitted``."""
     size = np.array([chart.camera.width, chart.camera.height])
-    rear = np.array([wheels.rear.cx, wheels.rear.cy]) / size
-    front = np.array([wheels.front.cx, wheels.front.cy]) / size
+    rear, front = (np.array([wheel.cx, wheel.cy]) / size for wheel in wheels)
     parameters = np.array([*rear, *(front - rear), axle[0], axle[1]])
     pose = chart.to_pose(parameters)
     _upright(pose, up)

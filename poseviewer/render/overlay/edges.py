@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Camera, Perspective, Pose
+from poseviewer.geometry.camera import Camera, Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.normals import face_normals_and_areas
 from poseviewer.render.overlay.window import Window, model_window
@@ -145,15 +145,11 @@ def _are_steps(
 def _surface_points(camera: Camera, planes: FloatArray, samples: NDArray) -> FloatArray:
     """(N, 3) in the camera frame: where lines of sight through flat sample indices meet planes."""
     uv = np.stack([samples % camera.width, samples // camera.width], axis=-1) + 0.5
+    start, normals = camera.points_at(uv, 0.0), planes[:, :3]
+    way = camera.points_at(uv, 1.0) - start
     with np.errstate(divide="ignore", invalid="ignore"):
-        if isinstance(camera, Perspective):
-            rays = camera.rays(uv)
-            depth = planes[:, 3] / np.einsum("ij,ij->i", rays, planes[:, :3])
-            points = rays * depth[:, None]
-        else:
-            xy = (uv - np.array([camera.cx, camera.cy])) / camera.scale
-            along = planes[:, 3] - np.einsum("ij,ij->i", xy, planes[:, :2])
-            points = np.column_stack([xy, along / planes[:, 2]])
+        away = planes[:, 3] - np.einsum("ij,ij->i", start, normals)
+        points = start + way * (away / np.einsum("ij,ij->i", way, normals))[:, None]
     # A face seen exactly edge-on has no such point; the other face's test decides.
     return np.nan_to_num(points, nan=1e30, posinf=1e30, neginf=-1e30)
 
