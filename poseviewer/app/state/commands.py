@@ -436,8 +436,8 @@ def start_fitted(
     proposals, result = session.proposals, latest.results[document.active]
     if proposals is None or proposals.document is not document or proposals.is_over:
         return session
-    scenes, verdict = (session.document.scene, document.scene), result and result.verdict
-    is_same = len({compared(scene, document.active) for scene in scenes}) == 1
+    verdict, at = result and result.verdict, document.active
+    is_same = compared(session.document.scene, at) == compared(document.scene, at)
     if not (is_same and verdict and verdict.word == "found"):
         return stop_proposing()(session)
     session = take_start(index)(session)
