@@ -36,7 +36,7 @@ RATIO = 0.85
 """Most distance of the nearest descriptor, by that of the second."""
 FEWEST = 6
 """Matches that a pose needs: four give it."""
-SURE_MATCHES, MOST_COPIES = 12, 5
+SURE_MATCHES, MOST_COPIES = 18, 5
 """Matches from which a pose is right nearly always; copies of the model that are looked for."""
 ITERATIONS, CONFIDENCE, OFF_PX = 500, 0.999, 4.0
 """Of RANSAC; px of the scaled photo by which a point agrees."""
