@@ -1,7 +1,8 @@
 """Photos with known poses: ``python -m tests.measure.real [FOLDER ...]``, a line of CSV per trial
 on standard output and one table by set at the end.
 
-Trials are automatic starts, in a careless rectangle, and the fits from them. ``--views``: fits by
+Trials are automatic starts in the whole photo and in a careless rectangle, and the fits from them.
+``--start``: of what is seen to 90 % or more, and of ``lmo``, alone. ``--views``: fits by
 one photo and, from the same start, by sets of photos 30 degrees apart or more, where poses are
 exact. Folders hold ``cases.json`` and ``starts.json``; by default $POSEVIEWER_DATA or
 ../shared/data, and its ``clutter``. Fits from given starts are ``poseviewer study --real``'s.
@@ -14,6 +15,7 @@ import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
@@ -22,7 +24,7 @@ import numpy as np
 from poseviewer.api import Scene, load
 from poseviewer.cli.options import listed, whole
 from poseviewer.confidence.pose_covariance import region_reach
-from poseviewer.errors import EXIT_MENDABLE, PoseViewerError
+from poseviewer.errors import EXIT_MENDABLE, PoseViewerError, QuickStartError
 from poseviewer.evaluation.cases import Case, load_cases, load_starts, visibility
 from poseviewer.evaluation.trials import open_model, open_photo
 from poseviewer.files.photo import load_photo
@@ -35,7 +37,7 @@ from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import rotation_angle
 from poseviewer.geometry.view import View
 from poseviewer.render.pool import processors
-from poseviewer.starts.automatic import StartQuery, best_start, outermost_points, propose
+from poseviewer.starts.automatic import Proposal, StartQuery, best_start, outermost_points, propose
 from poseviewer.starts.loading import StartInputs
 from tests.meshes import box_of
 
@@ -48,8 +50,10 @@ WRONG_PERCENT = 2.0
 """Error beyond the truth's accuracy from which a pose called found is wrong."""
 APART_DEG = 30.0
 """Least angle between photos of a set."""
-MIN_SEEN = 0.5
-"""Share of the model seen in each photo of a set with exact poses."""
+MIN_SEEN, NEARLY_WHOLE = 0.5, 0.9
+"""Share of the model seen in each photo of a set with exact poses; in those of ``--start``."""
+NO_FIT = (np.nan, np.nan, np.nan, np.nan, np.nan, np.nan, "", False)
+"""Errors, verdict and ``is_wrong`` where no start was found."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,24 +90,33 @@ def is_tuning(name: str) -> bool:
 
 
 def start_trials(cases: Sequence[Case]) -> Iterator[Trial]:
-    """Automatic starts in a rectangle, and the fits from them."""
+    """Automatic starts in the whole photo and in a rectangle, and the fits from them."""
     for case in cases:
         model, renderer = open_model(case.mesh)
         photo, camera = open_photo(case.photo), case.truth.camera
-        box = careless_box(case.name, model.mesh, case.truth)
-        query = StartQuery(StartInputs(photo, model.mesh, model.keypoints), camera, box)
-        began = time.perf_counter()
-        proposals = propose(query, renderer)
-        seconds = time.perf_counter() - began
-        errors = [pose_error(model.mesh, proposal.pose, case.truth) for proposal in proposals]
-        taken = best_start(query, proposals, renderer).pose
-        yield replace(
-            _fit(case, taken, "rectangle"),
-            seconds=seconds,
-            proposals=len(errors),
-            right_proposal=next((i for i, e in enumerate(errors, 1) if is_right(e)), 0),
-            is_taken_right=is_right(pose_error(model.mesh, taken, case.truth)),
-        )
+        for box in (None, careless_box(case.name, model.mesh, case.truth)):
+            query = StartQuery(StartInputs(photo, model.mesh, model.keypoints), camera, box)
+            began, proposals = time.perf_counter(), list[Proposal]()
+            with suppress(QuickStartError):  # nothing was found
+                proposals = propose(query, renderer)
+            seconds = time.perf_counter() - began
+            way = "whole photo" if box is None else "rectangle"
+            if not proposals:
+                yield Trial(_set_of(case), way, case.name, *NO_FIT, seconds)
+                continue
+            errors = [pose_error(model.mesh, proposal.pose, case.truth) for proposal in proposals]
+            taken = best_start(query, proposals, renderer).pose
+            yield replace(
+                _fit(case, taken, way),
+                seconds=seconds,
+                proposals=len(errors),
+                right_proposal=next((i for i, e in enumerate(errors, 1) if is_right(e)), 0),
+                is_taken_right=is_right(pose_error(model.mesh, taken, case.truth)),
+            )
+
+
+def _set_of(case: Case) -> str:
+    return case.set + f", {visibility(case.visible)}" * (case.visible >= 0.0)
 
 
 def is_right(error: PoseError) -> bool:
@@ -148,7 +161,7 @@ def _trial(case: Case, way: str, start: Pose, end: Scene, seconds: float) -> Tri
         away = sure.deviation(case.truth)
         deviations = float(np.sqrt(away @ np.linalg.solve(sure.matrix, away)))
     return Trial(
-        case.set + f", {visibility(case.visible)}" * (case.visible >= 0.0),
+        _set_of(case),
         way,
         case.name,
         pose_error(mesh, start, case.truth, symmetry).percent,
@@ -214,7 +227,7 @@ def summary(trials: Sequence[Trial]) -> str:
         some = [t for t in trials if t.way == way and name in (t.set, "all")]
         found = [t for t in some if t.verdict == "found"]
         medians = [
-            float(np.median([getattr(t, field) for t in some]))
+            float(np.nanmedian([getattr(t, field) for t in some]))
             for field in ("start_percent", "percent", "degrees", "depth_percent", "across_percent")
         ]
         cells = [f"{len(some)}", *(f"{value:.2f}" for value in medians)]
@@ -236,6 +249,7 @@ def summary(trials: Sequence[Trial]) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folders", type=Path, nargs="*", default=[DATA, DATA / "clutter"])
+    parser.add_argument("--start", action="store_true", help="of what is seen nearly whole")
     parser.add_argument("--views", action="store_true", help="fits by several photos")
     parser.add_argument("--photos", type=listed(whole), default=(1, 2, 3, 4), help="(1,2,3,4)")
     parser.add_argument("--cases", default="", help="only those whose id matches")
@@ -261,7 +275,8 @@ def _trials(options: argparse.Namespace) -> Iterator[Trial]:
         cases = [
             case
             for case in load_cases(folder, options.cases)
-            if options.half is None or is_tuning(case.name) is (options.half == "tuning")
+            if (options.half is None or is_tuning(case.name) is (options.half == "tuning"))
+            and not (options.start and case.set != "lmo" and case.visible < NEARLY_WHOLE)
         ]
         if options.views:
             yield from view_trials(cases, folder, options.photos, options.every)

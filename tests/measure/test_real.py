@@ -19,8 +19,10 @@ def test_the_scenes_ball_is_found(scene, capsys):
     assert real.main([folder, "--cases", "ball-a"]) == 0
     out, err = capsys.readouterr()
     rows = list(csv.DictReader(out.splitlines()))
-    assert [row["way"] for row in rows] == ["rectangle"]
-    assert all(float(row["percent"]) < 2.0 and row["is_wrong"] == "False" for row in rows)
+    assert [row["way"] for row in rows] == ["whole photo", "rectangle"]
+    assert rows[0]["proposals"] == "0"  # a ball without print
+    assert float(rows[1]["percent"]) < 2.0
+    assert rows[1]["is_wrong"] == "False"
     assert "scene, " in err
 
 
