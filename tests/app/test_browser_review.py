@@ -1,16 +1,15 @@
 """A review in real Chromium: the list of rows, verdicts, a corrected pose."""
 
-import shutil
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser
 
-from poseviewer.batch.job import run_job
-from poseviewer.batch.run import open_batch, save_summaries
+from poseviewer.batch.run import open_batch
 from poseviewer.fit.settings import FitSettings, Limits
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage
+from tests.batches import fit_all, write_table
 from tests.scene import Scene
 
 pytestmark = pytest.mark.slow
@@ -19,15 +18,8 @@ pytestmark = pytest.mark.slow
 def test_rows_are_accepted_rejected_corrected_and_noted(
     browser: Browser, tmp_path: Path, scene: Scene
 ) -> None:
-    lines = [f"{name}.png,{scene.model},{scene.start}" for name in "abc"]
-    for name in "abc":
-        shutil.copy(scene.photo, tmp_path / f"{name}.png")
-    (tmp_path / "jobs.csv").write_text("photo,model,start\n" + "\n".join(lines) + "\n")
-    out = tmp_path / "out"
-    batch = open_batch(tmp_path / "jobs.csv", out, FitSettings(limits=Limits(10, 600.0)))
-    for job in batch.to_do():
-        run_job(job, batch)
-    save_summaries(batch)
+    table, out = write_table(scene, tmp_path, 3), tmp_path / "out"
+    fit_all(open_batch(table, out, FitSettings(limits=Limits(10, 600.0))))
     with AppProcess(tmp_path, "review", out) as app, AppPage(browser, app.url) as tab:
         is_open = tab.page.locator(".pv-rows .pv-at")
         note = tab.page.locator("input.mantine-TextInput-input").filter(visible=True).first

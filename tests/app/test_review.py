@@ -19,15 +19,15 @@ from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import prepare
 from poseviewer.app.workers.opening import open_autosaved
 from poseviewer.app.workers.tasks import Task
-from poseviewer.batch.job import run_job
 from poseviewer.batch.results import load_batch
-from poseviewer.batch.run import open_batch, save_summaries
+from poseviewer.batch.run import open_batch
 from poseviewer.errors import BatchError
 from poseviewer.files.masks import mask_beside
 from poseviewer.files.pose import load_pose
 from poseviewer.files.state.autosave import load_autosave
 from poseviewer.fit.progress import Status
 from poseviewer.fit.settings import FitSettings, Limits
+from tests.batches import fit_all, write_table
 from tests.scene import make_scene
 
 BRIEFLY = FitSettings(limits=Limits(10, 600.0), keep_start=True)
@@ -38,14 +38,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A batch of three rows, fitted a little, and one that failed for want of a photo."""
     folder = tmp_path_factory.mktemp("batch")
     scene = make_scene(folder)
-    lines = [f"{name}.png,{scene.model},{scene.start}" for name in ("a", "b", "c", "gone")]
-    for name in ("a", "b", "c"):
-        shutil.copy(scene.photo, folder / f"{name}.png")
-    (folder / "jobs.csv").write_text("photo,model,start\n" + "\n".join(lines) + "\n")
-    batch = open_batch(folder / "jobs.csv", folder / "out", BRIEFLY)
-    for job in batch.to_do():
-        run_job(job, batch)
-    save_summaries(batch)
+    table = write_table(scene, folder, 3, f"gone.png,{scene.model},{scene.start}\n")
+    fit_all(open_batch(table, folder / "out", BRIEFLY))
     return folder / "out"
 
 

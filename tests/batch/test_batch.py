@@ -21,6 +21,7 @@ from poseviewer.files.pose import load_pose
 from poseviewer.files.writing import OLD_PART_S, write_whole
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.pose_error import pose_error
+from tests.batches import write_table
 from tests.commands import read_rows, run
 from tests.ctrl_c import ctrl_c_ends_them
 from tests.view_sets import write_views
@@ -40,17 +41,6 @@ def one_process(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def command(*arguments: object) -> list[str]:
     return [sys.executable, "-m", "poseviewer.cli.main", *(str(argument) for argument in arguments)]
-
-
-def write_table(scene, folder: Path, rows: int, more: str = "") -> Path:
-    """``rows`` rows of photos that differ in name alone, and some lines ``more``."""
-    lines = ["photo,model,start,box"]
-    for number in range(rows):
-        shutil.copy(scene.photo, folder / f"photo{number}.png")
-        lines.append(f"photo{number}.png,{scene.model},{scene.start}")
-    table = folder / "jobs.csv"
-    table.write_text("\n".join(lines) + "\n" + more, encoding="utf-8")
-    return table
 
 
 def kept(out: Path) -> dict[str, bytes]:

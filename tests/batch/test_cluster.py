@@ -14,7 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.batch.test_batch import LONG, command, kept, wait_until, write_table
+from tests.batch.test_batch import LONG, command, kept, wait_until
+from tests.batches import write_table
 from tests.commands import read_rows, run
 from tests.evaluation.real_folder import write_real_folder
 

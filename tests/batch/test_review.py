@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from poseviewer.batch import review
-from poseviewer.batch.job import run_job
-from poseviewer.batch.results import ACCEPTED, Batch, worst_first
+from poseviewer.batch.results import ACCEPTED, worst_first
 from poseviewer.batch.run import open_batch, save_summaries
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.formats.bop import BopObject, read_bop
@@ -19,6 +18,7 @@ from poseviewer.files.pose import load_pose
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.transform import RigidTransform
+from tests.batches import fit_all
 from tests.commands import read_rows
 from tests.scene import Scene
 from tests.several import write_bop_scene
@@ -36,13 +36,6 @@ def make_bop(scene: Scene, folder: Path) -> tuple[Path, Path]:
     objects = [BopObject(5, start.camera_from_model)]
     photos, poses = dict.fromkeys(IMAGES, scene.photo), dict.fromkeys(IMAGES, objects)
     return write_bop_scene(folder / "000001", start.camera, photos, poses), models
-
-
-def fit_all(batch: Batch) -> None:
-    """Fit in this process: how jobs are handed out is tested elsewhere."""
-    for job in batch.to_do():
-        run_job(job, batch)
-    save_summaries(batch)
 
 
 @pytest.fixture(scope="module")
