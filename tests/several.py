@@ -24,6 +24,7 @@ from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.render.types import Renderer
 from tests.meshes import make_box, make_bumpy
 
 CAMERA = Perspective(420.0, 420.0, 160.5, 120.5, 320, 240)
@@ -85,6 +86,23 @@ def lit_models(
     small = cv2.resize(lit, size, interpolation=cv2.INTER_AREA)
     noisy = small + random.normal(0.0, 0.01, small.shape)
     return np.rint(np.clip(noisy, 0.0, 1.0) * 255.0).astype(np.uint8)
+
+
+def lit_on_noise(renderer: Renderer, pose: Pose, noise: float = 0.05) -> NDArray[np.float32]:
+    """(height, width, 3): the model lit from one side, on a grey ground of noise; not clipped."""
+    image = renderer.render(pose)
+    lit = image.reflectance * (0.5 + 0.45 * image.normals @ LIGHT)[..., None]
+    ground = np.random.default_rng(1).normal(0.4, noise, lit.shape)
+    return np.where(image.mask[..., None], lit, ground).astype(np.float32)
+
+
+def save_halves(path: Path, mesh: Mesh) -> None:
+    """An OBJ of two parts, ``left`` and ``right``, by the sign of x."""
+    lines = ["v {} {} {}".format(*vertex) for vertex in mesh.vertices]
+    is_left = mesh.vertices[mesh.faces, 0].mean(axis=1) < 0.0
+    for name, faces in (("left", mesh.faces[is_left]), ("right", mesh.faces[~is_left])):
+        lines += [f"o {name}", *("f {} {} {}".format(*face) for face in faces + 1)]
+    path.write_text("\n".join(lines) + "\n")
 
 
 def save_model(path: Path, mesh: Mesh) -> None:

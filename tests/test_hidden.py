@@ -18,6 +18,7 @@ from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.starts.loading import load_model
 from tests.commands import run
 from tests.scene import Scene
+from tests.several import save_halves
 
 QUICK = FitSettings(limits=Limits(60))
 HALF_HIDDEN = Mask.of(np.broadcast_to(np.arange(160) >= 70, (120, 160)))
@@ -26,13 +27,8 @@ HALF_HIDDEN = Mask.of(np.broadcast_to(np.arange(160) >= 70, (120, 160)))
 @pytest.fixture
 def halves(scene: Scene, tmp_path: Path) -> Path:
     """The scene's model in two parts, ``left`` and ``right``."""
-    mesh = load_model(scene.model).mesh
-    lines = ["v {} {} {}".format(*vertex) for vertex in mesh.vertices]
-    is_left = mesh.vertices[mesh.faces, 0].mean(axis=1) < 0.0
-    for name, faces in (("left", mesh.faces[is_left]), ("right", mesh.faces[~is_left])):
-        lines += [f"o {name}", *("f {} {} {}".format(*(face + 1)) for face in faces)]
     path = tmp_path / "halves.obj"
-    path.write_text("\n".join(lines) + "\n")
+    save_halves(path, load_model(scene.model).mesh)
     return path
 
 

@@ -16,6 +16,7 @@ from poseviewer.fit.settings import FitSettings, Limits
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage
 from tests.scene import Scene, make_scene
+from tests.several import save_halves
 
 pytestmark = pytest.mark.slow
 
@@ -27,12 +28,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     """The scene with a model of two parts: by the sign of x."""
     whole = make_scene(tmp_path_factory.mktemp("files"))
     scene = replace(whole, model=whole.model.with_name("halves.obj"))
-    mesh = load_mesh(whole.model)
-    lines = ["v {} {} {}".format(*vertex) for vertex in mesh.vertices]
-    left = mesh.vertices[mesh.faces, 0].mean(axis=1) < 0.0
-    for name, faces in (("left", mesh.faces[left]), ("right", mesh.faces[~left])):
-        lines += [f"o {name}", *("f {} {} {}".format(*face) for face in faces + 1)]
-    scene.model.write_text("\n".join(lines) + "\n")
+    save_halves(scene.model, load_mesh(whole.model))
     return scene
 
 

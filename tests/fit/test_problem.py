@@ -18,11 +18,11 @@ from poseviewer.render.pyramid.levels import smaller, structured
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_bumpy
+from tests.several import lit_on_noise
 
 MESH = make_bumpy(4)
 MODEL = LoadedModel(MESH, "bumpy.ply", "")
 RENDERER = SoftwareRenderer(MESH)
-LIGHT = np.array([0.4, -0.7, -0.6])
 OFF = np.array([0.05, -0.06, 0.04, 0.05, -0.04, 0.05])
 
 
@@ -36,11 +36,8 @@ def true_pose(width: int) -> Pose:
 def make_problem(width: int, **settings) -> FitProblem:
     """The lit model on a ground of noise, to be found from a start near it."""
     pose = true_pose(width)
-    image = RENDERER.render(pose)
-    lit = image.reflectance * (0.5 + 0.45 * image.normals @ LIGHT)[..., None]
-    ground = np.random.default_rng(1).normal(0.4, 0.05, (*lit.shape[:2], 3))
-    channels = np.where(image.mask[..., None], lit, ground).astype(np.float32)
-    weights = np.ones(lit.shape[:2], np.float32)
+    channels = lit_on_noise(RENDERER, pose)
+    weights = np.ones(channels.shape[:2], np.float32)
     photo = PhotoAttributes(channels, weights, clipped=True, colour_reflectance=True)
     chart = FreeBodyChart.near(MESH, FreeBodyChart.near(MESH, pose).to_pose(OFF))
     return FitProblem(MODEL, (ComparedView(photo, chart),), np.zeros(6), FitSettings(**settings))

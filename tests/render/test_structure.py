@@ -13,9 +13,9 @@ from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.structure import CLASSES, make_structure
 from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_bumpy
+from tests.several import lit_on_noise
 
 MESH = make_bumpy(4)
-LIGHT = np.array([0.4, -0.7, -0.6])
 
 
 def make_pose(turn: float = 0.0, shift: float = 0.0, parallel: bool = False) -> Pose:
@@ -26,10 +26,7 @@ def make_pose(turn: float = 0.0, shift: float = 0.0, parallel: bool = False) -> 
 
 
 def make_channels(pose: Pose) -> np.ndarray:
-    image = SoftwareRenderer(MESH).render(pose)
-    lit = image.reflectance * (0.5 + 0.45 * image.normals @ LIGHT)[..., None]
-    ground = np.random.default_rng(1).normal(0.4, 0.02, (*lit.shape[:2], 3))
-    return np.clip(np.where(image.mask[..., None], lit, ground), 0.0, 1.0).astype(np.float32)
+    return lit_on_noise(SoftwareRenderer(MESH), pose, 0.02).clip(0.0, 1.0)
 
 
 def make_photo(pose: Pose, factor: int = 1) -> PhotoAttributes:

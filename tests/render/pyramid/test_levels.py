@@ -14,9 +14,9 @@ from poseviewer.render.pyramid.levels import (
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_bumpy
+from tests.several import lit_on_noise
 
 MESH = make_bumpy(4)
-LIGHT = np.array([0.4, -0.7, -0.6])
 
 
 def make_pose(parallel: bool) -> Pose:
@@ -27,13 +27,8 @@ def make_pose(parallel: bool) -> Pose:
 
 def make_photo(pose: Pose, **settings) -> PhotoAttributes:
     """The model lit from one side, on a grey ground with noise that has nothing to do with it."""
-    image = SoftwareRenderer(MESH).render(pose)
-    lit = image.reflectance * (0.5 + 0.45 * image.normals @ LIGHT)[..., None]
-    ground = np.random.default_rng(1).normal(0.4, 0.05, (*lit.shape[:2], 3))
-    channels = np.where(image.mask[..., None], lit, ground)
-    return PhotoAttributes(
-        channels.astype(np.float32), np.ones(lit.shape[:2], np.float32), **settings
-    )
+    channels = lit_on_noise(SoftwareRenderer(MESH), pose)
+    return PhotoAttributes(channels, np.ones(channels.shape[:2], np.float32), **settings)
 
 
 @pytest.mark.parametrize("parallel", [False, True])
