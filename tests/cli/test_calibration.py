@@ -4,7 +4,6 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import jsonschema
 import numpy as np
 import pytest
 
@@ -19,7 +18,7 @@ from poseviewer.geometry.lens import Lens, Undistortion, same_undistortion
 from poseviewer.geometry.pose_error import pose_error
 from tests.commands import run
 from tests.lenses import as_taken, write_camera
-from tests.schemas import json_schema
+from tests.schemas import load_valid
 
 TAKEN = Perspective(300.0, 300.0, 83.0, 58.0, 160, 120)
 LENSES = {
@@ -44,8 +43,7 @@ def test_a_fit_through_a_lens_finds_the_pose_and_says_whose_it_is(folder, lens):
     found, truth = load_pose(folder / "out.json"), load_pose(folder / "true.json").pose
     assert pose_error(load_mesh(folder / "m.ply"), found.pose, truth).reprojection_px < 1.0
     assert same_undistortion(found.undistortion, Undistortion.of(lens, TAKEN))
-    data = json.loads((folder / "out.json").read_text())
-    jsonschema.validate(data, json_schema("pose"))
+    data = load_valid(folder / "out.json", "pose")
     assert "undistorted photo" in data["distortion"]["note"]
     assert data["distortion"]["coefficients"] == list(lens.coefficients)
     assert data["photo"]["sha256"] == load_photo(folder / "taken.png").sha256

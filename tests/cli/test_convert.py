@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-import jsonschema
 import numpy as np
 import pytest
 import trimesh
@@ -16,7 +15,7 @@ from poseviewer.files.scene_file import load_scene
 from poseviewer.geometry.camera import Perspective
 from tests.commands import run
 from tests.files.formats.cases import HEIGHT, WIDTH
-from tests.schemas import json_schema
+from tests.schemas import load_valid
 from tests.several import IDS, MESHES, STARTS, make_bop
 
 
@@ -24,8 +23,7 @@ def test_there_and_back(folder, capsys):
     assert run("convert", "named.json", "--to", "colmap", "out") == 0
     assert "out/images.txt" in capsys.readouterr().out
     assert run("convert", "out", "--from", "colmap", "back.json", "--unit", "m") == 0
-    data = json.loads((folder / "back.json").read_text())
-    jsonschema.validate(data, json_schema("pose"))
+    data = load_valid(folder / "back.json", "pose")
     assert data["photo"] == {"file": "000003.png", "width": WIDTH, "height": HEIGHT}
     assert data["model"] == {"unit": "m"}
     found = load_pose(folder / "back.json").pose.camera_from_model.translation

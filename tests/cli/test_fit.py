@@ -11,7 +11,6 @@ import termios
 import time
 from pathlib import Path
 
-import jsonschema
 import numpy as np
 import pytest
 
@@ -23,7 +22,7 @@ from poseviewer.files.scene_file import load_scene
 from poseviewer.geometry.pose_error import pose_error
 from tests.commands import run
 from tests.ctrl_c import ctrl_c_ends_them
-from tests.schemas import json_schema
+from tests.schemas import load_valid
 from tests.several import IDS, MESHES, TRUTH
 from tests.view_sets import MESH, SET_FROM_MODEL
 
@@ -41,8 +40,7 @@ def test_the_pose_is_found_and_the_file_says_what_is_printed(folder, capsys):
     truth, found = load_pose(folder / "true.json").pose, load_pose(folder / "pose.json")
     assert pose_error(load_mesh(folder / "m.ply"), found.pose, truth).reprojection_px < 1.0
     assert found.warnings == ()
-    data = json.loads((folder / "pose.json").read_text())
-    jsonschema.validate(data, json_schema("pose"))
+    data = load_valid(folder / "pose.json", "pose")
     assert data["photo"]["file"] == "p.png"
     assert data["settings"]["chart"] == "auto"
     assert 0.0 < data["unexplained"] < 1.0
@@ -67,7 +65,7 @@ def test_all_objects_of_a_scene_are_found(folder, capsys):
     assert run(*line.split()) == 0
     printed = capsys.readouterr().out
     assert all(f"{name} (seen to " in printed for name in IDS)
-    jsonschema.validate(json.loads(Path("out.json").read_text()), json_schema("scene"))
+    load_valid(Path("out.json"), "scene")
     before, after = load_scene(folder / "three.scene.json"), load_scene(folder / "out.json")
     for index, new in enumerate(after.objects):
         assert off(after, index) < 0.5 * off(before, index)
@@ -82,8 +80,7 @@ def test_a_set_is_fitted_and_its_file_says_the_pose_in_the_set(folder, capsys):
     said = capsys.readouterr().out
     assert "b.png: unexplained" in said
     assert "By each of the 3 photos alone it is" in said
-    data = json.loads((folder / "out.json").read_text())
-    jsonschema.validate(data, json_schema("scene"))
+    data = load_valid(folder / "out.json", "scene")
     assert all((folder / f"o.{name}.png").is_file() for name in "abc")
     place = data["objects"][0]["world_from_model"]
     centre = np.array(place["rotation"]) @ MESH.centre + place["translation"]

@@ -18,7 +18,7 @@ from poseviewer.files.symmetry import SymmetryTurns
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.symmetry_group import Symmetry, Turn
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
-from tests.schemas import json_schema
+from tests.schemas import json_schema, load_valid
 from tests.writing import write
 
 WIDTH, HEIGHT = 640, 480
@@ -58,7 +58,7 @@ def plain() -> dict[str, Any]:
 
 @pytest.mark.parametrize("camera", [PERSPECTIVE, PARALLEL])
 def test_what_is_written_is_read_to_the_last_digit(
-    tmp_path: Path, camera: Perspective | Parallel, validator: Any
+    tmp_path: Path, camera: Perspective | Parallel
 ) -> None:
     record = full_record(camera)
     factor, size = np.random.default_rng(0).normal(size=(7, 7)), 6 if camera is PARALLEL else 7
@@ -66,7 +66,7 @@ def test_what_is_written_is_read_to_the_last_digit(
     sure = PoseCovariance(pose, np.array([0.1, 0.2, 5.3]), matrix, 0.7, "log_size")
     record = structs.replace(record, uncertainty=Uncertainty.of(sure))
     save_pose(tmp_path / "pose.json", record)
-    validator.validate(json.loads((tmp_path / "pose.json").read_text(encoding="utf-8")))
+    load_valid(tmp_path / "pose.json", "pose")
     read = load_pose(tmp_path / "pose.json", WIDTH, HEIGHT)
     assert read.pose.camera == camera
     np.testing.assert_array_equal(read.pose.camera_from_model.rotation, TRANSFORM.rotation)
@@ -173,13 +173,6 @@ CAMERA_ENTRY = plain()["camera"]
 DISTORTION = {"model": "opencv", "coefficients": [0.1] * 5, "camera_as_taken": CAMERA_ENTRY}
 
 
-@pytest.fixture(scope="module")
-def validator() -> jsonschema.Draft202012Validator:
-    schema = json_schema("pose")
-    jsonschema.Draft202012Validator.check_schema(schema)
-    return jsonschema.Draft202012Validator(schema)
-
-
 @pytest.mark.parametrize(
     "change",
     [
@@ -201,11 +194,9 @@ def validator() -> jsonschema.Draft202012Validator:
     ],
 )
 def test_schema_and_reader_refuse_the_same(
-    tmp_path: Path,
-    change: Callable[[dict], object],
-    validator: jsonschema.Draft202012Validator,
+    tmp_path: Path, change: Callable[[dict], object]
 ) -> None:
-    data = plain()
+    data, validator = plain(), jsonschema.Draft202012Validator(json_schema("pose"))
     validator.validate(data)
     change(data)
     assert not validator.is_valid(data)

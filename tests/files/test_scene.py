@@ -5,7 +5,6 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-import jsonschema
 import numpy as np
 import pytest
 from msgspec import structs
@@ -27,7 +26,7 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.starts.loading import open_scene
-from tests.schemas import json_schema
+from tests.schemas import json_schema, load_valid
 from tests.several import CAMERA, IDS, STARTS, TRUTH, make_three
 from tests.writing import edit
 
@@ -65,8 +64,7 @@ def test_what_is_written_is_read_to_the_last_digit(path, tmp_path):
     scene = told(path)
     (tmp_path / "below").mkdir()
     save_scene(tmp_path / "below" / "s.json", scene)
-    data = json.loads((tmp_path / "below" / "s.json").read_text())
-    jsonschema.validate(data, json_schema("scene"))
+    data = load_valid(tmp_path / "below" / "s.json", "scene")
     assert data["objects"][0]["model"]["file"] == "../ball.ply"
     assert data["views"][1]["mask"] == "s.1.mask.png"
     again = load_scene(tmp_path / "below" / "s.json")
