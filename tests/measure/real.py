@@ -227,7 +227,7 @@ def summary(trials: Sequence[Trial]) -> str:
         some = [t for t in trials if t.way == way and name in (t.set, "all")]
         found = [t for t in some if t.verdict == "found"]
         medians = [
-            float(np.nanmedian([getattr(t, field) for t in some]))
+            _median([getattr(t, field) for t in some])
             for field in ("start_percent", "percent", "degrees", "depth_percent", "across_percent")
         ]
         cells = [f"{len(some)}", *(f"{value:.2f}" for value in medians)]
@@ -244,6 +244,12 @@ def summary(trials: Sequence[Trial]) -> str:
     return "\n".join(
         [*lines, "found: by the verdict; wrong: of these; among: a right start is there"]
     )
+
+
+def _median(values: Sequence[float]) -> float:
+    """The median of those that are known; nan where none is."""
+    known = [value for value in values if not np.isnan(value)]
+    return float(np.median(known)) if known else np.nan
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
