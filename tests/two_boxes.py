@@ -15,11 +15,9 @@ from tests.several import LIGHT, lit_models, save_model
 
 CAMERA = Perspective.from_field_of_view(50.0, 640, 480)
 MESH = make_printed()
-PLACES = (
-    RigidTransform.from_rotation_vector([0.5, 0.6, -0.1], [-1.6, 0.1, 8.0]),
-    RigidTransform.from_rotation_vector([0.3, -0.5, 2.2], [1.5, 0.2, 9.0]),
-)
-TRUTH = [PlacedModel(MESH, Pose(CAMERA, place)) for place in PLACES]
+PLACES = ([0.5, 0.6, -0.1], [-1.6, 0.1, 8.0]), ([0.3, -0.5, 2.2], [1.5, 0.2, 9.0])
+POSES = (Pose(CAMERA, RigidTransform.from_rotation_vector(*place)) for place in PLACES)
+TRUTH = [PlacedModel(MESH, pose) for pose in POSES]
 
 
 def make_two(folder: Path) -> Scene:

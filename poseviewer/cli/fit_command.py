@@ -51,7 +51,7 @@ def run(options: Namespace) -> int:
     _require_writable(options)  # now the files that its own name are known
     result = search(scene, options.quiet).whole
     if options.instances:
-        result = _without_lost(result, options.instances)
+        result = without_lost(result, options.instances)
     result.save(options.out)
     say(f"{'scene' if result.index is None else 'pose'}: {options.out}")
     for path in result.draw(options.overlay, options.look) if options.overlay else ():
@@ -59,7 +59,7 @@ def run(options: Namespace) -> int:
     return EXIT_INTERRUPTED if result.stopped else 0
 
 
-def _without_lost(scene: Scene, wanted: int) -> Scene:
+def without_lost(scene: Scene, wanted: int) -> Scene:
     """Hide lost instances beside others, which are no instances; say how many are left."""
     words = [end.verdict.word if end.verdict else "" for end in scene.placings.values()]
     lost = [index for index, word in zip(scene.placings, words, strict=True) if word == "lost"]

@@ -1,11 +1,14 @@
 """Several instances of one model in one photo: each found, fitted, and in one scene."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from poseviewer import api
+from poseviewer.cli.fit_command import without_lost
+from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import SettingsError
 from poseviewer.evaluation.cases import load_cases
 from poseviewer.files.photo import load_photo
@@ -18,6 +21,7 @@ from poseviewer.starts.automatic import StartQuery
 from poseviewer.starts.instances import propose_beside
 from poseviewer.starts.loading import StartCamera, StartInputs
 from tests.commands import read_rows, run
+from tests.several import make_three
 from tests.two_boxes import CAMERA, MESH, TRUTH, make_two, off
 
 
@@ -71,6 +75,17 @@ def test_two_real_bottles_are_found(shared_data: Path):
     poses = [end[item.id].pose for item in end.objects]
     for case in cases:
         assert min(pose_error(end["1"].mesh, pose, case.truth).percent for pose in poses) < 2.0
+
+
+def test_lost_instances_are_hidden_beside_others(tmp_path: Path, capsys):
+    end = api.load(make_three(tmp_path)).fit(evaluations=20)
+    words = [Verdict(word, 0.5) for word in ("found", "lost", "doubtful")]
+    ends = {i: replace(own, verdict=words[i]) for i, own in end.placings.items()}
+    kept = without_lost(replace(end, placings=ends), 3)
+    assert [item.hidden for item in kept.objects] == [False, True, False]
+    assert "2 of 3 instances are found or doubtful" in capsys.readouterr().out
+    lost = {i: replace(own, verdict=words[1]) for i, own in ends.items()}
+    assert not any(item.hidden for item in without_lost(replace(end, placings=lost), 3).objects)
 
 
 def test_instances_are_for_an_automatic_start_alone(scene, capsys):
