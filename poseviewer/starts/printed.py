@@ -21,11 +21,12 @@ from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.renderers import make_renderer
+from poseviewer.render.types import Renderer
 from poseviewer.starts.loading import StartInputs
 from poseviewer.starts.views import even_rotations
 
-VIEWS, VIEW_PX, BORDER_PX = 42, 320, 20
-"""Views of the model; its diameter in them; free pixels about it."""
+VIEWS, VIEW_SIZES_PX, BORDER_PX = 42, (320, 160), 20
+"""Views of the model; its diameters in them; free pixels about it."""
 DISTANCE = 5.0
 """From the model's centre to the camera, in diameters."""
 CONTRAST, MOST_IN_VIEW, MOST_IN_PHOTO = 0.01, 800, 10_000
@@ -94,19 +95,25 @@ def model_points(mesh: Mesh) -> tuple[Points, ...]:
 
 def _views(mesh: Mesh) -> Iterator[Points]:
     renderer = make_renderer(mesh)
-    side = VIEW_PX + 2 * BORDER_PX
-    camera = Perspective(DISTANCE * VIEW_PX, DISTANCE * VIEW_PX, side / 2, side / 2, side, side)
     for rotation in even_rotations(VIEWS):
-        place = np.array([0.0, 0.0, DISTANCE * mesh.diameter]) - rotation @ mesh.centre
-        pose = Pose(camera, RigidTransform(rotation, place))
-        view = renderer.render(pose)
-        shaded = view.reflectance @ GREY_WEIGHTS * (0.5 + 0.5 * np.abs(view.normals[..., 2]))
-        inside = cv2.erode(view.mask.astype(np.uint8), np.ones((5, 5)))
-        pixels, descriptors = _sift(shaded, MOST_IN_VIEW, inside)
-        columns, rows = pixels.T.astype(int)
-        depth = depth_image(PlacedModel(mesh, pose))[rows, columns]
-        points = (camera.rays(pixels) * depth[:, None] - place) @ rotation
-        yield Points(points, descriptors)
+        sizes = [_view(mesh, renderer, rotation, size) for size in VIEW_SIZES_PX]
+        yield Points(*map(np.concatenate, zip(*sizes, strict=True)))
+
+
+def _view(mesh: Mesh, renderer: Renderer, rotation: FloatArray, size: int) -> Points:
+    """Points of a view in which the model's diameter has a ``size``, px."""
+    side, focal = size + 2 * BORDER_PX, DISTANCE * size
+    camera = Perspective(focal, focal, side / 2, side / 2, side, side)
+    place = np.array([0.0, 0.0, DISTANCE * mesh.diameter]) - rotation @ mesh.centre
+    pose = Pose(camera, RigidTransform(rotation, place))
+    view = renderer.render(pose)
+    shaded = view.reflectance @ GREY_WEIGHTS * (0.5 + 0.5 * np.abs(view.normals[..., 2]))
+    inside = cv2.erode(view.mask.astype(np.uint8), np.ones((5, 5)))
+    pixels, descriptors = _sift(shaded, MOST_IN_VIEW, inside)
+    columns, rows = pixels.T.astype(int)
+    depth = depth_image(PlacedModel(mesh, pose))[rows, columns]
+    points = (camera.rays(pixels) * depth[:, None] - place) @ rotation
+    return Points(points, descriptors)
 
 
 def _photo_points(inputs: StartInputs, region: Rectangle) -> tuple[Points, float]:
