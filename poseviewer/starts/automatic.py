@@ -1,6 +1,7 @@
-"""Starts without user input: by print, and by views from all sides that fill a rectangle.
+"""Starts without user input: by print, by wheels, and by views that fill a rectangle.
 
-A model with print is found anywhere in a photo (``printed``). In a rectangle about the object,
+A model with print is found anywhere in a photo (``printed``), and so is a vehicle on two wheels
+that are seen. In a rectangle about the object,
 views of its shape are scored by the loss on the coarsest pyramid level; the best that differ are
 improved by short descents, the best of these by longer ones, and a few are proposed.
 """
@@ -66,6 +67,8 @@ RECTANGLE_WEIGHT = 4.0
 """Weight of the squared distances of the outline's sides from the rectangle's, as shares."""
 SIDE_PX = 40.0
 """Side of the rectangle, made square, on the coarsest level."""
+PHOTO_SIDE_PX = 200.0
+"""Side of the photo, made square, where poses by wheels anywhere in it are compared."""
 ROUNDS = ((32, 24, 0.12, SIDE_PX), (10, 80, 0.08, 60.0))
 """Rounds of descents from the best poses so far: their number; evaluations of each; edge of its
 simplex, radians and shares of the radius; side of the rectangle on the level that it is made on."""
@@ -164,26 +167,28 @@ def propose(
     watch: Callable[[], object] = lambda: None,
 ) -> list[Proposal]:
     """Propose up to ``MOST_PROPOSALS`` starts, the likeliest first, with the same result each time:
-    by print, and in a rectangle by some 3,000 evaluations of small pictures on all cores. Each
-    thread calls ``begin``, each evaluation ``watch``, which may raise to stop it.
+    by print, by a vehicle's wheels, and in a rectangle by some 3,000 evaluations of small pictures
+    on all cores. Each thread calls ``begin``, each step ``watch``, which may raise to stop it.
 
     Raises ``QuickStartError``: hardly any of the rectangle is in the photo, no view fits there, or
-    the print of the model is nowhere in the photo.
+    neither print nor wheels are seen in the photo.
     """
     if printed := _printed(query, watch):
         return printed
-    if query.rectangle is None:
-        raise QuickStartError(
-            "The model was not found in the photo by the print on it; draw a rectangle about it "
-            "(Fit to box), or name it with --box LEFT,TOP,WIDTH,HEIGHT."
-        )
+    watch()
     renderer = make_renderer(query.inputs.mesh) if renderer is None else renderer
     search = _ViewSearch(query, query.box, query.photo, renderer, begin, watch)
-    proposals = _with_wheels(search, search.best_views(query.views()))
-    if not proposals:
-        raise QuickStartError(
-            "No view of the model fits there; lay the rectangle closer about the object."
+    if query.rectangle is None:
+        proposals = _with_wheels(search, [], PHOTO_SIDE_PX)
+        sentence = (
+            "The model was not found in the photo by print on it or by a car's wheels; draw a "
+            "rectangle about it (Fit to box), or name it with --box LEFT,TOP,WIDTH,HEIGHT."
         )
+    else:
+        proposals = _with_wheels(search, search.best_views(query.views()), SIDE_PX)
+        sentence = "No view of the model fits there; lay the rectangle closer about the object."
+    if not proposals:
+        raise QuickStartError(sentence)
     return with_odds(proposals)
 
 
@@ -224,9 +229,9 @@ class _ViewSearch:
             proposals = self._descend(self._distinct(proposals, count), evaluations, edge, side_px)
         return self._distinct(proposals, MOST_PROPOSALS)
 
-    def ranked(self, poses: Sequence[Pose]) -> list[Proposal]:
+    def ranked(self, poses: Sequence[Pose], side_px: float) -> list[Proposal]:
         """Poses of several searches, scored anew over this one's region; those that differ."""
-        return self._distinct(self._scored(poses, self._level(SIDE_PX), 1), MOST_PROPOSALS)
+        return self._distinct(self._scored(poses, self._level(side_px), 1), MOST_PROPOSALS)
 
     def _level(self, side_px: float) -> Level:
         """The level on which the rectangle, made square, has about ``side_px`` along each side."""
@@ -301,18 +306,18 @@ class _ViewSearch:
         return [proposal for proposal, _ in kept]
 
 
-def _with_wheels(search: _ViewSearch, views: list[Proposal]) -> list[Proposal]:
+def _with_wheels(search: _ViewSearch, views: list[Proposal], side_px: float) -> list[Proposal]:
     """Proposals by a vehicle's two wheels, and ``views`` that put them there; else the views."""
     query, keypoints = search.query, search.query.inputs.keypoints
     if keypoints is None:
         return views
     is_guess = bool(query.inputs.photo.focal_note(query.camera))
     try:
-        pairs = likely_wheels(query.inputs, search.rectangle, query.camera, is_guess)
+        pairs = likely_wheels(query.inputs, search.rectangle, query.camera, is_guess, search.watch)
     except QuickStartError:  # no two are seen, as from in front
         return views
     agreeing = [v.pose for v in views if _shows(v.pose, keypoints, pairs[0].wheels)]
-    return search.ranked([*agreeing, *(pair.fit.pose for pair in pairs[:WHEEL_POSES])])
+    return search.ranked([*agreeing, *(pair.fit.pose for pair in pairs[:WHEEL_POSES])], side_px)
 
 
 def _shows(pose: Pose, keypoints: VehicleKeypoints, wheels: Wheels) -> bool:

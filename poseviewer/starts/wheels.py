@@ -6,7 +6,7 @@ dark on bright are one. The support of an ellipse is the mean agreement along it
 shapes are tried at all places of a small picture; the best are made better on a larger one.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations
@@ -265,10 +265,15 @@ def start_from_found_wheels(inputs: StartInputs, rectangle: Rectangle, known: St
 
 
 def likely_wheels(
-    inputs: StartInputs, rectangle: Rectangle, camera: Camera, is_guess: bool = False
+    inputs: StartInputs,
+    rectangle: Rectangle,
+    camera: Camera,
+    is_guess: bool = False,
+    watch: Callable[[], object] = lambda: None,
 ) -> list[FoundWheels]:
     """All likely pairs of wheels in a rectangle, the least loss first, seen from above if any are;
-    of a focal length that ``is_guess`` longer ones are tried. Raises ``QuickStartError``: no pair.
+    of a focal length that ``is_guess`` longer ones are tried. Each pair calls ``watch``, which may
+    raise. Raises ``QuickStartError``: no pair.
     """
     keypoints = _wheels_known(inputs)
     cameras = [camera]
@@ -276,6 +281,7 @@ def likely_wheels(
         cameras += [replace(camera, fx=k * camera.fx, fy=k * camera.fy) for k in LONGER_FOCALS]
     pairs: list[FoundWheels] = []
     for left, right in find_wheel_pairs(inputs.photo.grey(), rectangle):
+        watch()
         for wheels in (Wheels(left, right), Wheels(right, left)):
             for tried in cameras:
                 with suppress(QuickStartError):  # a pair that this car has not

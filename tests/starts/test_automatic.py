@@ -8,6 +8,7 @@ from poseviewer import api
 from poseviewer.cli import main as cli
 from poseviewer.errors import QuickStartError
 from poseviewer.evaluation.cases import load_cases
+from poseviewer.files.demo import demo_case
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
@@ -101,13 +102,22 @@ def test_printed_models_are_found_anywhere(shared_data: Path):
     assert all(one.odds > 0.9 for one in found)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("projection", ["perspective", "parallel"])
+def test_a_car_that_shows_two_wheels_is_found_anywhere(projection: str):
+    case = demo_case(projection)
+    end = api.load(case.photo, case.model, "auto").fit()
+    truth = load_pose(case.truth, end.pose.camera.width, end.pose.camera.height).pose
+    assert pose_error(end.object.model.mesh, end.pose, truth).percent < 1.0
+
+
 @pytest.mark.parametrize("box", [(0, 0, 4, 4), (150, 10, 40, 7), (400, 10, 50, 50)])
 def test_a_box_beside_the_photo_is_one_sentence(scene: Scene, box):
     with pytest.raises(QuickStartError, match=r"--box .* has no 8x8 px in the photo of 160x120 px"):
         api.load(scene.photo, scene.model, "auto", box=box)
 
 
-def test_without_print_or_a_box_a_sentence_asks_for_one(scene: Scene):
+def test_without_print_wheels_or_a_box_a_sentence_asks_for_one(scene: Scene):
     with pytest.raises(QuickStartError, match="name it with --box"):
         propose(wanted(scene, None))
 
