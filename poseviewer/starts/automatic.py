@@ -73,7 +73,7 @@ ROUNDS = ((32, 24, 0.12, SIDE_PX), (10, 80, 0.08, 60.0))
 """Rounds of descents from the best poses so far: their number; evaluations of each; edge of its
 simplex, radians and shares of the radius; side of the rectangle on the level that it is made on."""
 MOST_PROPOSALS = 5
-ODDS_POWER, EVEN_MATCHES = 4, 13**4
+ODDS_POWER, EVEN_MATCHES = 4, 7**4
 """Odds of a pose by print: it is right or wrong alike where its matches to the power are this."""
 LEAD_POWER, EVEN_LEAD, OTHERS_SHARE = 0.95, 0.09, 0.07
 """Odds fitted to photos with known poses: the first is right or wrong alike where its lead to the

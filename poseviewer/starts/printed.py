@@ -37,7 +37,7 @@ RATIO = 0.85
 """Most distance of the nearest descriptor, by that of the second."""
 FEWEST = 6
 """Matches that a pose needs: four give it."""
-SURE_MATCHES, MOST_COPIES = 18, 5
+SURE_MATCHES, MOST_COPIES = 10, 5
 """Matches from which a pose is right nearly always; copies of the model that are looked for."""
 ITERATIONS, CONFIDENCE, OFF_PX = 500, 0.999, 4.0
 """Of RANSAC; px of the scaled photo by which a point agrees."""
@@ -52,7 +52,7 @@ class Points(NamedTuple):
 
 
 class PrintedPose(NamedTuple):
-    """A pose, and the number of matches that agree on it."""
+    """A pose, and the number of different pixels whose matches agree on it."""
 
     pose: Pose
     matches: int
@@ -178,4 +178,5 @@ def _agreeing(
     if found and agreeing is not None and place[2, 0] > 0.0:
         rotation = np.asarray(cv2.Rodrigues(turn)[0], float)
         pose = Pose(camera, RigidTransform(rotation, np.asarray(place[:, 0], float)))
-        yield PrintedPose(pose, len(agreeing))
+        different = np.unique(np.round(pixels[np.asarray(agreeing, int)[:, 0]]), axis=0)
+        yield PrintedPose(pose, len(different))

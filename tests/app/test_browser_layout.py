@@ -81,7 +81,7 @@ def apps(tmp_path_factory: pytest.TempPathFactory, browser: Browser) -> Iterator
         path.write_text(path.read_text().replace('"a.png"', f'"{LONG_NAME}"'))
     (folders[3] / "a.png").rename(folders[3] / LONG_NAME)
     files: list[list[str | Path]] = [
-        [case.photo, case.model],
+        [case.photo, model],  # the demo's own is found by its wheels
         [case.photo, case.model, "--pose", case.start],
         [make_three(folders[2])],
         ["--views", views, model, "--pose", start],
