@@ -1,4 +1,4 @@
-"""From options to what they name: settings, a calibrated camera, files, a scene."""
+"""Open what options name: settings, a calibrated camera, files, a scene."""
 
 from __future__ import annotations
 

@@ -160,7 +160,7 @@ class ProposedStarts:
 
     @property
     def stopped(self) -> ProposedStarts | None:
-        """What is left of them when nothing more is looked for."""
+        """Proposals made so far, when nothing more is looked for."""
         return replace(self, is_over=True) if self.starts else None
 
 
