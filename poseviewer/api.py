@@ -159,10 +159,10 @@ def load(
         )
     if isinstance(calibration, str | Path):
         calibration = Calibration(Path(calibration))
-    if instances > 1 and (start != AUTOMATIC or chosen.free_focal):
+    if instances < 1 or (instances > 1 and (start != AUTOMATIC or chosen.free_focal)):
         raise SettingsError(
-            f'instances={instances}: wanted start="auto", and no free focal length, as one camera '
-            "shows them all."
+            f"instances={instances}: wanted one, or more with "
+            'start="auto" and no free focal length, as one camera shows them all.'
         )
     starts: list[Start] = []
     if start == AUTOMATIC:

@@ -89,8 +89,10 @@ def test_lost_instances_are_hidden_beside_others(tmp_path: Path, capsys):
 
 
 def test_instances_are_for_an_automatic_start_alone(scene, capsys):
-    with pytest.raises(SettingsError, match="instances=2: wanted start="):
+    with pytest.raises(SettingsError, match="instances=2: wanted one, or more"):
         api.load(scene.photo, scene.model, scene.start, instances=2)
+    with pytest.raises(SettingsError, match="instances=0: wanted one, or more"):
+        api.load(scene.photo, scene.model, "auto", instances=0)
     with pytest.raises(SettingsError, match="no free focal length"):
         api.load(scene.photo, scene.model, "auto", instances=2, free_focal=True)
     line = "fit", scene.photo, scene.model, "--pose", scene.start, "--out", "x.json"
