@@ -1,9 +1,9 @@
 """Starts without user input: by print, by wheels, and by views that fill a rectangle.
 
 A model with print is found anywhere in a photo (``printed``), and so is a vehicle on two wheels
-that are seen. In a rectangle about the object,
-views of its shape are scored by the loss on the coarsest pyramid level; the best that differ are
-improved by short descents, the best of these by longer ones, and a few are proposed.
+that are seen. In a rectangle about the object, views of its shape are scored by the loss on the
+coarsest pyramid level; the best that differ are improved by short descents, the best of these by
+longer ones, and a few are proposed.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,7 +31,7 @@ from poseviewer.render.pyramid.levels import Level, make_level
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import PhotoAttributes, Renderer
 from poseviewer.starts.loading import Start, StartInputs
-from poseviewer.starts.printed import SURE_MATCHES, printed_poses
+from poseviewer.starts.printed import SURE_PIXELS, printed_poses
 from poseviewer.starts.views import ViewPoses, even_rotations, ground_views, poses_filling
 from poseviewer.starts.wheels import likely_wheels
 from poseviewer.vehicle.chart import visible_side
@@ -73,8 +73,8 @@ ROUNDS = ((32, 24, 0.12, SIDE_PX), (10, 80, 0.08, 60.0))
 """Rounds of descents from the best poses so far: their number; evaluations of each; edge of its
 simplex, radians and shares of the radius; side of the rectangle on the level that it is made on."""
 MOST_PROPOSALS = 5
-ODDS_POWER, EVEN_MATCHES = 4, 7**4
-"""Odds of a pose by print: it is right or wrong alike where its matches to the power are this."""
+ODDS_POWER, EVEN_PIXELS = 4, 7**4
+"""Odds of a pose by print: it is right or wrong alike where its pixels to the power are this."""
 LEAD_POWER, EVEN_LEAD, OTHERS_SHARE = 0.95, 0.09, 0.07
 """Odds fitted to photos with known poses: the first is right or wrong alike where its lead to the
 power is ``EVEN_LEAD``; each other one has this share of what remains."""
@@ -193,13 +193,13 @@ def propose(
 
 
 def _printed(query: StartQuery, watch: Callable[[], object]) -> list[Proposal]:
-    """Proposals by the model's print, of those of enough matches."""
+    """Proposals by the model's print, of those that enough pixels agree on."""
     inputs = query.inputs
     poses = printed_poses(inputs, query.camera, query.box, watch)
     return [
-        Proposal(pose, -matches, matches**ODDS_POWER / (matches**ODDS_POWER + EVEN_MATCHES))
-        for pose, matches in poses
-        if matches >= SURE_MATCHES
+        Proposal(pose, -pixels, pixels**ODDS_POWER / (pixels**ODDS_POWER + EVEN_PIXELS))
+        for pose, pixels in poses
+        if pixels >= SURE_PIXELS
     ]
 
 

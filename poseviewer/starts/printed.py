@@ -37,10 +37,10 @@ RATIO = 0.85
 """Most distance of the nearest descriptor, by that of the second."""
 FEWEST = 6
 """Matches that a pose needs: four give it."""
-SURE_MATCHES, MOST_COPIES = 10, 5
-"""Matches from which a pose is right nearly always; copies of the model that are looked for."""
+SURE_PIXELS, MOST_COPIES = 10, 5
+"""Pixels from which a pose is right nearly always; copies of the model that are looked for."""
 ITERATIONS, CONFIDENCE, OFF_PX = 500, 0.999, 4.0
-"""Of RANSAC; px of the scaled photo by which a point agrees."""
+"""RANSAC's most draws and wanted probability; px of the scaled photo by which a point agrees."""
 
 
 class Points(NamedTuple):
@@ -52,17 +52,17 @@ class Points(NamedTuple):
 
 
 class PrintedPose(NamedTuple):
-    """A pose, and the number of different pixels whose matches agree on it."""
+    """A pose, and the number of different pixels of the photo that agree on it."""
 
     pose: Pose
-    matches: int
+    pixels: int
 
 
 def printed_poses(
     inputs: StartInputs, camera: Camera, region: Rectangle, watch: Callable[[], object]
 ) -> list[PrintedPose]:
     """Poses that most matches in a region of the photo agree on, for each copy of the model that
-    is seen there, the surest first; ``watch`` is called between them, and may raise.
+    is seen there, the surest first; ``watch`` is called between views, and may raise.
     """
     if not isinstance(camera, Perspective):
         return []
@@ -78,13 +78,13 @@ def printed_poses(
             agreeing += _agreeing(view, points, camera, OFF_PX / scale)
         if not agreeing:
             break
-        poses.append(max(agreeing, key=lambda printed: printed.matches))
-        if poses[-1].matches < SURE_MATCHES:
+        poses.append(max(agreeing, key=lambda printed: printed.pixels))
+        if poses[-1].pixels < SURE_PIXELS:
             break
         outline = cv2.convexHull(poses[-1].pose.project(hull_points(mesh)).astype(np.float32))
         is_left = [cv2.pointPolygonTest(outline, pixel, False) < 0 for pixel in points.at]
         points = Points(points.at[is_left], points.descriptors[is_left])
-    return sorted(poses, key=lambda printed: -printed.matches)
+    return sorted(poses, key=lambda printed: -printed.pixels)
 
 
 @lru_cache(maxsize=4)
@@ -163,7 +163,7 @@ def _agreeing(
         return
     matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
     try:
-        found, turn, place, agreeing = cv2.solvePnPRansac(
+        is_solved, turn, place, agreeing = cv2.solvePnPRansac(
             points,
             pixels,
             matrix,
@@ -175,7 +175,7 @@ def _agreeing(
         )
     except cv2.error:  # matches in one point
         return
-    if found and agreeing is not None and place[2, 0] > 0.0:
+    if is_solved and agreeing is not None and place[2, 0] > 0.0:
         rotation = np.asarray(cv2.Rodrigues(turn)[0], float)
         pose = Pose(camera, RigidTransform(rotation, np.asarray(place[:, 0], float)))
         different = np.unique(np.round(pixels[np.asarray(agreeing, int)[:, 0]]), axis=0)
