@@ -14,16 +14,16 @@ from poseviewer.files.formats.bop import BopObject
 from poseviewer.files.photo import save_image
 from poseviewer.files.photo_sets import LoadedViews
 from poseviewer.files.pose import PoseRecord, save_pose
-from poseviewer.files.scene_file import SceneRecord, ViewRecord, save_scene
+from poseviewer.files.scene_json import SceneRecord, ViewRecord, save_scene
 from poseviewer.files.structs import PhotoReference
-from poseviewer.fit.scene import PlacedModel
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.symmetry_group import Symmetry, Turn
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.geometry.view import View
+from poseviewer.geometry.world_pose import View
+from poseviewer.scene.types import PlacedModel
 from tests.meshes import make_box, make_bumpy
 from tests.several import coloured, lit_models, save_model, write_bop_scene
 from tests.writing import write

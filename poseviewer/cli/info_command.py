@@ -103,7 +103,7 @@ def _print_model(path: Path) -> None:
 
 
 def _print_scene(path: Path) -> None:
-    from poseviewer.files.scene_file import load_scene
+    from poseviewer.files.scene_json import load_scene
 
     scene = load_scene(path)
     for own in scene.views:

@@ -15,9 +15,9 @@ from poseviewer.files.colmap_model import model_file
 from poseviewer.files.formats.bop import CAMERAS, UNIT, WORLD, load_bop_images
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.reconstructions import colmap_views, frame_view
-from poseviewer.files.scene_file import ViewRecord, load_scene, open_view
+from poseviewer.files.scene_json import ViewRecord, load_scene, open_view
 from poseviewer.geometry.camera import Perspective
-from poseviewer.geometry.view import View
+from poseviewer.geometry.world_pose import View
 
 KIND = "set of photos"
 COLMAP_FOLDERS = ("", "sparse/0", "sparse")

@@ -23,7 +23,7 @@ from poseviewer.files.photo_sets import (
     with_names,
 )
 from poseviewer.files.pose import PoseRecord, check_against, load_pose
-from poseviewer.files.scene_file import (
+from poseviewer.files.scene_json import (
     InViewRecord,
     ModelFile,
     ObjectRecord,
@@ -38,15 +38,15 @@ from poseviewer.files.scene_file import (
 from poseviewer.files.structs import CameraNumbers, ChartParameters, Distortion, Uncertainty
 from poseviewer.files.symmetry import SymmetryTurns, load_symmetry
 from poseviewer.files.writing import sha256_of
-from poseviewer.fit.scene import InView, LoadedModel, Scene, SceneObject, SearchResult, scene_at
-from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import same_undistortion
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.geometry.view import View, scale_by_sight
+from poseviewer.geometry.world_pose import View, scale_by_sight
+from poseviewer.scene.settings import FitSettings, settings_as_json, settings_from_json
+from poseviewer.scene.types import InView, LoadedModel, Scene, SceneObject, SearchResult, scene_at
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 
 NOTABLE = 1e-3

@@ -25,7 +25,7 @@ from poseviewer.files.masks import mask_beside
 from poseviewer.files.pose import load_pose
 from poseviewer.files.state.autosave import load_autosave
 from poseviewer.fit.progress import Status
-from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.scene.settings import FitSettings, Limits
 from tests.batches import fit_all, write_table
 from tests.scene import make_scene
 

@@ -11,7 +11,7 @@ from msgspec import structs
 from assets.source.schemas import KINDS, schema
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.masks import mask_text
-from poseviewer.files.scene_file import (
+from poseviewer.files.scene_json import (
     InViewRecord,
     Place,
     SceneRecord,

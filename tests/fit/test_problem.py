@@ -7,8 +7,6 @@ import pytest
 
 from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
-from poseviewer.fit.scene import LoadedModel
-from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
@@ -17,6 +15,8 @@ from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.render.pyramid.levels import smaller, structured
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes
+from poseviewer.scene.settings import FitSettings, Limits
+from poseviewer.scene.types import LoadedModel
 from tests.meshes import make_bumpy
 from tests.several import lit_on_noise
 

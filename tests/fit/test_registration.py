@@ -9,13 +9,13 @@ from poseviewer.api import load
 from poseviewer.errors import SettingsError
 from poseviewer.files.demo import demo_case
 from poseviewer.fit.problem import make_problem
-from poseviewer.fit.scene import Scene as FitScene
-from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.types import PhotoAttributes
+from poseviewer.scene.settings import FitSettings, settings_as_json, settings_from_json
+from poseviewer.scene.types import Scene as FitScene
 from tests.meshes import make_box
 from tests.opened import by, scene_of
 

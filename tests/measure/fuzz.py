@@ -40,11 +40,11 @@ from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.photo_sets import SetChoice, load_views
 from poseviewer.files.pose import load_pose
-from poseviewer.files.scene_file import load_scene
+from poseviewer.files.scene_json import load_scene
 from poseviewer.files.state import uploads
 from poseviewer.files.state.autosave import load_autosave
 from poseviewer.files.symmetry import load_symmetry
-from poseviewer.fit.settings import FitSettings
+from poseviewer.scene.settings import FitSettings
 from tests.app.state.documents import BUMPY, CAR, make_session
 from tests.writing import write
 

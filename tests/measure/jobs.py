@@ -24,7 +24,7 @@ from poseviewer.app.workers.overlay import ALONE_MARGIN
 from poseviewer.evaluation.cases import Case, load_cases, load_starts
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import PoseRecord, load_pose, save_pose
-from poseviewer.files.scene_file import SceneRecord, ViewRecord, load_scene, save_scene
+from poseviewer.files.scene_json import SceneRecord, ViewRecord, load_scene, save_scene
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.pose_error import pose_error

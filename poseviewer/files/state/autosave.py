@@ -16,7 +16,7 @@ import msgspec
 from msgspec import Struct
 
 from poseviewer.errors import AutosaveError, PoseViewerError
-from poseviewer.files import scene_file as s
+from poseviewer.files import scene_json as s
 from poseviewer.files.checks import LARGEST_DATA, Reading
 from poseviewer.files.masks import load_mask
 from poseviewer.files.structs import Number

@@ -16,7 +16,7 @@ from msgspec import structs
 from poseviewer.errors import AutosaveError
 from poseviewer.files.masks import mask_text
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene_file import InViewRecord, ObjectRecord, SceneRecord, ViewRecord
+from poseviewer.files.scene_json import InViewRecord, ObjectRecord, SceneRecord, ViewRecord
 from poseviewer.files.state.autosave import (
     AutosavedSession,
     SessionFile,

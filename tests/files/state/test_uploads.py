@@ -17,7 +17,7 @@ from poseviewer.errors import FileSetError
 from poseviewer.files.file_set import MOST_FILES
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene_file import ObjectRecord, SceneRecord, ViewRecord
+from poseviewer.files.scene_json import ObjectRecord, SceneRecord, ViewRecord
 from poseviewer.files.state.autosave import AutosavedSession, SessionFile
 from poseviewer.files.state.uploads import (
     LARGEST_UPLOAD,

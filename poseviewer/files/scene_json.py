@@ -29,7 +29,7 @@ from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform, Similarity
-from poseviewer.geometry.view import View, pose_in_view, world_from_pose
+from poseviewer.geometry.world_pose import View, pose_in_view, world_from_pose
 
 KIND = "scene file"
 AS_IN_POSE = ("loss", "unexplained", "verdict", "uncertainty", "chart", "settings", "notes")
