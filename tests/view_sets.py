@@ -14,7 +14,8 @@ from poseviewer.files.formats.bop import BopObject
 from poseviewer.files.photo import save_image
 from poseviewer.files.photo_sets import LoadedViews
 from poseviewer.files.pose import PoseRecord, save_pose
-from poseviewer.files.scene_json import SceneRecord, ViewRecord, save_scene
+from poseviewer.files.scene_assets import view_of_file
+from poseviewer.files.scene_json import save_scene
 from poseviewer.files.structs import PhotoReference
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
@@ -22,8 +23,8 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.symmetry_group import Symmetry, Turn
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.geometry.world_pose import View
-from poseviewer.scene.types import PlacedModel
+from poseviewer.scene.assets import PhotoFile
+from poseviewer.scene.types import PlacedModel, Scene, View
 from tests.meshes import make_box, make_bumpy
 from tests.several import coloured, lit_models, save_model, write_bop_scene
 from tests.writing import write
@@ -90,17 +91,17 @@ def make_views(unit: float = 1.0, scale: float | None = 1.0) -> LoadedViews:
         pixels = make_pixels(index, LIGHTS[index])
         photo = Photo(pixels, NAMES[index], f"{index}" * 64, camera=CAMERA)
         moved = RigidTransform(place.rotation, place.translation / unit)
-        views.append(View(NAMES[index], photo, CAMERA, moved))
+        views.append(View(PhotoFile.of(photo), CAMERA, moved))
     return LoadedViews("set", tuple(views), None, scale)
 
 
 def write_set(folder: Path, **fields: Any) -> Path:
     """Write a scene file without objects: the cameras of the photos, and other fields."""
     views = tuple(
-        ViewRecord.of(folder / name, CAMERA, place=place)
+        view_of_file(folder / name, CAMERA, camera_from_world=place)
         for name, place in zip(NAMES, CAMERAS_FROM_SET, strict=True)
     )
-    save_scene(folder / "set.json", SceneRecord(views=views, **fields))
+    save_scene(folder / "set.json", Scene(views=views, **fields))
     return folder / "set.json"
 
 

@@ -19,7 +19,7 @@ from poseviewer.batch import review as r
 from poseviewer.batch.results import ACCEPTED, Row
 from poseviewer.batch.run import save_summaries
 from poseviewer.errors import BatchError, PoseViewerError
-from poseviewer.starts.loading import pose_record
+from poseviewer.files.scene_json import as_saved, pose_json
 
 MOST_SAID = 3
 """Rows that could not be opened and are named; the list marks all that failed."""
@@ -92,7 +92,7 @@ class Reviewer:
                 raise BatchError("What is open is no row's; press a row in the list to open it.")
             if review == ACCEPTED and now.unsaved:
                 mask = document.scene.mask(document.active, document.at)
-                record = pose_record(saved_scene(now), document.active, document.at)
+                record = pose_json(as_saved(saved_scene(now)), document.active, document.at)
                 picture = picture_of(document)
                 self.queue = r.save_corrected(self.queue, at, record, picture, mask)
                 done = (change(saved=document),)

@@ -107,19 +107,18 @@ def _print_scene(path: Path) -> None:
 
     scene = load_scene(path)
     for own in scene.views:
-        size = f"{own.photo.width} x {own.photo.height} px"
-        _print(scene=path.name, photo=f"{own.path.name}, {size}")
+        size = f"{own.file.width} x {own.file.height} px"
+        _print(scene=path.name, photo=f"{own.name}, {size}")
     for index, item in enumerate(scene.objects):
-        record = scene.pose_record(index)
-        place = record.pose.camera_from_model
-        word = "not judged" if record.verdict is None else record.verdict.word
-        at = f"{item.path.name} at {_vector(place.translation)}, {word}"
+        place, result = scene.pose(index).camera_from_model, item.result
+        word = "not judged" if not result or result.verdict is None else result.verdict.word
+        at = f"{item.model.name} at {_vector(place.translation)}, {word}"
         _print(object=f"{item.id}: {at}" + (f" ({item.name})" if item.name else ""))
         if len(scene.views) > 1:
-            rows = ", ".join(str([float(x) for x in row]) for row in item.place.similarity.matrix)
+            rows = ", ".join(str([float(x) for x in row]) for row in item.world_from_model.matrix)
             unit = f" ({scene.unit})" if scene.unit else ""
             _print(world=f"the frame of the photos{unit}: x_in_world = [{rows}] @ x_in_model")
-    _print(note=scene.warnings)
+    _print(note=scene.notes)
 
 
 def _print_pose(path: Path) -> None:

@@ -19,24 +19,26 @@ OPTIONS = {
 
 def run(options: Namespace) -> int:
     """Write the pictures, all or none."""
-    from msgspec import structs
+    from dataclasses import replace
 
     from poseviewer.figures.object_maps import pictures_of_objects, save_pictures
     from poseviewer.files.file_set import is_scene_file
     from poseviewer.files.formats.conversion import require_file
     from poseviewer.files.pose import load_pose
+    from poseviewer.files.scene_assets import model_file
     from poseviewer.files.scene_json import load_scene, scene_of_pose
 
     path = options.scene
     scene = load_scene(path) if is_scene_file(path) else scene_of_pose(path, load_pose(path))
     if options.model is not None:
-        model = structs.replace(scene.objects[0].model, file=str(options.model))
-        scene = structs.replace(scene, objects=(structs.replace(scene.objects[0], model=model),))
+        known = scene.objects[0].model
+        model = model_file(options.model, known.sha256, known.unit)
+        scene = replace(scene, objects=(replace(scene.objects[0], model=model),))
     for item in scene.objects:
-        require_file(item.path, "model", "Rendered")
+        require_file(item.model.location, "model", "Rendered")
     pictures = pictures_of_objects(scene)
     save_pictures(options.out, pictures, options.overwrite)
-    if any(view.distortion is not None for view in scene.views):
+    if any(view.file.undistortion is not None for view in scene.views):
         say("note: all pictures belong to the undistorted photo.")
     for folder in sorted({(options.out / name).parent for name in pictures}):
         say(f"render: {folder}")

@@ -121,7 +121,9 @@ def record_from_json(
     return structs.replace(record, photo=photo, warnings=tuple(reading.warnings))
 
 
-def check_against(known: s.PhotoReference | s.ModelReference | None, sha: str) -> tuple[str, ...]:
+def check_against(
+    known: s.PhotoReference | s.ModelReference | None, sha: str | None
+) -> tuple[str, ...]:
     """A warning where a pose file names another photo or model than the one in use, or none."""
     if known is None or not known.sha256 or known.sha256.lower() == sha:
         return ()

@@ -1,42 +1,62 @@
 """Scene files: JSON that says which models are where in which photos (``scene.schema.json``).
 
-The structs are what a file of version 2 holds, and what the program hands about: there, files are
-absolute paths.
+Each type of ``scene.types`` has a form in files: a struct of its own fields, made here from the
+type, which msgspec checks and writes the schema of. A field that is added to a type is in files,
+too. In files, paths start from the scene's folder; in a scene they are absolute.
 """
-
-from __future__ import annotations
 
 import os
 from base64 import b64decode
 from collections.abc import Callable
+from dataclasses import MISSING, fields, is_dataclass, replace
+from functools import cache, reduce
+from importlib.metadata import version
+from operator import attrgetter, or_
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import msgspec
-from msgspec import Meta, Struct, structs
+from msgspec import Meta, Struct, defstruct, structs
 
-from poseviewer.confidence.verdict import Verdict
+from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import PoseFileError, printable
 from poseviewer.files import structs as s
 from poseviewer.files.checks import Reading, is_there, kind_of
 from poseviewer.files.masks import INLINE, load_mask, mask_text
 from poseviewer.files.mesh.named import bare_name
-from poseviewer.files.photo import load_photo, undistorted
-from poseviewer.files.pose import PoseRecord, check_against
+from poseviewer.files.pose import PoseRecord
+from poseviewer.files.scene_assets import model_file, photo_file, view_of_file
 from poseviewer.files.symmetry import SymmetryTurns
 from poseviewer.files.writing import json_bytes, write_whole
-from poseviewer.geometry.camera import Camera, Perspective, Pose
-from poseviewer.geometry.lens import Lens, Undistortion
+from poseviewer.geometry.camera import Camera
 from poseviewer.geometry.mask import Mask
+from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
 from poseviewer.geometry.transform import RigidTransform, Similarity
-from poseviewer.geometry.world_pose import View, pose_in_view, world_from_pose
+from poseviewer.scene.assets import ModelFile
+from poseviewer.scene.settings import FitSettings, settings_as_json, settings_from_json
+from poseviewer.scene.types import (
+    DEFAULTS,
+    ChartParameters,
+    InView,
+    Scene,
+    SceneObject,
+    SearchResult,
+    View,
+)
 
 KIND = "scene file"
-AS_IN_POSE = ("loss", "unexplained", "verdict", "uncertainty", "chart", "settings", "notes")
-"""Fields that results share with pose files."""
+VERSION = 2
+"""Version of scene files."""
+SOFTWARE = {"name": "poseviewer", "version": version("poseviewer")}
+"""The program, as files name what wrote them."""
+Region = Annotated[tuple[s.Number, ...], Meta(min_length=4, max_length=4)]
+Named = Callable[[str, str], str]
+"""A file's name in another place; the second argument says where in the scene it stands."""
 
 
-class PhotoFile(Struct, frozen=True, omit_defaults=True):
+class PhotoPath(Struct, frozen=True, omit_defaults=True):
     """The photo's file, seen from the scene's folder, its size in px, and its fingerprint."""
 
     file: str
@@ -45,12 +65,22 @@ class PhotoFile(Struct, frozen=True, omit_defaults=True):
     sha256: s.Sha256 | None = None
 
 
-class ModelFile(Struct, frozen=True, omit_defaults=True):
+class ModelPath(Struct, frozen=True, omit_defaults=True):
     """The model's file, seen from the scene's folder, its fingerprint and length unit."""
 
     file: str
     sha256: s.Sha256 | None = None
     unit: str | None = None
+
+    @classmethod
+    def of(cls, model: ModelFile) -> "ModelPath":
+        """The form of a model."""
+        return cls(str(model.path or model.name), model.sha256, model.unit)
+
+    @property
+    def model(self) -> ModelFile:
+        """The model, not yet read."""
+        return model_file(Path(self.file), self.sha256, self.unit)
 
 
 class Place(s.Transform, frozen=True, omit_defaults=True):
@@ -60,245 +90,227 @@ class Place(s.Transform, frozen=True, omit_defaults=True):
 
     @property
     def similarity(self) -> Similarity:
-        """The place as the program has it."""
+        """The transform as the program has it."""
         return Similarity(self.rigid, self.scale)
 
 
-def place_of(place: Similarity) -> Place:
-    """The place as files say it."""
-    return Place.of(place.rigid, scale=float(place.scale))
-
-
-class ViewRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
+class ViewJson(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     """A photo, its camera (of the undistorted photo where there is a distortion) and where that
     stands: x_in_camera = rotation @ x_in_world + translation; left out for a camera in which the
     world's frame is. mask: a picture of the photo's size, black where something stands in front.
     """
 
-    photo: PhotoFile
+    photo: PhotoPath
     place: s.Transform = msgspec.field(
         name="camera_from_world", default=s.Transform.of(RigidTransform.identity())
     )
 
     @classmethod
-    def of(
-        cls,
-        photo: Path,
-        camera: Camera,
-        sha256: str | None = None,
-        lens: Lens | Undistortion | None = None,
-        place: RigidTransform | None = None,
-        mask: Mask | Path | None = None,
-    ) -> ViewRecord:
-        """The view of a camera (pixel centres at i + 0.5) that stands in the world at a ``place``,
-        ``camera_from_world``; a ``lens`` is one of the photo as taken by that camera.
-        """
-        if isinstance(lens, Lens) and isinstance(camera, Perspective):
-            lens = Undistortion.of(lens, camera)
+    def of(cls, view: View) -> "ViewJson":
+        """The form of a view."""
+        file, undistortion = view.file, view.file.undistortion
         return cls(
-            photo=PhotoFile(str(photo), camera.width, camera.height, sha256),
-            projection=s.projection_of(camera),
-            numbers=s.CameraNumbers.of(camera),
-            distortion=s.Distortion.of(lens) if isinstance(lens, Undistortion) else None,
-            place=s.Transform.of(place or RigidTransform.identity()),
-            mask=mask_text(mask),
+            photo=PhotoPath(str(file.path or file.name), file.width, file.height, file.sha256),
+            projection=s.projection_of(view.camera),
+            numbers=s.CameraNumbers.of(view.camera),
+            distortion=None if undistortion is None else s.Distortion.of(undistortion),
+            place=s.Transform.of(view.camera_from_world),
+            mask=mask_text(view.mask),
         )
 
     @property
-    def path(self) -> Path:
-        """The photo's file."""
-        return Path(self.photo.file)
+    def view(self) -> View:
+        """The view, its photo not yet read."""
+        photo, (width, height) = self.photo, self.size
+        file = photo_file(Path(photo.file), width, height, photo.sha256, self.undistortion)
+        mask = None if self.mask is None else load_mask(self.mask)
+        return View(file, self.camera, self.place.rigid, mask)
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height of the photo in px; 0 where a tool's file does not say it."""
+        """Width and height of the photo in px."""
         return self.photo.width, self.photo.height
 
-    def resized(self, width: int, height: int) -> ViewRecord:
-        """The view of a photo of another size, in px."""
-        photo = structs.replace(self.photo, width=width, height=height)
-        return structs.replace(self, photo=photo)
 
-    @property
-    def reference(self) -> s.PhotoReference:
-        """The photo as pose files name it."""
-        name, photo = printable(self.path.name) or None, self.photo
-        return s.PhotoReference(name, photo.width, photo.height, photo.sha256)
+class Form(NamedTuple):
+    """The form of a type in files."""
+
+    kind: Any
+    """What msgspec checks."""
+    encode: Callable[[Any], Any]
+    decode: Callable[[Any], Any]
 
 
-def view_record(view: View) -> ViewRecord:
-    """The record of a view."""
-    photo, path = view.photo, view.path or Path(view.photo.name)
-    more = photo.undistortion, view.camera_from_world, view.mask
-    return ViewRecord.of(path, view.camera, photo.sha256, *more)
+def _same(value: Any) -> Any:
+    return value
 
 
-def open_view(record: ViewRecord) -> tuple[View, tuple[str, ...]]:
-    """The view with its photo, undistorted; and what the user should know. The photo may be of any
-    size where the record's is 0x0 px.
+FORMS: dict[Any, Form] = {
+    float: Form(s.Number, _same, _same),
+    # A camera is one of a photo, whose size ``_whole`` gives it.
+    Camera: Form(
+        s.CameraNumbers,
+        s.CameraNumbers.of,
+        lambda form: form.camera("perspective" if form.scale is None else "parallel", 0, 0),
+    ),
+    ChartParameters: Form(
+        s.ChartParameters,
+        lambda chart: s.ChartParameters(chart.name, chart.names, chart.parameters),
+        lambda form: ChartParameters(form.name, form.names, form.parameters),
+    ),
+    FitSettings: Form(
+        dict[str, Any] | None,
+        lambda settings: None if settings is DEFAULTS else settings_as_json(settings),
+        lambda data: DEFAULTS if data is None else settings_from_json(data),
+    ),
+    Mask: Form(str, mask_text, load_mask),
+    ModelFile: Form(ModelPath, ModelPath.of, attrgetter("model")),
+    # A covariance is one about a pose, which ``_whole`` gives it.
+    PoseCovariance: Form(s.Uncertainty, s.Uncertainty.of, _same),
+    Rectangle: Form(
+        Region, lambda region: tuple(map(float, region)), lambda form: Rectangle(*form)
+    ),
+    Similarity: Form(
+        Place,
+        lambda place: Place.of(place.rigid, scale=float(place.scale)),
+        attrgetter("similarity"),
+    ),
+    Symmetry: Form(
+        SymmetryTurns | None,
+        SymmetryTurns.of,
+        lambda form: NO_SYMMETRY if form is None else form.symmetry,
+    ),
+    View: Form(
+        Annotated[ViewJson, Meta(extra_json_schema=s.PROJECTIONS)], ViewJson.of, attrgetter("view")
+    ),
+}
+"""Types whose form is not made of their fields."""
+DESCRIPTIONS: dict[type, str] = {
+    InView: """An object's own part in a view: a mask besides the view's, a region (left, top,
+        width, height, px) in which pixels count, and whether a search reads the view.""",
+    SearchResult: """Result of the last search for an object. view: index of the view that chart and
+        uncertainty are of; seen: for each view, the share of the model's pixels that count, null
+        where it was not compared; settings: those of the search. The rest is as in pose files.""",
+    SceneObject: """A model in the scene. id: of this object alone, the same model may be there
+        several times; name: for people; start: where the last search began; in_views: one for each
+        view, or none; start_cameras: the views' then, where a focal length was another; locked:
+        placed by the user, searches leave it; placed: whether anybody has said where it is;
+        without: names of the model's parts that are left out; symmetry: as in pose files.""",
+    Scene: """Views times objects; without objects, a set of photos. Camera axes are OpenCV's (x
+        right, y down, z forward); pixel centres are at integers; paths start from the scene's
+        folder. unit: of the world; free_scale: nothing tells the world's unit in the model's, it is
+        to be searched for.""",
+}
+"""Descriptions in the schema."""
+HEADS: dict[type, list[tuple[str, Any, Any]]] = {
+    Scene: [("format", Literal["poseviewer-scene"], s.SCENE), ("version", Literal[2], VERSION)]
+}
+"""Fields of files that name their format."""
+
+
+@cache
+def form_of(kind: Any) -> Form:
+    """The form of a type: in ``FORMS``, or made of its parts."""
+    if kind in FORMS:
+        return FORMS[kind]
+    if is_dataclass(kind):
+        return _form_of_fields(kind)
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin is Annotated:
+        inner = form_of(parts[0])
+        return inner._replace(kind=Annotated[inner.kind, *kind.__metadata__])
+    if origin is tuple:
+        inner = form_of(parts[0])
+
+        def each(change: Callable[[Any], Any]) -> Callable[[Any], Any]:
+            return lambda values: tuple(map(change, values))
+
+        return Form(tuple[inner.kind, ...], each(inner.encode), each(inner.decode))
+    if origin in (Union, UnionType) and NoneType in parts:
+        inner = form_of(reduce(or_, (part for part in parts if part is not NoneType)))
+
+        def unless_none(change: Callable[[Any], Any]) -> Callable[[Any], Any]:
+            return lambda value: None if value is None else change(value)
+
+        return Form(inner.kind | None, unless_none(inner.encode), unless_none(inner.decode))
+    return Form(kind, _same, _same)
+
+
+def _form_of_fields(kind: Any) -> Form:
+    """The form of a dataclass: a struct of the forms of its fields."""
+    hints, forms, made = get_type_hints(kind, include_extras=True), {}, []
+    for item in fields(kind):
+        key = item.metadata.get("key", item.name)
+        if key is None:
+            continue
+        form = forms[item.name] = form_of(hints[item.name])
+        default = {} if item.default is MISSING else {"default": form.encode(item.default)}
+        made.append((item.name, form.kind, msgspec.field(name=key, **default)))
+    struct = defstruct(
+        f"{kind.__name__}Json",
+        [*HEADS.get(kind, []), *made],
+        kw_only=True,
+        frozen=True,
+        omit_defaults=True,
+        namespace={"__doc__": DESCRIPTIONS.get(kind, kind.__doc__)},
+    )
+
+    def encode(value: Any) -> Any:
+        return struct(**{name: form.encode(getattr(value, name)) for name, form in forms.items()})
+
+    def decode(value: Any) -> Any:
+        return kind(**{name: form.decode(getattr(value, name)) for name, form in forms.items()})
+
+    return Form(struct, encode, decode)
+
+
+SceneJson: Any = form_of(Scene).kind
+"""Struct of a scene file."""
+SearchResultJson: Any = form_of(SearchResult).kind
+"""Struct of the result of a search."""
+AS_IN_POSE = ("loss", "unexplained", "verdict", "settings", "notes")
+"""Fields that results share with pose files, which are of one view."""
+
+
+def scene_as_json(scene: Scene) -> Any:
+    """The ``SceneJson`` of a scene: files by absolute paths, masks as pictures in text."""
+    return form_of(Scene).encode(scene)
+
+
+def scene_from_json(form: Any) -> Scene:
+    """The scene of a ``SceneJson``; photos and models are read when first asked for.
+
+    Raises:
+        PoseViewerError: a mask cannot be used; settings make no sense.
     """
-    photo, size = load_photo(record.path), record.size
-    if size not in ((0, 0), (photo.width, photo.height)):
-        found = f"{photo.width}x{photo.height} px, and its camera is for {size[0]}x{size[1]} px"
-        wanted = "name the photo that the camera was found with"
-        raise PoseFileError(f"{photo.name}: {found}; {wanted}.")
-    record = record.resized(photo.width, photo.height)
-    notes = check_against(record.reference, photo.sha256)
-    if record.undistortion is not None:
-        photo = undistorted(photo, record.undistortion)
-    mask = None if record.mask is None else load_mask(record.mask, photo.width, photo.height)
-    view = View(photo.name, photo, record.camera, record.place.rigid, mask, record.path)
-    return view, notes
+    scene: Scene = form_of(Scene).decode(form)
+    return replace(scene, objects=tuple(_whole(scene, item) for item in scene.objects))
 
 
-class InViewRecord(Struct, frozen=True, omit_defaults=True):
-    """An object's own part in a view: a mask besides the view's, a region (left, top,
-    width, height, px) in which pixels count, and whether a search reads the view.
-    """
-
-    mask: str | None = None
-    region: Annotated[tuple[s.Number, ...], Meta(min_length=4, max_length=4)] | None = None
-    is_compared: bool = True
-
-
-class Result(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Result of the last search for an object. view: index of the view that chart and uncertainty
-    are of; seen: for each view, the share of the model's pixels that count, null where it was not
-    compared; settings: those of the search. The rest is as in pose files.
-    """
-
-    loss: s.Number | None = None
-    unexplained: s.Number | None = None
-    seen: tuple[s.Number | None, ...] = ()
-    verdict: Verdict | None = None
-    view: Annotated[int, Meta(ge=0)] = 0
-    uncertainty: s.Uncertainty | None = None
-    chart: s.ChartParameters | None = None
-    settings: dict[str, Any] | None = None
-    notes: tuple[str, ...] = ()
+def _whole(scene: Scene, item: SceneObject) -> SceneObject:
+    """The object with what follows from the scene's views."""
+    cameras = tuple(
+        replace(camera, width=view.file.width, height=view.file.height)
+        for camera, view in zip(item.start_cameras, scene.views, strict=False)
+    )
+    result = item.result
+    if result is not None and isinstance(result.covariance, s.Uncertainty):
+        at = min(result.view, len(scene.views) - 1)
+        covariance = result.covariance.about(scene.views[at].pose(item.world_from_model))
+        result = replace(result, view=at, covariance=covariance)
+    return replace(item, start_cameras=cameras, result=result)
 
 
-class ObjectRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A model in the scene. id: of this object alone, the same model may be there several times;
-    name: for people; start: where the last search began; in_views: one for each view, or none;
-    start_cameras: the views' then, where a focal length was another; locked: placed by the user,
-    searches leave it; placed: whether anybody has said where it is;
-    without: names of the model's parts that are left out; symmetry: as in pose files.
-    """
-
-    id: Annotated[str, Meta(min_length=1)]
-    name: str = ""
-    model: ModelFile
-    place: Place = msgspec.field(name="world_from_model")
-    start: Place | None = None
-    start_cameras: tuple[s.CameraNumbers, ...] = ()
-    settings: dict[str, Any] | None = None
-    in_views: tuple[InViewRecord, ...] = ()
-    locked: bool = False
-    hidden: bool = False
-    is_placed: bool = msgspec.field(name="placed", default=True)
-    without: tuple[str, ...] = ()
-    turns: SymmetryTurns | None = msgspec.field(name="symmetry", default=None)
-    result: Result | None = None
-    notes: tuple[str, ...] = ()
-
-    @classmethod
-    def of(
-        cls, object_id: str, model: Path, record: PoseRecord, view: ViewRecord, name: str = ""
-    ) -> ObjectRecord:
-        """The object of a scene of one view that a pose file says."""
-        known, camera = record.model or s.ModelReference(), view.camera
-        result = Result(
-            seen=() if record.seen is None else (record.seen,),
-            **{name: getattr(record, name) for name in AS_IN_POSE},
-        )
-        return cls(
-            id=object_id,
-            name=name,
-            model=ModelFile(str(model), known.sha256, known.unit),
-            place=place_of(world_from_pose(camera, view.place.rigid, record.pose)),
-            without=record.without,
-            turns=record.turns,
-            result=None if result == Result() else result,
-        )
-
-    @property
-    def path(self) -> Path:
-        """The model's file."""
-        return Path(self.model.file)
-
-    @property
-    def label(self) -> str:
-        """The object's name, or else its id."""
-        return self.name or self.id
-
-
-class SceneRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Views times objects; without objects, a set of photos. Camera axes are OpenCV's (x right, y
-    down, z forward); pixel centres are at integers; paths start from the scene's folder. unit: of
-    the world; free_scale: nothing tells the world's unit in the model's, it is to be searched for.
-    """
-
-    format: Literal["poseviewer-scene"] = s.SCENE
-    version: Literal[2] = 2
-    unit: str | None = None
-    free_scale: bool = False
-    views: Annotated[
-        tuple[Annotated[ViewRecord, Meta(extra_json_schema=s.PROJECTIONS)], ...], Meta(min_length=1)
-    ]
-    objects: tuple[ObjectRecord, ...] = ()
-    software: dict[str, Any] | None = None
-    warnings: tuple[str, ...] = ()
-
-    def index(self, object_id: str) -> int:
-        """Number of the object that has an id."""
-        ids = [item.id for item in self.objects]
-        if object_id not in ids:
-            found = f"There is no object {object_id!r} in the scene"
-            raise PoseFileError(f"{found}; there are {', '.join(ids)}.")
-        return ids.index(object_id)
-
-    def pose(self, index: int, view: int = 0) -> Pose:
-        """The pose of an object in a view, in the model's unit."""
-        own, item = self.views[view], self.objects[index]
-        return pose_in_view(own.camera, own.place.rigid, item.place.similarity)
-
-    def pose_record(self, index: int, view: int = 0) -> PoseRecord:
-        """All that a pose file says of an object in a view."""
-        item, own = self.objects[index], self.views[view]
-        result = item.result or Result(settings=item.settings)
-        said = {name: getattr(result, name) for name in AS_IN_POSE}
-        if result.view != view:
-            said |= {"chart": None, "uncertainty": None}
-        file = printable(item.path.name) or None
-        model = s.ModelReference(file, item.model.sha256, item.model.unit)
-        return PoseRecord.of(
-            self.pose(index, view),
-            own.reference,
-            model=None if model == s.ModelReference() else model,
-            **said,
-            software=self.software,
-            distortion=own.distortion,
-            without=item.without,
-            seen=result.seen[view] if view < len(result.seen) else None,
-            turns=item.turns,
-            warnings=self.warnings,
-        )
-
-
-Named = Callable[[str, str], str]
-"""A file's name in another place; the second argument says where in the scene it stands."""
-
-
-def load_scene(path: str | Path, inside: Path | None = None) -> SceneRecord:
-    """The scene in a file; its photos, models and masks are there, but not yet read.
+def load_scene(path: str | Path, inside: Path | None = None) -> Scene:
+    """The scene in a file; its photos and models are there, but not yet read.
 
     ``inside``: a folder in which all of them have to lie.
 
     Raises:
         PoseFileError: there is no such file, it does not hold a scene, or names a file that is not
             there or not ``inside``; two objects have one id; the scale is not known, and there are
-            several objects; a pose file is by another camera.
+            several objects.
+        PoseViewerError: a mask cannot be used; settings make no sense.
     """
     reading = Reading(Path(path).absolute(), kind=KIND)
 
@@ -315,39 +327,23 @@ def load_scene(path: str | Path, inside: Path | None = None) -> SceneRecord:
         data = reading.load_object()
         if data.get("format") != s.SCENE:
             raise reading.error(f"format is {kind_of(data.get('format'))}", f"wanted {s.SCENE!r}")
-        reading.require_format(data, s.SCENE, wanted=2)
-        scene = reading.decoded(data, SceneRecord, raw=("file", "mask"))
-        require_whole(reading, scene)
-        warnings = tuple(dict.fromkeys(reading.warnings))
-        return structs.replace(with_files(scene, find), warnings=warnings)
+        reading.require_format(data, s.SCENE, VERSION)
+        form = decoded_scene(reading, data)
+        scene = scene_from_json(_with_files(form, find))
+        notes = tuple(dict.fromkeys(reading.warnings))
+        return replace(scene, name=reading.path.name, notes=notes)
 
 
-def scene_of_pose(path: Path, record: PoseRecord) -> SceneRecord:
-    """The scene of a pose file, whose photo, model and mask lie beside it, or not."""
-    model, view = record.model or s.ModelReference(), _view_of_pose(path, record)
-    item = ObjectRecord.of("1", _beside(path, model.file), record, view, model.file or "")
-    more: dict[str, Any] = {"software": record.software, "warnings": record.warnings}
-    return SceneRecord(views=(view,), objects=(item,), **more)
+def decoded_scene(reading: Reading, data: Any, what: str = "") -> Any:
+    """The ``SceneJson`` of JSON data; raises the reading's error where parts do not fit."""
+    form = reading.decoded(data, SceneJson, what, raw=("file", "mask"))
+    require_whole(reading, form)
+    return form
 
 
-def _view_of_pose(path: Path, record: PoseRecord) -> ViewRecord:
-    known = record.photo or s.PhotoReference()
-    size = known.width or 0, known.height or 0
-    photo = PhotoFile(str(_beside(path, known.file)), *size, known.sha256)
-    mask = record.mask and str(_beside(path, record.mask))
-    camera = {name: getattr(record, name) for name in ("projection", "numbers", "distortion")}
-    return ViewRecord(photo=photo, mask=mask, **camera)
-
-
-def _beside(path: Path, name: str | None) -> Path:
-    """The file of a name in the folder of a pose; a name is no path."""
-    folder = path if path.is_dir() else path.parent
-    return folder / bare_name(name) if name else Path()
-
-
-def with_files(scene: SceneRecord, name: Named, name_inline: Named | None = None) -> SceneRecord:
-    """The scene with its files under other names; masks that stand in it stay, or become files by
-    ``name_inline``.
+def _with_files(form: Any, name: Named, name_inline: Named | None = None) -> Any:
+    """The ``SceneJson`` with its files under other names; masks that stand in it stay, or become
+    files by ``name_inline``.
     """
 
     def named(mask: str | None, where: str) -> str | None:
@@ -355,11 +351,11 @@ def with_files(scene: SceneRecord, name: Named, name_inline: Named | None = None
         return change(mask, f"{where}.mask") if mask and change else mask
 
     views, objects = [], []
-    for number, view in enumerate(scene.views):
+    for number, view in enumerate(form.views):
         where = f"views[{number}]"
         photo = structs.replace(view.photo, file=name(view.photo.file, f"{where}.photo.file"))
         views.append(structs.replace(view, photo=photo, mask=named(view.mask, where)))
-    for number, item in enumerate(scene.objects):
+    for number, item in enumerate(form.objects):
         where = f"objects[{number}]"
         model = structs.replace(item.model, file=name(item.model.file, f"{where}.model.file"))
         in_views = tuple(
@@ -367,11 +363,51 @@ def with_files(scene: SceneRecord, name: Named, name_inline: Named | None = None
             for index, own in enumerate(item.in_views)
         )
         objects.append(structs.replace(item, model=model, in_views=in_views))
-    return structs.replace(scene, views=tuple(views), objects=tuple(objects))
+    return structs.replace(form, views=tuple(views), objects=tuple(objects))
 
 
-def save_scene(path: str | Path, scene: SceneRecord) -> None:
-    """Write a scene file and, beside it, the masks that the scene has itself; each whole or not.
+def as_saved(scene: Scene, *, canonical: bool = True) -> Scene:
+    """The scene as files have it: without starts; what a search took for something in front is in
+    the masks; a pose of a symmetric model is a ``canonical`` one of those that show the same.
+    """
+    objects = tuple(_object_as_saved(scene, i, canonical) for i in range(len(scene.objects)))
+    return replace(scene, objects=objects, software=SOFTWARE)
+
+
+def _object_as_saved(scene: Scene, index: int, canonical: bool) -> SceneObject:
+    item = scene.objects[index]
+    result, place, symmetry = item.result, item.world_from_model, item.symmetry
+    at = 0 if result is None else result.view
+    pose = scene.pose(index, at)
+    equal = symmetry.canonical(pose) if canonical else pose
+    if equal is not pose:
+        place = scene.views[at].world_from_model(equal, place.scale)
+    in_views = []
+    for number, own in enumerate(item.in_views or [InView()] * len(scene.views)):
+        hidden = result.hidden[number] if result and result.hidden else None
+        if hidden is not None:
+            weights = ~hidden if own.mask is None else own.mask.weights * ~hidden
+            own = replace(own, mask=Mask.of(weights))
+        in_views.append(own)
+    is_own = any(own != InView() for own in in_views)
+    if result is not None:
+        sure = result.covariance
+        chart = result.chart if equal is pose and result.chart and result.chart.names else None
+        result = replace(result, covariance=sure and sure.about(equal), chart=chart, hidden=())
+    return replace(
+        item,
+        world_from_model=place,
+        start=None,
+        start_cameras=(),
+        in_views=tuple(in_views) if is_own else (),
+        settings=replace(item.settings),  # said, even where they are the defaults
+        said_symmetry=symmetry,
+        result=result,
+    )
+
+
+def save_scene(path: str | Path, scene: Scene) -> None:
+    """Write a scene file and, beside it, its masks; each whole or not.
 
     Raises:
         PoseFileError: as of ``load_scene``; a photo or a model is no file; a number is not finite;
@@ -381,10 +417,10 @@ def save_scene(path: str | Path, scene: SceneRecord) -> None:
         write_whole(file, content, PoseFileError)
 
 
-def scene_contents(path: Path, scene: SceneRecord) -> dict[Path, bytes]:
+def scene_contents(path: Path, scene: Scene) -> dict[Path, bytes]:
     """The files that ``save_scene`` writes; raises as that does."""
-    reading, contents = Reading(path, kind=KIND), dict[Path, bytes]()
-    require_whole(reading, scene)
+    reading, contents, form = Reading(path, kind=KIND), dict[Path, bytes](), scene_as_json(scene)
+    require_whole(reading, form)
 
     def name(file: str, where: str) -> str:
         if not is_there(Path(file)):
@@ -397,23 +433,96 @@ def scene_contents(path: Path, scene: SceneRecord) -> dict[Path, bytes]:
         contents[file] = b64decode(mask.removeprefix(INLINE))
         return file.name
 
-    data = with_files(structs.replace(scene, warnings=()), name, beside)
-    contents[path] = json_bytes(path, data, PoseFileError, format=s.SCENE, version=2)
+    data = _with_files(form, name, beside)
+    contents[path] = json_bytes(path, data, PoseFileError, format=s.SCENE, version=VERSION)
     return contents
 
 
-def require_whole(reading: Reading, scene: SceneRecord) -> None:
-    """Raise the reading's error where parts of a scene do not fit together."""
-    ids = [item.id for item in scene.objects]
-    for number, item in enumerate(scene.objects):
+def require_whole(reading: Reading, form: Any) -> None:
+    """Raise the reading's error where parts of a ``SceneJson`` do not fit together."""
+    ids = [item.id for item in form.objects]
+    for number, item in enumerate(form.objects):
         if item.id in ids[:number]:
             raise reading.error(f"two objects have the id {item.id!r}", "give each its own")
-        if len(item.in_views) not in (0, len(scene.views)):
-            found = f"objects[{number}].in_views is a list of {len(item.in_views)}"
-            raise reading.error(found, f"wanted one for each of {len(scene.views)} views, or none")
-    if scene.free_scale and len(ids) > 1:
+        for key in ("in_views", "start_cameras"):
+            if (count := len(getattr(item, key))) not in (0, len(form.views)):
+                found = f"objects[{number}].{key} is a list of {count}"
+                wanted = f"wanted one for each of {len(form.views)} views, or none"
+                raise reading.error(found, wanted)
+    if form.free_scale and len(ids) > 1:
         wanted = "say free_scale: false and the objects' scales, or leave one object alone"
         raise reading.error(f"its scale is not known, and it has {len(ids)} objects", wanted)
+
+
+def pose_json(scene: Scene, index: int = 0, view: int = 0) -> PoseRecord:
+    """All that a pose file says of an object in a view: the scene ``as_saved``, or one of files."""
+    item, own = scene.objects[index], scene.views[view]
+    result = item.result or SearchResult(settings=FORMS[FitSettings].encode(item.settings))
+    form: Any = form_of(SearchResult).encode(result)
+    is_of_view = result.view == view
+    file, undistortion = ModelPath.of(item.model), own.file.undistortion
+    model = s.ModelReference(printable(Path(file.file).name) or None, file.sha256, file.unit)
+    return PoseRecord.of(
+        scene.pose(index, view),
+        photo_reference(own),
+        model=None if model == s.ModelReference() else model,
+        **{name: getattr(form, name) for name in AS_IN_POSE},
+        chart=form.chart if is_of_view else None,
+        uncertainty=form.covariance if is_of_view else None,
+        software=scene.software,
+        distortion=None if undistortion is None else s.Distortion.of(undistortion),
+        without=item.without,
+        seen=result.seen[view] if view < len(result.seen) else None,
+        turns=SymmetryTurns.of(item.said_symmetry),
+        warnings=scene.notes,
+    )
+
+
+def photo_reference(view: View) -> s.PhotoReference:
+    """The photo of a view as pose files name it."""
+    file = view.file
+    name = printable((file.path or Path(file.name)).name) or None
+    return s.PhotoReference(name, file.width, file.height, file.sha256)
+
+
+def scene_of_pose(path: Path, record: PoseRecord) -> Scene:
+    """The scene of a pose file, whose photo and model lie beside it, or not; without its mask."""
+    photo, model = record.photo or s.PhotoReference(), record.model or s.ModelReference()
+    camera = replace(record.camera, width=photo.width or 0, height=photo.height or 0)
+    view = view_of_file(_beside(path, photo.file), camera, photo.sha256, record.undistortion)
+    if not photo.width or not photo.height:
+        view = view.resized(0, 0)
+    return scene_of_record(view, _beside(path, model.file), record, name=model.file or "")
+
+
+def scene_of_record(
+    view: View, model: Path, record: PoseRecord, object_id: str = "1", name: str = ""
+) -> Scene:
+    """The scene of one object in a view, with all that a pose file says of it."""
+    known = record.model or s.ModelReference()
+    result: Any = SearchResultJson(
+        seen=() if record.seen is None else (record.seen,),
+        chart=record.chart,
+        covariance=record.uncertainty,
+        **{name: getattr(record, name) for name in AS_IN_POSE},
+    )
+    item = SceneObject(
+        id=object_id,
+        name=name,
+        model=model_file(model, known.sha256, known.unit),
+        world_from_model=view.world_from_model(record.pose),
+        without=record.without,
+        said_symmetry=NO_SYMMETRY if record.turns is None else record.turns.symmetry,
+        result=None if result == SearchResultJson() else form_of(SearchResult).decode(result),
+    )
+    scene = Scene(views=(view,), software=record.software, notes=record.warnings)
+    return replace(scene, objects=(_whole(scene, item),))
+
+
+def _beside(path: Path, name: str | None) -> Path:
+    """The file of a name in the folder of a pose; a name is no path."""
+    folder = path if path.is_dir() else path.parent
+    return folder / bare_name(name) if name else Path()
 
 
 def relative_name(path: Path, file: Path) -> str:

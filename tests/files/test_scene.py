@@ -2,29 +2,29 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from msgspec import structs
 
 from assets.source.schemas import KINDS, schema
+from poseviewer.confidence.pose_covariance import PoseCovariance
+from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseViewerError
-from poseviewer.files.masks import mask_text
-from poseviewer.files.scene_json import (
-    InViewRecord,
-    Place,
-    SceneRecord,
-    ViewRecord,
-    load_scene,
-    save_scene,
-)
+from poseviewer.files.masks import mask_as_png
+from poseviewer.files.scene_assets import view_of_file
+from poseviewer.files.scene_json import form_of, load_scene, save_scene
 from poseviewer.files.state.uploads import taken_out
 from poseviewer.geometry.mask import Mask
-from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.geometry.symmetry_group import Symmetry, Turn
+from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import ChartParameters, InView, Scene, SceneObject, SearchResult
 from poseviewer.starts.loading import open_scene
 from tests.schemas import json_schema, load_valid
-from tests.several import CAMERA, IDS, make_three
+from tests.several import CAMERA, IDS, MESHES, make_three
 from tests.writing import edit
 
 
@@ -33,26 +33,40 @@ def path(tmp_path: Path) -> Path:
     return make_three(tmp_path)
 
 
-def told(path: Path) -> SceneRecord:
+def told(path: Path) -> Scene:
     """A scene of two photos, and all that a file can say of an object."""
     turned = RigidTransform.from_rotation_vector([0.1, 0.2, 0.3], [1.0 / 3.0, 0.0, 0.1])
     shutil.copy(path.with_name("three.png"), path.with_name("again.png"))
     mask, scene = Mask.of(np.tri(240, 320)), load_scene(path)
-    second = ViewRecord.of(path.with_name("again.png"), CAMERA, "0" * 64, None, turned, mask)
-    own = (InViewRecord(region=(1.0, 2.0, 30.5, 40.0)), InViewRecord(mask_text(mask), None, False))
-    first = structs.replace(
+    second = view_of_file(path.with_name("again.png"), CAMERA, "0" * 64, None, turned, mask)
+    own = (InView(region=Rectangle(1.0, 2.0, 30.5, 40.0)), InView(mask=mask, is_compared=False))
+    sure = PoseCovariance(scene.pose(0), MESHES[0].centre, np.diag(np.arange(1.0, 7.0)), 0.5)
+    first = replace(
         scene.objects[0],
         in_views=own,
-        start=Place.of(turned, scale=0.001),
-        settings={"seed": 1},
+        start=Similarity(turned, 0.001),
+        start_cameras=(replace(CAMERA, fx=500.0), CAMERA),
+        settings=FitSettings(seed=1),
         locked=True,
         hidden=True,
+        name="round",
         is_placed=False,
         without=("mirror",),
+        said_symmetry=Symmetry.from_turns(np.zeros(3), [Turn(np.array([0.0, 0.0, 1.0]), 2)]),
+        result=SearchResult(
+            loss=0.1,
+            unexplained=0.2,
+            seen=(0.5, None),
+            verdict=Verdict("found", 0.9, ("It is seen.",), {"outline": 0.75}),
+            covariance=sure,
+            chart=ChartParameters("free-body", ("x", "y"), (1.0, 2.0)),
+            settings={"seed": 1},
+            notes=("It was quick.",),
+        ),
         notes=("It is round.",),
     )
     objects = (first, *scene.objects[1:])
-    return structs.replace(scene, views=(*scene.views, second), objects=objects, unit="m")
+    return replace(scene, views=(*scene.views, second), objects=objects, unit="m")
 
 
 def test_what_is_written_is_read_to_the_last_digit(path, tmp_path):
@@ -60,15 +74,15 @@ def test_what_is_written_is_read_to_the_last_digit(path, tmp_path):
     (tmp_path / "below").mkdir()
     save_scene(tmp_path / "below" / "s.json", scene)
     data = load_valid(tmp_path / "below" / "s.json", "scene")
+    assert set(data["objects"][0]) == set(form_of(SceneObject).kind.__struct_encode_fields__)
     assert data["objects"][0]["model"]["file"] == "../ball.ply"
     assert data["views"][1]["mask"] == "s.1.mask.png"
     again = load_scene(tmp_path / "below" / "s.json")
-    assert [one.path.resolve() for one in again.objects] == [one.path for one in scene.objects]
     for one, other in zip(again.objects, scene.objects, strict=True):
-        for name in ("place", "start", "settings", "result", "notes", "without", "turns"):
-            assert getattr(one, name) == getattr(other, name)
+        assert one.model.location.resolve() == other.model.location
     save_scene(tmp_path / "below" / "t.json", again)
-    assert json.loads((tmp_path / "below" / "t.json").read_text()) == data
+    written = (tmp_path / "below" / "t.json").read_text().replace("t.1.mask", "s.1.mask")
+    assert json.loads(written.replace("t.2.mask", "s.2.mask")) == data
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -123,11 +137,10 @@ def test_another_size_or_unit_is_said(path):
 
 def test_a_mask_of_another_size_is_said(path, tmp_path):
     scene = load_scene(path)
-    own = (InViewRecord(mask_text(Mask.of(np.ones((10, 20))))),)
-    masked = structs.replace(scene.objects[0], in_views=own)
-    save_scene(path, structs.replace(scene, objects=(masked, *scene.objects[1:])))
-    assert (tmp_path / "three.scene.1.mask.png").is_file()
-    with pytest.raises(PoseViewerError, match="20x10 px, the photo 320x240"):
+    white = Mask.of(np.ones((240, 320)))
+    save_scene(path, scene.with_object(0, in_views=(InView(mask=white),)))
+    (tmp_path / "three.scene.1.mask.png").write_bytes(mask_as_png(Mask.of(np.ones((10, 20)))))
+    with pytest.raises(PoseViewerError, match=r"20x10 px, the photo three\.png has 320x240"):
         open_scene(path)
 
 
@@ -139,7 +152,7 @@ def test_files_are_sought_where_they_may_lie(path, tmp_path):
     edit(path, lambda data: data["views"][0]["photo"].update(file="../three.png"))
     for name in IDS:
         shutil.copy(tmp_path / f"{name}.ply", tmp_path / "drop")
-    assert load_scene(path).views[0].path.is_file()
+    assert load_scene(path).views[0].file.location.is_file()
     with pytest.raises(PoseViewerError, match=r"three\.png, outside of the folder that was"):
         load_scene(path, inside=tmp_path / "drop")
     assert load_scene(path, inside=tmp_path)

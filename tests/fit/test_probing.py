@@ -76,11 +76,11 @@ def fitted_from(start: Pose, mesh: Mesh = CAN) -> FitProblem:
 
 
 def probing(problem: FitProblem, pose: Pose = TRUTH) -> closing[Probe]:
-    return closing(Probe(problem, make_renderer(problem.model.mesh), pose))
+    return closing(Probe(problem, make_renderer(problem.mesh), pose))
 
 
 def symmetric(problem: FitProblem, symmetry: Symmetry) -> FitProblem:
-    return replace(problem, model=replace(problem.model, whole_symmetry=symmetry))
+    return replace(problem, symmetry=symmetry)
 
 
 def features_of(problem: FitProblem, pose: Pose = TRUTH) -> Features | None:

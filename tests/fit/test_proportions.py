@@ -7,9 +7,10 @@ import pytest
 
 from poseviewer.api import make_scene
 from poseviewer.confidence.verdict import FOUND_FROM
+from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.scene.types import Scene
-from poseviewer.starts.loading import load_model, open_photo
+from poseviewer.starts.loading import open_photo
 from tests.meshes import make_box, merged
 from tests.scene import make_scene_of
 

@@ -354,7 +354,7 @@ def check_files(tab: AppPage, running: RunningApp, folder: Path) -> None:
         poses = [load_pose(path).pose for path in folder.rglob("*.pose.json")]
         objects = [one for path in folder.rglob("*.scene.json") for one in load_scene(path).objects]
         return any(is_near(pose.camera_from_model, in_pose) for pose in poses) or any(
-            is_near(one.place.similarity.rigid, in_scene) for one in objects
+            is_near(one.world_from_model.rigid, in_scene) for one in objects
         )
 
     tab.until(is_saved)

@@ -24,13 +24,14 @@ from poseviewer.app.workers.overlay import ALONE_MARGIN
 from poseviewer.evaluation.cases import Case, load_cases, load_starts
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import PoseRecord, load_pose, save_pose
-from poseviewer.files.scene_json import SceneRecord, ViewRecord, load_scene, save_scene
+from poseviewer.files.scene_assets import load_model, view_of_file
+from poseviewer.files.scene_json import load_scene, save_scene
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import rotation_angle
-from poseviewer.starts.loading import load_model
+from poseviewer.scene.types import Scene
 from poseviewer.starts.placing import SIDES, framed, look_from, surface_point
 from tests.app.app_process import REPOSITORY, AppProcess
 from tests.app.browser import AppPage, open_browser
@@ -200,9 +201,9 @@ def in_views(cases: Sequence[Case], folder: Path) -> Words:
     views = []
     for case in cases:
         truth = case.truth
-        view = ViewRecord.of(case.photo, truth.camera, place=truth.camera_from_model)
+        view = view_of_file(case.photo, truth.camera, camera_from_world=truth.camera_from_model)
         views.append(view)
-    save_scene(folder / "set.json", SceneRecord(views=tuple(views)))
+    save_scene(folder / "set.json", Scene(views=tuple(views)))
     return "--views", folder / "set.json", cases[0].mesh
 
 

@@ -58,7 +58,8 @@ MARKING_HINT = " &nbsp;·&nbsp; drag a mark, double-click removes it &nbsp;·&nb
 
 def opened_text(session: Session) -> str:
     """Say what is open (markdown), and where its colours come from: a grey model may miss files."""
-    photo, model, mesh = session.document.photo, session.document.model, session.document.mesh
+    item = session.document.object
+    photo, model, mesh = session.document.photo, item.model, item.mesh
     colours = "coloured" if mesh.has_reflectance else "no colours"
     if mesh.textures:
         colours = _counted(len(mesh.textures), "texture")
@@ -66,7 +67,7 @@ def opened_text(session: Session) -> str:
     return (
         f"**{plain(photo.label)}**  \n{photo.width} x {photo.height} px{camera}  \n"
         f"**{plain(model.name)}**  \n{len(mesh.faces):,} triangles, "
-        f"{_counted(len(mesh.part_names) or 1, 'part')}, {colours}; {symmetry_text(model)}  \n"
+        f"{_counted(len(mesh.part_names) or 1, 'part')}, {colours}; {symmetry_text(item)}  \n"
         f"{plain(size_words(mesh))}"
     )
 

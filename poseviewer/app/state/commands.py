@@ -60,7 +60,7 @@ from poseviewer.geometry.frames import camera_as_integer_centres
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.settings import LOSSES, FitSettings, LossName
 from poseviewer.starts.automatic import Proposal
-from poseviewer.starts.loading import scale_of_sight
+from poseviewer.starts.loading import scale_by_sight
 from poseviewer.starts.placing import framed, look_from, surface_point
 from poseviewer.vehicle.chart import VehicleChart
 
@@ -140,7 +140,7 @@ def put(document: Document, pose: Pose) -> Document:
     if document.scene.free_scale:
         with suppress(SettingsError):
             views, name = document.scene.views, document.scene.name
-            scale = 1.0 / scale_of_sight(views, document.at, document.mesh, pose, name)
+            scale = 1.0 / scale_by_sight(views, document.at, document.mesh, pose, name)
     return document.at_pose(pose, scale=scale)
 
 

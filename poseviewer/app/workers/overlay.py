@@ -61,7 +61,7 @@ class LossReader:
     def views(self, request: Session) -> tuple[ComparedView, ...]:
         """The views as they are compared about the request's anchor; none where they cannot be."""
         own = request.document
-        about = own.state.start, own.state.cameras, *request.pixels
+        about = own.object.start, own.object.start_cameras, *request.pixels
         if about != self._about:
             self._about, self._views, self._note = about, (), ""
             # Which numbers are searched for is another matter.

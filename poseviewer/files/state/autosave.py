@@ -9,18 +9,17 @@ import logging
 import secrets
 import time
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
 import msgspec
-from msgspec import Struct
 
 from poseviewer.errors import AutosaveError, PoseViewerError
 from poseviewer.files import scene_json as s
 from poseviewer.files.checks import LARGEST_DATA, Reading
-from poseviewer.files.masks import load_mask
-from poseviewer.files.structs import Number
 from poseviewer.files.writing import lock_file, write_whole, writing_to
+from poseviewer.scene.types import Scene
 
 FORMAT, VERSION = "poseviewer-autosave", 2
 EXPIRY_S = 30 * 24 * 3600.0
@@ -29,29 +28,30 @@ EXPIRY_S = 30 * 24 * 3600.0
 logger = logging.getLogger(__name__)
 
 
-class AutosavedSession(Struct, frozen=True, kw_only=True):
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class AutosavedSession:
     """Scene and view state of a session."""
 
-    saved_at: Number
+    saved_at: float
     """Seconds since 1970."""
     active_object: str
     """Id of the object that is worked on."""
-    active_view: int = 0
+    active_view: int
     """Index of the view that is shown large."""
-    photo_names: tuple[str, ...] = ()
+    photo_names: tuple[str, ...]
     """Names of the views' photos as they are shown; empty: those of the files."""
-    scene: s.SceneRecord
+    scene: Scene
 
     @property
     def photo_name(self) -> str:
         """Name of the photo that is shown large."""
         at = self.active_view
-        return self.photo_names[at] if self.photo_names else self.scene.views[at].path.name
+        return self.photo_names[at] if self.photo_names else self.scene.views[at].name
 
     @property
     def model_name(self) -> str:
         """Name of the active object's model."""
-        return self.scene.objects[self.scene.index(self.active_object)].path.name
+        return self.scene.objects[self.scene.index(self.active_object)].model.name
 
 
 class SessionFile:
@@ -73,7 +73,8 @@ class SessionFile:
             if not _lock_path(self.path).exists():  # at first, and where the folder was removed
                 self.close()
                 self._lock = lock_file(_lock_path(self.path))
-        data = {"format": FORMAT, "version": VERSION, **msgspec.to_builtins(session)}
+        form = s.form_of(AutosavedSession).encode(session)
+        data = {"format": FORMAT, "version": VERSION, **msgspec.to_builtins(form)}
         write_whole(self.path, json.dumps(data, allow_nan=False).encode(), AutosaveError)
 
     def close(self) -> None:
@@ -128,7 +129,8 @@ def files_of_sessions(folder: Path) -> frozenset[Path]:
     for path in folder.glob("session-*.json"):
         with suppress(AutosaveError):
             scene = load_autosave(path).scene
-            paths |= {part.path for part in (*scene.views, *scene.objects)}
+            paths |= {view.file.location for view in scene.views}
+            paths |= {item.model.location for item in scene.objects}
     return frozenset(paths)
 
 
@@ -148,14 +150,10 @@ def _lock_path(path: Path) -> Path:
 
 def _from_json(reading: Reading, data: dict[str, Any]) -> AutosavedSession:
     reading.require_format(data, FORMAT, VERSION)
-    session = reading.decoded(data, AutosavedSession, raw=("file", "mask"))
-    scene = session.scene
-    s.require_whole(reading, scene)
-    for index, view in enumerate(scene.views):
-        for part in (view, *(item.in_views[index] for item in scene.objects if item.in_views)):
-            if part.mask is not None:
-                load_mask(part.mask, *view.size)
-    scene.index(session.active_object)
-    if not 0 <= session.active_view < len(scene.views):
+    form: Any = reading.decoded(data, s.form_of(AutosavedSession).kind, raw=("file", "mask"))
+    s.require_whole(reading, form.scene)
+    session: AutosavedSession = s.form_of(AutosavedSession).decode(form)
+    session.scene.index(session.active_object)
+    if not 0 <= session.active_view < len(session.scene.views):
         raise reading.error(f"active_view is {session.active_view}", "wanted one of the views")
     return session

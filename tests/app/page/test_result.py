@@ -24,7 +24,7 @@ def searched(session: Session, spread: float = 1e-3) -> Session:
     """The session with a covariance of its pose, its focal length among it."""
     factor = spread * np.random.default_rng(5).normal(size=(7, 7))
     covariance = PoseCovariance(session.document.pose, BUMPY.centre, factor @ factor.T)
-    result = SearchResult(None, 0.1, 0.1, covariance=covariance)
+    result = SearchResult(loss=0.1, unexplained=0.1, covariance=covariance)
     return replace(session, document=session.document.with_object(result=result))
 
 

@@ -19,7 +19,8 @@ from poseviewer.app.state.objects import (
 from poseviewer.app.state.session import Session
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.geometry.camera import Parallel, Pose
-from poseviewer.scene.types import LoadedModel, SearchResult
+from poseviewer.scene.assets import ModelFile
+from poseviewer.scene.types import SearchResult
 from tests.app.state.documents import (
     CAR,
     PERSPECTIVE,
@@ -32,9 +33,9 @@ from tests.app.state.documents import (
 )
 from tests.meshes import make_box
 
-BOX = LoadedModel(make_box((1.0, 1.5, 0.8)), "box.ply", "1" * 64, path=Path("box.ply"))
-TAXI = LoadedModel(CAR, "taxi.glb", "2" * 64, make_keypoints())
-FOUND = SearchResult(Verdict("found", 0.9), 0.1, 0.1)
+BOX = ModelFile.of(make_box((1.0, 1.5, 0.8)), Path("box.ply"), "1" * 64)
+TAXI = ModelFile.of(CAR, None, "2" * 64, name="taxi.glb", keypoints=make_keypoints())
+FOUND = SearchResult(verdict=Verdict("found", 0.9), loss=0.1, unexplained=0.1)
 
 
 def with_two(camera=PERSPECTIVE) -> Session:
@@ -54,7 +55,7 @@ def poses_of(session: Session) -> list[Pose]:
 def middle(session: Session, number: int) -> np.ndarray:
     document = session.document
     one = document.scene.objects[document.scene.index(str(number))]
-    return pose_of(session, number).project(one.model.mesh.centre)
+    return pose_of(session, number).project(one.mesh.centre)
 
 
 def numbers(session: Session) -> list[int]:
@@ -202,7 +203,9 @@ def test_what_cannot_be_added_is_refused():
 def test_undo_reaches_back_over_all_objects_at_hand():
     session = make_session()
     for number in range(8):
-        model = LoadedModel(make_box((1.0, 1.0, 1.0 + number)), "b.ply", f"{number:064d}")
+        model = ModelFile.of(
+            make_box((1.0, 1.0, 1.0 + number)), None, f"{number:064d}", name="b.ply"
+        )
         session = after(session, add_object(model))
     session = after(session, pick_object(1), *[c.nudge("move", 1.0)] * 9, *[c.undo()] * 17)
     assert numbers(session) == [1]

@@ -20,7 +20,8 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.scene.types import LoadedModel, SearchResult
+from poseviewer.scene.assets import ModelFile
+from poseviewer.scene.types import SearchResult
 from tests.app.state.documents import after, asked_of, assert_same_pose, refused
 from tests.app.state.sets import SCALE, make_set_session
 from tests.meshes import make_box
@@ -97,7 +98,7 @@ def test_a_photo_is_left_out_and_taken_back(session: Session):
 
 
 def test_what_a_search_said_goes_with_the_photos_that_it_compared(session: Session):
-    result = SearchResult(None, 0.1, 0.1)
+    result = SearchResult(loss=0.1, unexplained=0.1)
     found = replace(session, document=session.document.with_object(result=result))
     assert after(found, show_view(1)).document.object.result is result
     on_it = paint(replace(STROKE, points=found.document.pose.project(MESH.centre)[None]))
@@ -120,7 +121,7 @@ def test_the_size_is_the_seventh_number_where_the_scale_is_not_known():
 
 
 def test_several_objects_in_several_photos(session: Session):
-    model = LoadedModel(make_box((1.0, 1.5, 0.8)), "box.ply", "1" * 64)
+    model = ModelFile.of(make_box((1.0, 1.5, 0.8)), None, "1" * 64, name="box.ply")
     added = after(session, add_object(model))
     assert not added.document.object.is_placed
     x, y = TRUTH[0].project(MESH.centre) + np.array([60.0, 20.0])

@@ -70,7 +70,7 @@ def test_a_meshlab_project_holds_all_objects_of_a_scene(tmp_path):
     path.write_text(ElementTree.tostring(project, encoding="unicode"))
     camera = read_meshlab(path, ConvertOptions()).pose(0)  # from the project's world
     for index, one in enumerate(scene.objects):
-        points = load_mesh(one.path).vertices
+        points = load_mesh(one.model.location).vertices
         placed = points @ matrices[one.id][:3, :3].T + matrices[one.id][:3, 3]
         wanted = scene.pose(index).project(points)
         np.testing.assert_allclose(camera.project(placed), wanted, atol=1e-9)

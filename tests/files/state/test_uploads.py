@@ -16,8 +16,7 @@ from hypothesis import strategies as st
 from poseviewer.errors import FileSetError
 from poseviewer.files.file_set import MOST_FILES
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene_json import ObjectRecord, SceneRecord, ViewRecord
+from poseviewer.files.scene_assets import model_file, view_of_file
 from poseviewer.files.state.autosave import AutosavedSession, SessionFile
 from poseviewer.files.state.uploads import (
     LARGEST_UPLOAD,
@@ -31,6 +30,7 @@ from poseviewer.files.state.uploads import (
 )
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.scene.types import Scene, SceneObject
 
 NEAR = RigidTransform(np.eye(3), np.array([0.0, 0.0, 5.0]))
 
@@ -187,11 +187,19 @@ def test_of_old_and_broken_uploads_those_that_a_session_names_stay(
     used, other = (keep(uploads, {"maps/a.png": data}) for data in (b"used", b"other"))
     (tmp_path / "sessions").mkdir()
     camera = Perspective(100.0, 100.0, 4.0, 3.0, 8, 6)
-    view = ViewRecord.of(used / "maps" / "a.png", camera)
-    item = ObjectRecord.of("1", Path("m.ply"), PoseRecord.of(Pose(camera, NEAR)), view)
-    scene = SceneRecord(views=(view,), objects=(item,))
+    view = view_of_file(used / "maps" / "a.png", camera)
+    item = SceneObject(
+        id="1",
+        model=model_file(Path("m.ply")),
+        world_from_model=view.world_from_model(Pose(camera, NEAR)),
+    )
+    scene = Scene(views=(view,), objects=(item,))
     file = SessionFile(tmp_path / "sessions")
-    file.save(AutosavedSession(saved_at=0.0, active_object="1", scene=scene))
+    file.save(
+        AutosavedSession(
+            saved_at=0.0, active_object="1", active_view=0, photo_names=(), scene=scene
+        )
+    )
     file.close()
     left, under_way = uploads / "new-a", uploads / "new-b"
     for place in (left, under_way):
