@@ -192,10 +192,15 @@ def test_removing_picks_the_next_and_never_the_last():
     assert refused(alone, remove_object(3)).startswith("This is the only object")
 
 
+def in_unit(model: ModelFile, unit: str) -> ModelFile:
+    """The model in a file that says its unit."""
+    return replace(model.with_content(mesh=replace(model.mesh, unit=unit)), unit=unit)
+
+
 def test_what_cannot_be_added_is_refused():
-    session = after(make_session(), add_object(replace(BOX, mesh=replace(BOX.mesh, unit="mm"))))
-    metres = replace(TAXI, mesh=replace(CAR, unit="m"))
-    assert refused(session, add_object(metres)).startswith("Taxi.glb is in m, box.ply in mm")
+    session = after(make_session(), add_object(in_unit(BOX, "mm")))
+    refusal = refused(session, add_object(in_unit(TAXI, "m")))
+    assert refusal.startswith("Taxi.glb is in m, box.ply in mm")
     session = after(session, *[add_object()] * (MOST_OBJECTS - 2))
     assert refused(session, add_object()).startswith(f"{MOST_OBJECTS} objects are the most")
 
