@@ -1,4 +1,4 @@
-"""Open the app."""
+"""Open the app in the browser, on the files named or on the bundled demo."""
 
 from __future__ import annotations
 
@@ -19,7 +19,11 @@ if TYPE_CHECKING:
 
 OPTIONS = {
     "": (
-        table.option("photo PHOTO|FOLDER|ZIP|SCENE.json", "what is to be opened", nargs="?"),
+        table.option(
+            "photo PHOTO|FOLDER|ZIP|SCENE.json",
+            "photo, a folder or zip with photo and model, or a scene file",
+            nargs="?",
+        ),
         table.MODEL,
         table.POSE,
         *table.METHODS,
@@ -30,6 +34,10 @@ OPTIONS = {
     **table.VIEWS,
     **table.CAMERA,
 }
+EXAMPLES = (
+    "poseviewer photo.jpg car.glb --pose start.json",
+    "poseviewer app shelf.scene.json --port 9000 --no-browser",
+)
 
 
 def _files_of(options: Namespace) -> tuple[FileSet, list[Path]]:

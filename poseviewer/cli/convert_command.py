@@ -25,26 +25,62 @@ SCENE = "scene"
 _NAMES = tuple(FORMATS)
 OPTIONS = {
     "": (
-        table.option("source POSE|SCENE"),
-        table.option("out OUT", is_output=True),
-        table.option("--from FORMAT", None, _NAMES, dest="source_format", default=_NAMES[0]),
+        table.option("source POSE|SCENE", "pose or scene, of this or another tool"),
+        table.option("out OUT", "file or folder to write", is_output=True),
         table.option(
-            "--to FORMAT", ", ".join(_NAMES), _NAMES, dest="out_format", default=_NAMES[0]
+            "--from FORMAT",
+            "read this format, one of those of --to (default: %(default)s)",
+            _NAMES,
+            dest="source_format",
+            default=_NAMES[0],
         ),
-        table.option("--photo PHOTO", "(the one beside POSE that it names)"),
+        table.option(
+            "--to FORMAT",
+            f"write this format: {', '.join(_NAMES)} (default: %(default)s)",
+            _NAMES,
+            dest="out_format",
+            default=_NAMES[0],
+        ),
+        table.option(
+            "--photo PHOTO", "use this photo (default: the one that POSE names, beside it)"
+        ),
         table.option(
             "--model MODEL",
-            "(the one beside POSE that it names; from bop: the folder of the models)",
+            "use this model, or from bop the folder of the models (default: the one that POSE "
+            "names, beside it)",
         ),
-        table.option("--photo-size WIDTHxHEIGHT", "in px, where POSE does not say it"),
-        table.option("--unit", "of the model, where POSE does not say it", tuple(METRES)),
-        table.option("--image NAME|NUMBER", "which image of a file with several; BOP: its number"),
-        table.option("--object ID|NUMBER", "which object of a scene; BOP: its number"),
-        table.option("--calibration FILE", "the camera, where POSE does not say it: a matrix"),
-        table.option("--opengl", "a matrix is of a camera that looks along -z, y up"),
-        table.option("--overwrite", "replace OUT if it is there"),
+        table.option(
+            "--photo-size WIDTHxHEIGHT",
+            "set the photo's size in px if POSE does not give it (default: --photo's)",
+        ),
+        table.option(
+            "--unit",
+            "set the model's length unit if POSE does not give it (default: unknown)",
+            tuple(METRES),
+        ),
+        table.option(
+            "--image NAME|NUMBER",
+            "choose this image by its name, or in BOP by its number (default: the only one)",
+        ),
+        table.option(
+            "--object ID|NUMBER",
+            "choose this object by its id, or in BOP by its number (default: all, or the only one)",
+        ),
+        table.option(
+            "--calibration FILE",
+            "read the camera from here if POSE is a bare matrix (default: none)",
+        ),
+        table.option(
+            "--opengl",
+            "read or write a matrix of a camera that looks along -z with y up, as OpenGL's",
+        ),
+        table.option("--overwrite", "replace OUT if it exists"),
     )
 }
+EXAMPLES = (
+    "poseviewer convert pose.json car.glb --to gltf",
+    "poseviewer convert pose.yml pose.json --from opencv --photo photo.jpg --model car.glb",
+)
 
 
 def run(options: Namespace) -> int:

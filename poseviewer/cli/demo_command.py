@@ -1,4 +1,4 @@
-"""Fit the bundled demo, without the app."""
+"""Fit the bundled demo without the app, and write pose and pictures to ``poseviewer-demo``."""
 
 from argparse import Namespace
 from pathlib import Path
@@ -9,6 +9,7 @@ from poseviewer.files.writing import make_folder
 
 LOOKS = ("outline", "relit", "residual")
 OPTIONS = {"": ()}
+EXAMPLES = ("poseviewer demo", "poseviewer info poseviewer-demo/pose.json")
 FOLDER = Path("poseviewer-demo")
 
 

@@ -1,4 +1,4 @@
-"""Search for the pose."""
+"""Search for the pose of a model in a photo, in several photos, or of all objects of a scene."""
 
 from __future__ import annotations
 
@@ -19,17 +19,29 @@ _PROJECTIONS = ("perspective", "parallel")
 OPTIONS = {
     "": (
         *table.FILES,
-        table.option("--out POSE.json", "of a scene: SCENE.json", required=True, is_output=True),
-        table.option("--overlay OVERLAY.png", "draw the pose found", is_output=True),
+        table.option(
+            "--out POSE.json",
+            "write the pose here, or the scene if it has several objects or photos",
+            required=True,
+            is_output=True,
+        ),
+        table.option(
+            "--overlay OVERLAY.png",
+            "draw the model over the photo at its new pose (default: no picture)",
+            is_output=True,
+        ),
         table.LOOK,
     ),
-    "start, one of": (
+    "start": (
         table.STARTS,
         table.OBJECT,
         table.BOX,
         table.INSTANCES,
         table.option(
-            "--projection", "where no pose file says it", _PROJECTIONS, default=_PROJECTIONS[0]
+            "--projection",
+            "set the projection if no pose file gives it (default: %(default)s)",
+            _PROJECTIONS,
+            default=_PROJECTIONS[0],
         ),
         table.FOCAL,
     ),
@@ -37,11 +49,15 @@ OPTIONS = {
     "search": (
         *table.LIMITS,
         *table.METHODS,
-        table.option("--lock NAME,...", "parameters of the chart to hold"),
-        table.option("--seed SEED"),
+        table.option("--lock NAME,...", "keep these pose parameters at the start (default: none)"),
+        table.option("--seed SEED", "seed the random numbers (default: 0)"),
         table.KEEP_START,
     ),
 }
+EXAMPLES = (
+    "poseviewer fit photo.jpg car.glb --pose start.json --out pose.json",
+    "poseviewer fit photo.jpg can.ply --start auto --box 310,120,90,160 --out pose.json",
+)
 
 
 def run(options: Namespace) -> int:

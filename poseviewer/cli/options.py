@@ -125,92 +125,189 @@ def add_all(parser: _ActionsContainer, group: Group) -> None:
             add_all(parser.add_mutually_exclusive_group(), item)
 
 
-SCHEDULER = option("--scheduler ADDRESS", "of a Dask cluster to run on")
-QUIET = option("--quiet", "no progress, no notes")
-PHOTO = option("photo PHOTO|SCENE.json", nargs="?")
-MODEL = option("model MODEL", nargs="?")
+SCHEDULER = option(
+    "--scheduler ADDRESS", "run on the Dask cluster of this scheduler (default: this machine)"
+)
+QUIET = option("--quiet", "print neither progress nor notes")
+PHOTO = option(
+    "photo PHOTO|SCENE.json", "photo, or a scene file, which names its models", nargs="?"
+)
+MODEL = option("model MODEL", "3D model of the object", nargs="?")
 FILES = (PHOTO, MODEL, QUIET)
-LOOK = option("--look", "how the model is drawn", LOOKS, default=LOOKS[0])
+LOOK = option("--look", "draw the model so (default: %(default)s)", LOOKS, default=LOOKS[0])
 LOSS = option(
-    "--loss", "light, classes and edges; or the paper's of grey, clip or whole", CHOICES["loss"]
+    "--loss",
+    "minimise the loss of light, colour classes and edges (default), or the paper's loss of grey "
+    "(paper) (default: default)",
+    CHOICES["loss"],
 )
 SEARCH = option(
-    "--search", "(auto: the paper's simplex for its loss, else models)", CHOICES["search"]
+    "--search",
+    "minimise by a restarted simplex, or by CMA-ES and quadratic models (default: auto, the "
+    "simplex for the paper's loss and for --pixels clip, else models)",
+    CHOICES["search"],
 )
-METHOD = option("--method", "the loss with its own search", CHOICES["loss"], dest="loss")
+METHOD = option(
+    "--method", "choose the loss, as --loss does (default: default)", CHOICES["loss"], dest="loss"
+)
 METHODS = ((LOSS, METHOD), SEARCH)
 PIXELS = option(
     "--pixels",
-    "those in a box about the start (near), the whole photo, or what the model covers (clip: the "
-    "paper's clipped loss; its default)",
+    "compare a region of interest about the start (near), the full image (whole), or the model's "
+    "silhouette at each pose (clip) (default: near; clip for the paper's loss)",
     CHOICES["pixels"],
 )
-REFLECTANCE = option("--colour-reflectance", "RGB reflectance of the model (m = 12)")
-MASK = option("--mask MASK.png", "weights: white counts")
+REFLECTANCE = option(
+    "--colour-reflectance", "use the model's RGB reflectance: 12 attributes instead of 4"
+)
+MASK = option(
+    "--mask MASK.png",
+    "weigh the pixels by a picture of the photo's size: white counts, black does not (default: "
+    "the mask that the pose file names)",
+)
 IN_FRONT = option(
     "--in-front",
-    "what may hide the model: the mask and what the search finds (find), the mask, or nothing",
+    "leave out pixels where something occludes the model: by the mask and by the search (find), by "
+    "the mask alone (painted), or none (nothing) (default: find)",
     CHOICES["in_front"],
 )
-OUT = "a part to leave out (of a scene: ID:PART); again for more"
-WITHOUT = option("--without PART", OUT, action="append")
+WITHOUT = option(
+    "--without PART",
+    "leave out a part of the model, in a scene ID:PART; repeat for more parts (default: the parts "
+    "that the pose file names)",
+    action="append",
+)
 COMPARED = (
-    option("--chart", None, CHOICES["chart"]),
-    option("--free-focal", "find the focal length as well"),
-    option("--grey", "compare grey, not RGB"),
+    option(
+        "--chart",
+        "search by the parameters of a vehicle or of a free body (default: auto, the vehicle's if "
+        "the model has wheels)",
+        CHOICES["chart"],
+    ),
+    option("--free-focal", "search for the focal length, too"),
+    option("--grey", "compare grey instead of RGB"),
     REFLECTANCE,
     PIXELS,
-    option(f"--region {RECTANGLE}", "in px"),
+    option(
+        f"--region {RECTANGLE}",
+        "compare no pixel outside this rectangle, in px (default: by --pixels alone)",
+    ),
     MASK,
     IN_FRONT,
     WITHOUT,
-    option("--renderer", "(software); gpu is experimental", CHOICES["renderer"]),
+    option(
+        "--renderer",
+        "render by this renderer; gpu is experimental (default: auto, which is software)",
+        CHOICES["renderer"],
+    ),
 )
-EVALUATIONS = option("--evaluations N", f"limit ({Limits().evaluations})")
-LIMITS = (EVALUATIONS, option("--seconds SECONDS", f"limit ({Limits().seconds:g})"))
-ESTIMATE = "the start is an estimate: give it back where the end is not sure to be better"
-KEEP_START = option("--keep-start", ESTIMATE)
-SETS = "in place of PHOTO: SET.json, COLMAP's folder, transforms.json, a BOP scene"
+EVALUATIONS = option(
+    "--evaluations N",
+    f"stop after this number of evaluations of the loss (default: {Limits().evaluations})",
+)
+LIMITS = (
+    EVALUATIONS,
+    option("--seconds SECONDS", f"stop after this time, in s (default: {Limits().seconds:g})"),
+)
+KEEP_START = option(
+    "--keep-start", "take the start as an estimate: keep it unless the end is sure to be better"
+)
 OF_VIEWS = (
-    option("--view NAME", "the photo of --pose (the one that its file names)"),
-    option("--photos NAME,...", "which of the set's photos (all)"),
-    option("--scale LENGTHS", "of the model's unit in one of the set's"),
-    option("--photo-folder FOLDER", "of COLMAP's photos", dest="folder"),
-    option("--rig-object N", "the object of a BOP scene that tells how its camera moved"),
+    option(
+        "--view NAME",
+        "take --pose as a pose in this photo of the set (default: the one that its file names)",
+    ),
+    option("--photos NAME,...", "use these photos of the set (default: all)"),
+    option(
+        "--scale LENGTHS",
+        "set how many of the model's units are one of the set's (default: by both units; if one "
+        "is unknown, searched for)",
+    ),
+    option(
+        "--photo-folder FOLDER",
+        "look for COLMAP's photos here (default: beside the model and in images)",
+        dest="folder",
+    ),
+    option(
+        "--rig-object N",
+        "follow the camera of a BOP scene by its poses of this object, a number of BOP (default: "
+        "the camera's own poses)",
+    ),
 )
-CAMERAS = (
-    "camera and lens, from OpenCV's YAML, XML or JSON, COLMAP's cameras.txt or .bin, BOP's "
-    "camera.json or scene_camera.json; the photo is undistorted by it"
+CALIBRATION = option(
+    "--calibration FILE",
+    "read camera and lens from a file of OpenCV, COLMAP, BOP or another tool, and undistort the "
+    "photo (default: a pinhole with EXIF's focal length, or with a view of 50 degrees)",
 )
-CALIBRATION = option("--calibration FILE", CAMERAS)
-FISHEYE = "the lens is of OpenCV's fisheye model, where the file does not say so"
 OF_CALIBRATION = (
-    option("--calibration-camera NAME", "which of the file's cameras"),
-    option("--calibration-fisheye", FISHEYE),
+    option(
+        "--calibration-camera NAME",
+        "choose this camera of the file (default: the only one, or the photo's own)",
+    ),
+    option(
+        "--calibration-fisheye",
+        "take the coefficients as those of OpenCV's fisheye model if the file names no model",
+    ),
 )
 CAMERA: Options = {"the photo's camera": (CALIBRATION, *OF_CALIBRATION)}
-VIEWS: Options = {"several photos, one pose": (option("--views SET", SETS), *OF_VIEWS)}
-SCENE: Options = {**CAMERA, **VIEWS, "what is compared": COMPARED}
+VIEWS: Options = {
+    "several photos, one pose": (
+        option(
+            "--views SET",
+            "fit one pose to several photos, from SET.json, a COLMAP folder, transforms.json or a "
+            "BOP scene; leave out PHOTO (default: one photo)",
+        ),
+        *OF_VIEWS,
+    )
+}
+SCENE: Options = {**CAMERA, **VIEWS, "comparison": COMPARED}
 """Options that ``case.open_scene`` reads besides ``FILES`` and a pose."""
-OTHERS = "serve other machines as well"
 SERVER = (
-    option("--port PORT", "(the first free one from 8080 on)"),
-    option("--host HOST", OTHERS, default="127.0.0.1"),
+    option("--port PORT", "serve the page at this port (default: the first free one from 8080 on)"),
+    option(
+        "--host HOST",
+        "listen at this address; 0.0.0.0 serves other machines, too (default: %(default)s)",
+        default="127.0.0.1",
+    ),
     option("--no-browser", "do not open the browser", action="store_false", dest="browser"),
 )
-OBJECT = option("--object ID", "of the scene: which one")
-POSE = option("--pose POSE.json", "a pose file")
-BOX = option(f"--box {RECTANGLE}", "about the object, px")
-INSTANCES = option("--instances N", "that the photo shows of the model: each one is looked for")
-FOCAL = option("--focal PX", "where no pose file says it (EXIF's)")
+OBJECT = option(
+    "--object ID", "choose this object of the scene by its id (default: all, or the only one)"
+)
+POSE = option("--pose POSE.json", "take the pose from this pose file (default: none)")
+BOX = option(
+    f"--box {RECTANGLE}",
+    "look for the start in this rectangle about the object, in px (default: the full image)",
+)
+INSTANCES = option(
+    "--instances N", "look for this number of the model's instances in the photo (default: 1)"
+)
+FOCAL = option(
+    "--focal PX",
+    "set the focal length if no pose file gives it, in px (default: EXIF's, or a view of 50 "
+    "degrees)",
+)
 STARTS = (
     POSE,
-    option("--pairs FILE", "CSV, rows x,y,z,u,v: model, photo point"),
     option(
-        "--wheels REAR;FRONT", "their ellipses, each cx,cy,a,b,angle (half axes in px, degrees)"
+        "--pairs FILE",
+        "compute the start from point pairs, a CSV with rows x,y,z,u,v: a point of the model, in "
+        "its unit, and of the photo, in px (default: none)",
     ),
-    option(f"--find-wheels {RECTANGLE}", "look for both in a rectangle about the car, px"),
-    option("--start", "look for one: in the --box, the --region, or the whole photo", ("auto",)),
+    option(
+        "--wheels REAR;FRONT",
+        "compute the start from the ellipses of two wheels, each cx,cy,a,b,angle: centre and half "
+        "axes in px, angle in degrees (default: none)",
+    ),
+    option(
+        f"--find-wheels {RECTANGLE}",
+        "find both wheels in this rectangle about the car, in px (default: none)",
+    ),
+    option(
+        "--start",
+        "find the start in --box, in --region, or in the full image (default: none)",
+        ("auto",),
+    ),
 )
 """Options that say where the model starts."""
 OF_A_PHOTO = (MASK, CALIBRATION, BOX, INSTANCES, FOCAL)
