@@ -20,9 +20,7 @@ if TYPE_CHECKING:
 OPTIONS = {
     "": (
         table.option(
-            "photo PHOTO|FOLDER|ZIP|SCENE.json",
-            "photo, a folder or zip with photo and model, or a scene file",
-            nargs="?",
+            "photo PHOTO|FOLDER|ZIP|SCENE.json", "photo, or all files together", nargs="?"
         ),
         table.MODEL,
         table.POSE,
@@ -34,10 +32,7 @@ OPTIONS = {
     **table.VIEWS,
     **table.CAMERA,
 }
-EXAMPLES = (
-    "poseviewer photo.jpg car.glb --pose start.json",
-    "poseviewer app shelf.scene.json --port 9000 --no-browser",
-)
+EXAMPLES = ("poseviewer photo.jpg car.glb --pose start.json", "poseviewer app shelf.scene.json")
 
 
 def _files_of(options: Namespace) -> tuple[FileSet, list[Path]]:

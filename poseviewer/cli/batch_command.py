@@ -20,14 +20,8 @@ OPTIONS = {
         table.QUIET,
     ),
     "BOP scene": (
-        table.option(
-            "--models FOLDER",
-            "read obj_000001.ply and so on, in mm, from here (default: none, which a BOP scene "
-            "refuses)",
-        ),
-        table.option(
-            "--objects N,...", "fit these objects, numbers of BOP (default: all with a pose)"
-        ),
+        table.option("--models FOLDER", "read obj_000001.ply, ..., in mm, here (default: none)"),
+        table.option("--objects N,...", "fit these objects (default: all with a pose)"),
     ),
     "comparison": table.COMPARED,
     "search": (*table.LIMITS, table.KEEP_START),

@@ -23,57 +23,22 @@ if TYPE_CHECKING:
 SCENE = "scene"
 """Name of the format of scene files."""
 _NAMES = tuple(FORMATS)
+_READ = "read this format, one of those of --to (default: %(default)s)"
+_WRITE = f"write this format: {', '.join(_NAMES)} (default: %(default)s)"
 OPTIONS = {
     "": (
         table.option("source POSE|SCENE", "pose or scene, of this or another tool"),
         table.option("out OUT", "file or folder to write", is_output=True),
-        table.option(
-            "--from FORMAT",
-            "read this format, one of those of --to (default: %(default)s)",
-            _NAMES,
-            dest="source_format",
-            default=_NAMES[0],
-        ),
-        table.option(
-            "--to FORMAT",
-            f"write this format: {', '.join(_NAMES)} (default: %(default)s)",
-            _NAMES,
-            dest="out_format",
-            default=_NAMES[0],
-        ),
-        table.option(
-            "--photo PHOTO", "use this photo (default: the one that POSE names, beside it)"
-        ),
-        table.option(
-            "--model MODEL",
-            "use this model, or from bop the folder of the models (default: the one that POSE "
-            "names, beside it)",
-        ),
-        table.option(
-            "--photo-size WIDTHxHEIGHT",
-            "set the photo's size in px if POSE does not give it (default: --photo's)",
-        ),
-        table.option(
-            "--unit",
-            "set the model's length unit if POSE does not give it (default: unknown)",
-            tuple(METRES),
-        ),
-        table.option(
-            "--image NAME|NUMBER",
-            "choose this image by its name, or in BOP by its number (default: the only one)",
-        ),
-        table.option(
-            "--object ID|NUMBER",
-            "choose this object by its id, or in BOP by its number (default: all, or the only one)",
-        ),
-        table.option(
-            "--calibration FILE",
-            "read the camera from here if POSE is a bare matrix (default: none)",
-        ),
-        table.option(
-            "--opengl",
-            "read or write a matrix of a camera that looks along -z with y up, as OpenGL's",
-        ),
+        table.option("--from FORMAT", _READ, _NAMES, dest="source_format", default=_NAMES[0]),
+        table.option("--to FORMAT", _WRITE, _NAMES, dest="out_format", default=_NAMES[0]),
+        table.option("--photo PHOTO", "use this photo (default: the one in POSE)"),
+        table.option("--model MODEL", "use this, or BOP's folder of models (default: POSE's)"),
+        table.option("--photo-size WIDTHxHEIGHT", "set this size, in px (default: --photo's)"),
+        table.option("--unit", "set the model's length unit (default: POSE's)", tuple(METRES)),
+        table.option("--image NAME|NUMBER", "choose this image of several (default: the only one)"),
+        table.option("--object ID|NUMBER", "choose this object of several (default: all)"),
+        table.option("--calibration FILE", "read a bare matrix's camera here (default: none)"),
+        table.option("--opengl", "take matrices as OpenGL's, whose camera looks along -z, y up"),
         table.option("--overwrite", "replace OUT if it exists"),
     )
 }

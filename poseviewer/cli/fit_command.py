@@ -19,16 +19,9 @@ _PROJECTIONS = ("perspective", "parallel")
 OPTIONS = {
     "": (
         *table.FILES,
+        table.option("--out POSE.json", "write pose or scene here", required=True, is_output=True),
         table.option(
-            "--out POSE.json",
-            "write the pose here, or the scene if it has several objects or photos",
-            required=True,
-            is_output=True,
-        ),
-        table.option(
-            "--overlay OVERLAY.png",
-            "draw the model over the photo at its new pose (default: no picture)",
-            is_output=True,
+            "--overlay OVERLAY.png", "draw the result here (default: none)", is_output=True
         ),
         table.LOOK,
     ),
@@ -39,7 +32,7 @@ OPTIONS = {
         table.INSTANCES,
         table.option(
             "--projection",
-            "set the projection if no pose file gives it (default: %(default)s)",
+            "set the projection if no pose file does (default: perspective)",
             _PROJECTIONS,
             default=_PROJECTIONS[0],
         ),

@@ -27,7 +27,7 @@ OPTIONS = {
 }
 EXAMPLES = (
     "poseviewer identify photo.jpg sedan.glb estate.glb --start start.json",
-    "poseviewer identify photo.jpg can_*.ply --start start.json --region 310,120,90,160",
+    "poseviewer identify photo.jpg can_*.ply --start start.json --grey",
 )
 
 

@@ -97,14 +97,17 @@ Options = Mapping[str, Group]
 
 def option(
     usage: str,
-    text: str | None = None,
+    text: str,
     choices: Iterable[str] | None = None,
     *,
     is_output: bool = False,
     **more: Any,
 ) -> Option:
-    """Make ``--name VALUE`` (by ``READERS``), ``--name`` (choices or a flag), or ``name SHOWN``."""
+    """Make ``--name VALUE`` (by ``READERS``), ``--name`` (a setting's or these choices, or a flag),
+    or ``name SHOWN``.
+    """
     flag, _, shown = usage.partition(" ")
+    choices = choices or CHOICES.get(flag[2:].replace("-", "_"))
     if choices is not None:
         more["choices"] = tuple(choices)
     elif shown:
@@ -125,189 +128,102 @@ def add_all(parser: _ActionsContainer, group: Group) -> None:
             add_all(parser.add_mutually_exclusive_group(), item)
 
 
-SCHEDULER = option(
-    "--scheduler ADDRESS", "run on the Dask cluster of this scheduler (default: this machine)"
-)
+SCHEDULER = option("--scheduler ADDRESS", "run on this Dask cluster (default: this machine)")
 QUIET = option("--quiet", "print neither progress nor notes")
-PHOTO = option(
-    "photo PHOTO|SCENE.json", "photo, or a scene file, which names its models", nargs="?"
-)
+PHOTO = option("photo PHOTO|SCENE.json", "photo, or a scene file without MODEL", nargs="?")
 MODEL = option("model MODEL", "3D model of the object", nargs="?")
 FILES = (PHOTO, MODEL, QUIET)
 LOOK = option("--look", "draw the model so (default: %(default)s)", LOOKS, default=LOOKS[0])
-LOSS = option(
-    "--loss",
-    "minimise the loss of light, colour classes and edges (default), or the paper's loss of grey "
-    "(paper) (default: default)",
-    CHOICES["loss"],
-)
-SEARCH = option(
-    "--search",
-    "minimise by a restarted simplex, or by CMA-ES and quadratic models (default: auto, the "
-    "simplex for the paper's loss and for --pixels clip, else models)",
-    CHOICES["search"],
-)
-METHOD = option(
-    "--method", "choose the loss, as --loss does (default: default)", CHOICES["loss"], dest="loss"
-)
+LOSS = option("--loss", "minimise the default loss, or the paper's of grey (default: default)")
+SEARCH = option("--search", "minimise by simplex or by CMA-ES and models (default: auto, by loss)")
+METHOD = option("--method", "set --loss (default: default)", CHOICES["loss"], dest="loss")
 METHODS = ((LOSS, METHOD), SEARCH)
 PIXELS = option(
     "--pixels",
-    "compare a region of interest about the start (near), the full image (whole), or the model's "
-    "silhouette at each pose (clip) (default: near; clip for the paper's loss)",
-    CHOICES["pixels"],
+    "compare a box about the start (near), the full image (whole) or the model's silhouette (clip) "
+    "(default: near; clip for the paper's loss)",
 )
 REFLECTANCE = option(
-    "--colour-reflectance", "use the model's RGB reflectance: 12 attributes instead of 4"
+    "--colour-reflectance", "use the model's RGB reflectance: 12 attributes, not 4"
 )
 MASK = option(
-    "--mask MASK.png",
-    "weigh the pixels by a picture of the photo's size: white counts, black does not (default: "
-    "the mask that the pose file names)",
+    "--mask MASK.png", "count white pixels, not black ones (default: the pose file's mask)"
 )
 IN_FRONT = option(
     "--in-front",
-    "leave out pixels where something occludes the model: by the mask and by the search (find), by "
-    "the mask alone (painted), or none (nothing) (default: find)",
-    CHOICES["in_front"],
+    "leave out occluded pixels by mask and search (find), by the mask alone (painted), or none "
+    "(nothing) (default: find)",
 )
 WITHOUT = option(
     "--without PART",
-    "leave out a part of the model, in a scene ID:PART; repeat for more parts (default: the parts "
-    "that the pose file names)",
+    "leave out a part, in a scene ID:PART; repeat for more (default: the pose file's parts)",
     action="append",
 )
 COMPARED = (
     option(
-        "--chart",
-        "search by the parameters of a vehicle or of a free body (default: auto, the vehicle's if "
-        "the model has wheels)",
-        CHOICES["chart"],
+        "--chart", "set the pose parameters searched (default: auto, a vehicle's if it has wheels)"
     ),
     option("--free-focal", "search for the focal length, too"),
     option("--grey", "compare grey instead of RGB"),
     REFLECTANCE,
     PIXELS,
-    option(
-        f"--region {RECTANGLE}",
-        "compare no pixel outside this rectangle, in px (default: by --pixels alone)",
-    ),
+    option(f"--region {RECTANGLE}", "compare no pixel outside, in px (default: by --pixels)"),
     MASK,
     IN_FRONT,
     WITHOUT,
-    option(
-        "--renderer",
-        "render by this renderer; gpu is experimental (default: auto, which is software)",
-        CHOICES["renderer"],
-    ),
+    option("--renderer", "choose the renderer; gpu is experimental (default: auto, the software)"),
 )
 EVALUATIONS = option(
-    "--evaluations N",
-    f"stop after this number of evaluations of the loss (default: {Limits().evaluations})",
+    "--evaluations N", f"stop after N evaluations of the loss (default: {Limits().evaluations})"
 )
-LIMITS = (
-    EVALUATIONS,
-    option("--seconds SECONDS", f"stop after this time, in s (default: {Limits().seconds:g})"),
-)
-KEEP_START = option(
-    "--keep-start", "take the start as an estimate: keep it unless the end is sure to be better"
-)
+SECONDS = option("--seconds SECONDS", f"stop after this time, in s (default: {Limits().seconds:g})")
+LIMITS = (EVALUATIONS, SECONDS)
+KEEP_START = option("--keep-start", "keep the start unless the pose found is sure to be better")
 OF_VIEWS = (
-    option(
-        "--view NAME",
-        "take --pose as a pose in this photo of the set (default: the one that its file names)",
-    ),
+    option("--view NAME", "take --pose in this photo of the set (default: the one in its file)"),
     option("--photos NAME,...", "use these photos of the set (default: all)"),
-    option(
-        "--scale LENGTHS",
-        "set how many of the model's units are one of the set's (default: by both units; if one "
-        "is unknown, searched for)",
-    ),
-    option(
-        "--photo-folder FOLDER",
-        "look for COLMAP's photos here (default: beside the model and in images)",
-        dest="folder",
-    ),
-    option(
-        "--rig-object N",
-        "follow the camera of a BOP scene by its poses of this object, a number of BOP (default: "
-        "the camera's own poses)",
-    ),
+    option("--scale LENGTHS", "set how many model units a unit of the set is (default: by both)"),
+    option("--photo-folder FOLDER", "find COLMAP's photos here (default: images)", dest="folder"),
+    option("--rig-object N", "take a BOP camera's motion from object N (default: its own poses)"),
 )
 CALIBRATION = option(
     "--calibration FILE",
-    "read camera and lens from a file of OpenCV, COLMAP, BOP or another tool, and undistort the "
-    "photo (default: a pinhole with EXIF's focal length, or with a view of 50 degrees)",
+    "read camera and lens, as of OpenCV, COLMAP or BOP, and undistort the photo (default: a "
+    "pinhole, by EXIF or with a view of 50 degrees)",
 )
 OF_CALIBRATION = (
-    option(
-        "--calibration-camera NAME",
-        "choose this camera of the file (default: the only one, or the photo's own)",
-    ),
-    option(
-        "--calibration-fisheye",
-        "take the coefficients as those of OpenCV's fisheye model if the file names no model",
-    ),
+    option("--calibration-camera NAME", "choose this camera of the file (default: the photo's)"),
+    option("--calibration-fisheye", "read coefficients of an unnamed lens as OpenCV's fisheye"),
 )
 CAMERA: Options = {"the photo's camera": (CALIBRATION, *OF_CALIBRATION)}
-VIEWS: Options = {
-    "several photos, one pose": (
-        option(
-            "--views SET",
-            "fit one pose to several photos, from SET.json, a COLMAP folder, transforms.json or a "
-            "BOP scene; leave out PHOTO (default: one photo)",
-        ),
-        *OF_VIEWS,
-    )
-}
+SETS = option(
+    "--views SET",
+    "fit one pose to several photos, not PHOTO: SET.json, a COLMAP folder, transforms.json or a "
+    "BOP scene (default: none)",
+)
+VIEWS: Options = {"several photos, one pose": (SETS, *OF_VIEWS)}
 SCENE: Options = {**CAMERA, **VIEWS, "comparison": COMPARED}
 """Options that ``case.open_scene`` reads besides ``FILES`` and a pose."""
+ADDRESS = "listen here, at 0.0.0.0 for other machines, too (default: %(default)s)"
 SERVER = (
-    option("--port PORT", "serve the page at this port (default: the first free one from 8080 on)"),
-    option(
-        "--host HOST",
-        "listen at this address; 0.0.0.0 serves other machines, too (default: %(default)s)",
-        default="127.0.0.1",
-    ),
+    option("--port PORT", "serve the page at this port (default: the first free from 8080 on)"),
+    option("--host HOST", ADDRESS, default="127.0.0.1"),
     option("--no-browser", "do not open the browser", action="store_false", dest="browser"),
 )
-OBJECT = option(
-    "--object ID", "choose this object of the scene by its id (default: all, or the only one)"
-)
-POSE = option("--pose POSE.json", "take the pose from this pose file (default: none)")
-BOX = option(
-    f"--box {RECTANGLE}",
-    "look for the start in this rectangle about the object, in px (default: the full image)",
-)
-INSTANCES = option(
-    "--instances N", "look for this number of the model's instances in the photo (default: 1)"
-)
-FOCAL = option(
-    "--focal PX",
-    "set the focal length if no pose file gives it, in px (default: EXIF's, or a view of 50 "
-    "degrees)",
-)
+OBJECT = option("--object ID", "choose this object of the scene (default: all, or the only one)")
+POSE = option("--pose POSE.json", "take the pose from this file (default: none)")
+BOX = option(f"--box {RECTANGLE}", "find the start in here, in px (default: the full image)")
+INSTANCES = option("--instances N", "find N instances of the model in the photo (default: 1)")
+FOCAL = option("--focal PX", "set a focal length that no pose file gives, in px (default: EXIF's)")
 STARTS = (
     POSE,
-    option(
-        "--pairs FILE",
-        "compute the start from point pairs, a CSV with rows x,y,z,u,v: a point of the model, in "
-        "its unit, and of the photo, in px (default: none)",
-    ),
+    option("--pairs FILE", "start from rows x,y,z,u,v of model points and pixels (default: none)"),
     option(
         "--wheels REAR;FRONT",
-        "compute the start from the ellipses of two wheels, each cx,cy,a,b,angle: centre and half "
-        "axes in px, angle in degrees (default: none)",
+        "start from two ellipses cx,cy,a,b,angle in px, angle in degrees (default: none)",
     ),
-    option(
-        f"--find-wheels {RECTANGLE}",
-        "find both wheels in this rectangle about the car, in px (default: none)",
-    ),
-    option(
-        "--start",
-        "find the start in --box, in --region, or in the full image (default: none)",
-        ("auto",),
-    ),
+    option(f"--find-wheels {RECTANGLE}", "find both wheels in here, in px (default: none)"),
+    option("--start", "find it in --box, --region or the full image (default: none)", ("auto",)),
 )
 """Options that say where the model starts."""
 OF_A_PHOTO = (MASK, CALIBRATION, BOX, INSTANCES, FOCAL)

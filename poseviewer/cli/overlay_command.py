@@ -11,7 +11,7 @@ OPTIONS = {
     "": (
         *table.FILES,
         table.POSE,
-        table.option("--out OVERLAY.png", "write the picture here", required=True, is_output=True),
+        table.option("--out OVERLAY.png", "draw to this file", required=True, is_output=True),
         table.LOOK,
     ),
     **table.SCENE,

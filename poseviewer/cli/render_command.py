@@ -10,9 +10,7 @@ from poseviewer.cli.terminal import say
 OPTIONS = {
     "": (
         table.option("scene SCENE|POSE", "scene file or pose file"),
-        table.option(
-            "--model MODEL", "render this model (default: the one that the file names, beside it)"
-        ),
+        table.option("--model MODEL", "render this model (default: the one in the pose file)"),
         table.option("--out FOLDER", "write the pictures here", required=True),
         table.option("--overwrite", "replace existing files"),
     )

@@ -11,7 +11,7 @@ from poseviewer.cli.case import refuse_with_paper
 from poseviewer.cli.terminal import ignore, progress_bar, say, tell
 from poseviewer.errors import EXIT_INTERRUPTED, SettingsError
 from poseviewer.evaluation.plan import KINDS, READINGS, Plan
-from poseviewer.fit.settings import CHOICES, Limits
+from poseviewer.fit.settings import Limits
 
 PLAN = Plan(out=Path())
 SMALLEST_SIDE_PX = 32
@@ -25,12 +25,7 @@ OPTIONS = {
     "": (
         table.option("--out DIR", "write trials.csv and study.md here", required=True),
         *table.METHODS,
-        table.option(
-            "--pixels",
-            "compare a region of interest (near), the full image (whole) or the silhouette (clip) "
-            "(default: near; for the paper's loss, what the paper compares in each kind of photo)",
-            CHOICES["pixels"],
-        ),
+        table.option("--pixels", "compare these pixels, see fit (default: near, or the paper's)"),
         table.EVALUATIONS,
         table.option("--jobs N", "run this number of processes (default: one a processor)"),
         table.SCHEDULER,
@@ -38,16 +33,14 @@ OPTIONS = {
     ),
     "deviations of a vehicle's parameters": (
         table.option("--paper", "measure by the paper's loss and search unless others are named"),
-        table.option("--starts N", f"fit from N starts for each point (default: {PLAN.starts})"),
+        table.option("--starts N", f"fit from N starts a point (default: {PLAN.starts})"),
         table.option(
             "--deviations PERCENT,...",
-            "put the starts up to this far off, in %% of each parameter (default: "
-            f"{_listed(PLAN.deviations)})",
+            f"put starts so far off, in %% of each parameter (default: {_listed(PLAN.deviations)})",
         ),
         table.option(
             "--readings NAME,...",
-            "measure deviations in shares of a parameter's value (relative) or of its scale "
-            f"(absolute) (default: {_listed(READINGS)})",
+            f"measure %% of a parameter's value or of its scale (default: {_listed(READINGS)})",
             type=table.some_of(READINGS),
         ),
         table.option(
@@ -58,37 +51,27 @@ OPTIONS = {
         table.option("--photos N", f"draw N synthetic photos of a kind (default: {PLAN.photos})"),
         table.option(
             "--size WIDTHxHEIGHT",
-            "draw synthetic photos of this size, in px (default: {}x{})".format(*PLAN.size),
+            "draw photos of this size, in px (default: {}x{})".format(*PLAN.size),
         ),
         table.option("--model MODEL", "draw this vehicle (default: the bundled car)"),
         table.option("--seed SEED", f"seed the random numbers (default: {PLAN.seed})"),
     ),
     "real photos with fixed starts": (
-        table.option(
-            "--real FOLDER", "fit the photos of cases.json and starts.json here (default: none)"
-        ),
+        table.option("--real FOLDER", "fit the photos of cases.json here (default: none)"),
         table.option(
             "--degrees N,...",
-            f"fit from starts turned by this much, in degrees (default: {_listed(PLAN.degrees)})",
+            f"fit from starts so far off, in degrees (default: {_listed(PLAN.degrees)})",
         ),
         table.option(
-            "--cases PATTERN",
-            "fit cases whose id holds this text, or matches it with * and ? (default: all)",
+            "--cases PATTERN", "fit cases whose id holds this text or pattern (default: all)"
         ),
         table.option("--draws N", f"fit from N starts for each case (default: {PLAN.draws})"),
-        table.option(
-            "--among-others", "give the true poses of the other cases, which occlude the fitted one"
-        ),
+        table.option("--among-others", "give the true poses of the other cases, as occluders"),
         table.option("--free-focal", "search for the focal length, too, from a tenth off"),
     ),
     "published estimates of a BOP data set": (
-        table.option(
-            "--bop ESTIMATES", "fit from the estimates in this table of BOP results (default: none)"
-        ),
-        table.option(
-            "--dataset FOLDER",
-            "read models and test from here (default: the nearest folder above the table)",
-        ),
+        table.option("--bop ESTIMATES", "fit from this table of BOP results (default: none)"),
+        table.option("--dataset FOLDER", "read models and test here (default: above the table)"),
     ),
 }
 EXAMPLES = (

@@ -10,9 +10,7 @@ from poseviewer.errors import PhotoFileError, SettingsError
 OPTIONS = {
     "": (
         table.option("photo PHOTO", "photo as taken"),
-        table.option(
-            "--out UNDISTORTED.png", "write the photo here", required=True, is_output=True
-        ),
+        table.option("--out UNDISTORTED.png", "write it here", required=True, is_output=True),
     ),
     **table.CAMERA,
 }
