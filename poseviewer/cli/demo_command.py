@@ -14,7 +14,7 @@ FOLDER = Path("poseviewer-demo")
 
 
 def run(_: Namespace) -> int:
-    """Fit it, and say where the results are."""
+    """Fit the demo, and print where the results are."""
     make_folder(FOLDER, parents=False)
     say("Fitting the bundled demo: a car of our own making on a path-traced photo.")
     tell_of_compiling()

@@ -54,7 +54,7 @@ EXAMPLES = (
 
 
 def run(options: Namespace) -> int:
-    """Write the pose found, or the scene, and an overlay, or one for each photo, if wanted."""
+    """Write the pose or the scene, and an overlay of each photo if wanted."""
     _require_writable(options)
     scene = open_scene(options)
     _require_writable(options)  # now the files that its own name are known
@@ -69,7 +69,7 @@ def run(options: Namespace) -> int:
 
 
 def without_lost(scene: Scene, wanted: int) -> Scene:
-    """Hide lost instances beside others, which are no instances; say how many are left."""
+    """Hide lost instances unless all are lost; print how many are left."""
     words = [end.verdict.word if end.verdict else "" for end in scene.placings.values()]
     lost = [index for index, word in zip(scene.placings, words, strict=True) if word == "lost"]
     data = scene.data
@@ -87,7 +87,7 @@ def _require_writable(options: Namespace) -> None:
 
 
 def search(scene: Scene, quiet: bool) -> Scene:
-    """Fit to the end, or to Ctrl-C, which keeps the best pose so far; print how it ended."""
+    """Search to the end, or to Ctrl-C, which keeps the best pose so far; print the result."""
     from poseviewer.render.pool import processors
 
     with progress_bar(None, quiet) as bar:

@@ -51,7 +51,7 @@ COMMANDS = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run ``poseviewer``; returns the exit code (2: something the user can mend)."""
+    """Run ``poseviewer``; returns the exit code (2: an error that the user can mend)."""
     try:
         _make_ready()
         options = parse(sys.argv[1:] if arguments is None else arguments)
@@ -72,8 +72,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _make_ready() -> None:
-    """Make output printable on any terminal, and closed streams lead nowhere; warnings go to the
-    log, shown where asked for; numba compiles, on threads of ours.
+    """Prepare the process: output is printable on any terminal, closed streams lead nowhere, and
+    warnings go to the log; numba compiles, whatever the environment says.
     """
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:  # a file that is opened would take its place
@@ -105,7 +105,7 @@ class _Parser(ArgumentParser):
 
 
 def parse(arguments: Sequence[str]) -> Namespace:
-    """The options of a command, whose name is ``command``; of the app where none is named."""
+    """Parse the options of a command, or those of the app if no command is named."""
     first = arguments[0] if arguments else ""
     if first not in (*COMMANDS, "-h", "--help", "--version"):
         arguments = ["app", *arguments]

@@ -22,7 +22,7 @@ T = TypeVar("T")
 def _value(
     read: Callable[[str], T], wanted: str, allowed: Callable[[T], bool] = lambda _: True
 ) -> Callable[[str], T]:
-    """Return a reader of a value, which refuses what is not ``wanted`` in a few words."""
+    """Return a reader of a value; its error says in a few words what is ``wanted``."""
 
     def value(text: str) -> T:
         try:
@@ -37,7 +37,7 @@ def _value(
 
 
 def listed(kind: Callable[[str], T]) -> Callable[[str], tuple[T, ...]]:
-    """Return a reader of several values, with commas between them."""
+    """Return a reader of several values, separated by commas."""
     return lambda text: tuple(kind(part.strip()) for part in text.split(","))
 
 
@@ -72,7 +72,7 @@ READERS: Mapping[str, Callable[[str], Any]] = {
         lambda text: Rectangle(*listed(int)(text)), "four whole numbers, left,top,width,height"
     ),
 }
-"""Readers of values by what a usage calls the value; those of other names are paths."""
+"""Readers of values by the names that usages give them; values of other names are paths."""
 
 
 class Option(NamedTuple):
@@ -82,16 +82,16 @@ class Option(NamedTuple):
     settings: Mapping[str, Any]
     """Settings of ``add_argument``."""
     is_output: bool = False
-    """Whether it names a file to be written, which may be none of those that are read."""
+    """Whether it names a file to write, which none of the files to read may be."""
 
     @property
     def name(self) -> str:
-        """The attribute of the options as parsed."""
+        """Name of its attribute among the parsed options."""
         return self.settings.get("dest") or self.flag.lstrip("-").replace("-", "_")
 
 
 Group = Sequence["Option | Group"]
-"""Options; of those in a group inside a group one alone may be given."""
+"""Options; those of an inner group exclude each other."""
 Options = Mapping[str, Group]
 
 
@@ -225,9 +225,9 @@ STARTS = (
     option(f"--find-wheels {RECTANGLE}", "find both wheels in here, in px (default: none)"),
     option("--start", "find it in --box, --region or the full image (default: none)", ("auto",)),
 )
-"""Options that say where the model starts."""
+"""Options that give the start pose."""
 OF_A_PHOTO = (MASK, CALIBRATION, BOX, INSTANCES, FOCAL)
-"""Options that a set of photos, or a scene, says itself."""
+"""Options whose values a set of photos, or a scene, has itself."""
 
 
 def each(group: Group) -> Iterator[Option]:
@@ -237,7 +237,7 @@ def each(group: Group) -> Iterator[Option]:
 
 
 def inputs(options: Namespace, of_command: Options) -> list[Path]:
-    """The paths that are to be read; none for a command that writes no file by its options."""
+    """Return the paths to read; none for a command whose options name no file to write."""
     every = [item for group in of_command.values() for item in each(group)]
     given = [(item, getattr(options, item.name, None)) for item in every]
     paths = [
@@ -248,18 +248,18 @@ def inputs(options: Namespace, of_command: Options) -> list[Path]:
 
 
 def values(options: Namespace, group: Iterable[Option]) -> dict[str, Any]:
-    """The values of the options of a group by their names; None: not given."""
+    """Return the values of a group's options by their names; None for those not given."""
     return {item.name: getattr(options, item.name, None) for item in group}
 
 
 def refuse(options: Namespace, group: Iterable[Option], why: str) -> None:
-    """Refuse the options of a group, where they are given."""
+    """Raise ``SettingsError`` if an option of the group is given."""
     for item in group:
         if getattr(options, item.name, None) not in (None, False):
             raise SettingsError(f"{item.flag} {why}")
 
 
 def made(of: Callable[..., T], options: Namespace, /, **more: Any) -> T:
-    """The dataclass of what was typed; the other fields have their defaults."""
+    """Make a dataclass from the options of its fields' names; other fields have their defaults."""
     given = {field.name: getattr(options, field.name, None) for field in fields(of)}  # pyright: ignore[reportArgumentType]
     return of(**{name: value for name, value in given.items() if value is not None} | more)

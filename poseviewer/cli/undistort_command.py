@@ -21,7 +21,7 @@ EXAMPLES = (
 
 
 def run(options: Namespace) -> int:
-    """Write it."""
+    """Write the photo."""
     if options.calibration is None:
         raise SettingsError("the photo's camera is wanted: give --calibration")
     require_writable(options.out, PhotoFileError)
