@@ -1,4 +1,4 @@
-"""Say what poseviewer understood of a photo, a model, a pose or a scene."""
+"""Print what poseviewer understood of a photo, a model, a pose or a scene."""
 
 from __future__ import annotations
 
@@ -20,7 +20,14 @@ if TYPE_CHECKING:
     from poseviewer.geometry.image import Photo
 
 
-OPTIONS = {"": (table.option("path PHOTO|MODEL|POSE|SCENE"),), **table.CAMERA}
+OPTIONS = {
+    "": (table.option("path PHOTO|MODEL|POSE|SCENE", "file to describe"),),
+    **table.CAMERA,
+}
+EXAMPLES = (
+    "poseviewer info car.glb",
+    "poseviewer info photo.jpg --calibration camera.yml",
+)
 
 
 def run(options: Namespace) -> int:
