@@ -20,6 +20,7 @@ from poseviewer.batch import review as r
 from poseviewer.batch.results import ACCEPTED, Row
 from poseviewer.batch.run import save_summaries
 from poseviewer.errors import BatchError, PoseViewerError
+from poseviewer.render.renderers import RendererName
 from poseviewer.starts.loading import pose_record
 
 MOST_SAID = 3
@@ -29,8 +30,12 @@ MOST_SAID = 3
 class Reviewer:
     """The queue of rows, and the reports on them."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, renderer: RendererName | None = None) -> None:
+        """``renderer``: by default the batch's."""
         loaded = self.queue = r.load_queue(folder)
+        batch = self.queue.batch.settings
+        self.settings = replace(batch, keep_start=False, renderer=renderer or batch.renderer)
+        """Settings of each row; whether to keep to a start is here for a person to say."""
         self.job: Worker[r.ReviewQueue, Edit] = Worker(
             "review report", lambda _: None if self.queue is loaded else self.queue, _report
         )
@@ -161,8 +166,7 @@ class Reviewer:
                 raise
             # It failed for want of a start, maybe: a person can place the model.
             document = open_files(photo, model, None)
-        # Whether to keep to a start is here for a person to say.
-        settings = replace(queue.batch.settings, keep_start=False)
+        settings = self.settings
         document = document.with_own(region=settings.region)
         document = document.with_object(settings=replace(settings, region=None), id=str(job.row))
         draft = queue.batch.folder / r.DRAFTS / f"{job.key}.json"

@@ -198,6 +198,11 @@ SERVER = (
     option("--host HOST", OTHERS, default="127.0.0.1"),
     option("--no-browser", "do not open the browser", action="store_false", dest="browser"),
 )
+APP_RENDERER = option(
+    "--renderer",
+    "search and map by this renderer; gpu is experimental (default: auto, which is software)",
+    ("auto", "software", "gpu"),
+)
 OBJECT = option("--object ID", "of the scene: which one")
 POSE = option("--pose POSE.json", "a pose file")
 BOX = option(f"--box {RECTANGLE}", "about the object, px")

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from poseviewer.app.below_viser.incoming import take_upload
 from poseviewer.app.state.display_edits import set_fields
+from poseviewer.app.state.edits import ShowHelp
 from poseviewer.app.state.keys_and_buttons import ACTIONS
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import Export
@@ -133,7 +134,8 @@ class Controls:
         """
 
         def request(client: int) -> Request:
-            return asked if isinstance(asked, Request) else asked(self.session, client)
+            request = asked if isinstance(asked, Request) else asked(self.session, client)
+            return ShowHelp(client) if isinstance(request, ShowHelp) else request
 
         options = {"label": label, "color": "gray", **options}
         handle = self.gui.add_button(**{"label": "", **_fixed(options)})
@@ -147,7 +149,7 @@ class Controls:
         own: Any = ACTIONS[name]
         if ends is not None:
             label = lambda s: own.end_label if ends(s) else own.label  # noqa: E731
-        self.button(label or own.label, own.request, **{"hint": own.tooltip, **options})
+        self.button(label or own.label, own.request, **{"hint": own.tooltip or None, **options})
 
     def actions(self, label: str, *names: str, **options: Any) -> None:
         """The buttons of actions in one line."""

@@ -36,7 +36,7 @@ from poseviewer.app.state.pose_edits import set_parameter, view_from
 from poseviewer.app.state.search_edits import alter_settings, find_focal_length, set_loss, take_end
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import CONVERTED
-from poseviewer.app.workers.tasks import Request, ShowHelp, download, find_wheels_in_region
+from poseviewer.app.workers.tasks import Request, download, find_wheels_in_region
 from poseviewer.files.formats.conversion import METRES
 from poseviewer.fit.progress import SearchProgress
 from poseviewer.fit.settings import LOSSES, SEARCHES
@@ -112,7 +112,7 @@ def add_opening(controls: Controls) -> None:
             lambda name: alter_object(controls.session.document.number, name=name),
             value=lambda s: s.document.object.name,
         )
-    controls.button(ACTIONS["help"].label, lambda _, client: ShowHelp(client), icon="help")
+    controls.action("help", icon="help")
 
 
 def add_placing(controls: Controls) -> None:
@@ -344,6 +344,7 @@ def _add_settings(controls: Controls) -> None:
     setting(evaluations, "limits.evaluations")
     seconds = gui.add_number("Time limit (s)", 600.0, min=0.1, max=86_400.0, step=0.1)
     setting(seconds, "limits.seconds")
+    setting(gui.add_dropdown("Renderer", ("auto", "software", "gpu")), "renderer")
     setting(gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1), "seed")
     with gui.add_folder("Lock", expand_by_default=False):
         for index in range(MAX_PARAMETERS):

@@ -27,6 +27,7 @@ from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.geometry.view import View
 from poseviewer.geometry.view_chart import ViewChart
+from poseviewer.render.renderers import RendererName
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS, Ellipse, ellipse_through
 
@@ -195,6 +196,13 @@ class Document:
         """The document with changed fields of an object, by default the active one."""
         index = self.active if index is None else index
         return replace(self, scene=self.scene.with_object(index, **changes))
+
+    def with_renderer(self, name: RendererName) -> Document:
+        """The document with another renderer of all objects; ``auto``: with their own."""
+        document = self
+        for index, item in enumerate(self.scene.objects if name != "auto" else ()):
+            document = document.with_object(index, settings=replace(item.settings, renderer=name))
+        return document
 
     def with_mesh(self, mesh: Mesh) -> Document:
         """The document with another mesh of the active object, not searched for."""

@@ -19,7 +19,7 @@ from poseviewer.app.state.search_edits import preparation_advanced, search_advan
 from poseviewer.app.state.searches import LossComparison, SearchRequest, start_query
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.worker import Worker, lower_priority
-from poseviewer.errors import PoseViewerError, SettingsError, sentence_of
+from poseviewer.errors import PoseViewerError, RendererUnavailableError, SettingsError, sentence_of
 from poseviewer.fit.problem import make_problem, pose_loss
 from poseviewer.fit.progress import SearchProgress
 from poseviewer.fit.search import Search
@@ -51,11 +51,15 @@ def renderer_of(mesh: Mesh, name: RendererName = "auto") -> SoftwareRenderer:
     """The renderer of a model by its name; clone it to draw in another thread.
 
     Raises:
-        PoseViewerError: there is no GPU; OpenGL is wanted, which the app has not.
+        SettingsError: there is no GPU; OpenGL is wanted, which the app has not.
     """
+    field = "choose another one in the step Fit, Settings, Renderer."
     if name == "opengl":
-        raise SettingsError("the app has no OpenGL; choose software or gpu (Settings, Renderer)")
-    return _renderer_of(mesh, name == "gpu")
+        raise SettingsError(f"The app has no renderer opengl; {field}")
+    try:
+        return _renderer_of(mesh, name == "gpu")
+    except RendererUnavailableError as error:
+        raise SettingsError(f"{error} On the page, {field}") from error
 
 
 @lru_cache(maxsize=16)

@@ -1,21 +1,33 @@
 """The curve of a search, and the ends of two methods, as the step "Fit" shows them."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+import viser
 
+from poseviewer.app.below_viser.guard import serve
+from poseviewer.app.page.controls import Controls
 from poseviewer.app.page.handles import handles_of, path_of
-from poseviewer.app.page.panels import curve_of
+from poseviewer.app.page.panels import STEPS, curve_of
 from poseviewer.app.page.texts import ends_table
 from poseviewer.app.state.pose_edits import nudge
-from poseviewer.app.state.search_edits import compare_losses, search_advanced, take_end
+from poseviewer.app.state.search_edits import (
+    alter_settings,
+    compare_losses,
+    search_advanced,
+    take_end,
+)
 from poseviewer.app.state.searches import LossComparison, SearchRequest
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import search_edits
 from poseviewer.app.workers.opening import open_files
 from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.geometry.charts import short_name
 from poseviewer.geometry.pose_error import pose_error
+from tests.app.state.documents import after
+from tests.app.state.sets import make_set_session
 
 
 @pytest.fixture(scope="module")
@@ -26,6 +38,28 @@ def comparison(scene) -> LossComparison:
     settings = tuple(FitSettings(method, limits=limits) for method in methods)
     *_, last = search_edits(SearchRequest(document, settings, (0,)))
     return last.arguments[2]
+
+
+def test_every_parameter_of_a_chart_has_a_field_and_a_lock():
+    """Most have charts of several photos, where size and focal length are searched for."""
+    session = make_set_session(free_scale=True)
+    session = after(session, alter_settings(lambda now: replace(now, free_focal=True)))
+    names = [short_name(name) for name in session.document.chart.names]
+    assert names[-2:] == ["log focal", "log size"]
+    guarded = serve("127.0.0.1", 0)
+    try:
+        gui = guarded.server.gui
+        controls = Controls(gui, lambda _: None, session)
+        for add_controls in STEPS.values():
+            add_controls(controls)
+        controls.show(session)
+        inputs = [one for one in gui._gui_input_handle_from_uuid.values() if one.visible]
+        fields = [one.label for one in inputs if isinstance(one, viser.GuiNumberHandle)]
+        locks = [one.label for one in inputs if isinstance(one, viser.GuiCheckboxHandle)]
+    finally:
+        guarded.stop()
+    assert set(names) <= set(fields)
+    assert set(names) <= set(locks)
 
 
 def test_the_curve_goes_down_and_has_a_line_at_each_restart(comparison):

@@ -132,7 +132,7 @@ def test_points_of_the_model_are_marked_beside_the_photo():
     assert "1</text>" not in model_html(session)
     pixel = beside.project(session.document.mesh.centre)
     for step in (3.2, 0.0):  # one that waits for its place in the photo is marked anew
-        marked = after(session, press_beside(pixel + [step, 0.0]))
+        marked = after(session, press_beside(pixel + np.array([step, 0.0])))
         (point,) = marked.document.marks.points
         np.testing.assert_allclose(beside.project(point) - pixel, [step, 0.0], atol=1e-6)
         assert "1</text>" in model_html(marked)

@@ -14,7 +14,7 @@ from poseviewer.app.state.results import Landscape, LossReading
 from poseviewer.app.state.searches import SearchRequest
 from poseviewer.app.state.session import Display, Session
 from poseviewer.app.state.update import update
-from poseviewer.app.workers.jobs import run_search
+from poseviewer.app.workers.jobs import renderer_of, run_search
 from poseviewer.app.workers.maps import MapMaker, maps, will_do
 from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.overlay import LossReader, OverlayDrawer, draw_fine_lines
@@ -24,10 +24,12 @@ from poseviewer.fit.progress import SearchProgress
 from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.render.gpu.gpu_renderer import GpuRenderer
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from tests.app.state.documents import after, held
 from tests.app.state.sets import document_of
+from tests.renderers import require_gpu
 from tests.several import TRUTH
 
 SETTINGS = FitSettings(limits=Limits(evaluations=150))
@@ -128,6 +130,26 @@ def test_a_search_ends_where_a_fit_ends(document, renderer):
     assert all(item.improvements[-1].loss == item.progress.loss for item in updates)
 
 
+def test_a_search_and_its_maps_are_by_the_renderer_of_the_settings(document, monkeypatch):
+    require_gpu(monkeypatch)
+    judged, moments_at = list[int](), GpuRenderer.moments_at
+    monkeypatch.setattr(
+        GpuRenderer, "moments_at", lambda *given: judged.append(len(given[1])) or moments_at(*given)
+    )
+    session = Session(compared_by(document, FitSettings(limits=Limits(10))).with_renderer("gpu"))
+    first = searched(session.document)[0].progress
+    assert judged
+    problem, _ = make_problem(document.scene)
+    own = pose_loss(problem, renderer_of(document.mesh), first.parameters)
+    assert first.loss == pytest.approx(own, abs=1e-3)
+    judged.clear()
+    maker = MapMaker(renderer_of(document.mesh, "gpu"))
+    next(maker.run(held(session)))
+    assert sum(judged) > 15
+    with pytest.raises(SettingsError, match=r"no renderer opengl; choose .* Renderer"):
+        searched(document.with_renderer("opengl"))
+
+
 def test_what_stands_wholly_behind_another_is_said():
     front, place = TRUTH[1].pose, TRUTH[1].pose.camera_from_model
     far = replace(place, translation=3.0 * place.translation)
@@ -180,4 +202,4 @@ def test_two_losses_are_mapped_about_one_pose(document, renderer):
         assert np.array_equal(one.first_values, other.first_values)
         assert np.array_equal(one.second_values, other.second_values)
         assert other.losses.max() <= 1.0 < one.losses.max()
-    assert not will_do(moving, replace(moving, whose="paper"), busy=True)
+    assert not will_do(moving, after(moving, set_fields("display", mapped_loss="paper")), busy=True)
