@@ -27,6 +27,7 @@ OPTIONS = {
         *table.METHODS,
         table.MASK,
         table.WITHOUT,
+        table.APP_RENDERER,
         *table.SERVER,
     ),
     **table.VIEWS,
@@ -102,12 +103,15 @@ def run(options: Namespace) -> int:
     """Serve the app until it is interrupted."""
     opening = _opening(options)
     from poseviewer.app.serving import serve_app
+    from poseviewer.render.renderers import require_renderer
 
     def open_first() -> tuple[Document, None]:
         document = opening()
         settings = document.settings.of_loss(options.loss or "default")
         settings = replace(settings, search=options.search or "auto")
-        return document.with_object(settings=settings), None
+        document = document.with_object(settings=settings).with_renderer(options.renderer or "auto")
+        require_renderer(document.settings.renderer)
+        return document, None
 
     serve_app(open_first, tell=say, **table.values(options, table.SERVER))
     return 0

@@ -210,6 +210,11 @@ SERVER = (
     option("--host HOST", ADDRESS, default="127.0.0.1"),
     option("--no-browser", "do not open the browser", action="store_false", dest="browser"),
 )
+APP_RENDERER = option(
+    "--renderer",
+    "search and map by this renderer; gpu is experimental (default: auto, which is software)",
+    ("auto", "software", "gpu"),
+)
 OBJECT = option("--object ID", "choose this object of the scene (default: all, or the only one)")
 POSE = option("--pose POSE.json", "take the pose from this file (default: none)")
 BOX = option(f"--box {RECTANGLE}", "find the start in here, in px (default: the full image)")

@@ -14,7 +14,7 @@ import pytest
 import poseviewer
 from poseviewer.cli import main as cli
 from poseviewer.evaluation.plan import Plan
-from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.scene.settings import FitSettings, Limits
 from tests.commands import run
 
 UNITS = {

@@ -8,7 +8,7 @@ from typing import IO, Any
 import numpy as np
 import pytest
 
-from poseviewer.app.state.commands import nudge
+from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import export
