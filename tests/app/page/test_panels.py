@@ -86,7 +86,7 @@ def test_the_table_has_the_loss_of_each_end_by_each_method(comparison):
     assert "Default: unexplained" in rows
     ours, paper = (end.progress for end in comparison.ends)
     assert rows["evaluations"] == [f"{fit.evaluations:,}" for fit in (ours, paper)]
-    apart = pose_error(ours.problem.model.mesh, paper.pose, ours.pose)
+    apart = pose_error(ours.problem.mesh, paper.pose, ours.pose)
     assert f"{apart.reprojection_px:.1f} px apart" in said
 
 
