@@ -241,3 +241,13 @@ def test_a_search_is_for_the_active_one_and_all_are_searched_for_in_turn():
     assert asked_of(hidden).object_indices == (1,)
     locked = after(session, alter_object(2, locked=True))
     assert "locked" in refused(locked, start_search())
+
+
+def test_a_note_on_an_object_is_one_step_and_unsaved_until_it_is_written():
+    session = make_session()
+    session = replace(session, saved=session.document)
+    typed = after(session, *[alter_object(1, note=text) for text in ("t", "to", "x" * 5000)])
+    assert typed.is_unsaved
+    assert typed.document.object.note == "x" * 1000
+    assert typed.document.pose is session.document.pose
+    assert after(typed, undo()).document is session.document
