@@ -148,14 +148,14 @@ class Controls:
         """The button of an action; ``ends``: whether it would end by now what it began."""
         own: Any = ACTIONS[name]
         if ends is not None:
-            label = lambda s: own.end_label if ends(s) else own.label  # noqa: E731
-        self.button(label or own.label, own.request, **{"hint": own.tooltip or None, **options})
+            label = lambda s: own.label(ends(s))  # noqa: E731
+        self.button(label or own.label(), own.request, **{"hint": own.tooltip or None, **options})
 
     def actions(self, label: str, *names: str, **options: Any) -> None:
         """The buttons of actions in one line."""
         chosen: list[Any] = [ACTIONS[name] for name in names]
         hint = "; ".join(f"{own.name}: {own.tooltip}" for own in chosen if own.tooltip) or None
-        self.choices(label, {own.label: own.request for own in chosen}, hint=hint, **options)
+        self.choices(label, {own.label(): own.request for own in chosen}, hint=hint, **options)
 
     def choices(
         self, label: str, asked: Mapping[str, Request], selected: Read | None = None, **options: Any

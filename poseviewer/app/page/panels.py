@@ -140,7 +140,7 @@ def _add_quick_start(controls: Controls) -> None:
 
     def label(session: Session) -> str:
         own = ACTIONS["box"]
-        drawing = own.end if session.tool == "box" else own.label
+        drawing = own.end if session.tool == "box" else own.label()
         is_asked_for = session.is_proposing and not session.is_looking
         return ACTIONS["propose"].end if is_asked_for else drawing
 
@@ -359,7 +359,7 @@ def add_judging(controls: Controls) -> None:
     controls.field(style, show_style, value=attrgetter("display.style"))
     opacity = gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8)
     controls.bind(opacity, "display", "opacity", visible=lambda s: s.display.style == "solid")
-    controls.bind(gui.add_checkbox(ACTIONS["blink"].label, False), "display", "photo_alone")
+    controls.bind(gui.add_checkbox(ACTIONS["blink"].label(), False), "display", "photo_alone")
 
 
 def add_saving(controls: Controls) -> None:
@@ -370,8 +370,8 @@ def add_saving(controls: Controls) -> None:
         return "  \n".join(filter(None, (text, plain(controls.where), focal_note(session))))
 
     controls.text(state)
-    scene = ACTIONS["save"].label.replace("pose", "scene")
-    label = {"label": lambda s: ACTIONS["save"].label if is_alone(s.document) else scene}
+    scene = ACTIONS["save"].label().replace("pose", "scene")
+    label = {"label": lambda s: ACTIONS["save"].label() if is_alone(s.document) else scene}
     controls.action("save", **label, color="cyan", icon="device-floppy")
     controls.download("Download pose", "pose")
     controls.download("Download overlay", "overlay", icon="photo-down")

@@ -85,8 +85,7 @@ def drag_to(session: Session, x: Px, y: Px) -> Session:
     document = drag.follow(session.document, np.array([x, y]))
     if drag.before is None:
         drag = replace(drag, before=session.document)
-        ended = {"search": None, "search_progress": None, "anchor": session.compared}
-        session = replace(session, drag=drag, **ended)
+        session = replace(session.without_search(session.compared), drag=drag)
     return replace(session, document=document)
 
 

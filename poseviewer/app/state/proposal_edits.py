@@ -5,7 +5,7 @@ from dataclasses import replace
 from poseviewer.app.state.document import Document, compared
 from poseviewer.app.state.edits import drag_edit, edit
 from poseviewer.app.state.pose_edits import put
-from poseviewer.app.state.search_edits import with_ended_search, with_progress
+from poseviewer.app.state.search_edits import with_search, with_progress
 from poseviewer.app.state.searches import ProposedStarts, SearchRequest
 from poseviewer.app.state.session import Session
 from poseviewer.fit.progress import SearchProgress
@@ -73,7 +73,7 @@ def start_fitted(
         return session.stop_proposing()
     session = take_start(index)(session)
     session = replace(session, document=with_progress(session.document, progress))
-    return with_ended_search(session, request, progress)
+    return with_search(session, request, progress)
 
 
 @edit

@@ -120,14 +120,11 @@ class Session:
         if result is None or result.covariance is None or result.view == view_index:
             return None if result is None else result.covariance
         views = own.scene.views
-        motion = (
-            views[view_index].camera_from_world @ views[result.view].camera_from_world.inverse()
-        )
-        translation = motion.translation / own.object.world_from_model.scale
-        motion = RigidTransform(motion.rotation, translation)
-        return result.covariance.seen_from(motion, own.scene.pose(own.active, view_index), own.mesh)
-
-    # --- searches --------------------------------------------------------------------------------
+        motion = views[view_index].camera_from_world
+        motion = motion @ views[result.view].camera_from_world.inverse()
+        shift = motion.translation / own.object.world_from_model.scale
+        pose = own.scene.pose(own.active, view_index)
+        return result.covariance.seen_from(RigidTransform(motion.rotation, shift), pose, own.mesh)
 
     @property
     def is_searching(self) -> bool:
@@ -170,8 +167,6 @@ class Session:
             return tuple(map(self.settings_by, LOSSES))
         return (own if loss == "chosen" else self.settings_by(loss),)
 
-    # --- proposals -------------------------------------------------------------------------------
-
     @property
     def proposals(self) -> ProposedStarts | None:
         """Proposed starts of the active object in the large photo."""
@@ -206,8 +201,6 @@ class Session:
             return self
         return self.with_proposals(proposals.stopped)
 
-    # --- marks -----------------------------------------------------------------------------------
-
     @property
     def marks_model(self) -> bool:
         """Whether points of the model are marked."""
@@ -219,8 +212,6 @@ class Session:
         """The rectangle about the object, while it is drawn and starts are taken from it."""
         is_used = self.proposals is not None and self.search is None
         return self.document.marks.box if is_used or self.tool == "box" else None
-
-    # --- steps -----------------------------------------------------------------------------------
 
     @property
     def is_unsaved(self) -> bool:
@@ -234,8 +225,12 @@ class Session:
         session = self.stop_proposing() if is_placed else self
         if document.shown != self.document.shown:
             session = replace(session.with_new_view(), comparison=None)
-        ended = {"search": None, "search_progress": None, "anchor": document.scene}
-        return replace(session, history=history, document=document, **ended)
+        session = session.without_search(document.scene)
+        return replace(session, history=history, document=document)
+
+    def without_search(self, anchor: Scene) -> Session:
+        """The session without a search; pixels are compared about ``anchor``."""
+        return replace(self, search=None, search_progress=None, anchor=anchor)
 
     def with_new_view(self) -> Session:
         """The session without results for the photo and the model that were shown."""
