@@ -404,9 +404,7 @@ def _set(name: str, value: Any) -> Request:
 
 
 def curve_of(progress: SearchProgress) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(n,) each: evaluations, the best loss by then as it is shown, and whether a restart began: 1,
-    else 0. About each restart there are three evaluations, so that it is a line.
-    """
+    """(n,) each: evaluations, the best loss by then, and 1 in the middle of three at a restart."""
     steps = progress.improvements[-CURVE_POINTS:]
     counts, losses = ([getattr(p, name) for p in steps] for name in ("evaluations", "loss"))
     begun = np.array([p.evaluations for p in progress.restarts if p.evaluations > counts[0]], float)

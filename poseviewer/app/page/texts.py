@@ -151,9 +151,7 @@ def proposals_text(session: Session) -> str:
 
 
 def focal_note(session: Session) -> str:
-    """Warn of a focal length that is a guess (markdown); "" where it is none. A button beside says
-    what to do.
-    """
+    """Warn of a focal length that is a guess (markdown); "": it is none."""
     document = session.document
     note = document.photo.focal_note(document.pose.camera).partition(":")[0]
     return note and f"⚠ {note}."

@@ -32,10 +32,7 @@ def add_object(session: Session, model: LoadedModel | None = None) -> Session:
 
 
 def with_added(document: Document, model: LoadedModel) -> Document:
-    """The document with one more object of a model, active, compared as the one before.
-
-    Raises ``SettingsError``: too many, different units, or an unknown scale of several views.
-    """
+    """The document with one more object of a model, active, compared as the one before."""
     if len(document.scene.objects) >= MOST_OBJECTS:
         raise SettingsError(f"{MOST_OBJECTS} objects are the most in one scene; remove one first")
     like, unit = document.object, model.mesh.unit

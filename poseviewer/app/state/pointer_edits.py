@@ -1,7 +1,4 @@
-"""Edits by the pointer on the photo: presses, drags, and the tool that they use.
-
-Points are photo px, pixel centres at i + 0.5.
-"""
+"""Edits by the pointer on the photo, in its px: presses, drags, and the tool that they use."""
 
 from dataclasses import replace
 from typing import Literal

@@ -58,8 +58,7 @@ class Outlines:
     lines: Mapping[int, FloatArray]
     """Other objects in the large view, (n, 2, 2) by their numbers: line segments in px."""
     small: tuple[Mapping[int, FloatArray], ...] = ()
-    """For each of several views all objects, (n, 2, 2) in shares of the photo's width and
-    height."""
+    """For each of several views all objects, (n, 2, 2) in shares of the photo's sides."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -82,8 +82,7 @@ class Session:
     proposals_by_object: Mapping[int, ProposedStarts | None] = field(default_factory=dict)
     """Proposed starts by the objects' numbers."""
     anchor: Scene | None = None
-    """Scene about which pixels are compared: fixed while the model moves, so that losses on the way
-    can be compared; None: the document's."""
+    """Scene about which pixels are compared, fixed while the model moves; None: the document's."""
     results: Results = field(default_factory=Results)
     preparation: Preparation | None = None
     """None: all is ready. Until then a search waits, and outlines are sketched."""
