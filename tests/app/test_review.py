@@ -120,11 +120,7 @@ def test_a_changed_pose_is_kept_or_the_row_is_not_left(review: Review, out: Path
     picture = out / review.queue.rows[1].result.picture
     fitted, drawn = path.read_bytes(), picture.read_bytes()
     review.do(nudge("move", 9.0))
-    for leaving in (
-        review.step(1),
-        review.open_row(2),
-        review.decide("rejected"),
-    ):
+    for leaving in (review.step(1), review.open_row(2), review.decide("rejected")):
         with pytest.raises(BatchError, match="pose is changed"):
             review.do(leaving)
     moved = review.session.document.pose.camera_from_model.translation

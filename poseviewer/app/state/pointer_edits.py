@@ -15,14 +15,7 @@ from poseviewer.app.state.dragging import (
 )
 from poseviewer.app.state.edits import Px, Zoom, drag_edit, edit
 from poseviewer.app.state.hiding import HIDING, leave_out
-from poseviewer.app.state.marking import (
-    MARKING,
-    hold_mark,
-    mark_at,
-    remove_mark,
-    solved,
-    with_mark,
-)
+from poseviewer.app.state.marking import MARKING, hold_mark, mark_at, remove_mark, solved, with_mark
 from poseviewer.app.state.pose_edits import put
 from poseviewer.app.state.proposal_edits import propose_starts
 from poseviewer.app.state.session import Session, is_in_sight

@@ -21,12 +21,7 @@ from poseviewer.errors import PoseViewerError
 from poseviewer.files.keypoints import load_keypoints, save_keypoints
 from poseviewer.files.masks import mask_path, save_pose_and_mask
 from poseviewer.files.scene_file import place_of, save_scene
-from poseviewer.files.state.autosave import (
-    AutosavedSession,
-    SessionFile,
-    discard,
-    left_behind,
-)
+from poseviewer.files.state.autosave import AutosavedSession, SessionFile, discard, left_behind
 from poseviewer.files.state.uploads import taken_out
 from poseviewer.files.structs import CameraNumbers
 from poseviewer.fit.scene import LoadedModel

@@ -134,12 +134,7 @@ def proposing(notify: Callable[[], None]) -> Worker[Document, Edit]:
         return proposed(document, lambda: job.require_asked(document))
 
     job = Worker(
-        "proposals",
-        asked,
-        make,
-        notify,
-        failed=lambda *_: stop_proposing(),
-        low_priority=True,
+        "proposals", asked, make, notify, failed=lambda *_: stop_proposing(), low_priority=True
     )
     return job
 

@@ -25,13 +25,7 @@ from poseviewer.geometry.lens import same_undistortion
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view import View
 from poseviewer.starts import loading
-from poseviewer.starts.loading import (
-    Start,
-    StartInputs,
-    known_scale,
-    load_model,
-    notes_of,
-)
+from poseviewer.starts.loading import Start, StartInputs, known_scale, load_model, notes_of
 from poseviewer.starts.placing import look_from
 
 

@@ -29,14 +29,7 @@ from poseviewer.app.state.search_edits import start_search
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.transform import rotation_angle
-from tests.app.state.documents import (
-    BUMPY,
-    PARALLEL,
-    PERSPECTIVE,
-    after,
-    make_session,
-    refused,
-)
+from tests.app.state.documents import BUMPY, PARALLEL, PERSPECTIVE, after, make_session, refused
 
 CAMERAS = pytest.mark.parametrize("camera", [PARALLEL, PERSPECTIVE], ids=["parallel", "pinhole"])
 
