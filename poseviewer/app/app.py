@@ -122,8 +122,6 @@ class App:
                 _log.exception("step")
             self._page.show_error(sentence_of(error))
 
-    # --- requests --------------------------------------------------------------------------------
-
     def _handle(self, request: Request) -> None:
         match request:
             case Edit():
@@ -168,8 +166,6 @@ class App:
         path = self._autosaver.save(self.session, on_taken == "beside")
         self._page.tell(f"Saved {path.name}", str(path))
         self._edit(set_fields(saved=self.session.document))
-
-    # --- workers ---------------------------------------------------------------------------------
 
     def _work(self) -> None:
         """Take what the workers have found out, and let them begin what is asked for by now."""

@@ -36,9 +36,6 @@ LEAST_SIDE = 2
 """px: a smaller rectangle is none."""
 
 
-# --- what the pointer holds ---------------------------------------------------------------------
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Drag:
     """Something that the pointer holds."""
@@ -142,9 +139,6 @@ def pins_in_photo(document: Document) -> FloatArray:
     if isinstance(chart, VehicleChart):
         return vehicle_pins(chart, chart.from_pose(document.pose))
     return np.zeros((0, 2))
-
-
-# --- motions of a pose --------------------------------------------------------------------------
 
 
 def shifted(pose: Pose, centre: ArrayLike, delta: ArrayLike) -> Pose:
