@@ -25,6 +25,7 @@ from tests.meshes import make_box, make_bumpy
 WIDTH, HEIGHT = 160, 120
 PERSPECTIVE = Perspective(300.0, 240.0, 83.0, 58.0, WIDTH, HEIGHT)
 PARALLEL = Parallel(25.0, 83.0, 58.0, WIDTH, HEIGHT)
+CAMERAS = pytest.mark.parametrize("camera", [PARALLEL, PERSPECTIVE], ids=["parallel", "pinhole"])
 BUMPY = make_bumpy(2)
 CAR = make_box((4.0, 1.7, 1.3))
 
