@@ -43,8 +43,6 @@ _log = logging.getLogger(__name__)
 
 IDLE_S, BUSY_S = 0.25, 0.03
 """The loop looks for updates of search and maps at least this often."""
-STOPPED_BY = "Esc stops it"
-"""Said of tasks."""
 INTERPRETER_SHARE_S = 0.001
 """A thread that computes in Python lets others in after so long (Python's own: 5 ms)."""
 
@@ -104,7 +102,9 @@ class App:
                 self._handle(request)
         try:
             self._work()
-            self._page.show(self.session, self._where())
+            document, review = self.session.document, self._review
+            row = "" if review is None else review.where(document)
+            self._page.show(self.session, row or self._autosaver.where(self.session))
             self._failed = False
         except Exception:  # noqa: BLE001 - the loop must not end
             if not self._failed:
@@ -131,7 +131,7 @@ class App:
             case QueuedTask():
                 self._tasks.add(request)
                 if request.working:
-                    self._page.working(request.working, STOPPED_BY)
+                    self._page.working(request.working, "Esc stops it")
             case SavePose(on_taken):
                 self._save(on_taken)
             case ShowHelp(client):
@@ -146,11 +146,6 @@ class App:
 
     def _edit(self, edit: Edit) -> None:
         self.session = update(self.session, edit)
-
-    def _where(self) -> str:
-        """Say where the pose will be saved."""
-        row = "" if self._review is None else self._review.where(self.session.document)
-        return row or self._autosaver.where(self.session)
 
     def _save(self, on_taken: str) -> None:
         if self._review is not None and self._review.row_at(self.session.document) is not None:

@@ -89,7 +89,8 @@ class AccessPolicy:
         """The address for the user's browser, with a token."""
         # 0.0.0.0 and :: mean every address of this machine, and are none themselves.
         name = socket.gethostname() if self.host in ("", "0.0.0.0", "::") else self.host
-        return f"http://{_in_brackets(name)}:{self.port}/?token={token}"
+        name = f"[{name}]" if ":" in name else name
+        return f"http://{name}:{self.port}/?token={token}"
 
     @property
     def cookie_name(self) -> str:
@@ -288,10 +289,6 @@ def _name_in(host: str) -> str:
     """The name in a lower-case Host header, without its port; empty where it is none."""
     match = re.fullmatch(r"\[([0-9a-f:]+)\](:\d+)?|([^:@]+)(:\d+)?", host)
     return "" if match is None else match[1] or match[3]
-
-
-def _in_brackets(host: str) -> str:
-    return f"[{host}]" if ":" in host else host
 
 
 def _query(target: str) -> dict[str, list[str]]:

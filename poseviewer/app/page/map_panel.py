@@ -282,7 +282,7 @@ def grid_of(session: Session, latest: Landscape) -> LossGrid:
             candidates = search.progress.candidates if session.is_searching else None
     is_moving = session.is_searching or session.drag is not None
     return LossGrid(
-        latest.shown,
+        [piece.shown(problem.scale) for piece in latest.slices],
         chart.names,
         pose,
         candidates,

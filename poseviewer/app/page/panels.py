@@ -250,7 +250,10 @@ def add_fitting(controls: Controls) -> None:
     controls.action("revert", visible=_has_ended, icon="x")
     _add_hiding(controls)
     _add_curve(controls)
-    _add_comparison(controls)
+    controls.action("compare", icon="arrows-diff", disabled=lambda s: s.is_searching)
+    controls.text(kept(lambda s: (s.comparison,), lambda s: ends_table(s.comparison)))
+    takes = {name.capitalize(): take_end(index) for index, name in enumerate(LOSSES)}
+    controls.choices("Take", takes, visible=lambda s: s.comparison is not None)
     with controls.gui.add_folder("Settings", expand_by_default=False):
         _add_settings(controls)
 
@@ -317,14 +320,6 @@ def _add_hiding(controls: Controls) -> None:
     controls.action("hide found", visible=has_found)
     controls.action("unhide", visible=lambda s: is_hiding(s) and any(h.masks_of(s)))
     controls.html(lambda s: parts_left_out(s.document.mesh))
-
-
-def _add_comparison(controls: Controls) -> None:
-    """A button that compares the losses, their ends, and which of them to take."""
-    controls.action("compare", icon="arrows-diff", disabled=lambda s: s.is_searching)
-    controls.text(kept(lambda s: (s.comparison,), lambda s: ends_table(s.comparison)))
-    takes = {name.capitalize(): take_end(index) for index, name in enumerate(LOSSES)}
-    controls.choices("Take", takes, visible=lambda s: s.comparison is not None)
 
 
 def _add_settings(controls: Controls) -> None:

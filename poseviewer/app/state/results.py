@@ -77,11 +77,6 @@ class Landscape:
     """A slice for each pair, as soon as there is one."""
 
     @property
-    def shown(self) -> tuple[Slice, ...]:
-        """The slices with the losses as a person is shown them."""
-        return tuple(piece.shown(self.problem.scale) for piece in self.slices)
-
-    @property
     def maps(self) -> LossMaps:
         """The slices as files hold them."""
         photo = self.document.scene.views[self.problem.views[0].index].photo

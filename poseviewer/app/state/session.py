@@ -198,7 +198,7 @@ class Session:
         proposals = self.proposals
         if proposals is None or proposals.is_over:
             return self
-        return self.with_proposals(proposals.stopped)
+        return self.with_proposals(replace(proposals, is_over=True) if proposals.starts else None)
 
     @property
     def marks_model(self) -> bool:

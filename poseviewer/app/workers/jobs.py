@@ -130,11 +130,13 @@ def proposing(notify: Callable[[], None]) -> Worker[Document, Edit]:
         wanted = session.proposals if session.preparation is None else None
         return wanted.document if wanted is not None and not wanted.is_over else None
 
-    def make(document: Document) -> Iterator[Edit]:
-        return proposed(document, lambda: job.require_asked(document))
-
     job = Worker(
-        "proposals", asked, make, notify, failed=lambda *_: stop_proposing(), low_priority=True
+        "proposals",
+        asked,
+        lambda document: proposed(document, lambda: job.require_asked(document)),
+        notify,
+        failed=lambda *_: stop_proposing(),
+        low_priority=True,
     )
     return job
 
