@@ -18,11 +18,10 @@ from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.edits import Edit, ReviewRow, SavePose, ShowHelp
 from poseviewer.app.state.hiding import forget_strokes
-from poseviewer.app.state.pointer_edits import cancel_drag
+from poseviewer.app.state.pointer_edits import cancel_drag, update
 from poseviewer.app.state.results import Preparation
 from poseviewer.app.state.search_edits import preparation_advanced
 from poseviewer.app.state.session import Session
-from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import has_renderer, preparing, proposing, searching
 from poseviewer.app.workers.maps import mapping

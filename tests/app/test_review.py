@@ -14,9 +14,9 @@ from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.document_edits import undo
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.hiding import Stroke, paint
+from poseviewer.app.state.pointer_edits import update
 from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
-from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import prepare
 from poseviewer.app.workers.opening import open_autosaved

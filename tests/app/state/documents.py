@@ -8,8 +8,8 @@ import pytest
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.dragging import Drag
 from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.pointer_edits import update
 from poseviewer.app.state.session import SearchRequest, Session
-from poseviewer.app.state.update import update
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.scene import LoadedModel, scene_at
 from poseviewer.fit.settings import FitSettings

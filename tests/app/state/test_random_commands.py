@@ -15,7 +15,7 @@ from poseviewer.app.state import hiding as h
 from poseviewer.app.state import marking as m
 from poseviewer.app.state import objects as o
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.update import update
+from poseviewer.app.state.pointer_edits import update
 from poseviewer.errors import PoseViewerError
 from tests.app.state import edits as c
 from tests.app.state.documents import HEIGHT, WIDTH, make_session
