@@ -24,12 +24,7 @@ from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import InView, View
 from poseviewer.starts import loading
-from poseviewer.starts.loading import (
-    Start,
-    StartInputs,
-    known_scale,
-    notes_of,
-)
+from poseviewer.starts.loading import Start, StartInputs, known_scale, notes_of
 from poseviewer.starts.placing import look_from
 
 
