@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 from poseviewer.errors import MeshFileError
 from poseviewer.files.checks import LARGEST_DATA, Reading
 from poseviewer.files.mesh.named import find_named
-from poseviewer.files.mesh.parts import MOST_TEXELS, Part, noted, textures_from_images
+from poseviewer.files.mesh.parts import MOST_TEXELS, ModelParts, Part, noted, textures_from_images
 from poseviewer.files.mesh.polygons import strip_corners
 from poseviewer.geometry.image import srgb_from_linear
 
@@ -70,7 +70,7 @@ def gltf_header(path: Path) -> Any:
         return json.loads(file.read(min(text, path.stat().st_size)))
 
 
-def read_gltf(path: Path) -> tuple[list[Part], list[str]]:
+def read_gltf(path: Path) -> ModelParts:
     """The parts of a glTF or GLB file, one for each primitive of each node, and notes."""
     header = gltf_header(path)
     document = _Document(path, header, parents_of(header.get("nodes", [])))
@@ -84,7 +84,7 @@ def read_gltf(path: Path) -> tuple[list[Part], list[str]]:
     lost = filter(None, (LOST.get(name, name) for name in used))
     document.notes += [f"Not read, left out: {name[:80]}." for name in lost]
     parts = [part for node in document.placed() for part in document.parts_of(*node)]
-    return parts, document.notes
+    return ModelParts(parts, document.notes, 1.0, y_up=True)
 
 
 @dataclass(eq=False)

@@ -32,7 +32,7 @@ OPTIONS = re.compile(r"(-\S* ((-?(\d+\.?\d*|\.\d+)|on|off)? )*)*")
 """Options before a picture's name, which may hold spaces: ``-s 1 1 1`` or ``-clamp on``."""
 
 
-def read_obj(path: Path) -> tuple[list[p.Part], list[str]]:
+def read_obj(path: Path) -> p.ModelParts:
     """The parts of an OBJ file, one for each part name and material, and notes for the user."""
     lines, relative, changes = _sort_lines(path.read_text("utf-8-sig", "surrogateescape"))
     vertices, colours = _read_vertices(lines["v"])
@@ -62,7 +62,7 @@ def read_obj(path: Path) -> tuple[list[p.Part], list[str]]:
         if len(own):
             paint, of_faces = materials.get(material, (None, None)), corners[triangles[own]]
             parts.append(_as_part(name, of_faces, vertices, colours, uvs, normals, paint))
-    return parts or [p.Part("", vertices)], notes
+    return p.ModelParts(parts or [p.Part("", vertices)], notes)
 
 
 def _sort_lines(text: str) -> tuple[dict[str, list[str]], Relative, Changes]:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,8 @@ LARGEST_SIDE = 8192
 MOST_TEXELS = 100_000_000
 """Limit of a model's textures together, and of one before it is shrunk: no photo shows more."""
 MOST_TEXTURES = 2000
+GREY = 0.8
+"""Reflectance where a file says nothing about colour."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +67,16 @@ class Part:
         values = {name: getattr(self, name) for name in ("vertices", "normals", "colours", "uvs")}
         own = {k: v if v is None or v.ndim == 1 else v[source] for k, v in values.items()}
         return replace(self, faces=np.arange(len(source)).reshape(-1, 3), **own)
+
+
+class ModelParts(NamedTuple):
+    """What a reader gives of a model file."""
+
+    parts: list[Part]
+    notes: list[str]
+    metres: float | None = None
+    """Length of the file's unit, where the file says it."""
+    y_up: bool = False
 
 
 def check_indices(indices: NDArray, size: int, kind: str = "vertex") -> None:

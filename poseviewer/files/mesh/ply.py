@@ -35,7 +35,7 @@ Columns = dict[str, Any]
 """By name: numbers (N,), or of lists the counts (N,) and all the values one after another."""
 
 
-def read_ply(path: Path) -> tuple[list[p.Part], list[str]]:
+def read_ply(path: Path) -> p.ModelParts:
     """The parts (one for each texture) of a PLY file, and notes for the user."""
     data = path.read_bytes()
     elements, encoding, textures, at = _read_header(data)
@@ -148,7 +148,7 @@ def _stack(columns: Columns, *choices: tuple[str, ...]) -> NDArray | None:
 
 def _parts(
     path: Path, vertex: Columns, face: Columns, strips: Any, textures: list[str]
-) -> tuple[list[p.Part], list[str]]:
+) -> p.ModelParts:
     vertices = _stack(vertex, ("x", "y", "z"))
     if vertices is None:
         raise ValueError("no vertices x, y, z in the header")
@@ -175,14 +175,15 @@ def _parts(
         part = replace(part, colours=p.colours_from_numbers(part.colours))
     notes: list[str] = []
     if not textures or part.uvs is None:
-        return [part], notes
+        return p.ModelParts([part], notes)
     pictures, number = p.load_textures(path.parent, textures, notes), face.get("texnumber")
     if number is None or len(textures) == 1:
-        return [replace(part, texture=pictures.get(textures[0]))], notes
+        return p.ModelParts([replace(part, texture=pictures.get(textures[0]))], notes)
     which, end = np.repeat(number, triangles).astype(np.int64), len(textures)
     of_texture = p.split_by(np.where((which < 0) | (which > end), end, which), end + 1)
-    return [
+    parts = [
         replace(part.corners_of(own), texture=pictures.get(name))
         for name, own in zip([*textures, "?"], of_texture, strict=True)
         if len(own)
-    ], notes
+    ]
+    return p.ModelParts(parts, notes)

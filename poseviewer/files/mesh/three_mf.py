@@ -1,0 +1,100 @@
+"""3MF (https://3mf.io/spec): triangles and places by trimesh, which passes over colours."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from zipfile import ZipFile
+
+import numpy as np
+from lxml import etree
+from numpy.typing import NDArray
+
+from poseviewer.files.mesh.parts import GREY, ModelParts, Part
+
+METRES = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 0.01, "inch": 0.0254, "foot": 0.3048,
+          "meter": 1.0}  # fmt: skip
+READ = ("/core/", "/material/", "/production/")
+"""Parts of the names of extensions that are read."""
+LOST = {
+    "texture2dgroup": "textures", "compositematerials": "mixed materials",
+    "multiproperties": "layers of materials", "beamlattice": "beams",
+}  # fmt: skip
+"""Elements that are not read, and what is lost with them."""
+NOT_PRINTED = ("support", "solidsupport", "other")
+"""Types of objects that are no part of the model."""
+XML = etree.XMLParser(resolve_entities=False, no_network=True)
+
+
+def read_3mf(path: Path) -> ModelParts:
+    """A part for each object that the file builds, as often as it does, and notes.
+
+    Raises:
+        ValueError: The file is damaged, needs an extension, or has objects in further files, which
+            trimesh 5.2 mixes up.
+    """
+    from trimesh.exchange.threemf import load_3MF
+
+    with ZipFile(path) as archive:
+        names = archive.namelist()
+        (start,) = (name for name in names if name.lower().endswith("3d/3dmodel.model"))
+        root = etree.fromstring(archive.read(start), XML)
+    prefixes = root.get("requiredextensions", "").split()
+    for space in (root.nsmap.get(prefix, prefix) for prefix in prefixes):
+        if not any(part in space for part in READ):
+            raise ValueError(f"it needs {space[:80]}, which is not read")
+    objects: dict[str, Any] = {}
+    for element in root.iter("{*}object", "{*}component", "{*}item"):
+        if element.tag.endswith("object"):
+            inside = element.get("id")
+            objects[inside] = element
+        elif any(key.endswith("}path") for key in element.attrib):
+            raise ValueError("its objects are in several files")
+        elif (number := element.get("objectid")) not in objects or (
+            number == inside and element.tag.endswith("component")
+        ):
+            raise ValueError(f"object {number} is not there before it is used")
+    if any(mesh.find("{*}triangles") is None for mesh in root.iter("{*}mesh")):
+        raise ValueError("an object has no triangles")
+    lost = [words for tag, words in LOST.items() if root.find(f".//{{*}}{tag}") is not None]
+    lost += ["a slicer's settings"] if any(name.endswith(".config") for name in names) else []
+    with path.open("rb") as file:
+        loaded = load_3MF(file, postprocess=False)
+    solid = (element for element in objects.values() if element.find("{*}mesh") is not None)
+    elements = dict(zip(loaded["geometry"], solid, strict=True))
+    groups, parts = _groups(root), []
+    for place in loaded["graph"]:
+        if (key := place["geometry"]) not in elements:
+            continue
+        if elements[key].get("type") in NOT_PRINTED:
+            lost.append("supports")
+            continue
+        mesh = loaded["geometry"][key]
+        part = Part(elements[key].get("name", ""), mesh["vertices"], mesh["faces"])
+        painted = _colours_of(elements[key], groups) if groups else np.zeros((0, 3))
+        if not np.all(np.isnan(painted)):
+            painted = np.where(np.isnan(painted), GREY, painted)
+            part = replace(part.corners_of(slice(None)), colours=painted)
+        parts.append(part.moved(place["matrix"]))
+    notes = [f"Not read, left out: {words}." for words in lost]
+    return ModelParts(parts, notes, METRES[root.get("unit", "millimeter")])
+
+
+def _groups(root: Any) -> dict[str, NDArray[np.float64]]:
+    """RGB (n, 3) of materials and colours, by the ids of their groups."""
+    groups = {}
+    for group in root.iter("{*}basematerials", "{*}colorgroup"):
+        values = [entry.get("displaycolor") or entry.get("color") for entry in group]
+        rgb = [list(bytes.fromhex(value[1:7])) for value in values]
+        groups[group.get("id")] = np.array(rgb).reshape(-1, 3) / 255.0
+    return groups
+
+
+def _colours_of(element: Any, groups: dict[str, NDArray]) -> NDArray[np.float64]:
+    """RGB of the corners of an object's triangles (3 F, 3), NaN where it says none."""
+    rows = []
+    for triangle in element.iter("{*}triangle"):
+        group = groups.get(triangle.get("pid", element.get("pid")))
+        first = triangle.get("p1", element.get("pindex", "0"))
+        indices = (int(triangle.get(name, first)) for name in ("p1", "p2", "p3"))
+        rows += [(np.nan,) * 3] * 3 if group is None else [group[index] for index in indices]
+    return np.array(rows, dtype=float).reshape(-1, 3)
