@@ -35,7 +35,9 @@ def files() -> list[tuple[str, ...]]:
         ("photos", _codes(ENDINGS), "transparency", f"raw: {_codes(RAW_ENDINGS)}"),
         (
             "models", f"{_codes(plain)}; polygons, strips, textures of 8 and 16 bits",
-            "missing textures, faces without area", f"{_codes(ELSEWHERE)}, point clouds",
+            "missing textures, faces without area; 3MF: textures, beams; DAE: animations",
+            f"{_codes(ELSEWHERE)}, point clouds; 3MF: objects in several files, other extensions; "
+            "DAE: skins, morphs, holes",
         ),
         (
             "glTF",

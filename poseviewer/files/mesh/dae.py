@@ -11,7 +11,7 @@ from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
-from lxml import etree
+from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError
@@ -28,7 +28,8 @@ LOST = {"animation": "animations", "lines": "lines", "linestrips": "lines"}
 IDLE = ("library_animations", "library_cameras", "library_lights", "library_controllers",
         "instance_camera", "instance_light", "extra")  # fmt: skip
 """Elements that say nothing of shape and base colour."""
-SHAPES = ("{*}instance_geometry", "{*}instance_node")
+TURNS, SHAPES = ("skew", "lookat"), ("{*}instance_geometry", "{*}instance_node")
+"""Elements that only matter in a node with one of others."""
 
 
 def read_dae(path: Path) -> p.ModelParts:
@@ -39,25 +40,27 @@ def read_dae(path: Path) -> p.ModelParts:
     """
     try:
         import collada
+        from collada.common import DaeUnsupportedError
     except ImportError:
         wanted = "DAE files need pycollada; pip install 'poseviewer[dae]'"
         raise MeshFileError(f"{path.name}: {wanted}.") from None
     root = etree.parse(str(path), XML).getroot()
     notes = _without_what_is_not_read(root)
-    ignored = [collada.common.DaeUnsupportedError]
-    document = collada.Collada(BytesIO(etree.tostring(root)), ignore=ignored)
+    source = BytesIO(etree.tostring(root))
+    document: Any = collada.Collada(source, ignore=[DaeUnsupportedError])
     notes += [f"Not read, left out: {error.msg}." for error in document.errors]
     if document.scene is None:
         raise ValueError("it has no scene")
     pictures = (_picture(_look(material.effect)) for material in document.materials)
     textures = p.load_textures(path.parent, filter(None, pictures), notes)
     parts: list[p.Part] = []
-    waiting: list[tuple[Any, NDArray, str]] = [(n, np.eye(4), "") for n in document.scene.nodes]
+    roots = reversed(document.scene.nodes)
+    waiting: list[tuple[Any, NDArray, str]] = [(node, np.eye(4), "") for node in roots]
     while waiting:
         node, matrix, name = waiting.pop()
         if not isinstance(node, collada.scene.GeometryNode):
             name, matrix = getattr(node, "node", node).name or name, matrix @ node.matrix
-            waiting += [(child, matrix, name) for child in node.children]
+            waiting += [(child, matrix, name) for child in reversed(node.children)]
             continue
         bound = {material.symbol: material for material in node.materials}
         for primitive in (each for each in node.geometry.primitives if each.vertex is not None):
@@ -72,17 +75,16 @@ def _without_what_is_not_read(root: Any) -> list[str]:
     notes = []
     for element in list(root.iter()):
         tag, above = etree.QName(element).localname, element.getparent()
-        has_shape = above is not None and next(above.iter(*SHAPES), None) is not None
-        if tag in REFUSED and (tag not in ("skew", "lookat") or has_shape):
+        if tag in REFUSED and (tag not in TURNS or next(above.iter(*SHAPES), None) is not None):
             raise ValueError(f"it has {REFUSED[tag]}, not read here")
-        if tag == "accessor" and (len(element), "0") != (
-            int(element.get("stride", "1")), element.get("offset", "0"),
-        ):  # fmt: skip
-            raise ValueError("numbers between those of its accessors, not read here")
         if tag in LOST:
             notes.append(f"Not read, left out: {LOST[tag]}.")
         if tag in (*LOST, *IDLE, *REFUSED):
             above.remove(element)
+    for accessor in root.iter("{*}accessor"):
+        layout = accessor.get("stride", "1"), accessor.get("offset", "0")
+        if accessor.get("count") != "0" and layout != (str(len(accessor)), "0"):
+            raise ValueError("numbers between those of its accessors, not read here")
     return notes
 
 
@@ -90,8 +92,8 @@ def _part(name: str, primitive: Any, material: Any, textures: dict[str, NDArray]
     """The part of polygons with the material that is bound to them, or None."""
     index = primitive.index.reshape(-1, primitive.nindices)
 
-    def values(kind: str, wanted: str | None = None) -> NDArray | None:
-        """(C, k): values of the corners, those of the wanted set of several."""
+    def values(kind: str, wanted: str | None = None) -> Any:
+        """(C, k): values of the corners, those of the wanted set of several; None: none."""
         inputs = primitive.sources.get(kind)
         if not inputs:
             return None
@@ -106,8 +108,8 @@ def _part(name: str, primitive: Any, material: Any, textures: dict[str, NDArray]
             raise ValueError("polygons have other corners than they count")
         faces = polygon_corners(primitive.vcounts, points)
     part, colours = p.Part(name, points, faces, values("NORMAL")), values("COLOR")
-    look = None if material is None else _look(material.target.effect)
-    if (texture := textures.get(_picture(look))) is not None:
+    look: Any = None if material is None else _look(material.target.effect)
+    if material is not None and (texture := textures.get(_picture(look))) is not None:
         sets = {semantic: number for semantic, _, number in material.inputs}
         uvs = values("TEXCOORD", sets.get(look.texcoord))
         if uvs is not None:

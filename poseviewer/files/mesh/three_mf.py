@@ -6,7 +6,7 @@ from typing import Any
 from zipfile import ZipFile
 
 import numpy as np
-from lxml import etree
+from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 from numpy.typing import NDArray
 
 from poseviewer.files.mesh.parts import GREY, ModelParts, Part
