@@ -13,7 +13,7 @@ from pathlib import Path
 from poseviewer.files.camera_forms import FORMS, LENS_NAMES, TREES
 from poseviewer.files.colmap_model import MODELS
 from poseviewer.files.formats.known_formats import FORMATS
-from poseviewer.files.mesh.gltf import HARMLESS, LOST, UNDERSTOOD
+from poseviewer.files.mesh.gltf import HARMLESS, SPARED, UNDERSTOOD
 from poseviewer.files.mesh.load import ELSEWHERE, READERS
 from poseviewer.files.photo import ENDINGS, RAW_ENDINGS
 
@@ -44,9 +44,9 @@ def files() -> list[tuple[str, ...]]:
             "sparse, normalised and quantised accessors, texture coordinates, alpha masks, skins "
             f"at rest, morph weights, strips and fans; {_codes(UNDERSTOOD)}; without need: "
             f"{_codes(f'{name}...' for name in HARMLESS)}",
-            _codes(name for name, lost in LOST.items() if lost) + " and unknown extensions; lines, "
-            "points; triangles cut out in part",
-            "any other extension in `extensionsRequired`, as " + _codes(LOST),
+            "unknown extensions; lines, points; what is invisible by its alpha, hidden or in no "
+            "scene; triangles cut out in part; textures that are clamped or mirrored",
+            "any other extension in `extensionsRequired`, as " + _codes(SPARED),
         ),
         (
             "cameras", f"{_codes(TREES)}: {tools}",

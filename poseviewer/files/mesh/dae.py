@@ -65,7 +65,7 @@ def read_dae(path: Path) -> p.ModelParts:
         bound = {material.symbol: material for material in node.materials}
         for primitive in (each for each in node.geometry.primitives if each.vertex is not None):
             material = bound.get(primitive.material)
-            parts.append(_part(name, primitive, material, textures).moved(matrix))
+            parts.append(_part(name, primitive, material, textures, notes).moved(matrix))
     asset = document.assetInfo
     return p.ModelParts(parts, notes, asset.unitmeter, asset.upaxis == "Y_UP")
 
@@ -88,7 +88,9 @@ def _without_what_is_not_read(root: Any) -> list[str]:
     return notes
 
 
-def _part(name: str, primitive: Any, material: Any, textures: dict[str, NDArray]) -> p.Part:
+def _part(
+    name: str, primitive: Any, material: Any, textures: dict[str, NDArray], notes: list[str]
+) -> p.Part:
     """The part of polygons with the material that is bound to them, or None."""
     index = primitive.index.reshape(-1, primitive.nindices)
 
@@ -115,7 +117,7 @@ def _part(name: str, primitive: Any, material: Any, textures: dict[str, NDArray]
         if uvs is not None:
             return replace(part, uvs=uvs[:, :2], texture=texture)
     if colours is not None:
-        return replace(part, colours=p.colours_from_numbers(colours[:, :3]))
+        return replace(part, colours=p.colours_from_numbers(colours[:, :3], notes))
     if look is None or _picture(look):
         return part
     return replace(part, colours=np.clip(np.resize(look, 3).astype(float), 0.0, 1.0))

@@ -25,7 +25,14 @@ from scipy.spatial.transform import Rotation
 from poseviewer.errors import MeshFileError
 from poseviewer.files.checks import LARGEST_DATA, Reading
 from poseviewer.files.mesh.named import find_named
-from poseviewer.files.mesh.parts import MOST_TEXELS, ModelParts, Part, noted, textures_from_images
+from poseviewer.files.mesh.parts import (
+    MOST_TEXELS,
+    ModelParts,
+    Part,
+    colours_from_numbers,
+    noted,
+    textures_from_images,
+)
 from poseviewer.files.mesh.polygons import strip_corners
 from poseviewer.geometry.image import srgb_from_linear
 
@@ -34,24 +41,26 @@ GLB_HEADER, GLB_CHUNK = 20, 8
 """Bytes of the headers of a GLB file with its first chunk, JSON, and of its second."""
 UNDERSTOOD = (
     "KHR_mesh_quantization", "KHR_texture_transform", "EXT_mesh_gpu_instancing",
-    "KHR_materials_pbrSpecularGlossiness", "EXT_texture_webp",
+    "KHR_materials_pbrSpecularGlossiness", "EXT_texture_webp", "KHR_node_visibility",
 )  # fmt: skip
 """Extensions that change shape or colour, and are read."""
-LOST = {
-    "KHR_draco_mesh_compression": "",
-    "EXT_meshopt_compression": "",
-    "KHR_meshopt_compression": "",
-    "KHR_texture_basisu": "",
-    "EXT_texture_avif": "",
-    "KHR_node_visibility": "what is hidden",
-}
-"""Extensions that change shape or colour, and are not read: what is lost where a file does not
-require them ("": nothing, it holds the same without)."""
+SPARED = (
+    "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression",
+    "KHR_texture_basisu", "EXT_texture_avif",
+)  # fmt: skip
+"""Extensions that are not read, and without which a file that does not require them holds the same.
+"""
 HARMLESS = ("KHR_materials_", "KHR_lights_", "KHR_xmp", "KHR_animation_", "EXT_lights_", "MSFT_lod")
 """Beginnings of extensions that change neither shape nor base colour."""
 TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 STRIP, FAN, TRIANGLES = 5, 6, 4
+REPEAT = 10497
+"""Of a sampler: the texture is wrapped around."""
+CUT = ("MASK", "BLEND")
+"""Modes in which alpha makes something invisible."""
+LEAST_ALPHA, ROUNDING = 0.5 / 255.0, 1e-6
+"""What is blended with less is invisible."""
 ALPHA_SAMPLES = np.array([(a, b, 1.0 - a - b) for a in (0.05, 0.35, 0.65) for b in (0.05, 0.3)])
 """Barycentric coordinates at which a triangle is asked whether its texture's alpha cuts it away."""
 
@@ -81,9 +90,9 @@ def read_gltf(path: Path) -> ModelParts:
     if required:
         wanted = "not read here; export it without (compression, KTX2 pictures ...)"
         raise MeshFileError(f"{path.name}: needs {', '.join(required)[:120]}, {wanted}.")
-    lost = filter(None, (LOST.get(name, name) for name in used))
-    document.notes += [f"Not read, left out: {name[:80]}." for name in lost]
+    document.notes += [f"Not read, left out: {name[:80]}." for name in used if name not in SPARED]
     parts = [part for node in document.placed() for part in document.parts_of(*node)]
+    document.notes += [f"{what}: {count:,}." for what, count in document.counts.items() if count]
     return ModelParts(parts, document.notes, 1.0, y_up=True)
 
 
@@ -96,6 +105,9 @@ class _Document:
     _buffers: dict[int, bytes] = field(default_factory=dict)
     alphas: dict[int | None, NDArray[np.uint8]] = field(default_factory=dict)
     """Alpha of pictures that cut, by their indices."""
+    counts: Counter[str] = field(default_factory=Counter)
+    """Numbers of what is left out, for notes."""
+    _worlds: dict[int, Matrix] = field(default_factory=dict)
 
     def placed(self) -> Iterator[tuple[int, str, Matrix]]:
         """Each node of the scene that has a mesh: its index, name, and world from node."""
@@ -108,16 +120,24 @@ class _Document:
             name = node.get("name") or str(i)
             names.append(f"{name}_{taken[name]}" if taken[name] else name)
             taken[name] += 1
-        waiting, visited = list(roots), set[int]()
+        waiting, visited, shown = list(roots), set[int](), 0
         while waiting:
             index = waiting.pop()
             if index in visited:
                 raise ValueError(f"node {index} is there twice")
             visited.add(index)
             node = nodes[index]
-            waiting += node.get("children", [])
-            if "mesh" in node:
-                yield index, names[index], world_matrix(nodes, index, self.parents)
+            if (_extension(node, "KHR_node_visibility") or {}).get("visible", True):
+                waiting += node.get("children", [])
+                if "mesh" in node:
+                    shown += 1
+                    yield index, names[index], self.world(index)
+        note = "Nodes that the file's scene does not show, left out"
+        self.counts[note] = sum("mesh" in node for node in nodes) - shown
+
+    def world(self, index: int) -> Matrix:
+        """``world_from_node`` (4, 4) of a node."""
+        return world_matrix(self.data["nodes"], index, self.parents, self._worlds)
 
     def parts_of(self, index: int, name: str, world: Matrix) -> Iterator[Part]:
         """The parts of a node's mesh, wherever the node, its instances or its skin put them."""
@@ -155,11 +175,13 @@ class _Document:
         if "indices" in primitive:
             order = self.array(primitive["indices"]).reshape(-1).astype(np.int64)
         part = Part(name, vertices, _triangles(order, mode), normals)
-        colours = self.array(attributes["COLOR_0"])[:, :3] if "COLOR_0" in attributes else None
+        colours = self.array(attributes["COLOR_0"]) if "COLOR_0" in attributes else None
+        alpha = None if colours is None or colours.shape[1] < 4 else colours[:, 3]
+        if colours is not None:
+            colours = colours_from_numbers(colours[:, :3], self.notes)
         if "material" in primitive:
-            part, factor = self._dressed(
-                part, self.data["materials"][primitive["material"]], attributes
-            )
+            material = self.data["materials"][primitive["material"]]
+            part, factor = self._dressed(part, material, attributes, alpha)
             colours = factor if colours is None else factor * colours
         if colours is not None and not self.is_encoded:
             colours = srgb_from_linear(colours)
@@ -171,32 +193,58 @@ class _Document:
         return "trimesh" in str(self.data.get("asset", {}).get("generator", ""))
 
     def _dressed(
-        self, part: Part, material: dict[str, Any], attributes: dict[str, int]
+        self,
+        part: Part,
+        material: dict[str, Any],
+        attributes: dict[str, int],
+        alpha: NDArray | None,
     ) -> tuple[Part, NDArray]:
+        """A part with its texture, without what its material and ``alpha`` (V,) make invisible;
+        and the material's colour.
+        """
         factor, info = _look(material)
         transform = _extension(info or {}, "KHR_texture_transform") or {}
         coordinates = f"TEXCOORD_{transform.get('texCoord', (info or {}).get('texCoord', 0))}"
         image = self._image_of(info) if info else None
         texture = self.textures.get(image)
-        if texture is None or coordinates not in attributes:
-            return part, factor[:3]
-        uvs = _transformed(self.array(attributes[coordinates]), transform)
-        uvs = np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)
-        part, alpha = replace(part, uvs=uvs, texture=texture), self.alphas.get(image)
-        if material.get("alphaMode") == "MASK" and alpha is not None:
-            cutoff = material.get("alphaCutoff", 0.5) / max(factor[3], 1e-9)
-            part = self._cut(part, uvs, alpha, cutoff)
+        if texture is not None and coordinates in attributes:
+            uvs = _transformed(self.array(attributes[coordinates]), transform)
+            uvs = np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)
+            part = replace(part, uvs=uvs, texture=texture)
+            self._note_wraps(info["index"], uvs)
+        mode = material.get("alphaMode", "OPAQUE")
+        if mode != "OPAQUE":
+            alpha = np.full(len(part.vertices), factor[3]) * (1.0 if alpha is None else alpha)
+            cutoff = material.get("alphaCutoff", 0.5) if mode == "MASK" else LEAST_ALPHA
+            part = self._cut(part, alpha, self.alphas.get(image), cutoff)
         return part, factor[:3]
 
-    def _cut(self, part: Part, uvs: NDArray, alpha: NDArray[np.uint8], cutoff: float) -> Part:
-        """The part without the triangles that are cut away wholly; a note of those in part."""
-        uvs = np.einsum("sk,fkd->fsd", ALPHA_SAMPLES, uvs[part.faces]) % 1.0
-        rows = ((1.0 - uvs[..., 1]) * alpha.shape[0]).astype(int).clip(0, alpha.shape[0] - 1)
-        columns = (uvs[..., 0] * alpha.shape[1]).astype(int).clip(0, alpha.shape[1] - 1)
-        shown = alpha[rows, columns] / 255.0 >= cutoff
-        partly = int(np.sum(shown.any(axis=1) & ~shown.all(axis=1)))
-        if partly:
-            self.notes.append(f"Triangles cut out in part by a texture, shown whole: {partly:,}.")
+    def _note_wraps(self, texture: int, uvs: NDArray) -> None:
+        """Note a texture that is to be clamped or mirrored where coordinates are beyond it."""
+        sampler = self.data["textures"][texture].get("sampler")
+        modes = {} if sampler is None else self.data["samplers"][sampler]
+        for name, column in zip(("wrapS", "wrapT"), uvs.T, strict=True):
+            if modes.get(name, REPEAT) != REPEAT and np.any(np.abs(column - 0.5) > 0.51):
+                self.notes.append("A texture that is clamped or mirrored, repeated instead.")
+
+    def _cut(
+        self, part: Part, alpha: NDArray, picture: NDArray[np.uint8] | None, cutoff: float
+    ) -> Part:
+        """The part without the triangles whose alpha (V,) times the picture's is below the cutoff
+        all over; those in part are counted.
+        """
+        alpha = np.einsum("sk,fk->fs", ALPHA_SAMPLES, alpha[part.faces])
+        if picture is not None and part.uvs is not None:
+            uvs = np.einsum("sk,fkd->fsd", ALPHA_SAMPLES, part.uvs[part.faces]) % 1.0
+            size = np.array(picture.shape)
+            rows, columns = (
+                np.stack([1.0 - uvs[..., 1], uvs[..., 0]]) * size[:, None, None]
+            ).astype(int)
+            alpha = alpha * picture[rows.clip(0, size[0] - 1), columns.clip(0, size[1] - 1)] / 255.0
+        shown = alpha >= cutoff - ROUNDING
+        self.counts["Invisible triangles, left out"] += int(np.sum(~shown.any(axis=1)))
+        partly = shown.any(axis=1) & ~shown.all(axis=1)
+        self.counts["Triangles cut out in part by a texture, shown whole"] += int(np.sum(partly))
         return replace(part, faces=part.faces[shown.any(axis=1)])
 
     def _image_of(self, info: dict[str, Any]) -> int | None:
@@ -215,7 +263,7 @@ class _Document:
         for material in self.data.get("materials", []):
             if (info := _look(material)[1]) is not None:
                 index = self._image_of(info)
-                used[index] = used.get(index, False) or material.get("alphaMode") == "MASK"
+                used[index] = used.get(index, False) or material.get("alphaMode") in CUT
         opened: dict[int | None, tuple[str, Image.Image]] = {}
         for index, entry in enumerate(self.data.get("images", [])):
             uri, view = entry.get("uri", "data:"), entry.get("bufferView")
@@ -231,8 +279,7 @@ class _Document:
         return textures_from_images(opened, self.notes)
 
     def _skinned(self, part: Part, attributes: dict[str, int], skin: dict[str, Any]) -> Part:
-        nodes, parents = self.data["nodes"], self.parents
-        matrices = np.array([world_matrix(nodes, joint, parents) for joint in skin["joints"]])
+        matrices = np.array([self.world(joint) for joint in skin["joints"]])
         if "inverseBindMatrices" in skin:
             inverse = self.array(skin["inverseBindMatrices"]).reshape(-1, 4, 4)
             matrices = matrices @ inverse[: len(matrices)].swapaxes(1, 2).astype(float)
@@ -336,15 +383,30 @@ def parents_of(nodes: list[dict[str, Any]]) -> dict[int, int]:
     return {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
 
 
-def world_matrix(nodes: list[dict[str, Any]], index: int, parents: dict[int, int]) -> Matrix:
-    """``world_from_node`` (4, 4): the product of the matrices of all above."""
-    matrix = np.eye(4)
-    for _ in nodes:
-        matrix = node_matrix(nodes[index]) @ matrix
-        if index not in parents:
-            return matrix
-        index = parents[index]
-    raise ValueError("a node is above itself")
+def world_matrix(
+    nodes: list[dict[str, Any]],
+    index: int,
+    parents: dict[int, int],
+    known: dict[int, Matrix] | None = None,
+) -> Matrix:
+    """``world_from_node`` (4, 4): the product of the matrices of all above.
+
+    Args:
+        nodes: Nodes of the file.
+        index: Index of the node.
+        parents: Index of the parent of each node that has one.
+        known: Matrices of nodes by index; those on the way are added.
+    """
+    known, chain, above = {} if known is None else known, [], index
+    while above is not None and above not in known:
+        if len(chain) == len(nodes):
+            raise ValueError("a node is above itself")
+        chain.append(above)
+        above = parents.get(above)
+    matrix = np.eye(4) if above is None else known[above]
+    for own in reversed(chain):
+        matrix = known[own] = matrix @ node_matrix(nodes[own])
+    return matrix
 
 
 def node_matrix(node: dict[str, Any]) -> Matrix:

@@ -3,6 +3,7 @@
 Read here rather than by ``plyfile``, which takes two to ten times as long on models in text.
 """
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from struct import Struct, calcsize, unpack_from
@@ -22,7 +23,10 @@ TYPES = {
 """Letters of both ``struct`` and NumPy."""
 ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 UV_NAMES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
-COLOUR_NAMES = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+COLOUR_NAMES = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"),
+                ("r", "g", "b"), ("gray",) * 3, ("grey",) * 3)  # fmt: skip
+COLOUR = re.compile("red|green|blue|colou?r|rgb|gr[ae]y|intensity|reflect")
+"""In names of columns that may be colours."""
 LONGEST_HEADER = 1_000_000
 """Bytes."""
 INDEX_NAMES = ("vertex_indices", "vertex_index")
@@ -82,7 +86,7 @@ def _read_header(data: bytes) -> tuple[list[Element], str, list[str], int]:
                 case ["property"] if words[1] == "list":
                     elements[-1][2].append((words[4], (TYPES[words[2]], TYPES[words[3]])))
                 case ["property"]:
-                    elements[-1][2].append((words[2], (None, TYPES[words[1]])))
+                    elements[-1][2].append((words[2].lower(), (None, TYPES[words[1]])))
         except (IndexError, KeyError, ValueError):
             raise ValueError(f"the header's line {line.strip()[:60]!r} makes no sense") from None
     if encoding not in ORDERS or any(rows < 0 for _, rows, _ in elements):
@@ -171,9 +175,11 @@ def _parts(
         part = replace(part, uvs=texcoord[1].reshape(-1, 2)[corners.ravel()])
     if of_faces is not None:
         part = replace(part, colours=np.repeat(np.repeat(of_faces, triangles, axis=0), 3, axis=0))
-    if part.colours is not None:
-        part = replace(part, colours=p.colours_from_numbers(part.colours))
     notes: list[str] = []
+    if part.colours is not None:
+        part = replace(part, colours=p.colours_from_numbers(part.colours, notes))
+    elif unread := [name for name in (*vertex, *face) if COLOUR.search(name)]:
+        notes.append(f"Columns of the PLY that may be colours, left out: {', '.join(unread)}.")
     if not textures or part.uvs is None:
         return p.ModelParts([part], notes)
     pictures, number = p.load_textures(path.parent, textures, notes), face.get("texnumber")
