@@ -22,14 +22,12 @@ XML = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True,
                       remove_comments=True, remove_pis=True)  # fmt: skip
 REFUSED = {"instance_controller": "a skin or morph", "ph": "polygons with holes",
            "skew": "a skewed node", "lookat": "a node turned by lookat"}  # fmt: skip
-"""Elements that change the shape and are not read."""
+"""Elements that change the shape, and are not read."""
 LOST = {"animation": "animations", "lines": "lines", "linestrips": "lines"}
 """Elements that are left out with a note."""
 IDLE = ("library_animations", "library_cameras", "library_lights", "library_controllers",
         "instance_camera", "instance_light", "extra")  # fmt: skip
 """Elements that say nothing of shape and base colour."""
-TURNS, SHAPES = ("skew", "lookat"), ("{*}instance_geometry", "{*}instance_node")
-"""Elements that only matter in a node with one of others."""
 
 
 def read_dae(path: Path) -> p.ModelParts:
@@ -45,37 +43,38 @@ def read_dae(path: Path) -> p.ModelParts:
         wanted = "DAE files need pycollada; pip install 'poseviewer[dae]'"
         raise MeshFileError(f"{path.name}: {wanted}.") from None
     root = etree.parse(str(path), XML).getroot()
-    notes = _without_what_is_not_read(root)
+    notes = _prune(root)
     source = BytesIO(etree.tostring(root))
     document: Any = collada.Collada(source, ignore=[DaeUnsupportedError])
     notes += [f"Not read, left out: {error.msg}." for error in document.errors]
     if document.scene is None:
         raise ValueError("it has no scene")
-    pictures = (_picture(_look(material.effect)) for material in document.materials)
+    pictures = (_picture(material.effect.diffuse) for material in document.materials)
     textures = p.load_textures(path.parent, filter(None, pictures), notes)
     parts: list[p.Part] = []
-    roots = reversed(document.scene.nodes)
-    waiting: list[tuple[Any, NDArray, str]] = [(node, np.eye(4), "") for node in roots]
+    waiting: list[tuple[Any, NDArray, str]] = [(n, np.eye(4), "") for n in document.scene.nodes]
     while waiting:
         node, matrix, name = waiting.pop()
         if not isinstance(node, collada.scene.GeometryNode):
             name, matrix = getattr(node, "node", node).name or name, matrix @ node.matrix
-            waiting += [(child, matrix, name) for child in reversed(node.children)]
+            waiting += [(child, matrix, name) for child in node.children]
             continue
         bound = {material.symbol: material for material in node.materials}
         for primitive in (each for each in node.geometry.primitives if each.vertex is not None):
-            material = bound.get(primitive.material)
-            parts.append(_part(name, primitive, material, textures, notes).moved(matrix))
+            part = _part(primitive, bound.get(primitive.material), textures, notes)
+            parts.append(replace(part, name=name).moved(matrix))
     asset = document.assetInfo
     return p.ModelParts(parts, notes, asset.unitmeter, asset.upaxis == "Y_UP")
 
 
-def _without_what_is_not_read(root: Any) -> list[str]:
+def _prune(root: Any) -> list[str]:
     """Take out of a document what is not read; returns notes of it."""
-    notes = []
+    notes, shapes = [], ("{*}instance_geometry", "{*}instance_node")
     for element in list(root.iter()):
         tag, above = etree.QName(element).localname, element.getparent()
-        if tag in REFUSED and (tag not in TURNS or next(above.iter(*SHAPES), None) is not None):
+        if tag in REFUSED and (
+            tag not in ("skew", "lookat") or next(above.iter(*shapes), None) is not None
+        ):
             raise ValueError(f"it has {REFUSED[tag]}, not read here")
         if tag in LOST:
             notes.append(f"Not read, left out: {LOST[tag]}.")
@@ -88,9 +87,7 @@ def _without_what_is_not_read(root: Any) -> list[str]:
     return notes
 
 
-def _part(
-    name: str, primitive: Any, material: Any, textures: dict[str, NDArray], notes: list[str]
-) -> p.Part:
+def _part(primitive: Any, material: Any, textures: dict[str, NDArray], notes: list[str]) -> p.Part:
     """The part of polygons with the material that is bound to them, or None."""
     index = primitive.index.reshape(-1, primitive.nindices)
 
@@ -103,30 +100,24 @@ def _part(
         p.check_indices(index[:, offset], len(source.data), kind)
         return source.data[index[:, offset]].astype(float)
 
-    points = values("VERTEX")
-    faces = np.arange(len(points)).reshape(-1, 3)
-    if hasattr(primitive, "vcounts"):
-        if primitive.vcounts.sum() != len(points):
-            raise ValueError("polygons have other corners than they count")
-        faces = polygon_corners(primitive.vcounts, points)
-    part, colours = p.Part(name, points, faces, values("NORMAL")), values("COLOR")
-    look: Any = None if material is None else _look(material.target.effect)
+    points, colours = values("VERTEX"), values("COLOR")
+    counts = getattr(primitive, "vcounts", np.full(len(points) // 3, 3))
+    if counts.sum() != len(points):
+        raise ValueError("polygons have other corners than they count")
+    part = p.Part("", points, polygon_corners(counts, points), values("NORMAL"))
+    look: Any = None if material is None else material.target.effect.diffuse
     if material is not None and (texture := textures.get(_picture(look))) is not None:
         sets = {semantic: number for semantic, _, number in material.inputs}
         uvs = values("TEXCOORD", sets.get(look.texcoord))
         if uvs is not None:
+            wraps = {e.text for e in look.sampler.xmlnode.iter("{*}wrap_s", "{*}wrap_t")}
+            p.note_edges(uvs[:, :2], [wraps <= {"WRAP"}] * 2, notes)
             return replace(part, uvs=uvs[:, :2], texture=texture)
     if colours is not None:
         return replace(part, colours=p.colours_from_numbers(colours[:, :3], notes))
     if look is None or _picture(look):
         return part
     return replace(part, colours=np.clip(np.resize(look, 3).astype(float), 0.0, 1.0))
-
-
-def _look(effect: Any) -> Any:
-    """What gives an effect its base colour: RGBA, a texture's map, or None."""
-    is_constant = effect.diffuse is None and effect.shadingtype == "constant"
-    return effect.emission if is_constant else effect.diffuse
 
 
 def _picture(look: Any) -> str:

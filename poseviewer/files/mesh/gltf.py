@@ -24,15 +24,9 @@ from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import MeshFileError
 from poseviewer.files.checks import LARGEST_DATA, Reading
+from poseviewer.files.mesh import parts as p
 from poseviewer.files.mesh.named import find_named
-from poseviewer.files.mesh.parts import (
-    MOST_TEXELS,
-    ModelParts,
-    Part,
-    colours_from_numbers,
-    noted,
-    textures_from_images,
-)
+from poseviewer.files.mesh.parts import ModelParts, Part
 from poseviewer.files.mesh.polygons import strip_corners
 from poseviewer.geometry.image import srgb_from_linear
 
@@ -59,8 +53,8 @@ REPEAT = 10497
 """Of a sampler: the texture is wrapped around."""
 CUT = ("MASK", "BLEND")
 """Modes in which alpha makes something invisible."""
-LEAST_ALPHA, ROUNDING = 0.5 / 255.0, 1e-6
-"""What is blended with less is invisible."""
+LEAST_ALPHA = 0.05
+"""What is blended with less is hardly to be seen: invisible."""
 ALPHA_SAMPLES = np.array([(a, b, 1.0 - a - b) for a in (0.05, 0.35, 0.65) for b in (0.05, 0.3)])
 """Barycentric coordinates at which a triangle is asked whether its texture's alpha cuts it away."""
 
@@ -82,7 +76,7 @@ def gltf_header(path: Path) -> Any:
 def read_gltf(path: Path) -> ModelParts:
     """The parts of a glTF or GLB file, one for each primitive of each node, and notes."""
     header = gltf_header(path)
-    document = _Document(path, header, parents_of(header.get("nodes", [])))
+    document = _Document(path, header, world_matrices(header.get("nodes", [])))
     required, used = (
         sorted({n for n in header.get(key, []) if not n.startswith(HARMLESS)} - set(UNDERSTOOD))
         for key in ("extensionsRequired", "extensionsUsed")
@@ -100,44 +94,35 @@ def read_gltf(path: Path) -> ModelParts:
 class _Document:
     path: Path
     data: dict[str, Any]
-    parents: dict[int, int]
+    worlds: dict[int, Matrix]
     notes: list[str] = field(default_factory=list)
     _buffers: dict[int, bytes] = field(default_factory=dict)
     alphas: dict[int | None, NDArray[np.uint8]] = field(default_factory=dict)
     """Alpha of pictures that cut, by their indices."""
     counts: Counter[str] = field(default_factory=Counter)
     """Numbers of what is left out, for notes."""
-    _worlds: dict[int, Matrix] = field(default_factory=dict)
 
     def placed(self) -> Iterator[tuple[int, str, Matrix]]:
         """Each node of the scene that has a mesh: its index, name, and world from node."""
         nodes, scenes = self.data.get("nodes", []), self.data.get("scenes")
-        roots = [i for i in range(len(nodes)) if i not in self.parents]
-        if scenes:
-            roots = scenes[self.data.get("scene", 0)].get("nodes", [])
+        roots = scenes[self.data.get("scene", 0)].get("nodes", []) if scenes else roots_of(nodes)
         names, taken = [], Counter[str]()
         for i, node in enumerate(nodes):
             name = node.get("name") or str(i)
             names.append(f"{name}_{taken[name]}" if taken[name] else name)
             taken[name] += 1
-        waiting, visited, shown = list(roots), set[int](), 0
+        waiting, visited = list(roots), set[int]()
         while waiting:
             index = waiting.pop()
             if index in visited:
                 raise ValueError(f"node {index} is there twice")
-            visited.add(index)
-            node = nodes[index]
-            if (_extension(node, "KHR_node_visibility") or {}).get("visible", True):
-                waiting += node.get("children", [])
-                if "mesh" in node:
-                    shown += 1
-                    yield index, names[index], self.world(index)
-        note = "Nodes that the file's scene does not show, left out"
-        self.counts[note] = sum("mesh" in node for node in nodes) - shown
-
-    def world(self, index: int) -> Matrix:
-        """``world_from_node`` (4, 4) of a node."""
-        return world_matrix(self.data["nodes"], index, self.parents, self._worlds)
+            if (_extension(nodes[index], "KHR_node_visibility") or {}).get("visible", True):
+                visited.add(index)
+                waiting += nodes[index].get("children", [])
+                if "mesh" in nodes[index]:
+                    yield index, names[index], self.worlds[index]
+        others = sum("mesh" in node and i not in visited for i, node in enumerate(nodes))
+        self.counts["Nodes that the file's scene does not show, left out"] = others
 
     def parts_of(self, index: int, name: str, world: Matrix) -> Iterator[Part]:
         """The parts of a node's mesh, wherever the node, its instances or its skin put them."""
@@ -175,17 +160,20 @@ class _Document:
         if "indices" in primitive:
             order = self.array(primitive["indices"]).reshape(-1).astype(np.int64)
         part = Part(name, vertices, _triangles(order, mode), normals)
-        colours = self.array(attributes["COLOR_0"]) if "COLOR_0" in attributes else None
-        alpha = None if colours is None or colours.shape[1] < 4 else colours[:, 3]
-        if colours is not None:
-            colours = colours_from_numbers(colours[:, :3], self.notes)
+        rgba, has_colours = np.ones(4), "COLOR_0" in attributes
+        if has_colours:
+            colours = self.array(attributes["COLOR_0"])
+            rgba = np.ones((len(colours), 4))
+            rgba[:, :3] = p.colours_from_numbers(colours[:, :3], self.notes)
+            rgba[:, 3 : colours.shape[1]] = colours[:, 3:]
         if "material" in primitive:
             material = self.data["materials"][primitive["material"]]
-            part, factor = self._dressed(part, material, attributes, alpha)
-            colours = factor if colours is None else factor * colours
-        if colours is not None and not self.is_encoded:
-            colours = srgb_from_linear(colours)
-        return replace(part, colours=colours)
+            rgba = _look(material)[0] * rgba
+            part = self._dressed(part, material, attributes, rgba[..., 3])
+        elif not has_colours:
+            return part
+        rgb = np.ascontiguousarray(rgba[..., :3])
+        return replace(part, colours=rgb if self.is_encoded else srgb_from_linear(rgb))
 
     @cached_property
     def is_encoded(self) -> bool:
@@ -193,59 +181,41 @@ class _Document:
         return "trimesh" in str(self.data.get("asset", {}).get("generator", ""))
 
     def _dressed(
-        self,
-        part: Part,
-        material: dict[str, Any],
-        attributes: dict[str, int],
-        alpha: NDArray | None,
-    ) -> tuple[Part, NDArray]:
-        """A part with its texture, without what its material and ``alpha`` (V,) make invisible;
-        and the material's colour.
+        self, part: Part, material: dict[str, Any], attributes: dict[str, int], alpha: NDArray
+    ) -> Part:
+        """The part with its texture, without triangles that are invisible: by alpha, of vertices
+        (V,) or of all (), times the texture's.
         """
-        factor, info = _look(material)
-        transform = _extension(info or {}, "KHR_texture_transform") or {}
-        coordinates = f"TEXCOORD_{transform.get('texCoord', (info or {}).get('texCoord', 0))}"
+        info = _look(material)[1] or {}
+        transform = _extension(info, "KHR_texture_transform") or {}
+        coordinates = f"TEXCOORD_{transform.get('texCoord', info.get('texCoord', 0))}"
         image = self._image_of(info) if info else None
-        texture = self.textures.get(image)
+        texture, mode = self.textures.get(image), material.get("alphaMode", "OPAQUE")
+        shown = np.broadcast_to(alpha, len(part.vertices))[part.faces] @ ALPHA_SAMPLES.T
         if texture is not None and coordinates in attributes:
             uvs = _transformed(self.array(attributes[coordinates]), transform)
             uvs = np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)
             part = replace(part, uvs=uvs, texture=texture)
-            self._note_wraps(info["index"], uvs)
-        mode = material.get("alphaMode", "OPAQUE")
-        if mode != "OPAQUE":
-            alpha = np.full(len(part.vertices), factor[3]) * (1.0 if alpha is None else alpha)
-            cutoff = material.get("alphaCutoff", 0.5) if mode == "MASK" else LEAST_ALPHA
-            part = self._cut(part, alpha, self.alphas.get(image), cutoff)
-        return part, factor[:3]
-
-    def _note_wraps(self, texture: int, uvs: NDArray) -> None:
-        """Note a texture that is to be clamped or mirrored where coordinates are beyond it."""
-        sampler = self.data["textures"][texture].get("sampler")
-        modes = {} if sampler is None else self.data["samplers"][sampler]
-        for name, column in zip(("wrapS", "wrapT"), uvs.T, strict=True):
-            if modes.get(name, REPEAT) != REPEAT and np.any(np.abs(column - 0.5) > 0.51):
-                self.notes.append("A texture that is clamped or mirrored, repeated instead.")
-
-    def _cut(
-        self, part: Part, alpha: NDArray, picture: NDArray[np.uint8] | None, cutoff: float
-    ) -> Part:
-        """The part without the triangles whose alpha (V,) times the picture's is below the cutoff
-        all over; those in part are counted.
-        """
-        alpha = np.einsum("sk,fk->fs", ALPHA_SAMPLES, alpha[part.faces])
-        if picture is not None and part.uvs is not None:
-            uvs = np.einsum("sk,fkd->fsd", ALPHA_SAMPLES, part.uvs[part.faces]) % 1.0
-            size = np.array(picture.shape)
-            rows, columns = (
-                np.stack([1.0 - uvs[..., 1], uvs[..., 0]]) * size[:, None, None]
-            ).astype(int)
-            alpha = alpha * picture[rows.clip(0, size[0] - 1), columns.clip(0, size[1] - 1)] / 255.0
-        shown = alpha >= cutoff - ROUNDING
-        self.counts["Invisible triangles, left out"] += int(np.sum(~shown.any(axis=1)))
-        partly = shown.any(axis=1) & ~shown.all(axis=1)
-        self.counts["Triangles cut out in part by a texture, shown whole"] += int(np.sum(partly))
-        return replace(part, faces=part.faces[shown.any(axis=1)])
+            number = self.data["textures"][info["index"]].get("sampler")
+            wraps = {} if number is None else self.data["samplers"][number]
+            is_wrapped = [wraps.get(name, REPEAT) == REPEAT for name in ("wrapS", "wrapT")]
+            p.note_edges(uvs, is_wrapped, self.notes)
+            if mode in CUT and (picture := self.alphas.get(image)) is not None:
+                uvs = np.einsum("sk,fkd->fsd", ALPHA_SAMPLES, uvs[part.faces]) % 1.0
+                height, width = picture.shape
+                rows = ((1.0 - uvs[..., 1]) * height).astype(int).clip(0, height - 1)
+                columns = (uvs[..., 0] * width).astype(int).clip(0, width - 1)
+                shown = shown * picture[rows, columns] / 255.0
+        if mode not in CUT:
+            return part
+        shown = (
+            shown >= (material.get("alphaCutoff", 0.5) if mode == "MASK" else LEAST_ALPHA) - 1e-6
+        )
+        whole, partly = shown.all(axis=1), shown.any(axis=1)
+        self.counts["Invisible triangles, left out"] += int(np.sum(~partly))
+        note = "Triangles cut out in part by a texture, shown whole"
+        self.counts[note] += int(np.sum(partly & ~whole))
+        return replace(part, faces=part.faces[partly])
 
     def _image_of(self, info: dict[str, Any]) -> int | None:
         texture = self.data["textures"][info["index"]]
@@ -270,16 +240,16 @@ class _Document:
             name = "a picture" if uri.startswith("data:") else unquote(uri)[:80]
             if index not in used:
                 continue
-            with noted(name, self.notes):
+            with p.noted(name, self.notes):
                 content = self.fetch(uri) if view is None else self.view(view)
                 image = Image.open(BytesIO(content))
-                if used[index] and image.width * image.height <= MOST_TEXELS:
+                if used[index] and image.width * image.height <= p.MOST_TEXELS:
                     self.alphas[index] = np.asarray(image.convert("RGBA").getchannel("A"))
                 opened[index] = name, image
-        return textures_from_images(opened, self.notes)
+        return p.textures_from_images(opened, self.notes)
 
     def _skinned(self, part: Part, attributes: dict[str, int], skin: dict[str, Any]) -> Part:
-        matrices = np.array([self.world(joint) for joint in skin["joints"]])
+        matrices = np.array([self.worlds[joint] for joint in skin["joints"]])
         if "inverseBindMatrices" in skin:
             inverse = self.array(skin["inverseBindMatrices"]).reshape(-1, 4, 4)
             matrices = matrices @ inverse[: len(matrices)].swapaxes(1, 2).astype(float)
@@ -378,35 +348,23 @@ def _triangles(order: NDArray, mode: int) -> NDArray:
     return order.reshape(-1, 3)
 
 
-def parents_of(nodes: list[dict[str, Any]]) -> dict[int, int]:
-    """The parent of each node that has one."""
-    return {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
+def roots_of(nodes: list[dict[str, Any]]) -> list[int]:
+    """Indices of the nodes that have no parent."""
+    below = {child for node in nodes for child in node.get("children", [])}
+    return [index for index in range(len(nodes)) if index not in below]
 
 
-def world_matrix(
-    nodes: list[dict[str, Any]],
-    index: int,
-    parents: dict[int, int],
-    known: dict[int, Matrix] | None = None,
-) -> Matrix:
-    """``world_from_node`` (4, 4): the product of the matrices of all above.
-
-    Args:
-        nodes: Nodes of the file.
-        index: Index of the node.
-        parents: Index of the parent of each node that has one.
-        known: Matrices of nodes by index; those on the way are added.
-    """
-    known, chain, above = {} if known is None else known, [], index
-    while above is not None and above not in known:
-        if len(chain) == len(nodes):
-            raise ValueError("a node is above itself")
-        chain.append(above)
-        above = parents.get(above)
-    matrix = np.eye(4) if above is None else known[above]
-    for own in reversed(chain):
-        matrix = known[own] = matrix @ node_matrix(nodes[own])
-    return matrix
+def world_matrices(nodes: list[dict[str, Any]]) -> dict[int, Matrix]:
+    """``world_from_node`` (4, 4) by the index of each node that is not below itself."""
+    waiting = [(index, np.eye(4)) for index in roots_of(nodes)]
+    worlds: dict[int, Matrix] = {}
+    while waiting:
+        index, above = waiting.pop()
+        if index in worlds:
+            raise ValueError(f"node {index} is there twice")
+        worlds[index] = above @ node_matrix(nodes[index])
+        waiting += [(child, worlds[index]) for child in nodes[index].get("children", [])]
+    return worlds
 
 
 def node_matrix(node: dict[str, Any]) -> Matrix:

@@ -47,19 +47,13 @@ def load_mesh(path: str | Path) -> Mesh:
             wanted = "export it as GLB" if ending in ELSEWHERE else f"wanted one of {known}"
             raise reading.error(found, wanted)
         parts, notes, metres, y_up = READERS[ending](path)
-        unit = None if metres is None else _unit_of(metres)
-        if metres is not None and unit is None:
-            if not 0.0 < metres < math.inf:
-                raise ValueError(f"lengths in units of {metres:g} m")
+        units = {round(math.log(length), 4): name for name, length in METRES.items()}
+        unit = None
+        if metres is not None and (unit := units.get(round(math.log(metres), 4))) is None:
             parts = [part.moved(np.diag([metres, metres, metres, 1.0])) for part in parts]
             notes.append(f"Lengths in units of {metres:g} m were made lengths in m.")
             unit = "m"
         return replace(as_mesh(printable(path.name), parts, notes), unit=unit, y_up=y_up)
-
-
-def _unit_of(metres: float) -> str | None:
-    close = (name for name, length in METRES.items() if math.isclose(metres, length, rel_tol=1e-4))
-    return next(close, None)
 
 
 def _read_3ds(path: Path) -> ModelParts:

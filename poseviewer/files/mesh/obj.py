@@ -33,6 +33,9 @@ MOST_LIBRARIES = 1000
 """Material files of a model: each that is missing is sought in several folders."""
 OPTIONS = re.compile(r"(-\S* ((-?(\d+\.?\d*|\.\d+)|on|off)? )*)*")
 """Options before a picture's name, which may hold spaces: ``-s 1 1 1`` or ``-clamp on``."""
+NOT_NEUTRAL = re.compile(r" -?(?![01](\.0*)? )[\d.]+ ")
+"""A number in them that moves or scales the picture: neither 0 nor 1."""
+INVISIBLE = re.compile(r"d\s+(-halo\s+)?0(\.0*)?|Tr\s+1(\.0*)?", re.IGNORECASE)
 
 
 def read_obj(path: Path) -> p.ModelParts:
@@ -199,6 +202,11 @@ def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[
                 diffuse[name] = None
             elif word.lower() == "map_kd":
                 files[name] = OPTIONS.sub("", rest.strip(), 1)
+                options = rest.strip()[: -len(files[name])] if files[name] else ""
+                if "-clamp on" in options or NOT_NEUTRAL.search(options):
+                    notes.append(f"Options of a texture, left out: {options.strip()}.")
+            elif INVISIBLE.fullmatch(f"{word} {rest}".strip()):
+                notes.append(f"Material {name} is said to be invisible, and is shown.")
             elif word.lower() == "kd" and name in diffuse:
                 with suppress(ValueError):
                     values = [float(value) for value in rest.split()[:3]]

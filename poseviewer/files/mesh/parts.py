@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from io import BytesIO
@@ -103,6 +103,12 @@ def colours_from_numbers(values: NDArray, notes: list[str]) -> NDArray[np.float6
         largest = 1.0
     scale = next((top for top in (1.0, 255.0, 65535.0) if largest <= top), 2.0**32 - 1.0)
     return np.clip(numbers / scale, 0.0, 1.0)
+
+
+def note_edges(uvs: NDArray, is_wrapped: Sequence[bool], notes: list[str]) -> None:
+    """Note coordinates (V, 2) beyond a texture that does not go on there as ours do, wrapped."""
+    if np.any(np.abs(uvs - 0.5).max(axis=0, initial=0.0)[~np.array(is_wrapped)] > 0.51):
+        notes.append("A texture that is clamped or mirrored, repeated instead.")
 
 
 def split_by(which: NDArray, count: int) -> list[NDArray[np.int64]]:

@@ -29,6 +29,8 @@ COLOUR = re.compile("red|green|blue|colou?r|rgb|gr[ae]y|intensity|reflect")
 """In names of columns that may be colours."""
 LONGEST_HEADER = 1_000_000
 """Bytes."""
+ELEMENTS = ("vertex", "face", "tristrips", "edge", "camera")
+"""Those that are read, and those that say nothing of the surface."""
 INDEX_NAMES = ("vertex_indices", "vertex_index")
 
 Kind = tuple[str | None, str]
@@ -63,7 +65,10 @@ def read_ply(path: Path) -> p.ModelParts:
         raise ValueError("rows are longer than the header says")
     strips = tables.get("tristrips", {})
     strips = next((strips[k] for k in INDEX_NAMES if k in strips), None)
-    return _parts(path, tables.get("vertex", {}), tables.get("face", {}), strips, textures)
+    parts = _parts(path, tables.get("vertex", {}), tables.get("face", {}), strips, textures)
+    if others := [name for name, rows, _ in elements if rows and name not in ELEMENTS]:
+        parts.notes.append(f"Elements of the PLY, left out: {', '.join(others)[:120]}.")
+    return parts
 
 
 def _read_header(data: bytes) -> tuple[list[Element], str, list[str], int]:

@@ -12,12 +12,8 @@ from poseviewer.files.mesh.parts import ModelParts, Part
 
 HEADER, ROW = 84, 50
 """Bytes of a binary file before its triangles, and of each triangle."""
-FLAGS = re.MULTILINE | re.IGNORECASE
-TRIANGLE = re.compile(r"^\s*facet\s.*?^\s*vertex\s", FLAGS | re.DOTALL)
-SOLID = re.compile(r"^[ \t]*(end)?[ \t]*solid\b", FLAGS)
-VERTEX = re.compile(r"^[ \t]*vertex\b[^\n]*", FLAGS)
-LONGEST_START = 4000
-"""Bytes in which the first triangle of a text begins."""
+SOLID = re.compile(r"^[ \t]*(end)?[ \t]*solid\b", re.MULTILINE | re.IGNORECASE)
+VERTEX = re.compile(r"^[ \t]*vertex\b[^\n]*", re.MULTILINE | re.IGNORECASE)
 
 
 def read_stl(path: Path) -> ModelParts:
@@ -28,18 +24,18 @@ def read_stl(path: Path) -> ModelParts:
     """
     import trimesh
 
-    data, notes = path.read_bytes(), []
-    promised = int.from_bytes(data[HEADER - 4 : HEADER], "little")
+    data, notes, text = path.read_bytes(), [], ""
+    count = promised = int.from_bytes(data[HEADER - 4 : HEADER], "little")
     held = max(len(data) - HEADER, 0) // ROW
-    if len(data) != HEADER + promised * ROW and TRIANGLE.search(_text(data[:LONGEST_START])):
-        text = _text(data)
+    if len(data) != HEADER + promised * ROW:
+        text = data.decode("ascii", "replace").replace("\r", "\n")
+    if lines := VERTEX.findall(text):
         ends = [bool(end) for end in SOLID.findall(text)]
-        lines = VERTEX.findall(text)
         count = len(lines) / 3 if 2 * sum(ends) >= len(ends) else -1
         data = "\n".join(["solid", *lines, "endsolid"]).encode()
+    elif promised > held:
+        raise ValueError(f"it holds {held:,} of the {promised:,} triangles that it promises")
     else:
-        if promised > held:
-            raise ValueError(f"it holds {held:,} of the {promised:,} triangles that it promises")
         if promised != held:
             notes.append(f"The file promises {promised:,} triangles, and holds {held:,}.")
         count = promised or held
@@ -53,7 +49,3 @@ def read_stl(path: Path) -> ModelParts:
     if len(corners) != 3 * count:
         raise ValueError("it is cut short")
     return ModelParts([Part("", corners, np.arange(len(corners)).reshape(-1, 3))], notes)
-
-
-def _text(data: bytes) -> str:
-    return data.decode("ascii", "replace").replace("\r", "\n")

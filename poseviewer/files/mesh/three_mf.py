@@ -20,8 +20,6 @@ LOST = {
     "multiproperties": "layers of materials", "beamlattice": "beams",
 }  # fmt: skip
 """Elements that are not read, and what is lost with them."""
-NOT_PRINTED = ("support", "solidsupport", "other")
-"""Types of objects that are no part of the model."""
 XML = etree.XMLParser(resolve_entities=False, no_network=True)
 
 
@@ -38,55 +36,48 @@ def read_3mf(path: Path) -> ModelParts:
         names = archive.namelist()
         (start,) = (name for name in names if name.lower().endswith("3d/3dmodel.model"))
         root = etree.fromstring(archive.read(start), XML)
-    prefixes = root.get("requiredextensions", "").split()
-    for space in (root.nsmap.get(prefix, prefix) for prefix in prefixes):
-        if not any(part in space for part in READ):
+    for prefix in root.get("requiredextensions", "").split():
+        if not any(part in (space := root.nsmap.get(prefix, prefix)) for part in READ):
             raise ValueError(f"it needs {space[:80]}, which is not read")
-    objects: dict[str, Any] = {}
-    for element in root.iter("{*}object", "{*}component", "{*}item"):
-        if element.tag.endswith("object"):
+    objects, inside = dict[str, Any](), ""
+    for element in root.iter("{*}object", "{*}mesh", "{*}component", "{*}item"):
+        tag, number = etree.QName(element).localname, element.get("objectid")
+        if tag == "object":
             inside = element.get("id")
             objects[inside] = element
+        elif tag == "mesh" and element.find("{*}triangles") is None:
+            raise ValueError("an object has no triangles")
         elif any(key.endswith("}path") for key in element.attrib):
             raise ValueError("its objects are in several files")
-        elif (number := element.get("objectid")) not in objects or (
-            number == inside and element.tag.endswith("component")
-        ):
+        elif tag != "mesh" and (number not in objects or (tag, number) == ("component", inside)):
             raise ValueError(f"object {number} is not there before it is used")
-    if any(mesh.find("{*}triangles") is None for mesh in root.iter("{*}mesh")):
-        raise ValueError("an object has no triangles")
     lost = [words for tag, words in LOST.items() if root.find(f".//{{*}}{tag}") is not None]
     lost += ["a slicer's settings"] if any(name.endswith(".config") for name in names) else []
     with path.open("rb") as file:
         loaded = load_3MF(file, postprocess=False)
     solid = (element for element in objects.values() if element.find("{*}mesh") is not None)
-    elements = dict(zip(loaded["geometry"], solid, strict=True))
-    groups, parts = _groups(root), []
+    elements, parts = dict(zip(loaded["geometry"], solid, strict=True)), []
+    groups = {
+        group.get("id"): _rgb(group) for group in root.iter("{*}basematerials", "{*}colorgroup")
+    }
     for place in loaded["graph"]:
-        if (key := place["geometry"]) not in elements:
+        if (element := elements.get(place["geometry"])) is None:
             continue
-        if elements[key].get("type") in NOT_PRINTED:
-            lost.append("supports")
-            continue
-        mesh = loaded["geometry"][key]
-        part = Part(elements[key].get("name", ""), mesh["vertices"], mesh["faces"])
-        painted = _colours_of(elements[key], groups) if groups else np.zeros((0, 3))
-        if not np.all(np.isnan(painted)):
-            painted = np.where(np.isnan(painted), GREY, painted)
-            part = replace(part.corners_of(slice(None)), colours=painted)
+        mesh = loaded["geometry"][place["geometry"]]
+        part = Part(element.get("name", ""), mesh["vertices"], mesh["faces"])
+        colours = _colours_of(element, groups) if groups else np.full(3, np.nan)
+        if not np.all(np.isnan(colours)):
+            colours = np.where(np.isnan(colours), GREY, colours)
+            part = replace(part.corners_of(slice(None)), colours=colours)
         parts.append(part.moved(place["matrix"]))
     notes = [f"Not read, left out: {words}." for words in lost]
     return ModelParts(parts, notes, METRES[root.get("unit", "millimeter")])
 
 
-def _groups(root: Any) -> dict[str, NDArray[np.float64]]:
-    """RGB (n, 3) of materials and colours, by the ids of their groups."""
-    groups = {}
-    for group in root.iter("{*}basematerials", "{*}colorgroup"):
-        values = [entry.get("displaycolor") or entry.get("color") for entry in group]
-        rgb = [list(bytes.fromhex(value[1:7])) for value in values]
-        groups[group.get("id")] = np.array(rgb).reshape(-1, 3) / 255.0
-    return groups
+def _rgb(group: Any) -> NDArray[np.float64]:
+    """RGB (n, 3) of a group of materials or colours."""
+    values = [entry.get("displaycolor") or entry.get("color") for entry in group]
+    return np.array([list(bytes.fromhex(value[1:7])) for value in values]).reshape(-1, 3) / 255.0
 
 
 def _colours_of(element: Any, groups: dict[str, NDArray]) -> NDArray[np.float64]:

@@ -189,12 +189,16 @@ def test_colours_of_a_ply_under_all_names_and_types(tmp_path, names, kind, top):
     assert mesh.notes == ()
 
 
-def test_columns_of_a_ply_that_may_be_colours_are_noted(tmp_path):
+def test_columns_of_a_ply_that_may_be_colours_and_other_elements_are_noted(tmp_path):
     head = "ply\nformat ascii 1.0\nelement vertex 4\n"
     head += "".join(f"property float {name}\n" for name in ("x", "y", "z", "intensity", "q", "w"))
-    head += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
-    mesh = load_square(tmp_path, "m.ply", head, rows_of(RGB), "4 0 1 2 3")
-    assert mesh.notes == ("Columns of the PLY that may be colours, left out: intensity.",)
+    head += "element face 1\nproperty list uchar int vertex_indices\n"
+    head += "element material 1\nproperty int red\nend_header\n"
+    mesh = load_square(tmp_path, "m.ply", head, rows_of(RGB), "4 0 1 2 3\n7")
+    assert mesh.notes == (
+        "Columns of the PLY that may be colours, left out: intensity.",
+        "Elements of the PLY, left out: material.",
+    )
 
 
 @pytest.mark.parametrize(
@@ -226,6 +230,24 @@ def test_polypaint_of_zbrush(tmp_path, lines):
     mesh = load_square(tmp_path, "m.obj", "# ZBrush\n", [*rows[:-1], "#MRGB ffx"], "f 1 2 3 4")
     assert not mesh.has_reflectance
     assert mesh.notes == ("Colours by #MRGB, left out: they are not 8 digits for each vertex.",)
+
+
+@pytest.mark.parametrize(
+    ("line", "note"),
+    [
+        ("map_Kd -s 2 2 1 a picture.png", "Options of a texture, left out: -s 2 2 1."),
+        ("map_Kd -o 0.5 0 0 a picture.png", "Options of a texture, left out: -o 0.5 0 0."),
+        ("map_Kd -clamp on a picture.png", "Options of a texture, left out: -clamp on."),
+        ("map_Kd -s 1 1.0 1 -o 0 0 0 a picture.png", None),
+        ("d 0.0", "Material paint is said to be invisible, and is shown."),
+        ("Tr 1", "Material paint is said to be invisible, and is shown."),
+        ("d 1.0", None),
+    ],
+)
+def test_lines_of_an_mtl_that_are_not_followed_are_noted(folder, line, note):
+    path = write_obj(folder, PICTURE)
+    (folder / "quad.mtl").write_text(f"newmtl paint\n{line}\n")
+    assert load_mesh(path).notes == ((note,) if note else ())
 
 
 def test_lines_of_an_obj_that_are_not_read_are_noted(tmp_path):
@@ -265,7 +287,7 @@ def test_headers_and_colours_of_off(tmp_path, name):
 
 def test_colours_of_faces_of_off_by_number_are_noted_and_other_headers_refused(tmp_path):
     notes = load_square(tmp_path, "m.off", "OFF\n4 1 0\n", PLAIN, "4 0 1 2 3 7").notes
-    assert notes == ("Colours of faces by their number in a colour map, left out.",)
+    assert notes == ("Colours of some faces, or by their number in a colour map, left out.",)
     for head in ("4OFF\n4 1 0\n", "nOFF\n3\n4 1 0\n", "OFF BINARY\n4 1 0\n"):
         with pytest.raises(MeshFileError, match=r"m\.off: .*no OFF header of three"):
             load_square(tmp_path, "m.off", head, PLAIN, "4 0 1 2 3")

@@ -111,11 +111,15 @@ def test_a_texture_of_a_dae_is_laid_on_or_noted(tmp_path, has_picture):
     pixels = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
     if has_picture:
         Image.fromarray(pixels).save(tmp_path / "a b.png")
-    mesh = load(tmp_path, plate(diffuse='<texture texture="t" texcoord="UV"/>'))
+    text = plate(diffuse='<texture texture="t" texcoord="UV"/>')
+    mesh = load(tmp_path, text)
     assert names_in(tmp_path / "l.dae") == {"a b.png": True}
     assert len(mesh.textures) == has_picture
     assert mesh.notes == (() if has_picture else ("Texture left out: a b.png is not there.",))
     if has_picture:
+        clamped = text.replace("s</source>", "s</source><wrap_s>CLAMP</wrap_s>")
+        (note,) = load(tmp_path, clamped.replace("1.0 0.0", "2.0 0.0")).notes
+        assert "clamped or mirrored" in note
         near = mesh.vertices[:, 0] < 0.5
         np.testing.assert_array_equal(mesh.textures[0], pixels)
         np.testing.assert_allclose(mesh.uvs[near][:, 0], mesh.vertices[near][:, 1] / 2, atol=1e-6)
@@ -133,7 +137,7 @@ BROKEN = {
     "no scene": ("<scene>", "<scene/><extra>", "DAE file"),
     "cut short": ("</library_nodes>", "", "DAE file"),
     "no geometry": ("#g", "#h", "not found"),
-    "a wrong unit": ("0.0254", "-1", "units of -1"),
+    "a wrong unit": ("0.0254", "-1", "DAE file"),
 }  # fmt: skip
 
 
