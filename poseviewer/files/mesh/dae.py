@@ -34,7 +34,8 @@ def read_dae(path: Path) -> p.ModelParts:
     """A part for each group of polygons of each node of the scene, and notes.
 
     Raises:
-        ValueError: The file is damaged, or has what is not read and changes the shape.
+        MeshFileError: The file has what is not read and changes the shape.
+        ValueError: The file is damaged.
     """
     try:
         import collada
@@ -43,7 +44,7 @@ def read_dae(path: Path) -> p.ModelParts:
         wanted = "DAE files need pycollada; pip install 'poseviewer[dae]'"
         raise MeshFileError(f"{path.name}: {wanted}.") from None
     root = etree.parse(str(path), XML).getroot()
-    notes = _prune(root)
+    notes = _prune(root, path.name)
     source = BytesIO(etree.tostring(root))
     document: Any = collada.Collada(source, ignore=[DaeUnsupportedError])
     notes += [f"Not read, left out: {error.msg}." for error in document.errors]
@@ -67,7 +68,7 @@ def read_dae(path: Path) -> p.ModelParts:
     return p.ModelParts(parts, notes, asset.unitmeter, asset.upaxis == "Y_UP")
 
 
-def _prune(root: Any) -> list[str]:
+def _prune(root: Any, name: str) -> list[str]:
     """Take out of a document what is not read; returns notes of it."""
     notes, shapes = [], ("{*}instance_geometry", "{*}instance_node")
     for element in list(root.iter()):
@@ -75,7 +76,7 @@ def _prune(root: Any) -> list[str]:
         if tag in REFUSED and (
             tag not in ("skew", "lookat") or next(above.iter(*shapes), None) is not None
         ):
-            raise ValueError(f"it has {REFUSED[tag]}, not read here")
+            raise MeshFileError(f"{name}: it has {REFUSED[tag]}, not read here; export it as GLB.")
         if tag in LOST:
             notes.append(f"Not read, left out: {LOST[tag]}.")
         if tag in (*LOST, *IDLE, *REFUSED):

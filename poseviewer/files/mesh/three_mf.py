@@ -9,6 +9,7 @@ import numpy as np
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 from numpy.typing import NDArray
 
+from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.parts import GREY, ModelParts, Part
 
 METRES = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 0.01, "inch": 0.0254, "foot": 0.3048,
@@ -27,18 +28,22 @@ def read_3mf(path: Path) -> ModelParts:
     """A part for each object that the file builds, as often as it does, and notes.
 
     Raises:
-        ValueError: The file is damaged, needs an extension, or has objects in further files, which
-            trimesh 5.2 mixes up.
+        MeshFileError: The file needs an extension that is not read, or has objects in further
+            files, which trimesh 5.2 mixes up.
+        ValueError: The file is damaged.
     """
     from trimesh.exchange.threemf import load_3MF
 
     with ZipFile(path) as archive:
         names = archive.namelist()
-        (start,) = (name for name in names if name.lower().endswith("3d/3dmodel.model"))
-        root = etree.fromstring(archive.read(start), XML)
+        starts = [name for name in names if name.lower().endswith("3d/3dmodel.model")]
+        if len(starts) != 1:
+            raise ValueError("it has no 3D/3dmodel.model")
+        root = etree.fromstring(archive.read(starts[0]), XML)
     for prefix in root.get("requiredextensions", "").split():
         if not any(part in (space := root.nsmap.get(prefix, prefix)) for part in READ):
-            raise ValueError(f"it needs {space[:80]}, which is not read")
+            wanted = "not read here; export it without, or as GLB"
+            raise MeshFileError(f"{path.name}: needs {space[:120]}, {wanted}.")
     objects, inside = dict[str, Any](), ""
     for element in root.iter("{*}object", "{*}mesh", "{*}component", "{*}item"):
         tag, number = etree.QName(element).localname, element.get("objectid")
@@ -48,7 +53,8 @@ def read_3mf(path: Path) -> ModelParts:
         elif tag == "mesh" and element.find("{*}triangles") is None:
             raise ValueError("an object has no triangles")
         elif any(key.endswith("}path") for key in element.attrib):
-            raise ValueError("its objects are in several files")
+            found = "its objects are in several files of the package, not read here"
+            raise MeshFileError(f"{path.name}: {found}; export them as one, or as STL or GLB.")
         elif tag != "mesh" and (number not in objects or (tag, number) == ("component", inside)):
             raise ValueError(f"object {number} is not there before it is used")
     lost = [words for tag, words in LOST.items() if root.find(f".//{{*}}{tag}") is not None]
