@@ -33,15 +33,12 @@ from poseviewer.files.masks import save_pose_and_mask
 from poseviewer.files.photo import save_image
 from poseviewer.files.photo_sets import LoadedViews, SetChoice
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene_file import save_scene
+from poseviewer.files.scene_json import as_saved, pose_json, save_scene
 from poseviewer.fit.lighting import relit
 from poseviewer.fit.loss import LossScale, Unexplained
 from poseviewer.fit.problem import FitProblem, make_problem, numbers_of, pose_loss
 from poseviewer.fit.progress import FitProgress, SearchProgress, Status
-from poseviewer.fit.scene import LoadedModel, SceneObject
-from poseviewer.fit.scene import Scene as SceneData
 from poseviewer.fit.search import Search, result_of
-from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.slices import Slice, landscape
 from poseviewer.fit.visibility import Visibility, hiding, visibility
 from poseviewer.geometry.arrays import FloatArray
@@ -50,13 +47,16 @@ from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.geometry.view import View
 from poseviewer.render.overlay import LOOKS
 from poseviewer.render.overlay.looks import SOLID_OPACITY, ModelInPhoto, Picture, draw_look
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import seen_share
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import AttributeImage, Renderer
+from poseviewer.scene.assets import ModelFile
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import Scene as SceneData
+from poseviewer.scene.types import SceneObject, View
 from poseviewer.starts.automatic import AUTOMATIC, StartQuery
 from poseviewer.starts.instances import find_instances, with_instances
 from poseviewer.starts.loading import (
@@ -66,8 +66,6 @@ from poseviewer.starts.loading import (
     open_photo,
     open_scene,
     open_views,
-    pose_record,
-    record_of,
 )
 
 __all__ = [
@@ -87,7 +85,7 @@ Find = Callable[[StartInputs], Start]
 
 def load(
     photo: str | Path | None = None,
-    model: str | Path | LoadedModel | None = None,
+    model: str | Path | ModelFile | None = None,
     start: str | Path | Pose | Find | None = None,
     settings: FitSettings | None = None,
     *,
@@ -109,8 +107,8 @@ def load(
 
     Args:
         photo: JPEG, PNG, TIFF, WebP or BMP file; or, alone, a scene file.
-        model: OBJ, PLY, STL, OFF, GLB, glTF or 3DS file; or a loaded one
-            (``starts.loading.load_model``), for many photos of one thing.
+        model: OBJ, PLY, STL, OFF, GLB, glTF, 3MF, DAE, 3DS or STEP file; or a loaded one
+            (``files.scene_assets.load_model``), for many photos of one thing.
         start: a pose file or a pose; ``"auto"``: searched for in some seconds; or a function that
             finds one, such as ``starts.point_pairs.start_from_pairs``.
         settings: what is compared and how; parts ``without`` of a scene's objects are named with
@@ -182,8 +180,8 @@ def load(
     if 0 < len(starts) < instances:
         said = f"{len(starts)} of {instances} instances: nothing else looks like one."
         data = replace(data, notes=(*data.notes, said))
-    own, mesh = model.mesh if isinstance(model, LoadedModel) else None, data.objects[0].mesh
-    return make_scene(data, None if mesh.left_out and mesh is not own else renderer)
+    is_of_mesh = renderer is not None and renderer.mesh is data.objects[0].mesh
+    return make_scene(data, renderer if is_of_mesh else None)
 
 
 def _chosen(settings: FitSettings | None, changes: dict[str, Any]) -> FitSettings:
@@ -287,7 +285,7 @@ class Scene:
     @property
     def mesh(self) -> Mesh:
         """The object's surface."""
-        return self.object.model.mesh
+        return self.object.mesh
 
     @property
     def renderer(self) -> Renderer:
@@ -473,7 +471,7 @@ class Scene:
     @property
     def record(self) -> PoseRecord:
         """All that a pose file says of the object in the view whose chart is used."""
-        return pose_record(self._told, self._at, self.view)
+        return pose_json(as_saved(self._told), self._at, self.view)
 
     @property
     def _told(self) -> SceneData:
@@ -494,7 +492,7 @@ class Scene:
         if self.index is not None and len(self.views) == 1:
             save_pose_and_mask(path, self.record, self.data.mask(self._at))
         else:
-            save_scene(path, record_of(self._told))
+            save_scene(path, as_saved(self._told))
 
     def picture(
         self, look: str = "outline", *, opacity: float = SOLID_OPACITY, view: int | None = None

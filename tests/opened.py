@@ -4,13 +4,13 @@ from dataclasses import replace
 from typing import Any
 
 from poseviewer.fit.problem import FitProblem
-from poseviewer.fit.scene import LoadedModel, Scene, scene_at
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.view import View
+from poseviewer.scene.assets import ModelFile, PhotoFile
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import Scene, View, scene_at
 
 
 def scene_of(
@@ -22,8 +22,10 @@ def scene_of(
     keypoints: Any = None,
 ) -> Scene:
     """A mesh at a start in a photo."""
-    view = View(photo.name, photo, start.camera, mask=mask)
-    return scene_at(view, LoadedModel(mesh, "m.ply", "0" * 64, keypoints), start, settings)
+    view = View(PhotoFile.of(photo), start.camera, mask=mask)
+    return scene_at(
+        view, ModelFile.of(mesh, None, "0" * 64, name="m.ply", keypoints=keypoints), start, settings
+    )
 
 
 def by(scene: Scene, **settings: Any) -> Scene:

@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from poseviewer.files.formats.bop import MODEL_FILE, BopObject, save_bop_images
 from poseviewer.files.photo import save_image
-from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene_file import ObjectRecord, SceneRecord, ViewRecord, save_scene
-from poseviewer.fit.scene import PlacedModel
+from poseviewer.files.scene_assets import model_file, view_of_file
+from poseviewer.files.scene_json import save_scene
 from poseviewer.fit.visibility import visibility
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
@@ -25,6 +24,7 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import Renderer
+from poseviewer.scene.types import PlacedModel, Scene, SceneObject
 from tests.meshes import make_box, make_bumpy
 
 CAMERA = Perspective(420.0, 420.0, 160.5, 120.5, 320, 240)
@@ -120,12 +120,16 @@ def make_three(folder: Path, placed: Sequence[PlacedModel] = STARTS) -> Path:
     """Write photo, models and a scene file of the starts, or of others; returns the scene file."""
     photo = make_photo()
     save_image(folder / "three.png", photo.pixels)
-    view, objects = ViewRecord.of(folder / "three.png", CAMERA), []
+    view, objects = view_of_file(folder / "three.png", CAMERA), []
     for name, one in zip(IDS, placed, strict=True):
         path = folder / f"{name}.ply"
         save_model(path, one.mesh)
-        objects.append(ObjectRecord.of(name, path, PoseRecord.of(one.pose), view))
-    scene = SceneRecord(views=(view,), objects=tuple(objects))
+        objects.append(
+            SceneObject(
+                id=name, model=model_file(path), world_from_model=view.world_from_model(one.pose)
+            )
+        )
+    scene = Scene(views=(view,), objects=tuple(objects))
     save_scene(folder / "three.scene.json", scene)
     return folder / "three.scene.json"
 

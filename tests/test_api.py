@@ -16,13 +16,13 @@ from poseviewer.files.demo import demo_case
 from poseviewer.files.keypoints import keypoints_path
 from poseviewer.files.photo import load_photo, save_image
 from poseviewer.files.pose import PoseRecord, load_pose, save_pose
+from poseviewer.files.scene_assets import load_model
 from poseviewer.fit.progress import FitProgress, Status
-from poseviewer.fit.scene import LoadedModel
-from poseviewer.fit.settings import Limits
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.starts.loading import load_model
+from poseviewer.scene.assets import ModelFile
+from poseviewer.scene.settings import Limits
 from tests.commands import run
 from tests.view_sets import DISTANCE, MESH, START, TRUTH, make_views
 
@@ -164,7 +164,10 @@ def test_a_camera_that_contradicts_the_others_is_named_and_does_no_harm():
     good = make_views()
     turn = RigidTransform.from_rotation_vector([0.0, np.radians(3.0), 0.0], np.zeros(3))
     wrong = replace(good.views[2], camera_from_world=turn @ good.views[2].camera_from_world)
-    views, model = replace(good, views=(*good.views[:2], wrong)), LoadedModel(MESH, "m", "", None)
+    views, model = (
+        replace(good, views=(*good.views[:2], wrong)),
+        ModelFile.of(MESH, None, "", name="m"),
+    )
     found = poseviewer.load(
         views=views, model=model, start=START, view="a.png", limits=Limits(1500)
     ).fit()
@@ -177,6 +180,5 @@ def test_a_camera_that_contradicts_the_others_is_named_and_does_no_harm():
 
 def test_the_citation_names_this_version():
     citation = (REPOSITORY / "poseviewer" / "CITATION.cff").read_text(encoding="utf-8")
-    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert f"\nversion: {project['version']}\n" in citation
+    assert f"\nversion: {poseviewer.__version__}\n" in citation
     assert "Illumination-Invariant Loss" in citation

@@ -4,18 +4,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from msgspec import structs
 
 from poseviewer.api import load
 from poseviewer.app.workers.opening import open_scene
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.files.masks import mask_as_png
 from poseviewer.files.pose import load_pose
-from poseviewer.files.scene_file import ObjectRecord, SceneRecord, ViewRecord, save_scene
-from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.files.scene_assets import load_model, model_file, view_of_file
+from poseviewer.files.scene_json import save_scene
 from poseviewer.geometry.mask import Mask
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.starts.loading import load_model
+from poseviewer.scene.settings import FitSettings, Limits
+from poseviewer.scene.types import Scene as SceneData
+from poseviewer.scene.types import SceneObject, SearchResult
 from tests.commands import run
 from tests.scene import Scene
 from tests.several import save_halves
@@ -95,11 +96,15 @@ def test_a_mask_hides_unless_the_command_line_says_that_nothing_does(scene, mask
 
 def test_parts_of_a_scene_s_objects_are_left_out_by_the_object_s_id(scene, halves, tmp_path):
     start = load_pose(scene.start, 160, 120)
-    view = ViewRecord.of(scene.photo, start.pose.camera)
-    fitted = structs.replace(start, loss=0.2, verdict=Verdict("found", 0.99))
-    objects = tuple(ObjectRecord.of(name, halves, fitted, view) for name in ("a", "a:b"))
+    view, model = view_of_file(scene.photo, start.pose.camera), model_file(halves)
+    place = view.world_from_model(start.pose)
+    result = SearchResult(loss=0.2, verdict=Verdict("found", 0.99))
+    objects = tuple(
+        SceneObject(id=name, model=model, world_from_model=place, result=result)
+        for name in ("a", "a:b")
+    )
     path = tmp_path / "two.scene.json"
-    save_scene(path, SceneRecord(views=(view,), objects=objects))
+    save_scene(path, SceneData(views=(view,), objects=objects))
     opened = open_scene(path, ("a:b:left",)).scene.objects
-    assert [one.model.mesh.left_out for one in opened] == [(), ("left",)]
+    assert [one.mesh.left_out for one in opened] == [(), ("left",)]
     assert [one.result is None for one in opened] == [False, True]  # found with all of its parts

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -15,15 +14,17 @@ from poseviewer.files.formats.bop import BopObject
 from poseviewer.files.photo import save_image
 from poseviewer.files.photo_sets import LoadedViews
 from poseviewer.files.pose import PoseRecord, save_pose
-from poseviewer.files.structs import PhotoReference, Transform
-from poseviewer.fit.scene import PlacedModel
+from poseviewer.files.scene_assets import view_of_file
+from poseviewer.files.scene_json import save_scene
+from poseviewer.files.structs import PhotoReference
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.symmetry_group import Symmetry, Turn
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.geometry.view import View
+from poseviewer.scene.assets import PhotoFile
+from poseviewer.scene.types import PlacedModel, Scene, View
 from tests.meshes import make_box, make_bumpy
 from tests.several import coloured, lit_models, save_model, write_bop_scene
 from tests.writing import write
@@ -90,20 +91,18 @@ def make_views(unit: float = 1.0, scale: float | None = 1.0) -> LoadedViews:
         pixels = make_pixels(index, LIGHTS[index])
         photo = Photo(pixels, NAMES[index], f"{index}" * 64, camera=CAMERA)
         moved = RigidTransform(place.rotation, place.translation / unit)
-        views.append(View(NAMES[index], photo, CAMERA, moved))
+        views.append(View(PhotoFile.of(photo), CAMERA, moved))
     return LoadedViews("set", tuple(views), None, scale)
 
 
-def write_set(folder: Path, **more: Any) -> Path:
-    """The cameras of the photos as version 0.1.0 wrote them; ``more``: what else the file says."""
-    camera = {"fx": 600.0, "fy": 600.0, "cx": 160.0, "cy": 120.0}
-    places = [msgspec.to_builtins(Transform.of(place)) for place in CAMERAS_FROM_SET]
-    views = [
-        {"photo": name, "camera": camera, "camera_from_set": place}
-        for name, place in zip(NAMES, places, strict=True)
-    ]
-    data = {"format": "poseviewer-views", "version": 1, "views": views, **more}
-    return write(folder / "set.json", data)
+def write_set(folder: Path, **fields: Any) -> Path:
+    """Write a scene file without objects: the cameras of the photos, and other fields."""
+    views = tuple(
+        view_of_file(folder / name, CAMERA, camera_from_world=place)
+        for name, place in zip(NAMES, CAMERAS_FROM_SET, strict=True)
+    )
+    save_scene(folder / "set.json", Scene(views=views, **fields))
+    return folder / "set.json"
 
 
 def write_views(folder: Path) -> tuple[Path, Path, Path]:
@@ -123,7 +122,7 @@ def write_two(folder: Path) -> tuple[Path, Path, Path]:
         save_image(folder / name, lit)
     save_model(folder / "ball.ply", MESH)
     save_model(folder / "box.ply", BOX)
-    return write_set(folder, scale=1.0), folder / "ball.ply", folder / "box.ply"
+    return write_set(folder), folder / "ball.ply", folder / "box.ply"
 
 
 def write_colmap(model: Path, names: Sequence[str] = NAMES) -> Path:

@@ -13,13 +13,11 @@ from types import ModuleType
 from typing import Any
 
 from poseviewer import api, errors
-from poseviewer.files import photo_sets
+from poseviewer.files import photo_sets, scene_assets, scene_json
 from poseviewer.files import pose as pose_file
-from poseviewer.files import scene_file as scene_file
-from poseviewer.fit import progress, search, settings, slices, visibility
-from poseviewer.fit import scene as scene_data
-from poseviewer.geometry import camera, transform, view
-from poseviewer.starts import loading as opening
+from poseviewer.fit import progress, search, slices, visibility
+from poseviewer.geometry import camera, transform
+from poseviewer.scene import assets, settings, types
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "api.md"
 HEAD = """# API reference
@@ -33,10 +31,10 @@ unit, angles in radians unless a name ends in `_deg`.
 """
 CONTENT: tuple[tuple[ModuleType, str], ...] = (
     (api, "load make_scene Scene ViewResult LossMaps"),
-    (opening, "load_model"),
-    (view, "View"),
-    (scene_data, "Scene SceneObject InView LoadedModel SearchResult"),
-    (search, "Search"),
+    (scene_assets, "load_model view_of_file"),
+    (assets, "PhotoFile ModelFile"),
+    (types, "Scene View SceneObject InView SearchResult"),
+    (search, "Search SearchProgress"),
     (visibility, "Visibility visibility"),
     (settings, "FitSettings Limits"),
     (progress, "FitProgress SearchProgress Status"),
@@ -44,7 +42,7 @@ CONTENT: tuple[tuple[ModuleType, str], ...] = (
     (camera, "Pose Perspective Parallel"),
     (transform, "RigidTransform Similarity"),
     (pose_file, "PoseRecord load_pose save_pose"),
-    (scene_file, "SceneRecord ObjectRecord"),
+    (scene_json, "load_scene save_scene as_saved"),
     (photo_sets, "SetChoice LoadedViews load_views"),
     (errors, "PoseViewerError"),
 )

@@ -23,9 +23,10 @@ from poseviewer.files.demo import demo_case
 from poseviewer.files.marks import PointPairs
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
+from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens, Undistortion
-from poseviewer.starts.loading import StartCamera, load_model
+from poseviewer.starts.loading import StartCamera
 from poseviewer.starts.placing import surface_point
 from poseviewer.starts.point_pairs import start_from_pairs
 from tests.app.app_process import AppProcess

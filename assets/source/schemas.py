@@ -4,6 +4,7 @@ Run from the repository's root: ``python -m assets.source.schemas`` writes them.
 """
 
 import json
+import re
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,17 +12,28 @@ import msgspec
 from msgspec import Meta
 
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene_file import SceneRecord
+from poseviewer.files.scene_json import SceneJson
 from poseviewer.files.structs import PROJECTIONS
 from poseviewer.files.symmetry import SymmetryFile
 
 FOLDER = Path(__file__).parents[2] / "poseviewer" / "files"
 KINDS: dict[str, tuple[Any, int, list[str]]] = {
     "pose": (Annotated[PoseRecord, Meta(extra_json_schema=PROJECTIONS)], 1, []),
-    "scene": (SceneRecord, 2, ["format", "version"]),
+    "scene": (SceneJson, 2, ["format", "version"]),
     "symmetry": (SymmetryFile, 1, []),
 }
 """The struct of each kind of file, its version, and what it cannot go without besides."""
+TITLES = {
+    "SceneObjectJson": "ObjectRecord",
+    "SceneJson": "SceneRecord",
+    "ViewJson": "ViewRecord",
+    "InViewJson": "InViewRecord",
+    "SearchResultJson": "Result",
+    "ChartJson": "ChartParameters",
+    "PhotoPath": "PhotoFile",
+    "ModelPath": "ModelFile",
+}
+"""Names of structs in the schemas, which stay as they are."""
 
 
 def schema(kind: str) -> str:
@@ -36,7 +48,8 @@ def schema(kind: str) -> str:
         "$id": f"poseviewer-{kind}-{version}",
         "title": f"poseviewer {kind} file, version {version}",
     }
-    return json.dumps(_plain({**said, **made}), indent=1, ensure_ascii=False) + "\n"
+    text = json.dumps(_plain({**said, **made}), indent=1, ensure_ascii=False) + "\n"
+    return re.sub("|".join(TITLES), lambda match: TITLES[match[0]], text)
 
 
 def _plain(value: Any) -> Any:

@@ -18,8 +18,8 @@ from poseviewer.batch import review as r
 from poseviewer.batch.results import ACCEPTED, Row
 from poseviewer.batch.run import save_summaries
 from poseviewer.errors import BatchError, PoseViewerError
+from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.render.renderers import RendererName
-from poseviewer.starts.loading import pose_record
 
 MOST_SAID = 3
 """Rows that could not be opened and are named; the list marks all that failed."""
@@ -106,7 +106,7 @@ class Reviewer:
                 raise BatchError("What is open is no row's; press a row in the list to open it.")
             if review == ACCEPTED and now.is_unsaved:
                 mask = document.scene.mask(document.active, document.at)
-                record = pose_record(saved_scene(now), document.active, document.at)
+                record = pose_json(as_saved(saved_scene(now)), document.active, document.at)
                 picture = picture_of(document)
                 self.queue = r.save_corrected(self.queue, at, record, picture, mask)
                 done = (set_fields(saved=document),)
@@ -164,12 +164,7 @@ class Reviewer:
             document = open_files(photo, model, None)
         settings = self.settings
         document = document.with_own(region=settings.region)
-        document = document.with_object(settings=replace(settings, region=None), id=str(job.row))
-        draft = queue.batch.folder / r.DRAFTS / f"{job.key}.json"
-        if draft.is_file():
-            note = f"{draft} has a correction that was not accepted: drop it on the page to go on."
-            return with_notes(document, [note])
-        return document
+        return document.with_object(settings=replace(settings, region=None), id=str(job.row))
 
 
 def _task(run: Callable[[Session], TaskResult], draws: bool = False) -> QueuedTask:

@@ -1,7 +1,6 @@
 """One job from its files to its result, in a process of this machine or on a cluster."""
 
 import logging
-from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -22,13 +21,13 @@ from poseviewer.batch.results import (
 )
 from poseviewer.errors import BatchError, PoseViewerError, SettingsError
 from poseviewer.files.photo import save_image
-from poseviewer.fit.scene import LoadedModel
-from poseviewer.fit.settings import FitSettings
+from poseviewer.files.scene_assets import load_model
 from poseviewer.render.overlay.looks import Picture
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import Renderer
+from poseviewer.scene.assets import ModelFile
+from poseviewer.scene.settings import FitSettings
 from poseviewer.starts.automatic import AUTOMATIC
-from poseviewer.starts.loading import load_model
 
 _log = logging.getLogger(__name__)
 
@@ -79,13 +78,13 @@ def _open_model(
     path: Path,
     stamp: tuple[int, int],  # noqa: ARG001 - of the file, which may change: workers live long
     settings: FitSettings,
-) -> tuple[LoadedModel, Renderer | None]:
+) -> tuple[ModelFile, Renderer | None]:
     """A model and its renderer, once for all rows that name it while the file is the same."""
     model = load_model(path)
-    model = replace(model, mesh=model.mesh.without(settings.without or ()))
     if settings.renderer == "opengl":
         return model, None
-    return model, make_renderer(model.mesh, settings.renderer)
+    mesh = model.content.mesh_without(settings.without or ())
+    return model, make_renderer(mesh, settings.renderer)
 
 
 def _keep(job: Job, plan: Batch, fitted: Scene, picture: Picture) -> JobResult:

@@ -1,4 +1,4 @@
-"""Open the app."""
+"""Open the app in the browser, on the files named or on the bundled demo."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 OPTIONS = {
     "": (
-        table.option("photo PHOTO|FOLDER|ZIP|SCENE.json", "what is to be opened", nargs="?"),
+        table.option(
+            "photo PHOTO|FOLDER|ZIP|SCENE.json", "photo, or all files together", nargs="?"
+        ),
         table.MODEL,
         table.POSE,
         *table.METHODS,
@@ -31,10 +33,11 @@ OPTIONS = {
     **table.VIEWS,
     **table.CAMERA,
 }
+EXAMPLES = ("poseviewer photo.jpg car.glb --pose start.json", "poseviewer app shelf.scene.json")
 
 
 def _files_of(options: Namespace) -> tuple[FileSet, list[Path]]:
-    """The files that are named, or in a folder or zip; and their models with all they name."""
+    """Sort the files named, or those of a folder or zip; models come with the files they name."""
     path: Path | None = options.photo
     if options.views or not (path and (path.is_dir() or path.suffix.lower() == ".zip")):
         files = named_files(options)
@@ -52,7 +55,7 @@ def _files_of(options: Namespace) -> tuple[FileSet, list[Path]]:
 
 
 def _opening(options: Namespace) -> Callable[[], Document]:
-    """Return a function that opens all that is named, or the demo."""
+    """Return a function that opens the files named, or the demo."""
     from poseviewer.files.cameras import Calibration
 
     calibration, (files, models) = calibration_of(options), _files_of(options)
@@ -71,7 +74,7 @@ def _opening(options: Namespace) -> Callable[[], Document]:
         if not (path.is_file() or (path == files.views and path.is_dir())):
             raise SettingsError(f"{path}: no such file; check the path")
     if files.scene is not None:  # a damaged file is said before there is a page
-        from poseviewer.files.scene_file import load_scene
+        from poseviewer.files.scene_json import load_scene
 
         load_scene(files.scene)
 

@@ -6,10 +6,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from msgspec import structs
+from typing import TYPE_CHECKING
 
 from poseviewer.cli import options as table
 from poseviewer.cli.terminal import say
@@ -18,47 +15,48 @@ from poseviewer.files.formats.conversion import METRES, ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 
 if TYPE_CHECKING:
-    from poseviewer.files.scene_file import SceneRecord
+    from poseviewer.scene.types import Scene
 
 SCENE = "scene"
 """Name of the format of scene files."""
 _NAMES = tuple(FORMATS)
+_READ = "read this format, one of those of --to (default: %(default)s)"
+_WRITE = f"write this format: {', '.join(_NAMES)} (default: %(default)s)"
 OPTIONS = {
     "": (
-        table.option("source POSE|SCENE"),
-        table.option("out OUT", is_output=True),
-        table.option("--from FORMAT", None, _NAMES, dest="source_format", default=_NAMES[0]),
-        table.option(
-            "--to FORMAT", ", ".join(_NAMES), _NAMES, dest="out_format", default=_NAMES[0]
-        ),
-        table.option("--photo PHOTO", "(the one beside POSE that it names)"),
-        table.option(
-            "--model MODEL",
-            "(the one beside POSE that it names; from bop: the folder of the models)",
-        ),
-        table.option("--photo-size WIDTHxHEIGHT", "in px, where POSE does not say it"),
-        table.option("--unit", "of the model, where POSE does not say it", tuple(METRES)),
-        table.option("--image NAME|NUMBER", "which image of a file with several; BOP: its number"),
-        table.option("--object ID|NUMBER", "which object of a scene; BOP: its number"),
-        table.option("--calibration FILE", "the camera, where POSE does not say it: a matrix"),
-        table.option("--opengl", "a matrix is of a camera that looks along -z, y up"),
-        table.option("--overwrite", "replace OUT if it is there"),
+        table.option("source POSE|SCENE", "pose or scene, of this or another tool"),
+        table.option("out OUT", "file or folder to write", is_output=True),
+        table.option("--from FORMAT", _READ, _NAMES, dest="source_format", default=_NAMES[0]),
+        table.option("--to FORMAT", _WRITE, _NAMES, dest="out_format", default=_NAMES[0]),
+        table.option("--photo PHOTO", "use this photo (default: the one in POSE)"),
+        table.option("--model MODEL", "use this, or BOP's folder of models (default: POSE's)"),
+        table.option("--photo-size WIDTHxHEIGHT", "set this size, in px (default: --photo's)"),
+        table.option("--unit", "set the model's length unit (default: POSE's)", tuple(METRES)),
+        table.option("--image NAME|NUMBER", "choose this image of several (default: the only one)"),
+        table.option("--object ID|NUMBER", "choose this object of several (default: all)"),
+        table.option("--calibration FILE", "read a bare matrix's camera here (default: none)"),
+        table.option("--opengl", "take matrices as OpenGL's, whose camera looks along -z, y up"),
+        table.option("--overwrite", "replace OUT if it exists"),
     )
 }
+EXAMPLES = (
+    "poseviewer convert pose.json car.glb --to gltf",
+    "poseviewer convert pose.yml pose.json --from opencv --photo photo.jpg --model car.glb",
+)
 
 
 def run(options: Namespace) -> int:
     """Read, write, and say what was written."""
     scene, request = _source(options, _request(options))
     scene = _with_named(scene, request)
-    for warning in scene.warnings:
-        say(f"note: {warning}")
+    for note in scene.notes:
+        say(f"note: {note}")
     files, notes = FORMATS[options.out_format].convert(scene, options.out, request)
     if options.out_format == "bop" and len(scene.objects) > 1:
         from poseviewer.figures.object_maps import pictures_of_objects, save_pictures
         from poseviewer.files.formats.bop import image_number
 
-        first = structs.replace(scene, views=scene.views[:1])
+        first = replace(scene, views=scene.views[:1])
         pictures = pictures_of_objects(first, image_number(scene, request), masks_alone=True)
         save_pictures(options.out, pictures, overwrite=True)
     for note in notes:
@@ -84,14 +82,14 @@ def _request(options: Namespace) -> ConvertOptions:
     return replace(request, photo_size=(photo.width, photo.height))
 
 
-def _source(options: Namespace, request: ConvertOptions) -> tuple[SceneRecord, ConvertOptions]:
+def _source(options: Namespace, request: ConvertOptions) -> tuple[Scene, ConvertOptions]:
     """The scene to be written, of the objects that are asked for."""
     scene = _read(options, request) if options.source_format == SCENE else None
     if scene is not None and options.object:
         ids = [item.id for item in scene.objects]
         if options.object in ids or len(ids) > 1:
             chosen = scene.objects[scene.index(options.object)]
-            return structs.replace(scene, objects=(chosen,)), request
+            return replace(scene, objects=(chosen,)), request
     if options.object:
         if not options.object.isdecimal():
             raise PoseFileError(f"--object {options.object}: wanted the object's number in BOP.")
@@ -99,29 +97,29 @@ def _source(options: Namespace, request: ConvertOptions) -> tuple[SceneRecord, C
     return scene or _read(options, request), request
 
 
-def _read(options: Namespace, request: ConvertOptions) -> SceneRecord:
+def _read(options: Namespace, request: ConvertOptions) -> Scene:
     from poseviewer.files.checks import Reading
 
     with Reading(options.source, kind=f"{options.source_format} file").naming_errors():
         return FORMATS[options.source_format].read(options.source, request)
 
 
-def _with_named(scene: SceneRecord, request: ConvertOptions) -> SceneRecord:
-    """The scene with the files that the user names in place of those that it was made with."""
+def _with_named(scene: Scene, request: ConvertOptions) -> Scene:
+    """The scene with the files that the user names in place of those that it was made with; the
+    content of a file is known if its name is.
+    """
+    from poseviewer.files.scene_assets import model_file, photo_file
+
     (view, *others), objects = scene.views, scene.objects
-    photo = _named(view.photo, view.path, request.photo)
+    if (path := request.photo) is not None:
+        file = view.file
+        sha256 = file.sha256 if path.name == file.location.name else None
+        file = photo_file(path, file.width, file.height, sha256, file.undistortion)
+        view = replace(view, file=file)
     if len(objects) == 1:
-        named = None if request.model and request.model.is_dir() else request.model
-        model = _named(objects[0].model, objects[0].path, named)
-        model = structs.replace(model, unit=request.unit or model.unit)
-        objects = (structs.replace(objects[0], model=model),)
-    views = (structs.replace(view, photo=photo), *others)
-    return structs.replace(scene, views=views, objects=objects)
-
-
-def _named(reference: Any, path: Path, named: Path | None) -> Any:
-    """The reference to a file that the user names, whose content is known if its name is."""
-    if named is None:
-        return reference
-    sha256 = reference.sha256 if named.name == path.name else None
-    return structs.replace(reference, file=str(named), sha256=sha256)
+        model = objects[0].model
+        path = None if request.model and request.model.is_dir() else request.model
+        sha256 = model.sha256 if path is None or path.name == model.location.name else None
+        model = model_file(path or model.location, sha256, request.unit or model.unit)
+        objects = (replace(objects[0], model=model),)
+    return replace(scene, views=(view, *others), objects=objects)

@@ -1,4 +1,4 @@
-"""Say what poseviewer understood of a photo, a model, a pose or a scene."""
+"""Print what poseviewer understood of a photo, a model, a pose or a scene."""
 
 from __future__ import annotations
 
@@ -20,7 +20,14 @@ if TYPE_CHECKING:
     from poseviewer.geometry.image import Photo
 
 
-OPTIONS = {"": (table.option("path PHOTO|MODEL|POSE|SCENE"),), **table.CAMERA}
+OPTIONS = {
+    "": (table.option("path PHOTO|MODEL|POSE|SCENE", "file to describe"),),
+    **table.CAMERA,
+}
+EXAMPLES = (
+    "poseviewer info car.glb",
+    "poseviewer info photo.jpg --calibration camera.yml",
+)
 
 
 def run(options: Namespace) -> int:
@@ -103,28 +110,26 @@ def _print_model(path: Path) -> None:
 
 
 def _print_scene(path: Path) -> None:
-    from poseviewer.files.scene_file import load_scene
+    from poseviewer.files.scene_json import load_scene
 
     scene = load_scene(path)
     for own in scene.views:
-        size = f"{own.photo.width} x {own.photo.height} px"
-        _print(scene=path.name, photo=f"{own.path.name}, {size}")
+        size = f"{own.file.width} x {own.file.height} px"
+        _print(scene=path.name, photo=f"{own.name}, {size}")
     for index, item in enumerate(scene.objects):
-        record = scene.pose_record(index)
-        place = record.pose.camera_from_model
-        word = "not judged" if record.verdict is None else record.verdict.word
-        at = f"{item.path.name} at {_vector(place.translation)}, {word}"
+        place, result = scene.pose(index).camera_from_model, item.result
+        word = "not judged" if not result or result.verdict is None else result.verdict.word
+        at = f"{item.model.name} at {_vector(place.translation)}, {word}"
         _print(object=f"{item.id}: {at}" + (f" ({item.name})" if item.name else ""))
         if len(scene.views) > 1:
-            rows = ", ".join(str([float(x) for x in row]) for row in item.place.similarity.matrix)
+            rows = ", ".join(str([float(x) for x in row]) for row in item.world_from_model.matrix)
             unit = f" ({scene.unit})" if scene.unit else ""
             _print(world=f"the frame of the photos{unit}: x_in_world = [{rows}] @ x_in_model")
-    _print(note=scene.warnings)
+    _print(note=scene.notes)
 
 
 def _print_pose(path: Path) -> None:
     from poseviewer.files.pose import load_pose
-    from poseviewer.files.scene_file import scene_of_pose
     from poseviewer.files.structs import ModelReference, PhotoReference, projection_of
 
     record, unknown = load_pose(path), "not said"
@@ -136,7 +141,6 @@ def _print_pose(path: Path) -> None:
         lens = record.undistortion.lens.model
         distortion = f"{lens}, undone: the camera is that of the undistorted photo"
     unexplained = f"{record.unexplained or 0.0:.3f} (0: all explained, 1: nothing)"
-    count = len(scene_of_pose(path, record).views)
     _print(
         pose=path.name,
         photo=f"{photo.file or unknown}{size}",
@@ -151,7 +155,6 @@ def _print_pose(path: Path) -> None:
         sure=() if sure is None else sure.words(model.unit),
         mask=record.mask or (),
         without=record.without,
-        set=f"one of {count} photos" if record.in_set else (),
         symmetry=record.turns.symmetry.words if record.turns else (),
         note=record.warnings,
     )

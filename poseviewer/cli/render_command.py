@@ -1,5 +1,5 @@
-"""Write masks, depth, normals and object coordinates (NOCS) of all objects at their poses, as data
-sets want them.
+"""Write masks, depth, normals and object coordinates (NOCS) of all objects at their poses, in the
+form of data sets.
 """
 
 from argparse import Namespace
@@ -9,34 +9,40 @@ from poseviewer.cli.terminal import say
 
 OPTIONS = {
     "": (
-        table.option("scene SCENE|POSE"),
-        table.option("--model MODEL", "of a pose file (the one beside it that it names)"),
-        table.option("--out FOLDER", required=True),
-        table.option("--overwrite", "replace files that are there"),
+        table.option("scene SCENE|POSE", "scene file or pose file"),
+        table.option("--model MODEL", "render this model (default: the one in the pose file)"),
+        table.option("--out FOLDER", "write the pictures here", required=True),
+        table.option("--overwrite", "replace existing files"),
     )
 }
+EXAMPLES = (
+    "poseviewer render pose.json --out maps",
+    "poseviewer render shelf.scene.json --out maps --overwrite",
+)
 
 
 def run(options: Namespace) -> int:
     """Write the pictures, all or none."""
-    from msgspec import structs
+    from dataclasses import replace
 
     from poseviewer.figures.object_maps import pictures_of_objects, save_pictures
     from poseviewer.files.file_set import is_scene_file
     from poseviewer.files.formats.conversion import require_file
     from poseviewer.files.pose import load_pose
-    from poseviewer.files.scene_file import load_scene, scene_of_pose
+    from poseviewer.files.scene_assets import model_file
+    from poseviewer.files.scene_json import load_scene, scene_of_pose
 
     path = options.scene
     scene = load_scene(path) if is_scene_file(path) else scene_of_pose(path, load_pose(path))
     if options.model is not None:
-        model = structs.replace(scene.objects[0].model, file=str(options.model))
-        scene = structs.replace(scene, objects=(structs.replace(scene.objects[0], model=model),))
+        known = scene.objects[0].model
+        model = model_file(options.model, known.sha256, known.unit)
+        scene = replace(scene, objects=(replace(scene.objects[0], model=model),))
     for item in scene.objects:
-        require_file(item.path, "model", "Rendered")
+        require_file(item.model.location, "model", "Rendered")
     pictures = pictures_of_objects(scene)
     save_pictures(options.out, pictures, options.overwrite)
-    if any(view.distortion is not None for view in scene.views):
+    if any(view.file.undistortion is not None for view in scene.views):
         say("note: all pictures belong to the undistorted photo.")
     for folder in sorted({(options.out / name).parent for name in pictures}):
         say(f"render: {folder}")

@@ -1,11 +1,18 @@
-"""Open the app on a batch's folder of results: a list of rows, to accept, correct or reject."""
+"""Open the app on the results of a batch, to accept, correct or reject each row."""
 
 from argparse import Namespace
 
 from poseviewer.cli import options as table
 from poseviewer.cli.terminal import say
 
-OPTIONS = {"": (table.option("folder FOLDER"), table.APP_RENDERER, *table.SERVER)}
+OPTIONS = {
+    "": (
+        table.option("folder FOLDER", "folder that batch wrote its results to"),
+        table.APP_RENDERER,
+        *table.SERVER,
+    )
+}
+EXAMPLES = ("poseviewer review results", "poseviewer review results --port 9000 --no-browser")
 
 
 def run(options: Namespace) -> int:

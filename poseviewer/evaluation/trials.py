@@ -14,20 +14,20 @@ from poseviewer.api import Scene, make_scene
 from poseviewer.errors import PoseViewerError
 from poseviewer.evaluation.cases import Case
 from poseviewer.files.photo import load_photo
+from poseviewer.files.scene_assets import load_model
 from poseviewer.fit.problem import pose_loss
-from poseviewer.fit.scene import LoadedModel, SceneObject, scene_at
-from poseviewer.fit.scene import Scene as FitScene
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import LOG_FOCAL
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.symmetry_group import Symmetry
-from poseviewer.geometry.view import View
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import Renderer
-from poseviewer.starts.loading import load_model
+from poseviewer.scene.assets import ModelFile, PhotoFile
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import Scene as FitScene
+from poseviewer.scene.types import SceneObject, View, scene_at
 
 FOUND_PX, FOUND_PERCENT = 1.0, 1.0
 """Largest error of a pose that is found: on photos drawn by OpenGL, and beyond the truth's own."""
@@ -116,14 +116,18 @@ class Task:
         case = self.case
         model, renderer = open_model(case.mesh)
         keypoints = model.keypoints if self.settings.chart == "vehicle" else None
-        symmetry = case.bop.symmetry if case.bop else model.whole_symmetry
-        model = replace(model, keypoints=keypoints, whole_symmetry=symmetry)
-        photo = open_photo(case.photo)
-        view = View(photo.name, photo, self.start.camera)
+        symmetry = case.bop.symmetry if case.bop else model.symmetry
+        model = model.with_content(keypoints=keypoints, symmetry=symmetry)
+        view = View(PhotoFile.of(open_photo(case.photo)), self.start.camera)
         scene = scene_at(view, model, self.start, self.settings)
         for other in self.others:
             truth = scene.views[0].world_from_model(other.truth)
-            known = SceneObject(other.name, open_model(other.mesh)[0], truth, locked=True)
+            known = SceneObject(
+                id=other.name,
+                model=open_model(other.mesh)[0],
+                world_from_model=truth,
+                locked=True,
+            )
             scene = replace(scene, objects=(*scene.objects, known))
         return scene, renderer
 
@@ -155,7 +159,7 @@ class Task:
         about |= {"visible": case.visible, "traits": ", ".join(self._traits(model))}
         return Trial(**self.identity, **about, **outcome)
 
-    def _traits(self, model: LoadedModel) -> Iterator[str]:
+    def _traits(self, model: ModelFile) -> Iterator[str]:
         colours = model.mesh.colours
         has_colours = bool(model.mesh.textures) or bool(np.ptp(colours, axis=0).any())
         yield "model with colours" if has_colours else "model of one colour"
@@ -201,7 +205,7 @@ def symmetric_distances(
 
 
 @lru_cache(maxsize=MODELS_KEPT)
-def open_model(path: Path) -> tuple[LoadedModel, Renderer]:
+def open_model(path: Path) -> tuple[ModelFile, Renderer]:
     """LRU cache of models and their renderers; raises what ``load_model`` raises."""
     model = load_model(path)
     return model, make_renderer(model.mesh)

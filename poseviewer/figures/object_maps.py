@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.conversion import metres_per_unit
-from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.scene_file import SceneRecord
 from poseviewer.files.writing import make_folder, write_whole
-from poseviewer.fit.scene import PlacedModel
 from poseviewer.fit.visibility import depth_image, visibility_of_depths
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.scene.types import PlacedModel, Scene
 
 DEEPEST = 65535
 """Largest number of 16 bits."""
@@ -46,7 +44,7 @@ def object_coordinates(model: PlacedModel, depth: NDArray[np.float32]) -> FloatA
 
 
 def pictures_of_objects(
-    scene: SceneRecord, first: int = 0, masks_alone: bool = False
+    scene: Scene, first: int = 0, masks_alone: bool = False
 ) -> dict[str, bytes]:
     """PNG pictures, and ``scene_camera.json``, by their names in a folder: of image i and object j
     ``mask/i_j`` (alone), ``mask_visib/i_j`` (what the others leave to be seen), ``normal/i_j``
@@ -54,14 +52,10 @@ def pictures_of_objects(
     ``depth_scale`` mm, or of the models' unit where that is not known. ``first``: i of the first.
     """
     contents, cameras = dict[str, bytes](), {}
-    meshes = {item.path: load_mesh(item.path) for item in scene.objects}
     unit = next((item.model.unit for item in scene.objects if item.model.unit), None)
     mm = 1.0 if unit is None else 1000.0 * metres_per_unit(unit)
     for number, view in enumerate(scene.views, first):
-        models = [
-            PlacedModel(meshes[item.path].without(item.without), scene.pose(index, number - first))
-            for index, item in enumerate(scene.objects)
-        ]
+        models = [scene.placed(index, number - first) for index in range(len(scene.objects))]
         depths = [depth_image(model) for model in models]
         shown = visibility_of_depths(depths)
         for index, (model, depth) in enumerate(zip(models, depths, strict=True)):

@@ -23,8 +23,10 @@ INLINE = "data:image/png;base64,"
 """Start of a mask that stands in a scene's file itself."""
 
 
-def load_mask(path: str | Path, width: int, height: int) -> Mask:
-    """The mask in a picture, or in a text of ``mask_text``; white is 1 and black 0."""
+def load_mask(path: str | Path, size: tuple[int, int] | None = None) -> Mask:
+    """The mask in a picture, or in a text of ``mask_text``; white is 1 and black 0. ``size``: width
+    and height that are wanted, px.
+    """
     is_inline = str(path).startswith(INLINE)
     reading = Reading(Path("a mask" if is_inline else path), [], PhotoFileError, "mask")
     if is_inline:
@@ -34,17 +36,16 @@ def load_mask(path: str | Path, width: int, height: int) -> Mask:
             weights = pixels * np.float32(1.0 / np.iinfo(pixels.dtype).max)
     else:
         weights = np.minimum(load_photo(path).grey(), 1.0)  # a sum of colours may end just above it
-    if weights.shape != (height, width):
-        size = f"{weights.shape[1]}x{weights.shape[0]} px, the photo {width}x{height} px"
-        raise reading.error(f"the mask has {size}", "save the mask in the photo's size")
+    height, width = weights.shape
+    if size not in (None, (width, height)):
+        found = f"the mask has {width}x{height} px, the photo {size[0]}x{size[1]} px"
+        raise reading.error(found, "save the mask in the photo's size")
     return Mask.of(weights)
 
 
-def mask_text(mask: Mask | Path | None) -> str | None:
-    """A mask as a scene has it: the name of its file, or a picture in text."""
-    if isinstance(mask, Mask):
-        return INLINE + b64encode(mask_as_png(mask)).decode()
-    return None if mask is None else str(mask)
+def mask_text(mask: Mask | None) -> str | None:
+    """A mask as a picture in text, as a scene has it."""
+    return None if mask is None else INLINE + b64encode(mask_as_png(mask)).decode()
 
 
 def mask_as_png(mask: Mask) -> bytes:
@@ -77,6 +78,6 @@ def mask_beside(
     if record.mask is None:
         return None, ()
     try:
-        return load_mask(Path(pose_file).parent / bare_name(record.mask), width, height), ()
+        return load_mask(Path(pose_file).parent / bare_name(record.mask), (width, height)), ()
     except PhotoFileError as error:
         return None, (f"Nothing of the photo is hidden: {error}",)

@@ -1,15 +1,11 @@
 """Views from files: of scene files, and of sets of photos whose cameras know their poses to one
-another: COLMAP's models, ``transforms.json`` of nerfstudio and NeRF, BOP scenes, and our own JSON
-of earlier versions (``SetFile``).
+another: COLMAP's models, ``transforms.json`` of nerfstudio and NeRF, and BOP scenes.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path, PurePosixPath
-from typing import Annotated
-
-from msgspec import Meta, Struct, structs
 
 from poseviewer.files import structs as s
 from poseviewer.files.checks import Reading, is_there, kind_of
@@ -17,44 +13,17 @@ from poseviewer.files.colmap_model import model_file
 from poseviewer.files.formats.bop import CAMERAS, UNIT, WORLD, load_bop_images
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.reconstructions import colmap_views, frame_view
-from poseviewer.files.scene_file import ViewRecord, load_scene, open_view
+from poseviewer.files.scene_assets import open_view, photo_file, view_of_file
+from poseviewer.files.scene_json import load_scene
 from poseviewer.geometry.camera import Perspective
-from poseviewer.geometry.lens import Lens
-from poseviewer.geometry.view import View
+from poseviewer.scene.assets import PhotoFile
+from poseviewer.scene.types import View
 
 KIND = "set of photos"
 COLMAP_FOLDERS = ("", "sparse/0", "sparse")
 """Folders of a project in which its model may lie."""
 PHOTO_FOLDERS = ("", "images", "../images", "../../images", "..", "../..")
 """Folders of its photos, from the model's folder."""
-
-
-class SetView(Struct, frozen=True):
-    """A photo of a set, its camera as taken, and its lens."""
-
-    photo: Annotated[str, Meta(min_length=1)]
-    camera: s.CameraNumbers
-    camera_from_set: s.Transform
-    distortion: s.LensNumbers | None = None
-    mask: str | None = None
-
-    def __post_init__(self) -> None:
-        self.camera.perspective(1, 1)
-
-    def record(self, folder: Path) -> ViewRecord:
-        """The view as scenes say it; its photo and its mask lie in this folder."""
-        camera, known = self.camera.perspective(0, 0), self.distortion
-        lens = known and Lens.of(known.lens.model, known.coefficients)
-        place, mask = self.camera_from_set.rigid, self.mask and folder / self.mask
-        return ViewRecord.of(folder / self.photo, camera, None, lens, place, mask or None)
-
-
-class SetFile(Struct, frozen=True):
-    """A set of photos as earlier versions say it."""
-
-    views: tuple[SetView, ...]
-    unit: str | None = None
-    scale: s.Positive | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,12 +64,13 @@ def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews
     with reading.naming_errors():
         records, unit, scale = _views(reading, choice)
         views: list[View] = []
-        for record in records:
-            if _is_chosen(record.photo.file, choice.photos):
-                s.checked_camera(reading, record.camera)
-                view = open_view(record)[0]
+        for unread in records:
+            if _is_chosen(str(unread.file.location), choice.photos):
+                s.checked_camera(reading, unread.camera)
+                view = open_view(unread)[0]
                 camera = view.camera if isinstance(view.camera, Perspective) else None
-                views.append(replace(view, photo=replace(view.photo, camera=camera)))
+                photo = replace(view.photo, camera=camera)
+                views.append(replace(view, file=PhotoFile.of(photo, view.path)))
         for wanted in choice.photos:
             if not any(_is_chosen(str(view.path), [wanted]) for view in views):
                 raise reading.error(f"it has no photo {wanted}", "choose others with --photos")
@@ -116,16 +86,17 @@ def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews
 
 def with_names(views: Sequence[View]) -> tuple[View, ...]:
     """The views named by their files, with the folders where two would share a name."""
-    paths = [view.path or Path(view.name) for view in views]
+    paths = [view.file.location for view in views]
     names = [path.name for path in paths]
     if len(set(names)) < len(names):  # of folders, a camera each
         names = [f"{path.parent.name}/{path.name}" for path in paths]
-    return tuple(replace(view, name=name) for view, name in zip(views, names, strict=True))
+    return tuple(
+        replace(view, file=replace(view.file, name=name))
+        for view, name in zip(views, names, strict=True)
+    )
 
 
-def _views(
-    reading: Reading, choice: SetChoice
-) -> tuple[Iterable[ViewRecord], str | None, float | None]:
+def _views(reading: Reading, choice: SetChoice) -> tuple[Iterable[View], str | None, float | None]:
     path = reading.path
     if path.is_dir():
         for name in COLMAP_FOLDERS:
@@ -140,20 +111,14 @@ def _views(
         entries = (data | reading.object(frame, "a frame") for frame in frames)
         chosen = (e for e in entries if _is_chosen(str(e.get("file_path")), choice.photos))
         return (frame_view(reading, own, ConvertOptions()) for own in chosen), None, None
-    if data.get("format") == s.SCENE:
-        scene = load_scene(path)
-        return scene.views, scene.unit, None if scene.free_scale or scene.unit else 1.0
-    if data.get("format") != s.VIEWS:
+    if data.get("format") != s.SCENE:
         found = f"format is {kind_of(data.get('format'))}"
-        raise reading.error(found, f"wanted {s.SCENE!r} or {s.VIEWS!r}, or nerfstudio's frames")
-    reading.require_format(data, s.VIEWS)
-    said = reading.decoded(data, SetFile, raw=("photo", "mask"))
-    # The units tell the scale where it is left out; null says that it is not known.
-    scale = said.scale if "scale" in data or said.unit is not None else 1.0
-    return [view.record(path.parent) for view in said.views], said.unit, scale
+        raise reading.error(found, f"wanted {s.SCENE!r}, or nerfstudio's frames")
+    scene = load_scene(path)
+    return scene.views, scene.unit, None if scene.free_scale or scene.unit else 1.0
 
 
-def _of_colmap(reading: Reading, model: Path, choice: SetChoice) -> list[ViewRecord]:
+def _of_colmap(reading: Reading, model: Path, choice: SetChoice) -> list[View]:
     """Views of the chosen photos, which lie in the folder that has the most of them."""
     images = colmap_views(model, Reading(model_file(model, "images")))
     images = [image for image in images if _is_chosen(image[0], choice.photos)]
@@ -166,12 +131,15 @@ def _of_colmap(reading: Reading, model: Path, choice: SetChoice) -> list[ViewRec
         found = f"{len(missing)} of the {len(images)} photos that it names are not {where}"
         wanted = "name their folder with --photo-folder, or those that are there with --photos"
         raise reading.error(f"{found}, such as {missing[0]}", wanted)
-    photos = [structs.replace(view.photo, file=str(most / name)) for name, view in images]
-    pairs = zip(images, photos, strict=True)
-    return [structs.replace(view, photo=photo) for (_, view), photo in pairs]
+    return [replace(view, file=_at(view.file, most / name)) for name, view in images]
 
 
-def _of_bop(reading: Reading, choice: SetChoice) -> Iterator[ViewRecord]:
+def _at(file: PhotoFile, path: Path) -> PhotoFile:
+    """An unread photo in another place."""
+    return photo_file(path, file.width, file.height, file.sha256, file.undistortion)
+
+
+def _of_bop(reading: Reading, choice: SetChoice) -> Iterator[View]:
     """Views by the scene's world; else by where the cameras see one of its objects."""
     own = replace(reading, path=reading.path / CAMERAS)
     rig, wanted = choice.rig_object, "name an object that stands still and is there once"
@@ -187,7 +155,7 @@ def _of_bop(reading: Reading, choice: SetChoice) -> Iterator[ViewRecord]:
             found = f"image {image.number} has {len(poses)} poses of object {rig}"
         if place is None:
             raise own.error(found, f"{wanted}, with --rig-object: its poses tell the cameras'")
-        yield ViewRecord.of(reading.path / image.photo, image.camera, place=place)
+        yield view_of_file(reading.path / image.photo, image.camera, camera_from_world=place)
 
 
 def _is_chosen(name: str, photos: Sequence[str]) -> bool:

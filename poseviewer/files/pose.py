@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from msgspec import Meta, Struct, field, structs
+from msgspec import field, structs
 
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
@@ -19,23 +19,6 @@ from poseviewer.geometry.camera import Pose
 FORMAT: Literal["poseviewer-pose"] = "poseviewer-pose"
 
 
-class PlaceInSet(s.Transform, frozen=True):
-    """x_in_set = size * rotation @ x_in_model + translation, in the set's unit."""
-
-    size: s.Positive
-    size_was_free: bool = False
-
-
-class PoseInSet(Struct, frozen=True):
-    """Written by earlier versions where the pose was found on several photos: where the model is in
-    their frame, and the pose in each photo, as in a pose file.
-    """
-
-    set_from_model: PlaceInSet
-    views: Annotated[tuple[PoseRecord, ...], Meta(min_length=1)]
-    unit: str | None = None
-
-
 class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     """Pose of a known 3D model in one photo. Camera axes are OpenCV's (x right, y down, z
     forward); pixel centres are at integers; lengths are in the model's unit.
@@ -44,7 +27,8 @@ class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     explained, to 1, nothing; seen: the share of the model's pixels that count, that nothing in
     front hides; mask: name of a picture beside this file, in the photo's size, whose white pixels
     count; without: names of the model's parts that are left out; symmetry: what maps the model onto
-    itself: the pose is one of several that show the same, always the same one of them.
+    itself: the pose is one of several that show the same, always the same one of them; note: the
+    user's.
     """
 
     format: Literal["poseviewer-pose"] = FORMAT
@@ -62,8 +46,8 @@ class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     seen: s.Number | None = None
     notes: tuple[str, ...] = ()
     turns: SymmetryTurns | None = field(name="symmetry", default=None)
-    in_set: PoseInSet | None = field(name="set", default=None)
-    chart: s.ChartParameters | None = None
+    chart: s.ChartJson | None = None
+    note: str = ""
     warnings: tuple[str, ...] = ()
     """Sentences on how the file was read; not written."""
 
@@ -139,7 +123,9 @@ def record_from_json(
     return structs.replace(record, photo=photo, warnings=tuple(reading.warnings))
 
 
-def check_against(known: s.PhotoReference | s.ModelReference | None, sha: str) -> tuple[str, ...]:
+def check_against(
+    known: s.PhotoReference | s.ModelReference | None, sha: str | None
+) -> tuple[str, ...]:
     """A warning where a pose file names another photo or model than the one in use, or none."""
     if known is None or not known.sha256 or known.sha256.lower() == sha:
         return ()

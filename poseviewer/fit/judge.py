@@ -60,7 +60,7 @@ def judge_end(progress: FitProgress, renderer: Renderer, threads: int = 1) -> Fi
         verdict = judge_together([one.verdict for one in each if one.verdict is not None])
         if verdict.word != "lost":
             charts, known = [view.chart for view in problem.views], [one.covariance for one in each]
-            covariance = joint_covariance(charts, known, parameters, problem.model.mesh)
+            covariance = joint_covariance(charts, known, parameters, problem.mesh)
         return replace(progress, verdict=_with_symmetry(verdict, problem), covariance=covariance)
     probing = partial(Probe, problem, renderer, progress.pose, threads)
     if progress.status is not Status.NOTHING_SEEN:
@@ -78,7 +78,7 @@ def judge_end(progress: FitProgress, renderer: Renderer, threads: int = 1) -> Fi
 
 def _with_symmetry(verdict: Verdict, problem: FitProblem) -> Verdict:
     """The verdict with a reason that names the turns that the model's symmetry leaves open."""
-    turns = problem.model.symmetry.words
+    turns = problem.symmetry.words
     if not turns or verdict.word == "lost":
         return verdict
     reason = f"The model looks the same after {turns}: no photo tells these poses apart."
@@ -152,7 +152,7 @@ def find_covariance(probe: Probe, seen: float) -> PoseCovariance:
     factor *= FOCAL_SPREAD if is_free else 1.0
     covariance = factor**2 * probe.motions.T @ inverse @ probe.motions
     chart = probe.chart
-    return PoseCovariance.from_chart(probe.model.mesh, chart.start, chart, covariance)
+    return PoseCovariance.from_chart(probe.mesh, chart.start, chart, covariance)
 
 
 def inverse_curvature(

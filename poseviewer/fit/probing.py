@@ -54,18 +54,18 @@ class Probe:
 
         Raises ``PoseViewerError`` for a pose that has no parameters in a chart.
         """
-        self.model, self.renderer = problem.model, renderer
+        self.mesh, self.symmetry, self.renderer = problem.mesh, problem.symmetry, renderer
         free_focal = has_focal(problem.chart, problem.free_indices)
         free_focal = free_focal and not isinstance(pose.camera, Parallel)
-        self.chart = FreeBodyChart.near(self.model.mesh, pose, free_focal)
+        self.chart = FreeBodyChart.near(self.mesh, pose, free_focal)
         motions = free_motions(problem, problem.chart.from_pose(pose), self.chart)
-        self.motions = _without_equal(motions, self.chart, self.model.symmetry)
+        self.motions = _without_equal(motions, self.chart, self.symmetry)
         """(k, d): orthonormal, in the numbers of ``chart``; none leads along equal poses."""
         photo = problem.photo
         if photo.structure is None:  # by classes and edges near the pose, whatever was compared
-            near = photo.weights * box_near(self.model.mesh, pose).mask(*photo.weights.shape)
+            near = photo.weights * box_near(self.mesh, pose).mask(*photo.weights.shape)
             plain = replace(photo, weights=near, clipped=False)
-            photo = structured(plain, working_factor(self.model.mesh, pose))
+            photo = structured(plain, working_factor(self.mesh, pose))
         self.photo = photo
         if is_fine:
             self.level = lighter_level(photo, renderer, pose)
@@ -107,7 +107,7 @@ class Probe:
 
     def turns(self) -> FloatArray:
         """(t, k): steps that turn the model about those principal axes that are free."""
-        axes = principal_axes(self.model.mesh) @ self.chart.start.camera_from_model.rotation.T
+        axes = principal_axes(self.mesh) @ self.chart.start.camera_from_model.rotation.T
         angles = np.radians([*TURNS_DEG, *(-angle for angle in TURNS_DEG)])
         turns = np.zeros((3 * len(angles), self.motions.shape[1]))
         turns[:, :3] = np.einsum("a,kx->akx", angles, axes).reshape(-1, 3)
@@ -121,10 +121,10 @@ class Probe:
         """
         try:
             pose = self.pose(one)
-            equal = self.model.symmetry.nearest_pose(self.pose(other), pose)
+            equal = self.symmetry.nearest_pose(self.pose(other), pose)
         except OutsideChartError:
             return 1.0
-        here, there = (each.project(hull_points(self.model.mesh)) for each in (pose, equal))
+        here, there = (each.project(hull_points(self.mesh)) for each in (pose, equal))
         diagonal = float(np.linalg.norm(np.ptp(here, axis=0)))
         apart = float(np.linalg.norm(here - there, axis=1).mean())
         return min(apart / diagonal, 1.0) if diagonal > 0.0 and np.isfinite(apart) else 1.0

@@ -11,17 +11,18 @@ from numpy.typing import NDArray
 from poseviewer.errors import SettingsError, SingularChartError
 from poseviewer.fit.compared import ComparedView, compared_view
 from poseviewer.fit.loss import LossScale
-from poseviewer.fit.scene import LoadedModel, Scene
-from poseviewer.fit.settings import ChartName, FitSettings
 from poseviewer.fit.visibility import Hiding, hiding
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.render.types import PhotoAttributes, Renderer
+from poseviewer.scene.settings import ChartName, FitSettings
+from poseviewer.scene.types import Scene
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 
@@ -33,12 +34,14 @@ LEAST_COVERED = 0.6
 class FitProblem:
     """The model, views, start and settings of a search: all that it needs but a renderer."""
 
-    model: LoadedModel
+    mesh: Mesh
     views: tuple[ComparedView, ...]
     """The loss is their mean; the first view's chart names the parameters."""
     start: FloatArray
     """(d,): the chart's parameters of the start pose."""
     settings: FitSettings = field(default_factory=FitSettings)
+    symmetry: Symmetry = NO_SYMMETRY
+    """Poses that differ by it show the same."""
     free_indices: NDArray[np.intp] = field(init=False, repr=False)
     """The indices of the parameters that the search may change."""
 
@@ -157,7 +160,8 @@ def make_problem(
             shows anything of it.
         SingularChartError: the wanted chart has no parameters at the start pose.
     """
-    settings, model = scene.objects[index].settings, scene.objects[index].model
+    item = scene.objects[index]
+    settings = item.settings
     hidden = hidings(scene, index, view) if hidden is None else hidden
     order = [number for number, behind in hidden.items() if behind is None or not behind.is_whole]
     if not order:
@@ -177,8 +181,8 @@ def make_problem(
                 "sees the model where it starts; bring the start nearer, or check the set's scale "
                 "(--scale)."
             )
-        pose, keypoints = scene.pose(index, order[0]), model.keypoints
-        chart, note = choose_chart(settings.chart, model.mesh, keypoints, pose, settings.free_focal)
+        pose, keypoints = scene.pose(index, order[0]), item.model.keypoints
+        chart, note = choose_chart(settings.chart, item.mesh, keypoints, pose, settings.free_focal)
         charts, start = [chart], chart.from_pose(pose)
         notes += [f"the free-body chart is used: {note}."] if note else []
     else:
@@ -191,7 +195,7 @@ def make_problem(
         )
         if len({LossScale.of(view.photo) for view in views}) == 1:
             break
-    return FitProblem(model, views, start, settings), tuple(notes)
+    return FitProblem(item.mesh, views, start, settings, item.symmetry), tuple(notes)
 
 
 def numbers_of(chart: Chart, pose: Pose, scale: float = 1.0) -> FloatArray:

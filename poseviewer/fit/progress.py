@@ -12,10 +12,10 @@ from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.fit.loss import LossScale
 from poseviewer.fit.problem import FitProblem
-from poseviewer.fit.scene import Scene, SearchResult
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import Scene, SearchResult
 
 
 class Status(enum.Enum):

@@ -42,8 +42,6 @@ from poseviewer.fit.problem import (
 )
 from poseviewer.fit.progress import FitProgress, SearchProgress, Status
 from poseviewer.fit.proportions import other_proportions
-from poseviewer.fit.scene import Scene, SearchResult
-from poseviewer.fit.settings import settings_as_json
 from poseviewer.fit.stages import fit_pose
 from poseviewer.fit.visibility import Hiding, visibility
 from poseviewer.geometry.camera import Perspective, Pose
@@ -51,6 +49,8 @@ from poseviewer.geometry.charts import LOG_FOCAL
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.pyramid.levels import seen_share
 from poseviewer.render.types import Renderer
+from poseviewer.scene.settings import settings_as_json
+from poseviewer.scene.types import ChartParameters, Scene, SearchResult
 
 MOST_CONTINUED = 3
 """Number of searches continued from the end of the one before, until the pose is trusted."""
@@ -216,7 +216,7 @@ class Search:
                 yield self._told(end if shown is None else end.keeping(shown))
         assert end is not None  # a run yields at least once
         assert last is not None
-        apart = pose_error(problem.model.mesh, last.pose, end.pose, problem.model.symmetry)
+        apart = pose_error(problem.mesh, last.pose, end.pose, problem.symmetry)
         self._is_far = problem.is_structured and apart.percent > LAST_MOVE_PERCENT
         return end
 
@@ -298,12 +298,12 @@ class Search:
     def _kept(self, end: FitProgress) -> FitProgress:
         """The start in place of the ``end``, with its own verdict, which says where that was."""
         problem = self._made(self._seen_in(self._scene_at_start, end.problem))
-        start, model = problem.chart.to_pose(problem.start), problem.model
+        start = problem.chart.to_pose(problem.start)
         kept = replace(end, parameters=problem.start, pose=start, status=Status.KEPT)
         kept = self._judged(self._on(problem, kept))
         assert end.verdict is not None  # by it the start is kept
         assert kept.verdict is not None
-        away = pose_error(model.mesh, end.pose, start, model.symmetry).percent
+        away = pose_error(problem.mesh, end.pose, start, problem.symmetry).percent
         said = (
             f"The start was kept: the search ended {away:.0f} % of the model's size away, where "
             f"{end.verdict.share_right}."
@@ -342,14 +342,13 @@ def result_of(scene: Scene, index: int, progress: FitProgress) -> SearchResult:
             "may hide the model there, or its camera may disagree with theirs."
         )
     settings = settings_as_json(scene.objects[index].settings)
+    parameters = tuple(progress.parameters.tolist())
     return SearchResult(
-        verdict,
-        progress.loss,
-        progress.unexplained,
-        tuple(progress.parameters.tolist()),
-        problem.chart.name,
-        problem.chart.names,
-        {**settings, "photo_channels": problem.photo.channels.shape[2]},
+        loss=progress.loss,
+        unexplained=progress.unexplained,
+        verdict=verdict,
+        chart=ChartParameters(problem.chart.name, problem.chart.names, parameters),
+        settings={**settings, "photo_channels": problem.photo.channels.shape[2]},
         notes=tuple(filter(None, notes)),
         view=problem.views[0].index,
         covariance=progress.covariance,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.camera import Pose, level_pose
 from poseviewer.geometry.linear_algebra import whiten
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.structure import PhotoStructure
 
 
@@ -162,6 +163,8 @@ class AttributeImage:
 
 class Renderer:
     """A mesh, ready to be drawn at any pose, by one thread at a time."""
+
+    mesh: Mesh
 
     @property
     def callers(self) -> int:

@@ -1,53 +1,32 @@
-"""Scenes from files, with a start that a file gives or that is found; and records to be saved."""
+"""Scenes from files, with a start that a file gives or that is found."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from poseviewer.errors import CalibrationFileError, PoseFileError, SettingsError, printable
+from poseviewer.errors import CalibrationFileError, PoseFileError, SettingsError
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.formats.conversion import METRES
-from poseviewer.files.keypoints import load_keypoints
-from poseviewer.files.masks import load_mask, mask_beside, mask_text
-from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.masks import load_mask, mask_beside
 from poseviewer.files.mesh.size import distance_notes
 from poseviewer.files.photo import load_calibrated_photo, undistorted
-from poseviewer.files.photo_sets import (
-    LoadedViews,
-    SetChoice,
-    load_views,
-    with_names,
-)
+from poseviewer.files.photo_sets import LoadedViews, SetChoice, load_views, with_names
 from poseviewer.files.pose import PoseRecord, check_against, load_pose
-from poseviewer.files.scene_file import (
-    InViewRecord,
-    ModelFile,
-    ObjectRecord,
-    Result,
-    SceneRecord,
-    ViewRecord,
-    load_scene,
-    open_view,
-    place_of,
-    scene_of_pose,
-    view_record,
-)
-from poseviewer.files.structs import CameraNumbers, ChartParameters, Distortion, Uncertainty
-from poseviewer.files.symmetry import SymmetryTurns, load_symmetry
-from poseviewer.files.writing import sha256_of
-from poseviewer.fit.scene import InView, LoadedModel, Scene, SceneObject, SearchResult, scene_at
-from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
+from poseviewer.files.scene_assets import load_model, open_view
+from poseviewer.files.scene_json import load_scene
+from poseviewer.files.structs import CameraNumbers, Distortion, ModelReference
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import same_undistortion
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.geometry.view import View, scale_by_sight
+from poseviewer.geometry.world_pose import triangulated_scale
+from poseviewer.scene.assets import ModelFile, PhotoFile
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import Scene, SceneObject, View, scene_at
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 
 NOTABLE = 1e-3
@@ -97,23 +76,17 @@ class StartInputs:
 
     def scene(self, start: Pose, settings: FitSettings) -> Scene:
         """The scene from a start pose, without the names of files."""
-        view = View(self.photo.name, self.photo, start.camera, mask=self.mask)
-        return scene_at(view, LoadedModel(self.mesh, "", "", self.keypoints), start, settings)
+        view = View(PhotoFile.of(self.photo), start.camera, mask=self.mask)
+        model = ModelFile.of(self.mesh.whole, keypoints=self.keypoints)
+        return scene_at(view, model, start, settings, without=self.mesh.left_out)
 
 
 FindStart = Callable[[StartInputs], Start]
 
 
-def load_model(path: str | Path) -> LoadedModel:
-    """A model, its key points and its symmetry."""
-    mesh, name = load_mesh(path), printable(Path(path).name)
-    keypoints, symmetry = load_keypoints(path, mesh), load_symmetry(path, mesh)
-    return LoadedModel(mesh, name, sha256_of(path), keypoints, symmetry, Path(path))
-
-
 def open_photo(
     photo: str | Path | Photo,
-    model: str | Path | LoadedModel,
+    model: str | Path | ModelFile,
     start: str | Path | Pose | FindStart,
     settings: FitSettings | None = None,
     calibration: Calibration | None = None,
@@ -130,24 +103,26 @@ def open_photo(
     settings = settings or FitSettings()
     is_loaded = isinstance(photo, Photo)
     opened = photo if is_loaded else load_calibrated_photo(photo, calibration)
-    loaded = model_without(model, settings.without or ())
-    notes: tuple[str, ...] = ()
+    model = model if isinstance(model, ModelFile) else load_model(model)
+    without, notes, note = tuple(settings.without or ()), tuple[str, ...](), ""
     if isinstance(start, str | Path):
         record = load_pose(start, opened.width, opened.height)
         opened, record, of_camera = _matched(opened, record)
         checks = check_against(record.photo, opened.sha256)
-        checks += check_against(record.model, loaded.sha256)
-        loaded, of_parts = _as_recorded(loaded, record.without)
+        checks += check_against(record.model, model.sha256)
+        known, of_parts = _known_parts(model, record.without)
+        without += known
         notes = (*record.warnings, *checks, *of_camera, *of_parts)
         if mask is None:
             mask, of_mask = mask_beside(start, record, opened.width, opened.height)
             notes += of_mask
-        start = record.pose
-        notes += distance_notes(loaded.mesh, start)
+        start, note = record.pose, record.note
+        notes += distance_notes(model.content.mesh_without(without), start)
     if mask is not None and not isinstance(mask, Mask):
-        mask = load_mask(mask, opened.width, opened.height)
+        mask = load_mask(mask, (opened.width, opened.height))
     if not isinstance(start, Pose):
-        start, notes = start(StartInputs(opened, loaded.mesh, loaded.keypoints, mask))
+        mesh = model.content.mesh_without(without)
+        start, notes = start(StartInputs(opened, mesh, model.keypoints, mask))
     camera = start.camera
     if (camera.width, camera.height) != (opened.width, opened.height):
         raise SettingsError(
@@ -155,9 +130,11 @@ def open_photo(
             f"{opened.width}x{opened.height}; use pose.scaled, if it is the same photo made "
             "smaller or larger."
         )
-    view = View(opened.name, opened, camera, mask=mask, path=None if is_loaded else Path(photo))
-    scene = scene_at(view, loaded, start, settings)
-    notes = (*notes_of(opened), *notes_of(loaded), *notes)
+    file = PhotoFile.of(opened, None if is_loaded else Path(photo))
+    left_out = model.content.mesh_without(without).left_out
+    fields = {"without": left_out, "note": note}
+    scene = scene_at(View(file, camera, mask=mask), model, start, settings, **fields)
+    notes = (*notes_of(opened), *notes_of(model), *notes)
     return replace(scene, name=opened.name, notes=notes)
 
 
@@ -196,48 +173,56 @@ def _numbers(camera: Perspective) -> str:
     return f"fx {said.fx:.1f}, fy {said.fy:.1f}, cx {said.cx:.1f}, cy {said.cy:.1f} px"
 
 
-def open_scene(scene: str | Path | SceneRecord, settings: FitSettings | None = None) -> Scene:
-    """The scene of a file. ``settings``: of all objects, in place of the file's; parts ``without``,
-    each as ``ID:PART``, are left out beside the file's own, and with them the last search's result.
+def open_scene(scene: str | Path | Scene, settings: FitSettings | None = None) -> Scene:
+    """Read the photos and models of a scene, or of a scene file.
+
+    Args:
+        scene: a scene file, or a scene whose photos and models are not yet read.
+        settings: those of all objects, in place of the scene's. Parts ``without``, each as
+            ``ID:PART``, are left out beside the scene's own, and the results of searches with them.
 
     Raises:
-        PoseViewerError: a file cannot be used, or not with the others; it has no objects, or not
-            such an object or part; the models are in different units.
+        PoseViewerError: a file cannot be used, or not with the others; the scene has no objects, or
+            not such an object or part; the models are in different units.
     """
-    name = scene.views[0].path.name if isinstance(scene, SceneRecord) else Path(scene).name
-    record = scene if isinstance(scene, SceneRecord) else load_scene(scene)
-    if not record.objects:
+    scene = scene if isinstance(scene, Scene) else load_scene(scene)
+    if not scene.objects:
+        name = scene.name or scene.views[0].name
         raise PoseFileError(f"{name}: it has no objects; name a model, and it with --views.")
-    left_out = _parts_of_objects(record, settings.without or () if settings else ())
-    views, notes, models, objects = [], [*record.warnings], dict[str, LoadedModel](), []
-    for own in record.views:
-        view, of_view = open_view(own)
+    left_out = _parts_of_objects(scene, settings.without or () if settings else ())
+    views, notes, models, objects = [], [*scene.notes], dict[Path | None, ModelFile](), []
+    for unread in scene.views:
+        view, of_view = open_view(unread)
         views.append(view)
         notes += [*of_view, *notes_of(view.photo)]
-    for item in record.objects:
-        if item.model.file not in models:
-            models[item.model.file] = load_model(item.path)
-            notes += notes_of(models[item.model.file])
-    _require_one_unit(record, models)
-    for index, item in enumerate(record.objects):
-        model = model_without(models[item.model.file], left_out[item.id])
-        model, of_parts = _as_recorded(model, item.without)
-        known = record.pose_record(index).model
-        notes += [*check_against(known, model.sha256), *of_parts]
-        is_whole = set(model.mesh.left_out) <= set(item.without)
-        own_settings = settings or settings_from_json(item.settings or {})
-        in_views = tuple(map(_in_view, item.in_views, record.views))
-        result = _search_result(record, index) if is_whole else None
-        flags = item.hidden, item.locked, item.is_placed
-        about = item.name, in_views, *flags, result, item.notes
-        objects.append(SceneObject(item.id, model, item.place.similarity, own_settings, *about))
+    for item in scene.objects:
+        path = item.model.path
+        if path is not None and path not in models:
+            models[path] = load_model(path)
+            notes += notes_of(models[path])
+    _require_one_unit(scene, models)
+    for item in scene.objects:
+        model = models.get(item.model.path, item.model)
+        known, of_parts = _known_parts(model, item.without)
+        reference = ModelReference(model.name, item.model.sha256)
+        notes += [*check_against(reference, model.sha256), *of_parts]
+        without = model.content.mesh_without((*known, *left_out[item.id])).left_out
+        objects.append(
+            replace(
+                item,
+                model=model,
+                settings=settings or replace(item.settings),
+                without=without,
+                result=item.result if set(without) <= set(item.without) else None,
+            )
+        )
     told = tuple(dict.fromkeys(notes))
-    return Scene(with_names(views), tuple(objects), name, record.unit, record.free_scale, told)
+    return replace(scene, views=with_names(views), objects=tuple(objects), notes=told)
 
 
 def open_views(
     views: str | Path | LoadedViews,
-    model: str | Path | LoadedModel,
+    model: str | Path | ModelFile,
     start: str | Path | Pose,
     settings: FitSettings | None = None,
     view: str | None = None,
@@ -253,18 +238,15 @@ def open_views(
     """
     settings = settings or FitSettings()
     loaded = views if isinstance(views, LoadedViews) else load_views(views, choice)
-    own = model_without(model, settings.without or ())
+    own = model if isinstance(model, ModelFile) else load_model(model)
+    mesh = own.content.mesh_without(tuple(settings.without or ()))
     record = PoseRecord.of(start) if isinstance(start, Pose) else load_pose(start)
-    first, notes, masks, recorded = _view_of(loaded, record, view), (), {}, None
+    first, notes = _view_of(loaded, record, view), ()
     photo = loaded.views[first].photo
     if not isinstance(start, Pose):
         record = load_pose(start, photo.width, photo.height)
         notes = (*record.warnings, *check_against(record.photo, photo.sha256))
         notes += check_against(record.model, own.sha256)
-        if record.in_set is not None:
-            of_set = scene_of_pose(Path(start), record)
-            recorded = 1.0 / of_set.objects[0].place.scale
-            masks = _masks_of(of_set, loaded)
     if not isinstance(record.pose.camera, Perspective):
         raise SettingsError(
             f"{photo.name}: a start under parallel projection, and the set's cameras are "
@@ -276,17 +258,29 @@ def open_views(
             "does not have; give the set that lens, or start from a pose by the set's camera."
         )
     _, record, of_camera = _matched(photo, record)
-    known = scale or known_scale(loaded, own.mesh)
-    scale = known or recorded
-    if scale is None:
-        scale = scale_of_sight(loaded.views, first, own.mesh, record.pose, loaded.name)
+    known = scale or known_scale(loaded, mesh)
+    scale = known or scale_by_sight(loaded.views, first, mesh, record.pose, loaded.name)
     order = (first, *(i for i in range(len(loaded.views)) if i != first))
-    masked = tuple(replace(loaded.views[i], mask=masks.get(i, loaded.views[i].mask)) for i in order)
-    place = masked[0].world_from_model(record.pose, 1.0 / scale)
-    of_files = [note for file in (*(v.photo for v in masked), own) for note in notes_of(file)]
+    ordered = tuple(loaded.views[i] for i in order)
+    place = ordered[0].world_from_model(record.pose, 1.0 / scale)
+    of_files = [note for file in (*(v.photo for v in ordered), own) for note in notes_of(file)]
     notes = tuple(dict.fromkeys([*of_files, *notes, *of_camera]))
-    objects = (SceneObject("1", own, place, settings),)
-    return Scene(masked, objects, loaded.name, loaded.unit, known is None, notes)
+    item = SceneObject(
+        id="1",
+        model=own,
+        world_from_model=place,
+        settings=settings,
+        without=mesh.left_out,
+        note=record.note,
+    )
+    return Scene(
+        views=ordered,
+        objects=(item,),
+        name=loaded.name,
+        unit=loaded.unit,
+        free_scale=known is None,
+        notes=notes,
+    )
 
 
 def known_scale(views: LoadedViews, mesh: Mesh) -> float | None:
@@ -299,12 +293,13 @@ def known_scale(views: LoadedViews, mesh: Mesh) -> float | None:
     return METRES[unit] / METRES[mesh.unit] if {unit, mesh.unit} <= set(METRES) else None
 
 
-def scale_of_sight(views: Sequence[View], index: int, mesh: Mesh, pose: Pose, name: str) -> float:
+def scale_by_sight(views: Sequence[View], index: int, mesh: Mesh, pose: Pose, name: str) -> float:
     """The scale by which the model, at a pose in view ``index``, is where the others look."""
     centre = pose.camera_from_model.apply(mesh.centre)
     scale = None
     if centre[2] > 0.0:
-        scale = scale_by_sight(views, index, centre / centre[2], float(centre[2]))
+        cameras = [(view.camera, view.camera_from_world) for view in views]
+        scale = triangulated_scale(cameras, index, centre / centre[2], float(centre[2]))
     if scale is None:
         raise SettingsError(
             f"{name}: its scale is not known, and its cameras do not look at one place, which "
@@ -313,50 +308,26 @@ def scale_of_sight(views: Sequence[View], index: int, mesh: Mesh, pose: Pose, na
     return scale
 
 
-def record_of(scene: Scene, with_masks: bool = True, canonical: bool = True) -> SceneRecord:
-    """Return the content of a scene file; ``canonical``: one of a symmetric model's equal poses."""
-    views = scene.views if with_masks else [replace(view, mask=None) for view in scene.views]
-    return SceneRecord(
-        views=tuple(map(view_record, views)),
-        objects=tuple(
-            _object_record(scene, index, with_masks, canonical)
-            for index in range(len(scene.objects))
-        ),
-        unit=scene.unit,
-        free_scale=scene.free_scale,
-        software={"name": "poseviewer", "version": version("poseviewer")},
-    )
-
-
-def pose_record(scene: Scene, index: int = 0, view: int = 0) -> PoseRecord:
-    """Return the content of a pose file for an object in a view."""
-    return record_of(scene, with_masks=False).pose_record(index, view)
-
-
-def model_without(model: str | Path | LoadedModel, without: Sequence[str]) -> LoadedModel:
-    """The model without these parts, and without those that it is without already."""
-    model = model if isinstance(model, LoadedModel) else load_model(model)
-    return replace(model, mesh=model.mesh.without([*model.mesh.left_out, *without]))
-
-
-def notes_of(file: Photo | LoadedModel) -> tuple[str, ...]:
+def notes_of(file: Photo | ModelFile) -> tuple[str, ...]:
     """Sentences for the user on how a file was read."""
     notes = file.notes if isinstance(file, Photo) else file.mesh.notes
     return tuple(f"{file.name}: {note}" for note in notes)
 
 
-def _as_recorded(model: LoadedModel, without: Sequence[str]) -> tuple[LoadedModel, tuple[str, ...]]:
-    """The model without the parts that its pose leaves out; and sentences on what it has not."""
-    known = [name for name in without if name in model.mesh.whole.part_names]
+def _known_parts(
+    model: ModelFile, without: Sequence[str]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The parts of a model that a pose leaves out; and sentences on those that it has not."""
+    known = tuple(name for name in without if name in model.mesh.part_names)
     notes = (
         f"The pose file leaves out the part {name!r}, which {model.name} has not."
         for name in without
         if name not in known
     )
-    return model_without(model, known), tuple(notes)
+    return known, tuple(notes)
 
 
-def _parts_of_objects(scene: SceneRecord, without: Sequence[str]) -> dict[str, list[str]]:
+def _parts_of_objects(scene: Scene, without: Sequence[str]) -> dict[str, list[str]]:
     """The parts that are said of each object of a scene, by the objects' ids."""
     parts: dict[str, list[str]] = {item.id: [] for item in scene.objects}
     for text in without:
@@ -370,11 +341,11 @@ def _parts_of_objects(scene: SceneRecord, without: Sequence[str]) -> dict[str, l
     return parts
 
 
-def _require_one_unit(scene: SceneRecord, models: Mapping[str, LoadedModel]) -> None:
+def _require_one_unit(scene: Scene, models: Mapping[Path | None, ModelFile]) -> None:
     """Refuse models in different units: which is in front could not be told from their poses."""
     known: dict[str, str] = {}
     for item in scene.objects:
-        unit = item.model.unit or models[item.model.file].mesh.unit
+        unit = item.model.unit or models.get(item.model.path, item.model).mesh.unit
         if unit is not None:
             known.setdefault(unit, item.label)
     if len(known) > 1:
@@ -383,73 +354,6 @@ def _require_one_unit(scene: SceneRecord, models: Mapping[str, LoadedModel]) -> 
             f"{its} is in {first} and {other} in {second}; the models of a scene have to be in one "
             "unit, scale one of the files."
         )
-
-
-def _in_view(own: InViewRecord, view: ViewRecord) -> InView:
-    size = view.photo.width, view.photo.height
-    mask = None if own.mask is None else load_mask(own.mask, *size)
-    region = None if own.region is None else Rectangle(*own.region)
-    return InView(mask, region, own.is_compared)
-
-
-def _search_result(record: SceneRecord, index: int) -> SearchResult | None:
-    said = record.objects[index].result
-    if said is None:
-        return None
-    view, chart = min(said.view, len(record.views) - 1), said.chart or ChartParameters("", (), ())
-    numbers = chart.parameters, chart.name, chart.names, said.settings or {}, said.seen
-    covariance = said.uncertainty and said.uncertainty.about(record.pose(index, view))
-    about = {"notes": said.notes, "view": view, "covariance": covariance}
-    return SearchResult(said.verdict, said.loss, said.unexplained, *numbers, **about)
-
-
-def _object_record(scene: Scene, index: int, with_masks: bool, canonical: bool) -> ObjectRecord:
-    item = scene.objects[index]
-    model, place, result = item.model, item.world_from_model, item.result
-    at = 0 if result is None else result.view
-    pose = scene.pose(index, at)
-    equal = model.symmetry.canonical(pose) if canonical else pose
-    if equal is not pose:
-        place = scene.views[at].world_from_model(equal, place.scale)
-    in_views = []
-    for number, own in enumerate(item.in_views or [InView()] * len(scene.views)):
-        mask, hidden = own.mask, result.hidden[number] if result and result.hidden else None
-        if hidden is not None:
-            mask = Mask.of(~hidden if mask is None else mask.weights * ~hidden)
-        text = mask_text(mask) if with_masks else None
-        region = None if own.region is None else tuple(map(float, own.region))
-        in_views.append(InViewRecord(text, region, own.is_compared))
-    has_own = any(own != InViewRecord() for own in in_views)
-    return ObjectRecord(
-        id=item.id,
-        name=item.name,
-        model=ModelFile(str(model.path or model.name), model.sha256, model.mesh.unit),
-        place=place_of(place),
-        settings=settings_as_json(item.settings),
-        in_views=tuple(in_views) if has_own else (),
-        locked=item.locked,
-        hidden=item.hidden,
-        is_placed=item.is_placed,
-        without=model.mesh.left_out,
-        turns=SymmetryTurns.of(model.symmetry),
-        result=None if result is None else _recorded_result(result, pose, equal),
-        notes=item.notes,
-    )
-
-
-def _recorded_result(result: SearchResult, pose: Pose, equal: Pose) -> Result:
-    sure, chart = result.covariance, ChartParameters(result.chart, result.names, result.parameters)
-    return Result(
-        loss=result.loss,
-        unexplained=result.unexplained,
-        seen=result.seen,
-        verdict=result.verdict,
-        view=result.view,
-        uncertainty=sure and Uncertainty.of(sure.about(equal)),
-        chart=chart if equal is pose and result.names else None,
-        settings=dict(result.settings),
-        notes=result.notes,
-    )
 
 
 def _view_of(views: LoadedViews, record: PoseRecord, view: str | None) -> int:
@@ -464,10 +368,3 @@ def _view_of(views: LoadedViews, record: PoseRecord, view: str | None) -> int:
         f"{views.name}: {problem}; name the photo that the start is a pose in with --view, one of "
         f"{', '.join(names[:8])}{more}."
     )
-
-
-def _masks_of(of_set: SceneRecord, views: LoadedViews) -> dict[int, Mask]:
-    """The masks that a pose file of earlier versions names, by the views' numbers."""
-    known = {own.path.name: own.mask for own in of_set.views if own.mask is not None}
-    pairs = [(i, v.photo, known.get(Path(v.name).name)) for i, v in enumerate(views.views)]
-    return {i: load_mask(mask, photo.width, photo.height) for i, photo, mask in pairs if mask}

@@ -42,11 +42,11 @@ def test_a_mask_is_weights(tmp_path: Path) -> None:
     mask[10:20, 30:40] = 255
     mask[0, 0] = 51
     save_image(tmp_path / "mask.png", np.repeat(mask[..., None], 3, axis=2))
-    weights = load_mask(tmp_path / "mask.png", WIDTH, HEIGHT).weights
+    weights = load_mask(tmp_path / "mask.png", (WIDTH, HEIGHT)).weights
     np.testing.assert_allclose(weights, mask / 255.0, atol=1e-6)
     assert set(np.unique(weights[10:20, 30:40])) == {1.0}  # white, of three colours as of one
     with pytest.raises(PhotoFileError, match=r"mask\.png: the mask has 64x48 px.*640x480 px"):
-        load_mask(tmp_path / "mask.png", 640, 480)
+        load_mask(tmp_path / "mask.png", (640, 480))
 
 
 @pytest.mark.parametrize(("is_painted", "kind"), [(True, np.uint8), (False, np.uint16)])
@@ -58,7 +58,7 @@ def test_a_mask_comes_back_from_its_picture(
     (tmp_path / "mask.png").write_bytes(mask_as_png(mask))
     pixels = np.asarray(cv2.imread(str(tmp_path / "mask.png"), cv2.IMREAD_UNCHANGED))
     assert pixels.dtype == kind
-    found = load_mask(tmp_path / "mask.png", WIDTH, HEIGHT).weights
+    found = load_mask(tmp_path / "mask.png", (WIDTH, HEIGHT)).weights
     np.testing.assert_allclose(found, mask.weights, atol=0.0 if is_painted else 1e-5)
 
 

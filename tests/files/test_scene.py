@@ -7,30 +7,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from msgspec import structs
 
 from assets.source.schemas import KINDS, schema
+from poseviewer.confidence.pose_covariance import PoseCovariance
+from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseViewerError
-from poseviewer.files.masks import mask_text, save_pose_and_mask
-from poseviewer.files.pose import PoseRecord, save_pose
-from poseviewer.files.scene_file import (
-    InViewRecord,
-    Place,
-    SceneRecord,
-    ViewRecord,
-    load_scene,
-    save_scene,
-)
+from poseviewer.files.masks import mask_as_png
+from poseviewer.files.scene_assets import view_of_file
+from poseviewer.files.scene_json import form_of, load_scene, save_scene
 from poseviewer.files.state.uploads import taken_out
-from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
-from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.geometry.symmetry_group import Symmetry, Turn
+from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import ChartParameters, InView, Scene, SceneObject, SearchResult
 from poseviewer.starts.loading import open_scene
 from tests.schemas import json_schema, load_valid
-from tests.several import CAMERA, IDS, STARTS, TRUTH, make_three
+from tests.several import CAMERA, IDS, MESHES, make_three
 from tests.writing import edit
-
-V1 = Path(__file__).parents[1] / "fixtures" / "v0_1_0" / "three.scene.json"
 
 
 @pytest.fixture
@@ -38,26 +33,41 @@ def path(tmp_path: Path) -> Path:
     return make_three(tmp_path)
 
 
-def told(path: Path) -> SceneRecord:
-    """The scene of version 0.1.0 with two photos, and all that a scene can say of an object."""
+def told(path: Path) -> Scene:
+    """A scene of two photos, and all that a file can say of an object."""
     turned = RigidTransform.from_rotation_vector([0.1, 0.2, 0.3], [1.0 / 3.0, 0.0, 0.1])
     shutil.copy(path.with_name("three.png"), path.with_name("again.png"))
-    mask, scene = Mask.of(np.tri(240, 320)), load_scene(version_1(path))
-    second = ViewRecord.of(path.with_name("again.png"), CAMERA, "0" * 64, None, turned, mask)
-    own = (InViewRecord(region=(1.0, 2.0, 30.5, 40.0)), InViewRecord(mask_text(mask), None, False))
-    first = structs.replace(
+    mask, scene = Mask.of(np.tri(240, 320)), load_scene(path)
+    second = view_of_file(path.with_name("again.png"), CAMERA, "0" * 64, None, turned, mask)
+    own = (InView(region=Rectangle(1.0, 2.0, 30.5, 40.0)), InView(mask=mask, is_compared=False))
+    sure = PoseCovariance(scene.pose(0), MESHES[0].centre, np.diag(np.arange(1.0, 7.0)), 0.5)
+    first = replace(
         scene.objects[0],
         in_views=own,
-        start=Place.of(turned, scale=0.001),
-        settings={"seed": 1},
+        start=Similarity(turned, 0.001),
+        start_cameras=(replace(CAMERA, fx=500.0), CAMERA),
+        settings=FitSettings(seed=1),
         locked=True,
         hidden=True,
+        name="round",
         is_placed=False,
         without=("mirror",),
+        said_symmetry=Symmetry.from_turns(np.zeros(3), [Turn(np.array([0.0, 0.0, 1.0]), 2)]),
+        result=SearchResult(
+            loss=0.1,
+            unexplained=0.2,
+            seen=(0.5, None),
+            verdict=Verdict("found", 0.9, ("It is seen.",), {"outline": 0.75}),
+            covariance=sure,
+            chart=ChartParameters("free-body", ("x", "y"), (1.0, 2.0)),
+            settings={"seed": 1},
+            notes=("It was quick.",),
+        ),
         notes=("It is round.",),
+        note="the left one",
     )
     objects = (first, *scene.objects[1:])
-    return structs.replace(scene, views=(*scene.views, second), objects=objects, unit="m")
+    return replace(scene, views=(*scene.views, second), objects=objects, unit="m")
 
 
 def test_what_is_written_is_read_to_the_last_digit(path, tmp_path):
@@ -65,41 +75,20 @@ def test_what_is_written_is_read_to_the_last_digit(path, tmp_path):
     (tmp_path / "below").mkdir()
     save_scene(tmp_path / "below" / "s.json", scene)
     data = load_valid(tmp_path / "below" / "s.json", "scene")
+    assert set(data["objects"][0]) == set(form_of(SceneObject).kind.__struct_encode_fields__)
     assert data["objects"][0]["model"]["file"] == "../ball.ply"
     assert data["views"][1]["mask"] == "s.1.mask.png"
     again = load_scene(tmp_path / "below" / "s.json")
-    assert [one.path.resolve() for one in again.objects] == [one.path for one in scene.objects]
     for one, other in zip(again.objects, scene.objects, strict=True):
-        for name in ("place", "start", "settings", "result", "notes", "without", "turns"):
-            assert getattr(one, name) == getattr(other, name)
+        assert one.model.location.resolve() == other.model.location
     save_scene(tmp_path / "below" / "t.json", again)
-    assert json.loads((tmp_path / "below" / "t.json").read_text()) == data
+    written = (tmp_path / "below" / "t.json").read_text().replace("t.1.mask", "s.1.mask")
+    assert json.loads(written.replace("t.2.mask", "s.2.mask")) == data
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_schemas_are_those_of_the_structs(kind):
     assert json.loads(schema(kind)) == json_schema(kind)
-
-
-def version_1(path: Path) -> Path:
-    """The scene file of version 0.1.0 in the place of another."""
-    shutil.copy(V1, path)
-    return path
-
-
-def test_a_pose_may_be_a_file_with_its_mask_in_version_1(path, tmp_path):
-    white = Mask.of(np.ones((240, 320)))
-    camera = json.loads(V1.read_text())["camera"]
-    pose = Pose(replace(CAMERA, fx=camera["fx"], fy=camera["fy"]), TRUTH[1].pose.camera_from_model)
-    save_pose_and_mask(tmp_path / "front.json", PoseRecord.of(pose), white)
-    edit(version_1(path), lambda data: data["objects"][1].update(pose="front.json"))
-    scene = load_scene(path)
-    place = scene.pose(1).camera_from_model
-    assert np.array_equal(place.translation, pose.camera_from_model.translation)
-    mask = open_scene(scene).mask(1)
-    assert mask is not None
-    assert np.array_equal(mask.weights, white.weights)
-    assert open_scene(scene).mask(0) is None
 
 
 def test_the_same_model_may_be_there_twice(path):
@@ -118,7 +107,7 @@ def test_the_same_model_may_be_there_twice(path):
         (lambda d: d["objects"][1].update(in_views=[{}, {}]), r"\[1\].in_views is a list of 2"),
         (lambda d: d.update(free_scale=True), "its scale is not known, and it has 3 objects"),
         (lambda d: d.update(format="poseviewer-pose"), "wanted 'poseviewer-scene'"),
-        (lambda d: d.update(version=3), "version is 3"),
+        (lambda d: d.update(version=1), "version is 1; this poseviewer reads version 2"),
         (lambda d: d["views"].clear(), "views is a list of 0; wanted a list of"),
         (lambda d: d["views"][0]["photo"].pop("width"), r"views\[0\].photo.width is missing"),
         (lambda d: d["views"][0]["camera"].update(fx=1e9), r"views\[0\].camera.fx is 1000000000"),
@@ -130,24 +119,6 @@ def test_what_is_wrong_is_said(path, change, words):
     with pytest.raises(PoseViewerError, match=words) as error:
         load_scene(path)
     assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda d: d["objects"][1].update(pose="gone.json"), "gone.json, and there is no"),
-        (lambda d: d["objects"][1].pop("pose"), "pose is missing"),
-        (lambda d: d["objects"][1]["pose"].clear(), "camera_from_model is missing"),
-        (lambda d: d["objects"].clear(), "objects is a list of 0; wanted a list of one or more"),
-        (lambda d: d["objects"][0].update(pose="other.json"), "'ball' is by another camera"),
-    ],
-)
-def test_what_is_wrong_in_version_1_is_said(path, tmp_path, change, words):
-    other = Pose(replace(CAMERA, fx=500.0), STARTS[0].pose.camera_from_model)
-    save_pose(tmp_path / "other.json", PoseRecord.of(other))
-    edit(version_1(path), change)
-    with pytest.raises(PoseViewerError, match=words):
-        load_scene(path)
 
 
 def test_another_size_or_unit_is_said(path):
@@ -167,11 +138,10 @@ def test_another_size_or_unit_is_said(path):
 
 def test_a_mask_of_another_size_is_said(path, tmp_path):
     scene = load_scene(path)
-    own = (InViewRecord(mask_text(Mask.of(np.ones((10, 20))))),)
-    masked = structs.replace(scene.objects[0], in_views=own)
-    save_scene(path, structs.replace(scene, objects=(masked, *scene.objects[1:])))
-    assert (tmp_path / "three.scene.1.mask.png").is_file()
-    with pytest.raises(PoseViewerError, match="20x10 px, the photo 320x240"):
+    white = Mask.of(np.ones((240, 320)))
+    save_scene(path, scene.with_object(0, in_views=(InView(mask=white),)))
+    (tmp_path / "three.scene.1.mask.png").write_bytes(mask_as_png(Mask.of(np.ones((10, 20)))))
+    with pytest.raises(PoseViewerError, match=r"20x10 px, the photo three\.png has 320x240"):
         open_scene(path)
 
 
@@ -183,7 +153,7 @@ def test_files_are_sought_where_they_may_lie(path, tmp_path):
     edit(path, lambda data: data["views"][0]["photo"].update(file="../three.png"))
     for name in IDS:
         shutil.copy(tmp_path / f"{name}.ply", tmp_path / "drop")
-    assert load_scene(path).views[0].path.is_file()
+    assert load_scene(path).views[0].file.location.is_file()
     with pytest.raises(PoseViewerError, match=r"three\.png, outside of the folder that was"):
         load_scene(path, inside=tmp_path / "drop")
     assert load_scene(path, inside=tmp_path)

@@ -9,9 +9,9 @@ from poseviewer.app.state.camera_change import with_camera
 from poseviewer.files.demo import demo_case
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
+from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.starts.loading import load_model
 
 
 @pytest.mark.slow

@@ -71,7 +71,7 @@ def test_the_features_speak_for_the_true_pose(case, truth):
 
 def test_a_pose_at_the_border_of_its_chart_has_motions(case):
     """The axle lies as flat as the vehicle's numbers allow: one more step leads to no pose."""
-    problem, mesh = case[0], case[0].model.mesh
+    problem, mesh = case[0], case[0].mesh
     camera = Parallel(60.0, 100.0, 80.0, 200, 160)
     chart = VehicleChart(make_keypoints(np.random.default_rng(3)).left, camera)
     flattest = np.sqrt(1.0 - LEAST_AXLE_COMPONENT**2) - 1e-9
@@ -118,9 +118,7 @@ def test_the_end_of_a_fit_is_sure_and_the_same_on_any_threads(case):
     assert verdict.word == "found"
     assert sure is not None
     assert np.linalg.eigvalsh(sure.matrix)[0] > 0.0
-    assert (
-        0.0 < sure.deviations["sideways"] < sure.deviations["depth"] < problem.model.mesh.diameter
-    )
+    assert 0.0 < sure.deviations["sideways"] < sure.deviations["depth"] < problem.mesh.diameter
     assert 0.0 < sure.px < 5.0
     again = sure_of(problem, end.pose, case, verdict.features["seen"], 3)
     np.testing.assert_array_equal(again.matrix, sure.matrix)
@@ -133,8 +131,8 @@ def test_the_end_of_a_fit_is_sure_and_the_same_on_any_threads(case):
 
 def test_a_symmetric_model_says_which_turns_no_photo_tells(case, truth):
     problem, renderer = case
-    half = Symmetry.from_turns(problem.model.mesh.centre, [Turn(np.array([0.0, 0.0, 1.0]), 2)])
-    turned = replace(problem, model=replace(problem.model, whole_symmetry=half))
+    half = Symmetry.from_turns(problem.mesh.centre, [Turn(np.array([0.0, 0.0, 1.0]), 2)])
+    turned = replace(problem, symmetry=half)
     for here, count in ((problem, 0), (turned, 1)):
         at = replace(here, start=here.chart.from_pose(truth))
         end = judge_end(replace(FitProgress.at_start(at), status=Status.CONVERGED), renderer)

@@ -14,8 +14,6 @@ from poseviewer.files.pose import load_pose
 from poseviewer.fit.compared import enlarged
 from poseviewer.fit.occlusion import find_hidden
 from poseviewer.fit.problem import pose_loss
-from poseviewer.fit.scene import LoadedModel, PlacedModel, scene_at
-from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.visibility import hiding
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
@@ -24,8 +22,10 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.geometry.view import View
 from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.scene.assets import ModelFile, PhotoFile
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import PlacedModel, View, scene_at
 from tests.meshes import make_box, make_bumpy, make_mesh
 from tests.several import LIGHT, coloured, lit_models
 
@@ -49,7 +49,7 @@ def behind_slab(demo):
     left, right = SLAB
     noise = np.random.default_rng(0).normal(0.0, 6.0, (*pixels[:, left:right].shape[:2], 3))
     pixels[:, left:right] = np.clip(np.array([70, 110, 60]) + noise, 0, 255)
-    view = replace(case.views[0], photo=replace(case.photo, pixels=pixels))
+    view = replace(case.views[0], file=PhotoFile.of(replace(case.photo, pixels=pixels)))
     return make_scene(replace(case.data, views=(view,)), case.renderer)
 
 
@@ -145,8 +145,8 @@ def painted_over():
     away *= np.array([[np.radians(8.0)], [0.06]]) / np.linalg.norm(away, axis=1, keepdims=True)
     start = FreeBodyChart.near(model, truth).to_pose(away.ravel())
     mask = Mask.of(~hiding(PlacedModel(model, truth), (occluder,)).hidden)
-    view = View("can.png", photo, camera, mask=mask)
-    return scene_at(view, LoadedModel(model, "can.ply", "0" * 64), start), truth
+    view = View(PhotoFile.of(photo), camera, mask=mask)
+    return scene_at(view, ModelFile.of(model, None, "0" * 64, name="can.ply"), start), truth
 
 
 @pytest.mark.slow

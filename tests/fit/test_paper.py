@@ -11,14 +11,14 @@ from poseviewer.files.pose import load_pose
 from poseviewer.fit.loss import lighting_loss, whole_photo_loss
 from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
 from poseviewer.fit.progress import Status
-from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.moments import model_attributes
 from poseviewer.render.pyramid.levels import smaller
 from poseviewer.render.types import PhotoAttributes
-from tests.fit.test_problem import MESH, MODEL, RENDERER, true_pose
+from poseviewer.scene.settings import FitSettings
+from tests.fit.test_problem import MESH, RENDERER, true_pose
 
 POSE = true_pose(320)
 LIGHT = np.array([0.5, 0.4, -0.7, -0.6])
@@ -58,7 +58,7 @@ def problem_at(start: np.ndarray, clipped: bool, **settings) -> FitProblem:
     """The pose to be found from numbers of the free-body chart about it."""
     loss = lighting_loss if clipped else whole_photo_loss
     views = (ComparedView(make_photo(clipped, 0.0), FreeBodyChart.near(MESH, POSE), loss),)
-    return FitProblem(MODEL, views, start, FitSettings("paper", **settings))
+    return FitProblem(MESH, views, start, FitSettings("paper", **settings))
 
 
 def test_models_search_the_papers_loss_from_a_coarse_level_on():

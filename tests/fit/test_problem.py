@@ -7,8 +7,6 @@ import pytest
 
 from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
-from poseviewer.fit.scene import LoadedModel
-from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
@@ -17,11 +15,11 @@ from poseviewer.optimise.restarts import RestartOptions
 from poseviewer.render.pyramid.levels import smaller, structured
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes
+from poseviewer.scene.settings import FitSettings, Limits
 from tests.meshes import make_bumpy
 from tests.several import lit_on_noise
 
 MESH = make_bumpy(4)
-MODEL = LoadedModel(MESH, "bumpy.ply", "")
 RENDERER = SoftwareRenderer(MESH)
 OFF = np.array([0.05, -0.06, 0.04, 0.05, -0.04, 0.05])
 
@@ -40,7 +38,7 @@ def make_problem(width: int, **settings) -> FitProblem:
     weights = np.ones(channels.shape[:2], np.float32)
     photo = PhotoAttributes(channels, weights, clipped=True, colour_reflectance=True)
     chart = FreeBodyChart.near(MESH, FreeBodyChart.near(MESH, pose).to_pose(OFF))
-    return FitProblem(MODEL, (ComparedView(photo, chart),), np.zeros(6), FitSettings(**settings))
+    return FitProblem(MESH, (ComparedView(photo, chart),), np.zeros(6), FitSettings(**settings))
 
 
 def make_structured(width: int, factor: int, is_refined: bool = False, **settings) -> FitProblem:

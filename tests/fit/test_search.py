@@ -10,12 +10,12 @@ from poseviewer.confidence.verdict import SURE_BEHIND, SURE_FROM, Verdict
 from poseviewer.fit import search as searching
 from poseviewer.fit.problem import make_problem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
-from poseviewer.fit.scene import Scene
 from poseviewer.fit.search import Search, is_focal_moved, is_restarted, is_taken
-from poseviewer.fit.settings import Limits
 from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.fit.visibility import Hiding
 from poseviewer.render.renderers import make_renderer
+from poseviewer.scene.settings import Limits
+from poseviewer.scene.types import Scene
 from poseviewer.starts.loading import open_photo
 
 FOUND, UNSURE, LOST = (
@@ -115,7 +115,7 @@ def test_a_search_without_classes_and_edges_is_not_restarted(small):
 
 def test_a_focal_length_is_settled_once_a_run_moves_it_by_less_than_its_spread(small):
     end = small[3]
-    centre, camera = end.problem.model.mesh.centre, end.pose.camera
+    centre, camera = end.problem.mesh.centre, end.pose.camera
     spread = np.diag([0.01] * 6 + [0.05**2])
     told = replace(end, covariance=PoseCovariance(end.pose, centre, spread))
     for share, moves in ((0.01, (False, False)), (0.04, (True, False)), (0.06, (True, True))):

@@ -8,19 +8,18 @@ import pytest
 
 from poseviewer.errors import SettingsError
 from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
-from poseviewer.fit.scene import LoadedModel
-from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.slices import Slice, landscape
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.types import Moments, PhotoAttributes, Renderer
+from poseviewer.scene.settings import FitSettings
 from tests.meshes import make_box
 
 PLACE = RigidTransform(np.eye(3), np.array([0.0, 0.0, 5.0]))
-MODEL = LoadedModel(make_box(), "box.ply", "")
-CHART = FreeBodyChart.near(MODEL.mesh, Pose(Perspective(10.0, 10.0, 4.0, 3.0, 8, 6), PLACE))
+MESH = make_box()
+CHART = FreeBodyChart.near(MESH, Pose(Perspective(10.0, 10.0, 4.0, 3.0, 8, 6), PLACE))
 
 
 class CountingRenderer(Renderer):
@@ -56,7 +55,7 @@ class CountingRenderer(Renderer):
 def make_problem(*free: int) -> FitProblem:
     photo = PhotoAttributes(np.zeros((6, 8, 1), np.float32), np.ones((6, 8), np.float32))
     lock = tuple(name for number, name in enumerate(CHART.names) if number not in free)
-    return FitProblem(MODEL, (ComparedView(photo, CHART),), np.zeros(6), FitSettings(lock=lock))
+    return FitProblem(MESH, (ComparedView(photo, CHART),), np.zeros(6), FitSettings(lock=lock))
 
 
 def drawn(*free: int, renderer=None, centre=(), threads=1, **settings) -> list[Slice]:

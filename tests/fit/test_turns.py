@@ -12,19 +12,19 @@ from poseviewer.confidence.verdict import Verdict
 from poseviewer.fit import search as searching
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.progress import Status
-from poseviewer.fit.scene import LoadedModel, PlacedModel, Scene, SceneObject
 from poseviewer.fit.search import CHANGED, MOST_ROUNDS, Search
-from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.visibility import hiding
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.geometry.view import View
 from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.scene.assets import ModelFile, PhotoFile
+from poseviewer.scene.settings import FitSettings, Limits
+from poseviewer.scene.types import PlacedModel, Scene, SceneObject, View
 from tests.meshes import make_box, make_sphere
 from tests.several import CAMERA, LIGHT, MESHES, STARTS, TRUTH, coloured, lit_models, make_photo
 
 SETTINGS = FitSettings()
-VIEW = View("three.png", make_photo(), CAMERA)
+VIEW = View(PhotoFile.of(make_photo()), CAMERA)
 
 
 def scene_of(
@@ -32,15 +32,15 @@ def scene_of(
 ) -> Scene:
     objects = tuple(
         SceneObject(
-            str(index),
-            LoadedModel(one.mesh, "m.ply", "0" * 64),
-            view.world_from_model(one.pose),
-            settings,
+            id=str(index),
+            model=ModelFile.of(one.mesh, None, "0" * 64, name="m.ply"),
+            world_from_model=view.world_from_model(one.pose),
+            settings=settings,
             locked=index in locked,
         )
         for index, one in enumerate(placed)
     )
-    return Scene((view,), objects)
+    return Scene(views=(view,), objects=objects)
 
 
 def searched(scene: Scene, *indices: int) -> Search:
@@ -157,7 +157,7 @@ def test_what_is_taken_for_found_on_top_of_a_found_object_does_not_spoil_it(monk
 
     def misjudging(progress, *more):
         end = judge_end(progress, *more)
-        if progress.problem.model.mesh is other.mesh:  # which the photo does not show
+        if progress.problem.mesh is other.mesh:  # which the photo does not show
             return replace(end, verdict=Verdict("found", 0.99))
         verdicts.append("" if end.verdict is None else end.verdict.word)
         return end
@@ -165,7 +165,7 @@ def test_what_is_taken_for_found_on_top_of_a_found_object_does_not_spoil_it(monk
     monkeypatch.setattr(searching, "judge_end", misjudging)
     monkeypatch.setattr(searching, "other_proportions", lambda *_: "")  # which would doubt it
     photo = lit_models((TRUTH[0], TRUTH[2]), LIGHT, np.random.default_rng(0))
-    view = replace(VIEW, photo=replace(VIEW.photo, pixels=photo))
+    view = replace(VIEW, file=PhotoFile.of(replace(VIEW.photo, pixels=photo)))
     scene = scene_of(STARTS[0], other, STARTS[2], view=view)
     *_, last = run_search(SearchRequest(Document.of(scene), (SETTINGS,), (0, 1, 2)))
     assert "lost" in verdicts  # the other hides most of the ball in its second round

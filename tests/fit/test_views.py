@@ -9,18 +9,19 @@ from poseviewer.confidence.pose_covariance import region_reach
 from poseviewer.errors import SettingsError
 from poseviewer.fit.judge import judge_end
 from poseviewer.fit.problem import FitProblem, make_problem, pose_loss
-from poseviewer.fit.scene import InView, LoadedModel, Scene
 from poseviewer.fit.search import Search
-from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.slices import landscape
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.scene.assets import ModelFile, PhotoFile
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import InView, Scene
 from poseviewer.starts.loading import open_views
 from tests.opened import locked
 from tests.view_sets import CAMERA, DISTANCE, MESH, START, TRUTH, focal_length, make_views
 
-MODEL = LoadedModel(MESH, "m.ply", "0" * 64)
+MODEL = ModelFile.of(MESH, None, "0" * 64, name="m.ply")
 AT = np.array([0.02, 0.01, -0.03, 0.02, 0.0, 0.01])
 
 
@@ -134,7 +135,7 @@ def test_a_grey_photo_makes_all_of_them_grey():
     scene = make_scene()
     first, second, third = scene.views
     pixels = second.photo.pixels.mean(-1, keepdims=True).astype("u1")
-    grey = replace(second, photo=replace(second.photo, pixels=pixels))
+    grey = replace(second, file=PhotoFile.of(replace(second.photo, pixels=pixels)))
     mixed, _ = make_problem(replace(scene, views=(first, grey, third)))
     assert [view.photo.channels.shape[2] for view in mixed.views] == [1, 1, 1]
 
@@ -146,7 +147,9 @@ def test_a_landscape_is_of_all_views_of_any_sizes(renderer, is_mixed):
         first, second, third = scene.views
         pixels = second.photo.pixels.repeat(2, axis=0).repeat(2, axis=1)
         camera, photo = second.camera.scaled(2.0), replace(second.photo, pixels=pixels)
-        scene = replace(scene, views=(first, replace(second, photo=photo, camera=camera), third))
+        scene = replace(
+            scene, views=(first, replace(second, file=PhotoFile.of(photo), camera=camera), third)
+        )
     problem = make_problem(scene)[0]
     problem = locked(problem, *problem.chart.names[1:5])
     assert is_mixed == (problem.views[1].photo.factor > problem.views[0].photo.factor)

@@ -1,13 +1,17 @@
 """One model in several views, by the same numbers."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
+from poseviewer.geometry.camera import Camera
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.geometry.view import scale_by_sight
 from poseviewer.geometry.view_chart import ViewChart
+from poseviewer.geometry.world_pose import triangulated_scale
+from poseviewer.scene.types import View
 from tests.view_sets import CAMERA, CAMERAS_FROM_SET, MESH, START, TRUTH, focal_length, make_views
 
 REFERENCE = FreeBodyChart.near(MESH, TRUTH[0])
@@ -57,12 +61,16 @@ def test_behind_the_camera_of_a_view_there_is_no_pose():
         ViewChart(REFERENCE, CAMERA, turn).to_pose(np.zeros(6))
 
 
+def cameras(views: Sequence[View]) -> list[tuple[Camera, RigidTransform]]:
+    return [(view.camera, view.camera_from_world) for view in views]
+
+
 def test_lines_of_sight_tell_the_scale_about():
     at = START.camera_from_model.apply(MESH.centre)
-    found = scale_by_sight(make_views(unit=2.5).views, 0, at / at[2], float(at[2]))
+    found = triangulated_scale(cameras(make_views(unit=2.5).views), 0, at / at[2], float(at[2]))
     assert found == pytest.approx(2.5, rel=0.15)
 
 
 def test_cameras_that_look_the_same_way_tell_no_scale():
-    same = make_views().views[0]
-    assert scale_by_sight([same, same], 0, np.array([0.0, 0.0, 1.0]), 1.0) is None
+    same = cameras(make_views().views[:1])
+    assert triangulated_scale(same * 2, 0, np.array([0.0, 0.0, 1.0]), 1.0) is None

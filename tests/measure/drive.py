@@ -28,7 +28,7 @@ from playwright.sync_api import Error as BrowserError
 
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.pose import load_pose
-from poseviewer.files.scene_file import load_scene
+from poseviewer.files.scene_json import load_scene
 from poseviewer.files.state.autosave import load_autosave
 from poseviewer.geometry.transform import RigidTransform
 from tests.app.browser import AppPage, open_browser
@@ -354,7 +354,7 @@ def check_files(tab: AppPage, running: RunningApp, folder: Path) -> None:
         poses = [load_pose(path).pose for path in folder.rglob("*.pose.json")]
         objects = [one for path in folder.rglob("*.scene.json") for one in load_scene(path).objects]
         return any(is_near(pose.camera_from_model, in_pose) for pose in poses) or any(
-            is_near(one.place.similarity.rigid, in_scene) for one in objects
+            is_near(one.world_from_model.rigid, in_scene) for one in objects
         )
 
     tab.until(is_saved)

@@ -35,8 +35,9 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import PoseError, pose_error
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import rotation_angle
-from poseviewer.geometry.view import View
 from poseviewer.render.pool import processors
+from poseviewer.scene.assets import PhotoFile
+from poseviewer.scene.types import View
 from poseviewer.starts.automatic import Proposal, StartQuery, best_start, outermost_points, propose
 from poseviewer.starts.loading import StartInputs
 from tests.meshes import box_of
@@ -148,7 +149,7 @@ def _fit(case: Case, start: Pose, way: str) -> Trial:
 
 def _trial(case: Case, way: str, start: Pose, end: Scene, seconds: float) -> Trial:
     model, _ = open_model(case.mesh)
-    mesh, symmetry = model.mesh, model.whole_symmetry
+    mesh, symmetry = model.mesh, model.symmetry
     error = pose_error(mesh, end.pose, case.truth, symmetry)
     centre = case.truth.camera_from_model.apply(mesh.centre)
     distance = float(np.linalg.norm(centre))
@@ -214,7 +215,7 @@ def _view(case: Case) -> View:
     camera = case.truth.camera
     assert isinstance(camera, Perspective)  # of all cases with exact poses
     photo = replace(load_photo(case.photo), camera=camera)
-    return View(case.photo.name, photo, camera, case.truth.camera_from_model)
+    return View(PhotoFile.of(photo, case.photo), camera, case.truth.camera_from_model)
 
 
 def summary(trials: Sequence[Trial]) -> str:

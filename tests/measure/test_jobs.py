@@ -7,8 +7,8 @@ import pytest
 from poseviewer.evaluation.cases import Case
 from poseviewer.evaluation.photos import demo_photo
 from poseviewer.files.pose import load_pose
+from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.starts.loading import load_model
 from tests.app.browser import open_browser
 from tests.measure import jobs
 

@@ -12,10 +12,11 @@ from poseviewer.files.demo import demo_case
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
+from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.starts.automatic import StartQuery, outermost_points, propose
-from poseviewer.starts.loading import StartInputs, load_model
+from poseviewer.starts.loading import StartInputs
 from tests.measure.real import careless_box, is_right
 from tests.meshes import box_of
 from tests.scene import Scene
@@ -108,7 +109,7 @@ def test_a_car_that_shows_two_wheels_is_found_anywhere(projection: str):
     case = demo_case(projection)
     end = api.load(case.photo, case.model, "auto").fit()
     truth = load_pose(case.truth, end.pose.camera.width, end.pose.camera.height).pose
-    assert pose_error(end.object.model.mesh, end.pose, truth).percent < 1.0
+    assert pose_error(end.object.mesh, end.pose, truth).percent < 1.0
 
 
 @pytest.mark.parametrize("box", [(0, 0, 4, 4), (150, 10, 40, 7), (400, 10, 50, 50)])

@@ -11,13 +11,13 @@ from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.pose import load_pose
-from poseviewer.files.scene_file import load_scene, save_scene
-from poseviewer.fit.scene import InView, SearchResult
-from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.files.scene_json import as_saved, load_scene, pose_json, save_scene
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.symmetry_group import Symmetry, Turn
-from poseviewer.starts.loading import open_photo, open_scene, open_views, record_of
+from poseviewer.scene.settings import FitSettings, Limits
+from poseviewer.scene.types import ChartParameters, InView, SearchResult
+from poseviewer.starts.loading import open_photo, open_scene, open_views
 from tests.several import IDS, make_three
 from tests.view_sets import DISTANCE, NAMES, TRUTH, make_views, write_views
 from tests.writing import edit
@@ -31,20 +31,33 @@ def path(tmp_path: Path) -> Path:
 def searched(scene, index: int = 0):
     """The scene with the end of a search, and all else that an object can have."""
     one, pose = scene.objects[index], scene.pose(index)
-    sure = PoseCovariance(pose, one.model.mesh.centre, np.diag(np.arange(1.0, 7.0)), 0.5)
+    sure = PoseCovariance(pose, one.mesh.centre, np.diag(np.arange(1.0, 7.0)), 0.5)
     alone = Verdict("doubtful", 0.5, ("Less is seen.",))
     verdict = Verdict("found", 0.9, ("It is seen.",), {"outline": 0.75}, (alone,))
     hidden = np.zeros((240, 320), bool)
     hidden[:, :40] = True
     result = SearchResult(
-        verdict, 0.25, 0.5, (1.0, 2.0), "free-body", ("x", "y"), {"seed": 3}, (0.5,), (hidden,),
-        notes=("The focal length is assumed.",), covariance=sure,
-    )  # fmt: skip
+        verdict=verdict,
+        loss=0.25,
+        unexplained=0.5,
+        chart=ChartParameters("free-body", ("x", "y"), (1.0, 2.0)),
+        settings={"seed": 3},
+        seen=(0.5,),
+        hidden=(hidden,),
+        notes=("The focal length is assumed.",),
+        covariance=sure,
+    )
     return scene.with_object(
         index,
         result=result,
         settings=FitSettings(seed=3, limits=Limits(7)),
-        in_views=(InView(Mask.of(np.tri(240, 320)), Rectangle(1.0, 2.0, 30.0, 40.0), False),),
+        in_views=(
+            InView(
+                mask=Mask.of(np.tri(240, 320)),
+                region=Rectangle(1.0, 2.0, 30.0, 40.0),
+                is_compared=False,
+            ),
+        ),
         locked=True,
         name="the first",
     )
@@ -52,7 +65,7 @@ def searched(scene, index: int = 0):
 
 def test_what_is_saved_of_a_scene_is_opened_again(path, tmp_path):
     scene = searched(open_scene(path))
-    save_scene(tmp_path / "again.json", record_of(scene))
+    save_scene(tmp_path / "again.json", as_saved(scene))
     again = open_scene(tmp_path / "again.json")
     one, before = again.objects[0], scene.objects[0]
     assert [own.id for own in again.objects] == list(IDS)
@@ -71,7 +84,7 @@ def test_what_is_saved_of_a_scene_is_opened_again(path, tmp_path):
     assert np.array_equal(own.mask.weights, mask.weights)
     assert one.result is not None
     assert before.result is not None
-    for name in ("verdict", "loss", "unexplained", "parameters", "chart", "names", "seen", "notes"):
+    for name in ("verdict", "loss", "unexplained", "chart", "settings", "seen", "notes"):
         assert getattr(one.result, name) == getattr(before.result, name), name
     assert one.result.covariance is not None
     assert before.result.covariance is not None
@@ -80,7 +93,7 @@ def test_what_is_saved_of_a_scene_is_opened_again(path, tmp_path):
 
 
 def test_a_model_that_has_lost_a_part_has_no_result(path):
-    scene = open_scene(record_of(searched(open_scene(path))))
+    scene = open_scene(as_saved(searched(open_scene(path))))
     assert scene.objects[0].result is not None
     with pytest.raises(PoseViewerError, match="no part 'mirror'"):
         open_scene(path, FitSettings(without=("ball:mirror",)))
@@ -91,7 +104,7 @@ def test_a_model_that_has_lost_a_part_has_no_result(path):
 def test_equal_poses_are_saved_as_one(path):
     symmetry = Symmetry.from_turns([0.0, 0.0, 0.1], [Turn(np.array([0.0, 0.0, 1.0]), 2)])
     scene = open_scene(path)
-    scene = scene.with_object(0, model=replace(scene.objects[0].model, whole_symmetry=symmetry))
+    scene = scene.with_object(0, model=scene.objects[0].model.with_content(symmetry=symmetry))
     turned = [
         searched(scene.with_pose(0, replace(pose, camera_from_model=pose.camera_from_model @ turn)))
         for pose in (scene.pose(0),)
@@ -99,14 +112,14 @@ def test_equal_poses_are_saved_as_one(path):
     ]
     canonical, deviation = symmetry.canonical(scene.pose(0)), np.full(6, 0.1)
     for one in turned:
-        record, result = record_of(one).pose_record(0), one.objects[0].result
+        record, result = pose_json(as_saved(one)), one.objects[0].result
         sure = result and result.covariance
         require_near(record.pose, canonical)
         assert record.covariance
         assert sure
         moved = symmetry.canonical(sure.moved(deviation))
         require_near(record.covariance.moved(deviation), moved)
-        kept = record_of(one, canonical=False).pose(0).camera_from_model
+        kept = as_saved(one, canonical=False).pose(0).camera_from_model
         assert np.array_equal(kept.rotation, one.pose(0).camera_from_model.rotation)
 
 
@@ -142,13 +155,13 @@ def test_an_unknown_scale_is_told_by_where_the_cameras_look(tmp_path):
 def test_a_set_that_was_fitted_is_opened_again(tmp_path):
     views, model, start = write_views(tmp_path)
     scene = open_views(views, model, start, scale=2.0)
-    save_scene(tmp_path / "found.scene.json", record_of(scene))
+    save_scene(tmp_path / "found.scene.json", as_saved(scene))
     again = open_scene(tmp_path / "found.scene.json")
     assert again.objects[0].world_from_model.scale == 0.5
     for view in range(3):
         a, b = (one.pose(0, view).camera_from_model for one in (scene, again))
         np.testing.assert_allclose(a.translation, b.translation, atol=1e-12)
-    depth = again.pose(0).camera_from_model.apply(again.objects[0].model.mesh.centre)[2]
+    depth = again.pose(0).camera_from_model.apply(again.objects[0].mesh.centre)[2]
     assert math.isclose(depth, DISTANCE, rel_tol=0.1)
     assert load_scene(tmp_path / "found.scene.json").unit is None
 

@@ -39,11 +39,11 @@ from poseviewer.app.workers.exporting import CONVERTED
 from poseviewer.app.workers.tasks import Request, download, find_wheels_in_region
 from poseviewer.files.formats.conversion import METRES
 from poseviewer.fit.progress import SearchProgress
-from poseviewer.fit.settings import LOSSES, SEARCHES
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel
 from poseviewer.geometry.charts import short_name, tooltip
 from poseviewer.geometry.frames import camera_as_integer_centres
+from poseviewer.scene.settings import LOSSES, SEARCHES
 from poseviewer.starts.placing import SIDES
 
 MAX_PARAMETERS = 8
@@ -107,11 +107,7 @@ def add_opening(controls: Controls) -> None:
     with controls.gui.add_folder("Several objects", expand_by_default=False):
         controls.upload("Add another object ...", "model", "cube-plus", adds=True)
         controls.action("add same", icon="copy")
-        controls.field(
-            controls.gui.add_text("Name", ""),
-            lambda name: alter_object(controls.session.document.number, name=name),
-            value=lambda s: s.document.object.name,
-        )
+        _add_object_text(controls, "name")
     controls.action("help", icon="help")
 
 
@@ -346,6 +342,15 @@ def _add_settings(controls: Controls) -> None:
             _add_parameter(controls, index, is_lock=True)
 
 
+def _add_object_text(controls: Controls, name: str) -> None:
+    """A field for a text of the active object."""
+    controls.field(
+        controls.gui.add_text(name.capitalize(), ""),
+        lambda text: alter_object(controls.session.document.number, **{name: text}),
+        value=attrgetter(f"document.object.{name}"),
+    )
+
+
 def add_judging(controls: Controls) -> None:
     """Step "Judge": the verdict with its reasons, and how the model is shown."""
     gui = controls.gui
@@ -359,6 +364,7 @@ def add_judging(controls: Controls) -> None:
 
 def add_saving(controls: Controls) -> None:
     """Step "Save": whether the pose stands in a file, and where it was or will be written."""
+    _add_object_text(controls, "note")
 
     def state(session: Session) -> str:
         text = "● unsaved changes" if session.is_unsaved else "no unsaved changes"

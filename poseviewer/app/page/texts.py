@@ -56,7 +56,8 @@ MARKING_HINT = " &nbsp;·&nbsp; drag a mark, double-click removes it &nbsp;·&nb
 
 def opened_text(session: Session) -> str:
     """Say what is open (markdown), and where its colours come from: a grey model may miss files."""
-    photo, model, mesh = session.document.photo, session.document.model, session.document.mesh
+    item = session.document.object
+    photo, model, mesh = session.document.photo, item.model, item.mesh
     colours = "coloured" if mesh.has_reflectance else "no colours"
     if mesh.textures:
         colours = _counted(len(mesh.textures), "texture")
@@ -64,7 +65,7 @@ def opened_text(session: Session) -> str:
     return (
         f"**{plain(photo.label)}**  \n{photo.width} x {photo.height} px{camera}  \n"
         f"**{plain(model.name)}**  \n{len(mesh.faces):,} triangles, "
-        f"{_counted(len(mesh.part_names) or 1, 'part')}, {colours}; {symmetry_text(model)}  \n"
+        f"{_counted(len(mesh.part_names) or 1, 'part')}, {colours}; {symmetry_text(item)}  \n"
         f"{plain(size_words(mesh))}"
     )
 
@@ -237,7 +238,7 @@ def ends_table(comparison: LossComparison | None) -> str:
     }
     table = "\n".join(f"| {name} | {' | '.join(values)} |" for name, values in rows.items())
     first, second = fits[:2]
-    apart = pose_error(first.problem.model.mesh, second.pose, first.pose)
+    apart = pose_error(first.problem.mesh, second.pose, first.pose)
     return (
         f"{table}\n\nThe ends lie {apart.reprojection_px:.1f} px apart ({apart.percent:.2g} % of "
         f"the model's size in the photo), turned by {apart.rotation_deg:.2g}°. The outline of the "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -14,20 +14,20 @@ from poseviewer.app.state.camera_change import with_camera
 from poseviewer.errors import SingularChartError
 from poseviewer.fit.compared import box_near
 from poseviewer.fit.problem import FitProblem, moved, numbers_of
-from poseviewer.fit.scene import InView, LoadedModel, Scene, SceneObject
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Camera, Perspective, Pose
+from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.charts import Chart
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.geometry.transform import RigidTransform, Similarity
-from poseviewer.geometry.view import View
+from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.render.renderers import RendererName
+from poseviewer.scene.assets import ModelFile
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import InView, Scene, SceneObject, View
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS, Ellipse, ellipse_through
 
@@ -76,10 +76,6 @@ class Marks:
 class ObjectState:
     """State of an object that the app keeps beside the scene."""
 
-    start: Similarity
-    """World from model where ``reset`` puts it."""
-    cameras: tuple[Camera, ...]
-    """The views' when it was there."""
     pins: tuple[FloatArray, ...] = ()
     """Points (3,) on the model's surface, in its frame, that the user has pinned."""
     marks: Mapping[int, Marks] = field(default_factory=dict)
@@ -113,9 +109,11 @@ class Document:
                 in_views.append(replace(own, region=region))
             named = {} if are_numbers else {"id": str(index + 1), "name": one.name or one.id}
             settings = replace(one.settings, region=None)
-            objects.append(replace(one, in_views=tuple(in_views), settings=settings, **named))
-        cameras = tuple(view.camera for view in scene.views)
-        states = tuple(ObjectState(one.world_from_model, cameras) for one in objects)
+            cameras = one.start_cameras or tuple(view.camera for view in scene.views)
+            started = {"start": one.start or one.world_from_model, "start_cameras": cameras}
+            named |= {"in_views": tuple(in_views), "settings": settings}
+            objects.append(replace(one, **started, **named))
+        states = (ObjectState(),) * len(objects)
         return cls(replace(scene, objects=tuple(objects)), states, active, at)
 
     @property
@@ -139,14 +137,14 @@ class Document:
         return self.view.photo
 
     @property
-    def model(self) -> LoadedModel:
+    def model(self) -> ModelFile:
         """The active object's model."""
         return self.object.model
 
     @property
     def mesh(self) -> Mesh:
         """The active object's surface."""
-        return self.object.model.mesh
+        return self.object.mesh
 
     @property
     def settings(self) -> FitSettings:
@@ -161,7 +159,8 @@ class Document:
     @property
     def start(self) -> Pose:
         """The active object's start pose in the view, by the camera of that time."""
-        return replace(self.view, camera=self.state.cameras[self.at]).pose(self.state.start)
+        view = replace(self.view, camera=self.object.start_cameras[self.at])
+        return view.pose(self.object.start or self.object.world_from_model)
 
     @property
     def own(self) -> InView:
@@ -197,16 +196,17 @@ class Document:
         index = self.active if index is None else index
         return replace(self, scene=self.scene.with_object(index, **changes))
 
+    def without_parts(self, names: Sequence[str]) -> Document:
+        """The document whose active object lacks these parts alone, and is not searched for."""
+        mesh = self.model.content.mesh_without(tuple(names))
+        return self.with_object(without=mesh.left_out, result=None)
+
     def with_renderer(self, name: RendererName) -> Document:
         """The document with another renderer of all objects; ``auto``: with their own."""
         document = self
         for index, item in enumerate(self.scene.objects if name != "auto" else ()):
             document = document.with_object(index, settings=replace(item.settings, renderer=name))
         return document
-
-    def with_mesh(self, mesh: Mesh) -> Document:
-        """The document with another mesh of the active object, not searched for."""
-        return self.with_object(model=replace(self.model, mesh=mesh), result=None)
 
     def with_own(self, **changes: Any) -> Document:
         """The document with changed fields of what the view has of the active object alone."""
@@ -280,7 +280,7 @@ class Document:
         if scene.views != self.scene.views:
             for other, one in enumerate(self.scene.objects):
                 if other != index:
-                    camera, centre = scene.views[view].camera, one.model.mesh.centre
+                    camera, centre = scene.views[view].camera, one.mesh.centre
                     kept = with_camera(self.scene.pose(other, view), camera, centre)
                     scene = scene.with_pose(other, kept, view)
         return replace(self, scene=scene)
@@ -294,15 +294,15 @@ class Document:
     def started(self) -> Document:
         """The document whose active object starts where it is."""
         cameras = tuple(view.camera for view in self.scene.views)
-        placed = self.with_object(is_placed=True)
-        return placed.with_state(start=self.object.world_from_model, cameras=cameras)
+        start = {"start": self.object.world_from_model, "start_cameras": cameras}
+        return self.with_object(is_placed=True, **start)
 
     @property
     def reset(self) -> Document:
         """The document with the active object at its start."""
-        pairs = zip(self.scene.views, self.state.cameras, strict=True)
+        pairs = zip(self.scene.views, self.object.start_cameras, strict=True)
         views = tuple(replace(view, camera=camera) for view, camera in pairs)
-        at_start = {"world_from_model": self.state.start, "result": None}
+        at_start = {"world_from_model": self.object.start, "result": None}
         scene = replace(self.scene, views=views).with_object(self.active, **at_start)
         return self._placed(scene, self.active, self.at)
 
@@ -319,10 +319,14 @@ class Document:
         start = self._start_seen_now(free_focal)
         if has_one_view:
             return FreeBodyChart.near(self.mesh, start, free_focal)
-        place = self.object.world_from_model if start is self.pose else self.state.start
+        now, begun = self.object.world_from_model, self.object.start
+        place = now if start is self.pose or begun is None else begun
         reference, turn = FreeBodyChart.near(self.mesh, start), RigidTransform.identity()
         assert isinstance(start.camera, Perspective)  # those of several views are
-        free_scale, scale = self.scene.free_scale, 1.0 / place.scale
+        free_scale, scale = (
+            self.scene.free_scale,
+            1.0 / place.scale,
+        )
         return ViewChart(reference, start.camera, turn, free_scale, scale, int(free_focal))
 
     def _start_seen_now(self, free_focal: bool) -> Pose:
@@ -366,10 +370,11 @@ class Document:
 
     @property
     def placement(self) -> tuple[object, ...]:
-        """Places that files keep; equal where none of them has changed."""
+        """Poses and notes that files keep; equal where none of them has changed."""
         views = ((view.photo, view.camera, view.mask) for view in self.scene.views)
         objects = self.scene.objects
-        return *views, *((o.model, o.world_from_model, o.in_views) for o in objects)
+        models = ((o.mesh, o.model.keypoints, o.in_views) for o in objects)
+        return *views, *models, *((o.world_from_model, o.note) for o in objects)
 
 
 def is_alone(document: Document) -> bool:
@@ -411,5 +416,5 @@ def reference_view(scene: Scene, index: int, view: int) -> int:
 def compared(scene: Scene, index: int) -> tuple[object, ...]:
     """All that the loss of an object about its place in a scene depends on; equal for one loss."""
     one, objects = scene.objects[index], enumerate(scene.objects)
-    firm = ((o.model.mesh, o.world_from_model) for i, o in objects if i != index and o.stands_firm)
-    return scene.views, one.model.mesh, one.world_from_model, one.in_views, one.settings, *firm
+    firm = ((o.mesh, o.world_from_model) for i, o in objects if i != index and o.stands_firm)
+    return scene.views, one.mesh, one.world_from_model, one.in_views, one.settings, *firm

@@ -10,7 +10,6 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from poseviewer.app.state.document import Document
-from poseviewer.fit.scene import PlacedModel
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
@@ -19,6 +18,7 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.overlay.contour import within
+from poseviewer.scene.types import PlacedModel
 from poseviewer.starts.placing import surface_point, with_point_at
 from poseviewer.vehicle.chart import LEAST_AXLE_COMPONENT, VehicleChart
 

@@ -117,7 +117,7 @@ def leave_out(session: Session, x: float, y: float) -> Session:
     if hit is None:
         raise QuickStartError("There is no model there; press on the part to be left out.")
     part = mesh.part_names[mesh.face_part[hit[0]]]
-    return session.with_document(document.with_mesh(mesh.without([*mesh.left_out, part])))
+    return session.with_document(document.without_parts([*mesh.left_out, part]))
 
 
 @edit
@@ -127,7 +127,7 @@ def bring_back(session: Session, index: int) -> Session:
     if not 0 <= index < len(mesh.left_out):
         return session
     left = [name for i, name in enumerate(mesh.left_out) if i != index]
-    return session.with_document(session.document.with_mesh(mesh.without(left)))
+    return session.with_document(session.document.without_parts(left))
 
 
 @edit

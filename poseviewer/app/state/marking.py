@@ -1,7 +1,5 @@
 """Quick starts: marks are set, moved and removed, and the pose follows from them."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from poseviewer.app.state.document import UNLOCK, WHEELS, Document, Marks, label_of
@@ -99,7 +97,7 @@ def _with_hub(document: Document, hub: FloatArray) -> Document:
         keypoints = keypoints_from_side(mesh.whole, hubs[0], hub)
     except ValueError as error:
         raise QuickStartError(f"These are no two wheels of one side: {error}.") from error
-    model = replace(document.model, keypoints=keypoints)
+    model = document.model.with_content(keypoints=keypoints)
     return document.with_object(model=model, result=None).with_marks(hubs=())
 
 

@@ -7,13 +7,14 @@ from poseviewer.app.state.document import Document, ObjectState
 from poseviewer.app.state.edits import edit
 from poseviewer.app.state.session import Session, is_in_sight
 from poseviewer.errors import SettingsError
-from poseviewer.fit.scene import InView, LoadedModel, SceneObject
+from poseviewer.scene.assets import ModelFile
+from poseviewer.scene.types import InView, SceneObject
 from poseviewer.starts.placing import look_from
 
 MOST_OBJECTS = 30
 """All of them are kept in memory, and drawn."""
-LONGEST_NAME = 60
-"""Letters."""
+MAX_LETTERS = {"name": 60, "note": 1000}
+"""Letters of an object's texts: a line of the list, and a paragraph."""
 
 
 @edit
@@ -23,7 +24,7 @@ def pick_object(session: Session, number: int) -> Session:
 
 
 @edit
-def add_object(session: Session, model: LoadedModel | None = None) -> Session:
+def add_object(session: Session, model: ModelFile | None = None) -> Session:
     """Add an object, active and still to be placed; None: of the active one's model."""
     document = session.document
     added = session.with_document(with_added(document, model or document.model))
@@ -31,14 +32,17 @@ def add_object(session: Session, model: LoadedModel | None = None) -> Session:
     return replace(added, tool="pose", display=display).opened
 
 
-def with_added(document: Document, model: LoadedModel) -> Document:
-    """The document with one more object of a model, active, compared as the one before."""
+def with_added(document: Document, model: ModelFile) -> Document:
+    """The document with one more object of a model, active, compared as the one before.
+
+    Raises ``SettingsError``: too many, different units, or an unknown scale of several views.
+    """
     if len(document.scene.objects) >= MOST_OBJECTS:
         raise SettingsError(f"{MOST_OBJECTS} objects are the most in one scene; remove one first")
-    like, unit = document.object, model.mesh.unit
-    if unit and like.model.mesh.unit not in (None, unit):
+    like, unit = document.object, model.unit
+    if unit and like.model.unit not in (None, unit):
         raise SettingsError(
-            f"{model.name} is in {unit}, {like.model.name} in {like.model.mesh.unit}: the models "
+            f"{model.name} is in {unit}, {like.model.name} in {like.model.unit}: the models "
             "of a scene have to be in one unit; scale one of the files"
         )
     pose = look_from("three-quarter", model.mesh, model.keypoints, document.pose.camera)
@@ -46,9 +50,18 @@ def with_added(document: Document, model: LoadedModel) -> Document:
     settings = replace(like.settings, lock=())
     in_views = tuple(InView(is_compared=own.is_compared) for own in like.in_views)
     number = 1 + max(int(one.id) for one in document.scene.objects)
-    new = SceneObject(str(number), model, place, settings, in_views=in_views, is_placed=False)
+    new = SceneObject(
+        id=str(number),
+        model=model,
+        world_from_model=place,
+        start=place,
+        start_cameras=tuple(view.camera for view in document.scene.views),
+        settings=settings,
+        in_views=in_views,
+        is_placed=False,
+    )
     scene = replace(document.scene, objects=(*document.scene.objects, new))
-    states = (*document.states, ObjectState(place, tuple(view.camera for view in scene.views)))
+    states = (*document.states, ObjectState())
     return replace(document, scene=scene, states=states, active=len(document.scene.objects))
 
 
@@ -64,14 +77,14 @@ def remove_object(session: Session, number: int) -> Session:
 
 @edit
 def alter_object(session: Session, number: int, **changes: Any) -> Session:
-    """Change ``hidden``, ``locked`` or ``name`` of an object."""
+    """Change ``hidden``, ``locked`` or a text of an object."""
     index = session.document.scene.index(str(number))
     one = session.document.scene.objects[index]
-    if "name" in changes:
-        changes["name"] = changes["name"][:LONGEST_NAME]
+    texts = changes.keys() & MAX_LETTERS.keys()
+    changes |= {key: changes[key][: MAX_LETTERS[key]] for key in texts}
     if all(getattr(one, key) == value for key, value in changes.items()):
         return session
-    key = f"name {number}" if "name" in changes else None
+    key = f"{min(texts)} {number}" if texts else None
     return session.with_document(session.document.with_object(index, **changes), key)
 
 
@@ -101,10 +114,10 @@ def compare_view(session: Session, index: int, on: bool) -> Session:
     return session.with_document(changed.with_object(result=None).with_view(document.at))
 
 
-def symmetry_text(model: LoadedModel) -> str:
+def symmetry_text(item: SceneObject) -> str:
     """Say which poses count as one."""
-    if model.whole_symmetry.is_none:
+    if item.model.symmetry.is_none:
         return "no symmetry"
-    if model.symmetry.is_none:
+    if item.without:
         return "no symmetry with parts left out"
-    return f"poses are one that differ by {model.symmetry.words}"
+    return f"poses are one that differ by {item.symmetry.words}"

@@ -11,7 +11,7 @@ from poseviewer.app.state.searches import LossComparison, SearchRequest
 from poseviewer.app.state.session import Session, is_in_sight
 from poseviewer.errors import SettingsError
 from poseviewer.fit.progress import SearchProgress
-from poseviewer.fit.settings import LOSSES, FitSettings, LossName
+from poseviewer.scene.settings import LOSSES, FitSettings, LossName
 
 
 @edit

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 from poseviewer.app.state.document import Document
 from poseviewer.fit.progress import SearchProgress
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray
+from poseviewer.scene.settings import FitSettings
 from poseviewer.starts.automatic import Proposal, StartQuery
 from poseviewer.starts.loading import StartInputs
 

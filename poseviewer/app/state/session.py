@@ -18,12 +18,12 @@ from poseviewer.app.state.searches import LossComparison, ProposedStarts, Search
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import SettingsError
 from poseviewer.fit.progress import SearchProgress
-from poseviewer.fit.scene import Scene
-from poseviewer.fit.settings import LOSSES, FitSettings, LossName
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.scene.settings import LOSSES, FitSettings, LossName
+from poseviewer.scene.types import Scene
 
 MappedLoss = Literal["chosen", "default", "paper", "both"]
 

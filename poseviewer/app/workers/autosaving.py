@@ -7,9 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from typing import Literal
-
-from msgspec import structs
+from typing import Literal, TypeVar
 
 from poseviewer.app.state.display_edits import report_error
 from poseviewer.app.state.document import Document, is_alone
@@ -20,12 +18,15 @@ from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.keypoints import load_keypoints, save_keypoints
 from poseviewer.files.masks import mask_path, save_pose_and_mask
-from poseviewer.files.scene_file import place_of, save_scene
-from poseviewer.files.state.autosave import AutosavedSession, SessionFile, discard, left_behind
+from poseviewer.files.scene_json import as_saved, pose_json, save_scene
+from poseviewer.files.state.autosave import (
+    AutosavedSession,
+    SessionFile,
+    discard,
+    left_behind,
+)
 from poseviewer.files.state.uploads import taken_out
-from poseviewer.files.structs import CameraNumbers
-from poseviewer.fit.scene import LoadedModel
-from poseviewer.starts.loading import pose_record, record_of
+from poseviewer.scene.assets import ModelFile, PhotoFile
 
 PERIOD_S = 0.5
 """While something moves the session is written so often: with the write itself and the main loop's
@@ -34,6 +35,7 @@ RETRY_S = 10.0
 """A full disk is not mended in less."""
 
 
+Asset = TypeVar("Asset", PhotoFile, ModelFile)
 Kept = Document | Literal["nothing"]
 """Contents of the session's own file."""
 
@@ -122,9 +124,9 @@ class Autosaver:
             one.replace(one.with_suffix(f"{one.suffix}.bak"))
         try:
             if is_alone(own):
-                save_pose_and_mask(path, pose_record(scene), scene.mask(0))
+                save_pose_and_mask(path, pose_json(as_saved(scene)), scene.mask(0))
             else:
-                save_scene(path, taken_out(path, record_of(scene), self._uploads))
+                save_scene(path, taken_out(path, as_saved(scene), self._uploads))
         except PoseViewerError:
             for one in kept:
                 one.with_suffix(f"{one.suffix}.bak").replace(one)
@@ -159,12 +161,12 @@ class Autosaver:
             self._offered = None
 
 
-def _save_keypoints(model: LoadedModel) -> None:
+def _save_keypoints(model: ModelFile) -> None:
     """Write a model's key points beside it, unless it has them from its files."""
     path, keypoints = model.path, model.keypoints
-    if path is None or keypoints is None or load_keypoints(path, model.mesh.whole) is not None:
+    if path is None or keypoints is None or load_keypoints(path, model.mesh) is not None:
         return
-    save_keypoints(path, keypoints, model.mesh.unit)
+    save_keypoints(path, keypoints, model.unit)
 
 
 def _on_disk(path: Path) -> list[int]:
@@ -187,22 +189,23 @@ def _next_free(path: Path) -> Path:
 
 def kept_of(document: Document) -> AutosavedSession:
     """All that is kept of a document."""
-    scene = document.scene
-    views = tuple(replace(view, path=view.path and view.path.resolve()) for view in scene.views)
-    objects = []
-    for one in scene.objects:
-        path = one.model.path and one.model.path.resolve()
-        objects.append(replace(one, model=replace(one.model, path=path)))
-    record = record_of(replace(scene, views=views, objects=tuple(objects)), canonical=False)
-    cameras, started = tuple(view.camera for view in views), []
-    for one, state in zip(record.objects, document.states, strict=True):
-        others = () if state.cameras == cameras else tuple(map(CameraNumbers.of, state.cameras))
-        changes = {"start": place_of(state.start), "start_cameras": others}
-        started.append(structs.replace(one, **changes))
+    scene, saved = document.scene, as_saved(document.scene, canonical=False)
+    cameras, objects = tuple(view.camera for view in scene.views), []
+    for one, known in zip(saved.objects, scene.objects, strict=True):
+        start = {"start": known.start, "model": _resolved(one.model)}
+        if known.start_cameras != cameras:
+            start["start_cameras"] = known.start_cameras
+        objects.append(replace(one, **start))
+    views = tuple(replace(view, file=_resolved(view.file)) for view in scene.views)
     return AutosavedSession(
         saved_at=time.time(),
         active_object=document.object.id,
         active_view=document.at,
-        photo_names=tuple(view.photo.name for view in views),
-        scene=structs.replace(record, objects=tuple(started)),
+        photo_names=tuple(view.photo.name for view in scene.views),
+        scene=replace(saved, views=views, objects=tuple(objects)),
     )
+
+
+def _resolved(file: Asset) -> Asset:
+    """A photo or a model by its absolute path."""
+    return replace(file, path=file.path and file.path.resolve())

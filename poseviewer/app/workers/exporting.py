@@ -20,11 +20,11 @@ from poseviewer.files.formats.conversion import METRES, ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.masks import mask_as_png, mask_path
 from poseviewer.files.pose import pose_bytes
+from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.files.state.uploads import safe_path
-from poseviewer.fit.scene import Scene, SearchResult
-from poseviewer.fit.settings import settings_as_json
 from poseviewer.render.overlay.looks import SOLID_OPACITY, Picture
-from poseviewer.starts.loading import pose_record, record_of
+from poseviewer.scene.settings import settings_as_json
+from poseviewer.scene.types import ChartParameters, Scene, SearchResult
 
 Export = Literal["pose", "overlay", "sheet", "maps-npz"] | str
 """Name of a download of the page, or a key of ``CONVERTED``."""
@@ -43,14 +43,12 @@ def saved_scene(session: Session) -> Scene:
     if own.object.result is not None:
         return own.scene
     known = losses.mean if losses and losses.request.at_pose == session.at_pose else None
+    chart = own.chart
     result = SearchResult(
-        None,
-        None if known is None else known.loss,
-        None if known is None else known.total,
-        tuple(own.parameters.tolist()),
-        own.chart.name,
-        own.chart.names,
-        settings_as_json(own.settings),
+        loss=None if known is None else known.loss,
+        unexplained=None if known is None else known.total,
+        chart=ChartParameters(chart.name, chart.names, tuple(own.parameters.tolist())),
+        settings=settings_as_json(own.settings),
         notes=tuple(filter(None, (own.photo.focal_note(own.pose.camera),))),
         view=own.at,
     )
@@ -85,7 +83,7 @@ def export(what: Export, session: Session, unit: str = "") -> dict[str, bytes]:
     stem = Path(photo.name).stem + (".undistorted" if photo.undistortion is not None else "")
     if what == "pose":
         name, scene = f"{stem_of(own, view)}.pose.json", saved_scene(session)
-        record, mask = pose_record(scene, own.active, view), scene.mask(own.active, view)
+        record, mask = pose_json(as_saved(scene), own.active, view), scene.mask(own.active, view)
         beside = mask_path(name).name
         record = structs.replace(record, mask=None if mask is None else beside)
         files = {} if mask is None else {beside: mask_as_png(mask)}
@@ -109,13 +107,13 @@ def export(what: Export, session: Session, unit: str = "") -> dict[str, bytes]:
 
 def _converted(what: str, session: Session, unit: str | None) -> dict[str, bytes]:
     """One file of another tool, or a zip of several; of all objects where it holds several."""
-    own, scene = session.document, record_of(saved_scene(session))
+    own, scene = session.document, as_saved(saved_scene(session))
     stem = Path(own.photo.name).stem
     with TemporaryDirectory() as folder:
         out = Path(folder, f"{stem}{CONVERTED[what]}")
         if what in FORMATS:
             if not FORMATS[what].several_objects:
-                scene = structs.replace(scene, objects=(scene.objects[own.active],))
+                scene = replace(scene, objects=(scene.objects[own.active],))
             options = ConvertOptions(image="0", object_id=1, unit=unit, overwrite=True)
             FORMATS[what].convert(scene, out, options)
         else:
@@ -143,7 +141,7 @@ def picture_of(
         replace(one, hidden=index != document.active and not stands(one))
         for index, one in enumerate(document.scene.objects)
     )
-    meshes = {one.model.mesh for one in objects if not one.hidden}
+    meshes = {one.mesh for one in objects if not one.hidden}
     renderers = {mesh: renderer_of(mesh).clone() for mesh in meshes}
     index = 0 if len(objects) == 1 else None
     scene = api.Scene(replace(document.scene, objects=objects), renderers, index, document.at)

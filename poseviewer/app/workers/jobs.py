@@ -23,13 +23,13 @@ from poseviewer.errors import PoseViewerError, RendererUnavailableError, Setting
 from poseviewer.fit.problem import make_problem, pose_loss
 from poseviewer.fit.progress import SearchProgress
 from poseviewer.fit.search import Search
-from poseviewer.fit.settings import LOSSES, FitSettings
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.overlay.contour import quick_silhouette
 from poseviewer.render.pool import processors
 from poseviewer.render.renderers import RendererName
 from poseviewer.render.types import Renderer
+from poseviewer.scene.settings import LOSSES, FitSettings
 from poseviewer.starts.automatic import best_start
 from poseviewer.starts.instances import propose_beside
 
@@ -210,6 +210,6 @@ def compare_ends(ends: Sequence[SearchProgress], renderer: Renderer) -> LossComp
     losses = [
         [pose_loss(by.problem, renderer, end.progress.parameters) for by in ends] for end in ends
     ]
-    mesh = ends[0].problem.model.mesh
+    mesh = ends[0].problem.mesh
     outlines = tuple(quick_silhouette(mesh, renderer, end.progress.pose) for end in ends)
     return LossComparison(ends, np.array(losses), outlines)

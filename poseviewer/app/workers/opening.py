@@ -4,10 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from msgspec import structs
-
 from poseviewer.app.state.camera_change import with_camera
-from poseviewer.app.state.document import Document, ObjectState
+from poseviewer.app.state.document import Document
 from poseviewer.app.state.objects import with_added
 from poseviewer.app.state.pose_edits import put
 from poseviewer.errors import PoseFileError, QuickStartError
@@ -16,16 +14,17 @@ from poseviewer.files.file_set import FileSet
 from poseviewer.files.photo import load_calibrated_photo, load_photo
 from poseviewer.files.photo_sets import LoadedViews, SetChoice, load_views
 from poseviewer.files.pose import load_pose
-from poseviewer.files.scene_file import ObjectRecord, ViewRecord, load_scene
+from poseviewer.files.scene_assets import load_model
+from poseviewer.files.scene_json import load_scene
 from poseviewer.files.state.autosave import AutosavedSession
-from poseviewer.fit.scene import InView, LoadedModel
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Camera, Parallel, Pose
 from poseviewer.geometry.lens import same_undistortion
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.geometry.view import View
+from poseviewer.scene.assets import ModelFile, PhotoFile
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import InView, View
 from poseviewer.starts import loading
-from poseviewer.starts.loading import Start, StartInputs, known_scale, load_model, notes_of
+from poseviewer.starts.loading import Start, StartInputs, known_scale, notes_of
 from poseviewer.starts.placing import look_from
 
 
@@ -41,9 +40,10 @@ def open_files(
     """Photo and model from their files, with a start pose from one, or seen from a corner;
     ``without``: parts that are left out; ``objects``: models that the photo shows as well.
     """
-    loaded, start = loading.model_without(model, without), pose or _seen_from_corner
-    scene = loading.open_photo(photo, loaded, start, None, calibration, mask)
-    document = Document.of(scene.with_object(0, is_placed=pose is not None))
+    parts, start = FitSettings(without=tuple(without)), pose or _seen_from_corner
+    scene = loading.open_photo(photo, model, start, parts, calibration, mask)
+    scene = scene.with_object(0, is_placed=pose is not None, settings=FitSettings())
+    document = Document.of(scene)
     return with_models(document, objects)
 
 
@@ -59,12 +59,14 @@ def open_set(
     """Several photos and a model, with a start pose in one of them from a file, else seen from a
     corner in the first; ``view`` and ``scale`` as of ``loading.open_views``.
     """
-    views, loaded = load_views(path, choice), loading.model_without(model, without)
+    views, loaded = load_views(path, choice), load_model(model)
     start = pose
     if start is None:
         view, start = views.views[0].name, _corner_view(loaded, views.views[0].camera)
-    scene = loading.open_views(views, loaded, start, view=view, scale=scale)
-    return Document.of(scene.with_object(0, is_placed=pose is not None))
+    parts = FitSettings(without=tuple(without))
+    scene = loading.open_views(views, loaded, start, parts, view, scale)
+    settings = FitSettings()
+    return Document.of(scene.with_object(0, is_placed=pose is not None, settings=settings))
 
 
 def open_file_set(
@@ -130,7 +132,8 @@ def open_photo(now: Document, path: Path, calibration: Calibration | None = None
     same_pixels = photo.sha256 == before.photo.sha256 and same_undistortion(
         photo.undistortion, before.photo.undistortion
     )
-    view = View(photo.name, photo, camera, mask=before.mask if same_pixels else None, path=path)
+    mask = before.mask if same_pixels else None
+    view = View(PhotoFile.of(photo, path), camera, mask=mask)
     objects = []
     for index, one in enumerate(now.scene.objects):
         old, own = now.scene.pose(index, now.at), now.scene.in_view(index, now.at)
@@ -141,13 +144,11 @@ def open_photo(now: Document, path: Path, calibration: Calibration | None = None
             pose = Pose(camera, RigidTransform(turn, shift + wanted - old_centre))
         scale = one.world_from_model.scale / now.object.world_from_model.scale
         place = view.world_from_model(pose, 1.0 if isinstance(old.camera, Parallel) else scale)
-        in_views = (InView(own.mask if same_pixels else None),)
+        in_views = (InView(mask=own.mask if same_pixels else None),)
         changes = {"in_views": in_views, "is_placed": is_same and one.is_placed, "result": None}
+        changes |= {"start": place, "start_cameras": (camera,)}
         objects.append(replace(one, world_from_model=place, **changes))
-    states = tuple(
-        replace(state, start=one.world_from_model, cameras=(camera,), marks={})
-        for state, one in zip(now.states, objects, strict=True)
-    )
+    states = tuple(replace(state, marks={}) for state in now.states)
     scene = replace(now.scene, views=(view,), objects=tuple(objects), free_scale=False)
     notes = notes_of(photo)
     if before.photo.undistortion is not None and calibration is None:
@@ -160,8 +161,8 @@ def completed(now: Document, path: Path) -> Document:
     """The model at hand with files that it missed; its pose and all marks on it stay."""
     model = load_model(path)
     left_out = [name for name in now.mesh.left_out if name in model.mesh.part_names]
-    model = loading.model_without(model, left_out)
-    return with_notes(now.with_object(model=model, result=None), notes_of(model))
+    document = now.with_object(model=model).without_parts(left_out)
+    return with_notes(document, notes_of(model))
 
 
 def open_model(now: Document, path: Path) -> Document:
@@ -172,6 +173,7 @@ def open_model(now: Document, path: Path) -> Document:
     scale = 1.0 / known if known else None
     settings = FitSettings(seed=now.settings.seed)
     changes = {"model": model, "settings": settings, "name": "", "hidden": False, "locked": False}
+    changes |= {"without": ()}
     document = now.with_object(**changes).with_state(pins=(), marks={}).at_pose(pose, scale=scale)
     document = put(document, pose).started.with_object(is_placed=False)
     return with_notes(document, notes_of(model))
@@ -181,30 +183,32 @@ def open_pose(now: Document, path: Path) -> Document:
     """A pose file for the active object: its new start, with its masks and without the parts that
     it leaves out; of several photos, the one that it is of becomes the large one.
     """
-    photo, scale = now.photo, None
+    photo, scale, parts = now.photo, None, FitSettings(without=now.object.without)
     if len(now.scene.views) > 1:
         views = LoadedViews(now.scene.name, now.scene.views, now.scene.unit)
         known = None if now.scene.free_scale else 1.0 / now.object.world_from_model.scale
-        opened = loading.open_views(views, now.model, path, scale=known)
+        opened = loading.open_views(views, now.model, path, parts, scale=known)
         scale = opened.objects[0].world_from_model.scale
     else:
         lens = load_pose(path).undistortion
         if lens and not same_undistortion(lens, photo.undistortion) and now.view.path is not None:
             photo = replace(load_photo(now.view.path), name=photo.name)
-        opened = loading.open_photo(photo, now.model, path)
+        opened = loading.open_photo(photo, now.model, path, parts)
     document, names = now, [view.name for view in now.scene.views]
     for view in opened.views:
         document = document.with_view(names.index(view.name))
         if view.photo is not document.photo:
-            shown = replace(document.view, photo=view.photo, mask=None)
+            file = PhotoFile.of(view.photo, document.view.path)
+            shown = replace(document.view, file=file, mask=None)
             document = replace(document, scene=replace(now.scene, views=(shown,)))
             document = document.with_mask(None, own=True)
         if view.mask is not None:
             document = document.with_mask(view.mask, own=len(now.scene.objects) > 1)
-    mesh = opened.objects[0].mesh
-    document = document if mesh is now.mesh else document.with_mesh(mesh)
+    without = opened.objects[0].without
+    document = document if without == now.object.without else document.without_parts(without)
     document = document.with_view(names.index(opened.views[0].name))
     document = document.at_pose(opened.pose(0), scale=scale).started
+    document = document.with_object(note=opened.objects[0].note or now.object.note)
     files = (*(view.photo for view in opened.views), now.model)
     of_files = {note for file in files for note in notes_of(file)}
     return with_notes(document, [note for note in opened.notes if note not in of_files])
@@ -214,7 +218,7 @@ def _seen_from_corner(inputs: StartInputs) -> Start:
     return Start(_corner_view(inputs, inputs.photo.default_camera()), ())
 
 
-def _corner_view(model: LoadedModel | StartInputs, camera: Camera) -> Pose:
+def _corner_view(model: ModelFile | StartInputs, camera: Camera) -> Pose:
     return look_from("three-quarter", model.mesh, model.keypoints, camera)
 
 
@@ -224,40 +228,26 @@ def open_autosaved(kept: AutosavedSession) -> Document:
     Raises:
         PoseViewerError: a photo, or the active object's model, is gone, or cannot be used.
     """
-    record, notes = kept.scene, list[str]()
-    names = kept.photo_names or tuple(view.path.name for view in record.views)
-    for view, name in zip(record.views, names, strict=True):
-        _require_there(view.path, name)
-    for one in record.objects:
+    scene, notes = kept.scene, list[str]()
+    names = kept.photo_names or tuple(view.name for view in scene.views)
+    for view, name in zip(scene.views, names, strict=True):
+        _require_there(view.file.location, name)
+    for one in scene.objects:
         try:
-            _require_there(one.path, one.path.name)
+            _require_there(one.model.location, one.model.name)
         except PoseFileError as error:
             if one.id == kept.active_object:
                 raise
             notes.append(str(error))
-    objects = tuple(one for one in record.objects if one.path.is_file())
-    scene = loading.open_scene(structs.replace(record, objects=objects))
+    objects = tuple(one for one in scene.objects if one.model.location.is_file())
+    scene = loading.open_scene(replace(scene, objects=objects))
     views = tuple(
-        replace(view, name=name, photo=replace(view.photo, name=name))
+        replace(view, file=PhotoFile.of(replace(view.photo, name=name), view.path))
         for view, name in zip(scene.views, names, strict=True)
     )
     document = Document.of(replace(scene, views=views))
-    states = tuple(_state_of(one, record.views, document) for one in objects)
-    at = {"active": scene.index(kept.active_object), "at": kept.active_view}
-    document = replace(document, states=states, **at)
+    document = replace(document, active=scene.index(kept.active_object), at=kept.active_view)
     return with_notes(document, notes)
-
-
-def _state_of(one: ObjectRecord, views: Sequence[ViewRecord], document: Document) -> ObjectState:
-    """Start of an object."""
-    cameras = tuple(view.camera for view in document.scene.views)
-    if one.start_cameras:
-        cameras = tuple(
-            structs.replace(view, numbers=numbers, projection=projection).camera
-            for numbers, view in zip(one.start_cameras, views, strict=True)
-            for projection in ("perspective" if numbers.scale is None else "parallel",)
-        )
-    return ObjectState((one.start or one.place).similarity, cameras)
 
 
 def _require_there(path: Path, name: str) -> None:

@@ -20,7 +20,6 @@ from poseviewer.errors import PoseViewerError
 from poseviewer.fit.lighting import relit
 from poseviewer.fit.loss import LossScale, Unexplained, mean_over
 from poseviewer.fit.problem import ComparedView, make_problem
-from poseviewer.fit.scene import PlacedModel, Scene
 from poseviewer.fit.visibility import DepthImage, depth_image
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
@@ -29,6 +28,7 @@ from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.contour import Sketch, quick_silhouette, silhouette
 from poseviewer.render.overlay.edges import find_lines
 from poseviewer.render.overlay.looks import ModelInPhoto, Relight, draw_look, line_scale
+from poseviewer.scene.types import PlacedModel, Scene
 from poseviewer.starts.placing import framed
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
@@ -60,7 +60,7 @@ class LossReader:
     def views(self, request: Session) -> tuple[ComparedView, ...]:
         """The views as they are compared about the request's anchor; none where they cannot be."""
         own = request.document
-        about = own.state.start, own.state.cameras, *request.pixels
+        about = own.object.start, own.object.start_cameras, *request.pixels
         if about != self._about:
             self._about, self._views, self._note = about, (), ""
             # Which numbers are searched for is another matter.

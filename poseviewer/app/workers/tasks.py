@@ -20,11 +20,12 @@ from poseviewer.app.workers.opening import open_autosaved, open_file_set
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import FileSetError, QuickStartError
 from poseviewer.files.file_set import Kind, files_below, sort_set
+from poseviewer.files.scene_assets import load_model
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.files.state.uploads import LARGEST_UPLOAD, display_name, gathered, keep_set
 from poseviewer.geometry.camera import scaled_size
 from poseviewer.geometry.image import Photo
-from poseviewer.starts.loading import StartInputs, load_model, notes_of
+from poseviewer.starts.loading import StartInputs, notes_of
 from poseviewer.starts.wheels import likely_wheels
 
 

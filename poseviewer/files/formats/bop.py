@@ -18,12 +18,13 @@ from poseviewer.errors import PoseFileError
 from poseviewer.files.camera_forms import camera_of_matrix
 from poseviewer.files.checks import LARGEST_DATA, Reading, checked_rotation
 from poseviewer.files.formats import conversion as c
-from poseviewer.files.scene_file import ModelFile, ObjectRecord, Place, SceneRecord, ViewRecord
+from poseviewer.files.scene_assets import model_file, view_of_file
 from poseviewer.files.structs import checked_camera
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import opencv_matrix
-from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.scene.types import Scene, SceneObject
 
 MOST_DIGITS = 18
 """Length of an image's number: what 64 bits hold."""
@@ -72,7 +73,7 @@ class BopImage:
     """None: the scene does not say it."""
 
 
-def write_bop(scene: SceneRecord, out: Path, options: c.ConvertOptions, *_: Any) -> c.Contents:
+def write_bop(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.Contents:
     """Append an object's poses to the scene folder ``out``, unless they are there; of several
     objects, write their poses as the whole image.
     """
@@ -101,7 +102,7 @@ def write_bop(scene: SceneRecord, out: Path, options: c.ConvertOptions, *_: Any)
     return _scene_texts(out, cameras, poses)
 
 
-def read_bop(path: Path, request: c.ConvertOptions) -> SceneRecord:
+def read_bop(path: Path, request: c.ConvertOptions) -> Scene:
     """Read all objects of an image of a scene folder, or those of the number ``object_id``.
 
     Their models lie in the folder ``request.model``, where one is named.
@@ -110,7 +111,7 @@ def read_bop(path: Path, request: c.ConvertOptions) -> SceneRecord:
     posed = [(f"{item.number}", item) for item in load_bop_images(path, posed=True) if item.objects]
     by_number = replace(request, image=str(int(stem)) if stem.isdecimal() else request.image)
     image, unit = by_number.the_one(reading, "images", posed), request.unit or UNIT
-    view = ViewRecord.of(request.photo or path / image.photo, image.camera)
+    view = view_of_file(request.photo or path / image.photo, image.camera)
     view = request.sized(Reading(path / CAMERAS), view)
     factor = c.metres_per_unit(UNIT) / c.metres_per_unit(unit)
     folder = request.model if request.model and request.model.is_dir() else Path()
@@ -120,13 +121,13 @@ def read_bop(path: Path, request: c.ConvertOptions) -> SceneRecord:
         if asked in (None, number):
             counts[number] += 1
             name = f"{number}-{counts[number]}" if counts[number] > 1 else f"{number}"
-            model = ModelFile(str(folder / MODEL_FILE.format(number)), unit=unit)
+            model = model_file(folder / MODEL_FILE.format(number), unit=unit)
             place = replace(item.place, translation=item.place.translation * factor)
-            objects.append(ObjectRecord(id=name, model=model, place=Place.of(place)))
+            objects.append(SceneObject(id=name, model=model, world_from_model=Similarity(place)))
     if not objects:
         found = f"image {image.number} has no pose of object {asked}"
         raise reading.error(found, "choose another with --object")
-    return SceneRecord(views=(view,), objects=tuple(objects))
+    return Scene(views=(view,), objects=tuple(objects))
 
 
 def load_bop_images(folder: Path, posed: bool = False) -> tuple[BopImage, ...]:
@@ -184,20 +185,20 @@ def same_intrinsics(one: Perspective, other: Perspective) -> bool:
     return bool(np.allclose(*numbers, rtol=SAME, atol=SAME))
 
 
-def _entry(scene: SceneRecord, index: int, view: int, options: c.ConvertOptions) -> dict[str, Any]:
+def _entry(scene: Scene, index: int, view: int, options: c.ConvertOptions) -> dict[str, Any]:
     item, given = scene.objects[index], options.object_id
     factor = options.lengths_in(UNIT, scene, "BOP")
     place = scene.pose(index, view).camera_from_model
-    is_named = len(scene.objects) == 1 or re.fullmatch(MODEL_NAME, item.path.name)
+    is_named = len(scene.objects) == 1 or re.fullmatch(MODEL_NAME, item.model.location.name)
     if item.id.isdecimal() and len(item.id) <= MOST_DIGITS and not is_named:
         given = int(item.id)
-    number = _number(given, MODEL_NAME, item.path.name, "object", "obj_000005.ply")
+    number = _number(given, MODEL_NAME, item.model.location.name, "object", "obj_000005.ply")
     return BopObject(number, replace(place, translation=place.translation * factor)).as_json()
 
 
-def image_number(scene: SceneRecord, options: c.ConvertOptions, view: int = 0) -> int:
+def image_number(scene: Scene, options: c.ConvertOptions, view: int = 0) -> int:
     """Number of a view's image: what the user says, else by the photo's name."""
-    name = scene.views[view].path.name
+    name = scene.views[view].file.location.name
     return _number(options.image_of(view), PHOTO_NAME, name, "image", "000003.png")
 
 

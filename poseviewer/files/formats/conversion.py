@@ -7,31 +7,31 @@ undistorted photo, written beside its file, and the pinhole camera of that.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from msgspec import structs
 
 from poseviewer.errors import PhotoFileError, PoseFileError, printable
-from poseviewer.files import scene_file as s
 from poseviewer.files.checks import Reading, checked_rotation
+from poseviewer.files.mesh.size import METRES
 from poseviewer.files.photo import is_stored_turned, load_photo, save_photo
-from poseviewer.files.structs import Transform, checked_camera
+from poseviewer.files.scene_assets import model_file, open_view, view_of_file
+from poseviewer.files.structs import checked_camera
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.lens import SAME, LensModel
 from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.geometry.world_pose import WORLD
+from poseviewer.scene.types import Scene, SceneObject, View
 
 Entry = TypeVar("Entry")
 Contents = Mapping[Path, str | bytes]
 MOST_NAMED = 10
 """Number of images in a message."""
-METRES = {"km": 1000.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-"""Length units by name, in metres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,11 +62,11 @@ class ConvertOptions:
             return self.image
         return str(int(self.image) + view) if self.image.isdecimal() else None
 
-    def unit_of(self, scene: s.SceneRecord) -> str | None:
+    def unit_of(self, scene: Scene) -> str | None:
         """The models' unit: what the user says, else what the scene says."""
         return self.unit or next((o.model.unit for o in scene.objects if o.model.unit), None)
 
-    def lengths_in(self, unit: str, scene: s.SceneRecord, tool: str) -> float:
+    def lengths_in(self, unit: str, scene: Scene, tool: str) -> float:
         """The tool's ``unit``, in which its lengths are, in the models'; raises PoseFileError where
         theirs is not known.
         """
@@ -96,10 +96,10 @@ class ConvertOptions:
             raise reading.error(f"it is for a photo of {width}x{height} px", f"not of {asked} px")
         return width, height
 
-    def sized(self, reading: Reading, view: s.ViewRecord) -> s.ViewRecord:
+    def sized(self, reading: Reading, view: View) -> View:
         """The view with the size of its photo, by ``size_of``."""
-        width, height = view.photo.width or None, view.photo.height or None
-        return view.resized(*self.size_of(reading, width, height, view.path))
+        width, height = view.file.width or None, view.file.height or None
+        return view.resized(*self.size_of(reading, width, height, view.file.location))
 
     def the_one(self, reading: Reading, kind: str, entries: Iterable[tuple[str, Entry]]) -> Entry:
         """The entry that ``image`` names, with or without folders, or the only one."""
@@ -114,18 +114,16 @@ class ConvertOptions:
             raise reading.error(found, f"wanted one, choose it with --image NAME ({names}{more})")
         return chosen[0]
 
-    def scene_of(
-        self, reading: Reading, view: s.ViewRecord, unit: str | None = None
-    ) -> s.SceneRecord:
+    def scene_of(self, reading: Reading, view: View, unit: str | None = None) -> Scene:
         """The scene of a view whose world is the frame of the model, in the user's ``unit`` or that
         of the file.
         """
         checked_camera(reading, view.camera)
-        model = s.ModelFile(str(Path()), unit=self.unit or unit)
-        item = s.ObjectRecord(id="1", model=model, place=s.Place.of(view.place.rigid))
-        view = structs.replace(view, place=Transform.of(RigidTransform.identity()))
-        warnings = tuple(reading.warnings)
-        return s.SceneRecord(views=(self.sized(reading, view),), objects=(item,), warnings=warnings)
+        model = model_file(Path(), unit=self.unit or unit)
+        item = SceneObject(id="1", model=model, world_from_model=Similarity(view.camera_from_world))
+        view = replace(view, camera_from_world=WORLD)
+        notes = tuple(reading.warnings)
+        return Scene(views=(self.sized(reading, view),), objects=(item,), notes=notes)
 
 
 Lenses = Sequence[tuple[str, LensModel, int]]
@@ -137,9 +135,9 @@ that one's coefficients it has."""
 class Format:
     """A tool's format."""
 
-    write: Callable[[s.SceneRecord, Path, ConvertOptions, list[str]], Contents]
+    write: Callable[[Scene, Path, ConvertOptions, list[str]], Contents]
     """Gives what the files hold, of a scene, where to, and what else is known; adds notes."""
-    read: Callable[[Path, ConvertOptions], s.SceneRecord]
+    read: Callable[[Path, ConvertOptions], Scene]
     lenses: Lenses = ()
     several_photos: bool = True
     several_objects: bool = False
@@ -154,7 +152,7 @@ class Format:
     """Folder, in the output, of undistorted photos; None: beside the file that is written."""
 
     def convert(
-        self, scene: s.SceneRecord, out: Path, options: ConvertOptions
+        self, scene: Scene, out: Path, options: ConvertOptions
     ) -> tuple[list[Path], list[str]]:
         """Write a scene for the photos as taken, or else the undistorted photos as well.
 
@@ -169,11 +167,11 @@ class Format:
             notes.append(f"It holds one photo: the other {len(views) - 1} of the set are left out.")
             views = views[:1]
         for number, view in enumerate(views):
-            name = view.path.name or "the photo"
-            if view.distortion is not None and not self.is_own:
+            name = view.file.location.name or "the photo"
+            if view.file.undistortion is not None and not self.is_own:
                 if taken := _as_taken(view, self.lenses):
                     notes.append(f"Camera and lens ({taken[1]}) are those of {name} as taken.")
-                elif ready and not view.path.is_file():
+                elif ready and not view.file.location.is_file():
                     notes.append(f"{name} is not there to be undistorted: left out.")
                     continue
                 else:
@@ -189,13 +187,13 @@ class Format:
                         f"All numbers of {name} belong to {of_photo}; not to that as taken."
                     )
             ready.append(view)
-        photo = ready[0].path
+        photo = ready[0].file.location
         if not (self.is_own or self.is_upright) and photo.is_file() and is_stored_turned(photo):
             found = (
                 f"{photo.name} is stored turned (EXIF), and the pose is one in the upright photo"
             )
             notes.append(f"{found}; save it upright for tools that do not turn it.")
-        written = self.write(structs.replace(scene, views=tuple(ready)), out, options, notes)
+        written = self.write(replace(scene, views=tuple(ready)), out, options, notes)
         for path in () if self.appends else written:
             if path.is_dir():
                 raise PoseFileError(f"{path}: is a folder; name a file in it.")
@@ -210,21 +208,21 @@ class Format:
         return [*files, *written], notes
 
 
-def _of_undistorted(view: s.ViewRecord, path: Path, options: ConvertOptions) -> s.ViewRecord:
-    if not view.path.is_file():
+def _of_undistorted(view: View, path: Path, options: ConvertOptions) -> View:
+    if not view.file.location.is_file():
         found = "The pose is one in the undistorted photo, and that as taken is not known"
         raise PoseFileError(f"{found}, of which it is made; add --photo FILE.")
-    opened, differences = s.open_view(structs.replace(view, mask=None))
+    opened, differences = open_view(replace(view, mask=None))
     if differences:
         found = f"{opened.name}: not the photo of the pose (the fingerprints differ)"
         raise PhotoFileError(f"{found}; name that one with --photo, or this one if you mean it.")
-    is_taken = path.exists() and path.samefile(view.path)
+    is_taken = path.exists() and path.samefile(view.file.location)
     if not path.exists() or (options.overwrite and not is_taken):
         save_photo(path, opened.photo, is_own=True)
     elif is_taken or not np.array_equal(load_photo(path).pixels, opened.photo.pixels):
         wanted = "move it away: the undistorted photo is to be written there"
         raise PhotoFileError(f"{path}: is there already and was not touched; {wanted}.")
-    return s.ViewRecord.of(path, view.camera, place=view.place.rigid)
+    return view_of_file(path, view.camera, camera_from_world=view.camera_from_world)
 
 
 def from_4x4(reading: Reading, values: Any, what: str) -> RigidTransform:
@@ -238,7 +236,7 @@ def from_4x4(reading: Reading, values: Any, what: str) -> RigidTransform:
     return RigidTransform(checked_rotation(reading, matrix[:3, :3]), matrix[:3, 3])
 
 
-def in_one_world(scene: s.SceneRecord) -> tuple[list[FloatArray], list[Pose]]:
+def in_one_world(scene: Scene) -> tuple[list[FloatArray], list[Pose]]:
     """The objects and cameras of a scene in one frame: the model's, or, of several objects, the
     first camera's with OpenGL's axes; lengths in the models' unit.
 
@@ -283,7 +281,7 @@ def metres_per_unit(unit: str) -> float:
 
 
 def cameras_as_taken(
-    scene: s.SceneRecord, tool: str, lenses: Lenses
+    scene: Scene, tool: str, lenses: Lenses
 ) -> Iterator[tuple[Path, RigidTransform, Perspective, str, tuple[float, ...]]]:
     """List for each photo as taken its path, ``camera_from_model`` of the only object, the camera
     (pixel centres at i + 0.5), and the tool's name of its lens and coefficients.
@@ -292,16 +290,14 @@ def cameras_as_taken(
         perspective_of(view.camera, tool)
         taken = _as_taken(view, lenses)
         assert taken is not None  # of other views the undistorted photo is written
-        yield view.path, scene.pose(0, index).camera_from_model, *taken
+        yield view.file.location, scene.pose(0, index).camera_from_model, *taken
 
 
-def _as_taken(
-    view: s.ViewRecord, lenses: Lenses
-) -> tuple[Perspective, str, tuple[float, ...]] | None:
+def _as_taken(view: View, lenses: Lenses) -> tuple[Perspective, str, tuple[float, ...]] | None:
     """Camera of a view's photo as taken, and name and coefficients of the first model that holds
     its lens; None where a format has no such model, or the camera is another by now.
     """
-    camera, undistortion, model, k = view.camera, view.undistortion, "opencv", ()
+    camera, undistortion, model, k = view.camera, view.file.undistortion, "opencv", ()
     if not isinstance(camera, Perspective):
         return None
     if undistortion is not None:

@@ -18,21 +18,21 @@ from typing import Any
 
 import cv2
 import numpy as np
-from msgspec import structs
 from numpy.typing import NDArray
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.checks import LARGEST_DATA, Reading
 from poseviewer.files.formats import conversion as c
-from poseviewer.files.mesh.gltf import gltf_header, parents_of, world_matrix
+from poseviewer.files.mesh.gltf import gltf_header, world_matrices
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.scene_file import SceneRecord, ViewRecord, open_view
+from poseviewer.files.scene_assets import open_view, view_of_file
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import HALF_PIXEL, OPENGL_FROM_OPENCV
 from poseviewer.geometry.image import linear_from_srgb
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.scene.types import Scene
 
 PLANE_BEHIND = 1.05
 """Distance of the photo's plane, in those of the model's furthest point."""
@@ -45,7 +45,7 @@ FLOAT, UNSIGNED, VERTICES, INDICES = 5126, 5125, 34962, 34963
 
 
 def write_gltf(
-    scene: SceneRecord, out: Path, options: c.ConvertOptions, notes: list[str]
+    scene: Scene, out: Path, options: c.ConvertOptions, notes: list[str]
 ) -> dict[Path, bytes]:
     """Write a GLB file of models and cameras ``in_one_world``, which is glTF's; lengths become
     metres where the models' unit is known.
@@ -54,7 +54,7 @@ def write_gltf(
         raise PoseFileError(f"{out.name}: binary glTF files end in .glb; name it so.")
     unit, (places, poses) = options.unit_of(scene), c.in_one_world(scene)
     scale = 1.0 if unit is None else c.metres_per_unit(unit)
-    paths = [c.require_file(item.path, "model", "glTF") for item in scene.objects]
+    paths = [c.require_file(item.model.location, "model", "glTF") for item in scene.objects]
     meshes = {path: load_mesh(path) for path in dict.fromkeys(paths)}
     corners = [
         meshes[path].vertices @ place[:3, :3].T + place[:3, 3]
@@ -64,18 +64,19 @@ def write_gltf(
     index = {path: file.add_mesh(mesh) for path, mesh in meshes.items()}
     models = []
     for item, place in zip(scene.objects, places, strict=True):
-        moved = place @ Similarity(RigidTransform(np.eye(3), _origin(meshes[item.path]))).matrix
+        model = item.model.location
+        moved = place @ Similarity(RigidTransform(np.eye(3), _origin(meshes[model]))).matrix
         matrix = moved.T.ravel().tolist()
-        models.append(file.add("nodes", name=item.label, mesh=index[item.path], matrix=matrix))
+        models.append(file.add("nodes", name=item.label, mesh=index[model], matrix=matrix))
     nodes = [file.add("nodes", name="models", scale=[scale] * 3, children=models)]
     placed = [_before(pose, points) for pose in poses]
-    names = ["photo", *(view.path.name or "another photo" for view in scene.views[1:])]
+    names = ["photo", *(view.file.location.name or "another photo" for view in scene.views[1:])]
     for name, (pose, depth) in zip(names, placed, strict=True):
         nodes.append(file.add_camera(name, pose, depth, scale))
-    if not scene.views[0].path.is_file():
+    if not scene.views[0].file.location.is_file():
         notes.append("No photo is known: the file has no plane with it; add --photo FILE.")
         return {out: file.as_bytes(nodes)}
-    photo = open_view(structs.replace(scene.views[0], mask=None))[0].photo
+    photo = open_view(replace(scene.views[0], mask=None))[0].photo
     (pose, depth), rgb = placed[0], photo.as_rgb8(photo.width, photo.height)
     plane = _photo_plane(pose, PLANE_BEHIND * depth, scale, rgb)
     index, origin = file.add_mesh(plane, "photo"), _origin(plane).tolist()
@@ -221,7 +222,7 @@ def _photo_plane(pose: Pose, depth: float, scale: float, rgb: NDArray[np.uint8])
     )
 
 
-def read_gltf(path: Path, request: c.ConvertOptions) -> SceneRecord:
+def read_gltf(path: Path, request: c.ConvertOptions) -> Scene:
     """Read the only camera, or that of node ``request.image``; the world is the model's frame."""
     reading = Reading(path, kind="glTF file", largest=LARGEST_DATA)
     with reading.naming_errors():
@@ -230,7 +231,7 @@ def read_gltf(path: Path, request: c.ConvertOptions) -> SceneRecord:
         nodes = document.get("nodes", [])
         known = [(str(node.get("name")), i) for i, node in enumerate(nodes) if "camera" in node]
         index = request.the_one(reading, "cameras", known)
-        world_from_camera = world_matrix(nodes, index, parents_of(nodes))
+        world_from_camera = world_matrices(nodes)[index]
         entry = document["cameras"][nodes[index]["camera"]]
         metres = c.metres_per_unit(request.unit or "m")
         camera = _camera(reading, entry, request, metres)
@@ -239,7 +240,7 @@ def read_gltf(path: Path, request: c.ConvertOptions) -> SceneRecord:
         world_from_camera[:3, :3] /= lengths  # cameras have no size
     place = c.from_4x4(reading, world_from_camera.tolist(), "the camera's matrix")
     place = RigidTransform(place.rotation, place.translation / metres)
-    view = ViewRecord.of(Path(), camera, place=OPENGL_FROM_OPENCV @ place.inverse())
+    view = view_of_file(Path(), camera, camera_from_world=OPENGL_FROM_OPENCV @ place.inverse())
     return request.scene_of(reading, view, "m")
 
 

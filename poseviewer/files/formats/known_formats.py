@@ -1,5 +1,6 @@
 """The formats by name; what their files hold stands in ``assets/docs/formats.md``."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from msgspec import structs
@@ -11,26 +12,28 @@ from poseviewer.files.formats.gltf import GLTF
 from poseviewer.files.formats.matrices import DOPE, MATRIX, OPENCV
 from poseviewer.files.formats.meshlab import MESHLAB
 from poseviewer.files.formats.reconstructions import COLMAP, NERFSTUDIO
-from poseviewer.files.masks import load_mask, mask_as_png, mask_path
+from poseviewer.files.masks import mask_as_png, mask_beside, mask_path
 from poseviewer.files.pose import load_pose, pose_bytes
-from poseviewer.files.scene_file import SceneRecord, load_scene, scene_contents, scene_of_pose
+from poseviewer.files.scene_json import load_scene, pose_json, scene_contents, scene_of_pose
+from poseviewer.scene.types import Scene
 
 
-def write_own(scene: SceneRecord, out: Path, *_: object) -> dict[Path, bytes]:
+def write_own(scene: Scene, out: Path, *_: object) -> dict[Path, bytes]:
     """Write a pose file of our own, and its mask beside it."""
-    view, record, contents = scene.views[0], scene.pose_record(0), {}
-    if view.mask and Path(view.mask).is_file():
-        mask = load_mask(view.mask, view.photo.width, view.photo.height)
+    mask, record, contents = scene.views[0].mask, pose_json(scene), {}
+    if mask is not None:
         contents[mask_path(out)] = mask_as_png(mask)
         record = structs.replace(record, mask=mask_path(out).name)
     return {**contents, out: pose_bytes(out, record)}
 
 
-def read_own(path: Path, request: ConvertOptions) -> SceneRecord:
+def read_own(path: Path, request: ConvertOptions) -> Scene:
     """Read a pose file."""
-    scene = scene_of_pose(path, load_pose(path))
+    record = load_pose(path)
+    scene = scene_of_pose(path, record)
     view = request.sized(Reading(path), scene.views[0])
-    return structs.replace(scene, views=(view, *scene.views[1:]))
+    mask, notes = mask_beside(path, record, view.file.width, view.file.height)
+    return replace(scene, views=(replace(view, mask=mask),), notes=(*scene.notes, *notes))
 
 
 FORMATS = {

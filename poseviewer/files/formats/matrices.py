@@ -24,10 +24,12 @@ from poseviewer.files.camera_forms import cameras_in, load_tree, matrix_text
 from poseviewer.files.cameras import Calibration, load_calibration
 from poseviewer.files.checks import Reading, checked_rotation, rotation_of
 from poseviewer.files.formats import conversion as c
-from poseviewer.files.scene_file import ModelFile, ObjectRecord, Place, SceneRecord, ViewRecord
+from poseviewer.files.scene_assets import model_file, view_of_file
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_as_integer_centres
 from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.geometry.world_pose import WORLD
+from poseviewer.scene.types import Scene, SceneObject, View
 
 ENDINGS, STORAGES = (".txt", ".npy", ".json"), (".yml", ".yaml", ".json")
 """Endings of matrices' and of OpenCV's files."""
@@ -37,7 +39,7 @@ UNIT = "cm"
 """DOPE's."""
 
 
-def write_opencv(scene: SceneRecord, out: Path, *_: object) -> dict[Path, str]:
+def write_opencv(scene: Scene, out: Path, *_: object) -> dict[Path, str]:
     """Write YAML or JSON, by the ending."""
     transform, camera, lens, k = next(c.cameras_as_taken(scene, "OpenCV", LENSES))[1:]
     ending = out.suffix.lower()
@@ -55,7 +57,7 @@ def write_opencv(scene: SceneRecord, out: Path, *_: object) -> dict[Path, str]:
     return {out: storage.releaseAndGetString()}
 
 
-def read_opencv(path: Path, request: c.ConvertOptions) -> SceneRecord:
+def read_opencv(path: Path, request: c.ConvertOptions) -> Scene:
     """Read ``camera_matrix`` or ``K``, ``rvec`` or ``R``, ``tvec`` or ``t``; JSON lists as well."""
     reading = Reading(path, numbers_as_text=True)
     data = reading.object(load_tree(reading), "its content")
@@ -67,10 +69,10 @@ def read_opencv(path: Path, request: c.ConvertOptions) -> SceneRecord:
     matrix = Rotation.from_rotvec(rotation).as_matrix() if len(rotation) == 3 else rotation
     rotation = checked_rotation(reading, np.reshape(matrix, (3, 3)))
     place = RigidTransform(rotation, np.array(translation))
-    return request.scene_of(reading, ViewRecord.of(Path(), known.camera, None, known.lens, place))
+    return request.scene_of(reading, view_of_file(Path(), known.camera, None, known.lens, place))
 
 
-def write_matrix(scene: SceneRecord, out: Path, options: c.ConvertOptions, *_: Any) -> c.Contents:
+def write_matrix(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.Contents:
     """Write the matrix camera from model in the form of the file's ending."""
     c.perspective_of(scene.views[0].camera, "matrix")
     place = scene.pose(0).camera_from_model
@@ -87,7 +89,7 @@ def write_matrix(scene: SceneRecord, out: Path, options: c.ConvertOptions, *_: A
     raise PoseFileError(f"{out.name}: matrix files end in {', '.join(ENDINGS)}; name it so.")
 
 
-def read_matrix(path: Path, request: c.ConvertOptions) -> SceneRecord:
+def read_matrix(path: Path, request: c.ConvertOptions) -> Scene:
     """Read 4 rows of 4 numbers (or 3), and the camera in the file ``request.calibration``."""
     reading = Reading(path, numbers_as_text=True, kind="4x4 matrix")
     match path.suffix.lower():
@@ -102,19 +104,17 @@ def read_matrix(path: Path, request: c.ConvertOptions) -> SceneRecord:
     return request.scene_of(reading, _calibrated(reading, request, place))
 
 
-def _calibrated(
-    reading: Reading, request: c.ConvertOptions, place: RigidTransform | None = None
-) -> ViewRecord:
+def _calibrated(reading: Reading, request: c.ConvertOptions, place: RigidTransform = WORLD) -> View:
     if request.calibration is None:
         wanted = "add --calibration FILE, and --photo or --photo-size"
         raise reading.error("it does not say the camera", wanted)
     size, photo = request.size_of(reading, None, None, request.photo), request.photo or Path()
     known, notes = load_calibration(Calibration(request.calibration), photo.name, *size)
     reading.warnings.extend(notes)
-    return ViewRecord.of(photo, known.camera, None, known.lens, place)
+    return view_of_file(photo, known.camera, None, known.lens, place)
 
 
-def write_dope(scene: SceneRecord, out: Path, options: c.ConvertOptions, *_: Any) -> c.Contents:
+def write_dope(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.Contents:
     """Write camera and objects of one photo."""
     camera = c.perspective_of(scene.views[0].camera, "DOPE")
     shifted, objects = camera_as_integer_centres(camera), []
@@ -130,13 +130,13 @@ def write_dope(scene: SceneRecord, out: Path, options: c.ConvertOptions, *_: Any
     return {out: json.dumps(data, indent=2) + "\n"}
 
 
-def read_dope(path: Path, request: c.ConvertOptions) -> SceneRecord:
+def read_dope(path: Path, request: c.ConvertOptions) -> Scene:
     """Read all objects of a photo, or those of the class ``request.image``."""
     reading, objects = Reading(path, kind="DOPE file"), []
     data, unit = reading.load_object(), request.unit or UNIT
     if data.get("camera_data"):
         known = cameras_in(reading, data["camera_data"])[0]
-        view = request.sized(reading, ViewRecord.of(request.photo or Path(), known.camera))
+        view = request.sized(reading, view_of_file(request.photo or Path(), known.camera))
     else:
         view = _calibrated(reading, request)
     factor = c.metres_per_unit(UNIT) / c.metres_per_unit(unit)
@@ -146,14 +146,15 @@ def read_dope(path: Path, request: c.ConvertOptions) -> SceneRecord:
         location = np.array(reading.flat_numbers(said.get("location"), f"{what}.location", 3))
         quaternion = reading.flat_numbers(said.get("quaternion_xyzw"), f"{what}.quaternion_xyzw", 4)
         rotation = rotation_of(reading, quaternion, f"{what}.quaternion_xyzw")
-        place = Place.of(RigidTransform(rotation, location * factor))
+        place = Similarity(RigidTransform(rotation, location * factor))
         name = reading.text(said.get("class"), f"{what}.class") or ""
         if request.image in (None, name):
-            model = ModelFile(str(request.model or Path()), unit=unit)
-            objects.append(ObjectRecord(id=str(number), name=name, model=model, place=place))
+            model = model_file(request.model or Path(), unit=unit)
+            item = SceneObject(id=str(number), name=name, model=model, world_from_model=place)
+            objects.append(item)
     if not objects:
         raise reading.error(f"no pose of {request.image or 'an object'}", "wanted one in objects")
-    return SceneRecord(views=(view,), objects=tuple(objects), warnings=tuple(reading.warnings))
+    return Scene(views=(view,), objects=tuple(objects), notes=tuple(reading.warnings))
 
 
 OPENCV = c.Format(write_opencv, read_opencv, lenses=LENSES, several_photos=False)

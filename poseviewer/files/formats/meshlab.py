@@ -14,36 +14,38 @@ import numpy as np
 from poseviewer.files.checks import Reading
 from poseviewer.files.formats import conversion as c
 from poseviewer.files.mesh.named import bare_name
-from poseviewer.files.scene_file import SceneRecord, ViewRecord, relative_name
+from poseviewer.files.scene_assets import view_of_file
+from poseviewer.files.scene_json import relative_name
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_with_rows_from_below
 from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.scene.types import Scene
 
 SENSOR_MM = 36.0
 """Width of the sensor we claim: MeshLab wants mm, of which only ratios count."""
 
 
 def write_meshlab(
-    scene: SceneRecord, out: Path, _: c.ConvertOptions, notes: list[str]
+    scene: Scene, out: Path, _: c.ConvertOptions, notes: list[str]
 ) -> dict[Path, str]:
     """Write a project that names models and photos by their paths from its folder."""
-    c.require_file(scene.views[0].path, "photo", "MeshLab")
+    c.require_file(scene.views[0].file.location, "photo", "MeshLab")
     places, poses = c.in_one_world(scene)
     add, root = ElementTree.SubElement, ElementTree.Element("MeshLabProject")
     group = add(root, "MeshGroup")
     for item, place in zip(scene.objects, places, strict=True):
-        model = relative_name(out, c.require_file(item.path, "model", "MeshLab"))
+        model = relative_name(out, c.require_file(item.model.location, "model", "MeshLab"))
         mesh = {"label": item.label, "visible": "1", "filename": model}
         matrix = add(add(group, "MLMesh", mesh), "MLMatrix44")
         matrix.text = "\n" + "".join(f"{_words(row)} \n" for row in place)
     rasters = add(root, "RasterGroup")
     for view, pose in zip(scene.views, poses, strict=True):
-        if not view.path.is_file():
-            notes.append(f"{view.path.name} is not there, and is left out.")
+        if not view.file.location.is_file():
+            notes.append(f"{view.file.location.name} is not there, and is left out.")
             continue
-        raster = add(rasters, "MLRaster", {"label": view.path.name})
+        raster = add(rasters, "MLRaster", {"label": view.file.location.name})
         add(raster, "VCGCamera", _shot(pose))
-        add(raster, "Plane", {"semantic": "1", "fileName": relative_name(out, view.path)})
+        add(raster, "Plane", {"semantic": "1", "fileName": relative_name(out, view.file.location)})
     ElementTree.indent(root, " ")
     text = "<!DOCTYPE MeshLabDocument>\n" + ElementTree.tostring(root, encoding="unicode") + "\n"
     return {out: text}
@@ -72,7 +74,7 @@ def _words(numbers: Any) -> str:
     return " ".join(repr(float(number)) for number in numbers)
 
 
-def read_meshlab(path: Path, request: c.ConvertOptions) -> SceneRecord:
+def read_meshlab(path: Path, request: c.ConvertOptions) -> Scene:
     """Read raster ``request.image``, or the only one; the world is the model's frame."""
     reading = Reading(path, kind="MeshLab project (.mlp)")
     with reading.naming_errors():
@@ -104,7 +106,7 @@ def read_meshlab(path: Path, request: c.ConvertOptions) -> SceneRecord:
     translation = rotation @ np.array(numbers_of("TranslationVector", 4)[:3])
     place = OPENGL_FROM_OPENCV @ RigidTransform(rotation, translation)
     photo = path.with_name(bare_name(raster.get("label") or "photo"))
-    view = ViewRecord.of(photo, camera_with_rows_from_below(camera), place=place)
+    view = view_of_file(photo, camera_with_rows_from_below(camera), camera_from_world=place)
     return request.scene_of(reading, view)
 
 

@@ -19,9 +19,11 @@ from poseviewer.files.camera_forms import cameras_in
 from poseviewer.files.checks import Reading, is_there
 from poseviewer.files.colmap_model import colmap_cameras, colmap_images, image_pose, model_file
 from poseviewer.files.formats import conversion as c
-from poseviewer.files.scene_file import SceneRecord, ViewRecord, relative_name
+from poseviewer.files.scene_assets import view_of_file
+from poseviewer.files.scene_json import relative_name
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.transform import Similarity
+from poseviewer.scene.types import Scene, View
 
 PHOTO_ENDINGS = ("", ".png", ".jpg", ".jpeg")
 """NeRF's own sets leave them out."""
@@ -42,7 +44,7 @@ COEFFICIENTS = {
 """nerfstudio's names."""
 
 
-def write_colmap(scene: SceneRecord, out: Path, *_: object) -> dict[Path, str]:
+def write_colmap(scene: Scene, out: Path, *_: object) -> dict[Path, str]:
     """Write a model's cameras and images, without points, into the folder ``out``."""
     cameras: dict[str, int] = {}
     images = ""
@@ -59,14 +61,14 @@ def write_colmap(scene: SceneRecord, out: Path, *_: object) -> dict[Path, str]:
     return {out / name: text for name, text in texts.items()}
 
 
-def read_colmap(path: Path, request: c.ConvertOptions) -> SceneRecord:
+def read_colmap(path: Path, request: c.ConvertOptions) -> Scene:
     """Read the image ``request.image``, or the only one; the world is the model's frame."""
     reading = Reading(model_file(path, "images"))
     view = request.the_one(reading, "images", colmap_views(path, reading))
     return request.scene_of(reading, view)
 
 
-def colmap_views(folder: Path, reading: Reading) -> list[tuple[str, ViewRecord]]:
+def colmap_views(folder: Path, reading: Reading) -> list[tuple[str, View]]:
     """Name and view of each image of the model in a folder, the photo beside the model's files;
     ``reading``: of its images.
     """
@@ -78,11 +80,11 @@ def colmap_views(folder: Path, reading: Reading) -> list[tuple[str, ViewRecord]]
             raise of_cameras.error(f"it has no camera {key}", wanted)
         camera, lens = cameras[key]
         place = image_pose(reading, pose)
-        views.append((name, ViewRecord.of(folder / name, camera, None, lens, place)))
+        views.append((name, view_of_file(folder / name, camera, None, lens, place)))
     return views
 
 
-def write_nerfstudio(scene: SceneRecord, out: Path, *_: object) -> dict[Path, str]:
+def write_nerfstudio(scene: Scene, out: Path, *_: object) -> dict[Path, str]:
     """Write a file of a frame for each photo; the world is the model's frame."""
     shared, frames = {}, []
     taken = c.cameras_as_taken(scene, "nerfstudio", NERFSTUDIO_LENSES)
@@ -103,7 +105,7 @@ def write_nerfstudio(scene: SceneRecord, out: Path, *_: object) -> dict[Path, st
     return {out: json.dumps({**shared, "frames": frames}, indent=2) + "\n"}
 
 
-def read_nerfstudio(path: Path, request: c.ConvertOptions) -> SceneRecord:
+def read_nerfstudio(path: Path, request: c.ConvertOptions) -> Scene:
     """Read one frame: ``request.image`` by its path or file name, or the only one."""
     reading = Reading(path)
     data = reading.load_object()
@@ -113,7 +115,7 @@ def read_nerfstudio(path: Path, request: c.ConvertOptions) -> SceneRecord:
     return request.scene_of(reading, frame_view(reading, data | frame, request))
 
 
-def frame_view(reading: Reading, own: dict[str, Any], options: c.ConvertOptions) -> ViewRecord:
+def frame_view(reading: Reading, own: dict[str, Any], options: c.ConvertOptions) -> View:
     """The view of a frame together with what the file says of all frames."""
     name = reading.text(own.get("file_path"), "file_path") or "photo"
     tried = [reading.path.parent / f"{name}{ending}" for ending in PHOTO_ENDINGS]
@@ -129,7 +131,7 @@ def frame_view(reading: Reading, own: dict[str, Any], options: c.ConvertOptions)
     camera = replace(known.camera, width=width, height=height)
     world_from_camera = c.from_4x4(reading, own.get("transform_matrix"), "transform_matrix")
     place = OPENGL_FROM_OPENCV @ world_from_camera.inverse()
-    return ViewRecord.of(path, camera, None, known.lens, place)
+    return view_of_file(path, camera, None, known.lens, place)
 
 
 COLMAP = c.Format(write_colmap, read_colmap, lenses=COLMAP_LENSES)

@@ -1,7 +1,7 @@
 """Sessions saved while they run, so that one that crashed can be opened again.
 
 A session is a scene, its files named by absolute paths and its masks in it, and what the user works
-on. Version 1 had a pose file's content for each object of a photo, or a set of photos by its file.
+on.
 """
 
 import json
@@ -9,21 +9,17 @@ import logging
 import secrets
 import time
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
 import msgspec
-from msgspec import Struct, structs
 
 from poseviewer.errors import AutosaveError, PoseViewerError
-from poseviewer.files import scene_file as s
+from poseviewer.files import scene_json as s
 from poseviewer.files.checks import LARGEST_DATA, Reading
-from poseviewer.files.masks import INLINE, load_mask
-from poseviewer.files.photo_sets import SetChoice, load_views
-from poseviewer.files.pose import record_from_json
-from poseviewer.files.structs import Number
 from poseviewer.files.writing import lock_file, write_whole, writing_to
-from poseviewer.geometry.view import world_from_pose
+from poseviewer.scene.types import Scene
 
 FORMAT, VERSION = "poseviewer-autosave", 2
 EXPIRY_S = 30 * 24 * 3600.0
@@ -32,29 +28,30 @@ EXPIRY_S = 30 * 24 * 3600.0
 logger = logging.getLogger(__name__)
 
 
-class AutosavedSession(Struct, frozen=True, kw_only=True):
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class AutosavedSession:
     """Scene and view state of a session."""
 
-    saved_at: Number
+    saved_at: float
     """Seconds since 1970."""
     active_object: str
     """Id of the object that is worked on."""
-    active_view: int = 0
+    active_view: int
     """Index of the view that is shown large."""
-    photo_names: tuple[str, ...] = ()
+    photo_names: tuple[str, ...]
     """Names of the views' photos as they are shown; empty: those of the files."""
-    scene: s.SceneRecord
+    scene: Scene
 
     @property
     def photo_name(self) -> str:
         """Name of the photo that is shown large."""
         at = self.active_view
-        return self.photo_names[at] if self.photo_names else self.scene.views[at].path.name
+        return self.photo_names[at] if self.photo_names else self.scene.views[at].name
 
     @property
     def model_name(self) -> str:
         """Name of the active object's model."""
-        return self.scene.objects[self.scene.index(self.active_object)].path.name
+        return self.scene.objects[self.scene.index(self.active_object)].model.name
 
 
 class SessionFile:
@@ -76,7 +73,8 @@ class SessionFile:
             if not _lock_path(self.path).exists():  # at first, and where the folder was removed
                 self.close()
                 self._lock = lock_file(_lock_path(self.path))
-        data = {"format": FORMAT, "version": VERSION, **msgspec.to_builtins(session)}
+        form = s.form_of(AutosavedSession).encode(session)
+        data = {"format": FORMAT, "version": VERSION, **msgspec.to_builtins(form)}
         write_whole(self.path, json.dumps(data, allow_nan=False).encode(), AutosaveError)
 
     def close(self) -> None:
@@ -131,7 +129,8 @@ def files_of_sessions(folder: Path) -> frozenset[Path]:
     for path in folder.glob("session-*.json"):
         with suppress(AutosaveError):
             scene = load_autosave(path).scene
-            paths |= {part.path for part in (*scene.views, *scene.objects)}
+            paths |= {view.file.location for view in scene.views}
+            paths |= {item.model.location for item in scene.objects}
     return frozenset(paths)
 
 
@@ -151,63 +150,10 @@ def _lock_path(path: Path) -> Path:
 
 def _from_json(reading: Reading, data: dict[str, Any]) -> AutosavedSession:
     reading.require_format(data, FORMAT, VERSION)
-    if data.get("version") == VERSION:
-        session = reading.decoded(data, AutosavedSession, raw=("file", "mask"))
-    else:
-        session = _from_version_1(reading, data)
-    scene = session.scene
-    s.require_whole(reading, scene)
-    for index, view in enumerate(scene.views):
-        for part in (view, *(item.in_views[index] for item in scene.objects if item.in_views)):
-            if part.mask is not None:
-                load_mask(part.mask, *view.size)
-    scene.index(session.active_object)
-    if not 0 <= session.active_view < len(scene.views):
+    form: Any = reading.decoded(data, s.form_of(AutosavedSession).kind, raw=("file", "mask"))
+    s.require_whole(reading, form.scene)
+    session: AutosavedSession = s.form_of(AutosavedSession).decode(form)
+    session.scene.index(session.active_object)
+    if not 0 <= session.active_view < len(session.scene.views):
         raise reading.error(f"active_view is {session.active_view}", "wanted one of the views")
     return session
-
-
-def _from_version_1(reading: Reading, old: dict[str, Any]) -> AutosavedSession:
-    """Session of version 0.1.0: an object as if it were alone, and the others likewise."""
-    size = old["pose"]["exact"]["width"], old["pose"]["exact"]["height"]
-    own, kept = record_from_json(reading, old["pose"]["file"], *size), old["views"]
-    photo, sha256 = Path(old["photo"] or old["photo_name"]), old["photo_sha256"]
-    views = [s.ViewRecord.of(photo, own.pose.camera, sha256, own.undistortion)]
-    names, unit, scales, left_out = [old["photo_name"]], None, (1.0, 1.0), ()
-    if kept is not None:
-        folder = None if kept["folder"] is None else Path(kept["folder"])
-        choice = SetChoice(tuple(kept["photos"]), folder, kept["rig_object"])
-        loaded = load_views(kept["path"], choice)
-        views, unit = [s.view_record(view) for view in loaded.views], loaded.unit
-        names, left_out = [view.name for view in loaded.views], kept["left_out"]
-        scales = 1.0 / kept["scale"], 1.0 / kept["start_scale"]
-    at, objects = [entry.photo.sha256 for entry in views].index(sha256), []
-    for entry in sorted((old, *old["others"]), key=lambda entry: entry["number"]):
-        masks = {names[0]: entry["mask"]} if kept is None else kept["masks"]
-        record, start = (
-            record_from_json(reading, entry[k]["file"], *size) for k in ("pose", "start")
-        )
-        place, start_place = (
-            s.place_of(world_from_pose(views[at].camera, views[at].place.rigid, said.pose, scale))
-            for said, scale in zip((record, start), scales, strict=True)
-        )
-        in_views = (
-            s.InViewRecord(masks.get(name) and INLINE + masks[name], None, name not in left_out)
-            for name in names
-        )
-        model = Path(entry["model"] or entry["model_name"])
-        made = s.ObjectRecord.of(str(entry["number"]), model, record, views[at], entry["name"])
-        made = structs.replace(
-            made,
-            result=made.result and structs.replace(made.result, view=at, seen=()),
-            place=place,
-            start=start_place,
-            start_cameras=(start.numbers,) if kept is None and start.numbers.fx else (),
-            in_views=tuple(in_views),
-            **{key: entry[key] for key in ("settings", "hidden", "locked")},
-        )
-        objects.append(made)
-    free = kept is not None and kept["free_size"]
-    scene = s.SceneRecord(views=tuple(views), objects=tuple(objects), unit=unit, free_scale=free)
-    more = {"active_object": str(old["number"]), "active_view": at, "photo_names": tuple(names)}
-    return AutosavedSession(saved_at=old["saved_at"], scene=scene, **more)

@@ -10,6 +10,7 @@ import time
 import zipfile
 from collections.abc import Iterable, Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from io import BytesIO
 from itertools import accumulate, count
 from pathlib import Path, PurePosixPath
@@ -24,9 +25,9 @@ from poseviewer.files.file_set import MOST_FILES, ModelFiles, is_of_system, mode
 from poseviewer.files.mesh.load import READERS
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.photo import ENDINGS
-from poseviewer.files.scene_file import SceneRecord, with_files
 from poseviewer.files.state.autosave import files_of_sessions
 from poseviewer.files.writing import sha256_of, writing_to
+from poseviewer.scene.types import Scene
 
 LARGEST_UPLOAD = 200_000_000
 """Bytes: viser holds an upload in memory."""
@@ -101,7 +102,7 @@ def gathered(folder: Path, model: ModelFiles) -> Path:
     return _kept(folder, marks.encode(), copies, model.path.name) / model.path.name
 
 
-def taken_out(path: Path, scene: SceneRecord, private: Path) -> SceneRecord:
+def taken_out(path: Path, scene: Scene, private: Path) -> Scene:
     """The scene with copies of its files that lie in the folder ``private``, with what the models
     name, beside the scene file at ``path``: in its folder, or where other files have their names in
     one of its own.
@@ -110,10 +111,9 @@ def taken_out(path: Path, scene: SceneRecord, private: Path) -> SceneRecord:
         FileSetError: the folder cannot be written to.
     """
 
-    def name(file: str, _: str) -> str:
-        own, folder = Path(file), private.resolve()
-        if folder not in own.resolve().parents:
-            return file
+    def moved(own: Path | None) -> Path | None:
+        if own is None or private.resolve() not in own.resolve().parents:
+            return own
         named = model_files(own, ()).named.values() if own.suffix.lower() in READERS else ()
         files = [own, *(old for old in named if own.parent in old.parents)]
         for number in count(1):
@@ -125,10 +125,15 @@ def taken_out(path: Path, scene: SceneRecord, private: Path) -> SceneRecord:
             new.parent.mkdir(parents=True, exist_ok=True)
             if not new.exists():
                 shutil.copyfile(old, new)
-        return str(pairs[0][1])
+        return pairs[0][1]
 
     with writing_to(path.parent, f"{path.name}, with its photos and models", FileSetError):
-        return with_files(scene, name)
+        files = [replace(view.file, path=moved(view.path)) for view in scene.views]
+        models = [replace(item.model, path=moved(item.model.path)) for item in scene.objects]
+    views = [replace(view, file=file) for view, file in zip(scene.views, files, strict=True)]
+    pairs = zip(scene.objects, models, strict=True)
+    objects = tuple(replace(item, model=model) for item, model in pairs)
+    return replace(scene, views=tuple(views), objects=objects)
 
 
 def safe_path(name: str) -> PurePosixPath:

@@ -16,9 +16,9 @@ from poseviewer.app.state.searches import LossComparison, SearchRequest
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import search_edits
 from poseviewer.app.workers.opening import open_files
-from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.charts import short_name
 from poseviewer.geometry.pose_error import pose_error
+from poseviewer.scene.settings import FitSettings, Limits
 from tests.app.state import edits as c
 from tests.app.state.documents import after
 from tests.app.state.sets import make_set_session
@@ -80,7 +80,7 @@ def test_the_table_has_the_loss_of_each_end_by_each_method(comparison):
     assert "Default: unexplained" in rows
     ours, paper = (end.progress for end in comparison.ends)
     assert rows["evaluations"] == [f"{fit.evaluations:,}" for fit in (ours, paper)]
-    apart = pose_error(ours.problem.model.mesh, paper.pose, ours.pose)
+    apart = pose_error(ours.problem.mesh, paper.pose, ours.pose)
     assert f"{apart.reprojection_px:.1f} px apart" in said
 
 

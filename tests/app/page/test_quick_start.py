@@ -10,11 +10,11 @@ from poseviewer.app.workers.overlay import ALONE_MARGIN
 from poseviewer.files.demo import demo_case
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
-from poseviewer.fit.scene import LoadedModel
+from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.starts.loading import load_model
+from poseviewer.scene.assets import ModelFile
 from poseviewer.starts.placing import framed, look_from, surface_point
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage
@@ -37,7 +37,7 @@ def saved(tab: AppPage, app: AppProcess) -> Pose:
     return load_pose(path, *PHOTO).pose
 
 
-def click_pair(tab: AppPage, model: LoadedModel, drawn: Pose, truth: Pose, spot) -> None:
+def click_pair(tab: AppPage, model: ModelFile, drawn: Pose, truth: Pose, spot) -> None:
     """The model point that the photo shows at a spot, as it is drawn beside; then the spot."""
     point = surface_point(model.mesh, truth, spot)
     assert point is not None

@@ -14,8 +14,8 @@ from poseviewer.app.page.texts import opened_text
 from poseviewer.app.state.session import Session
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.files.pose import load_pose
-from poseviewer.fit.scene import SearchResult
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.scene.types import SearchResult
 from tests.app.state import edits as c
 from tests.app.state.documents import BUMPY, PARALLEL, PERSPECTIVE, after, make_photo, make_session
 
@@ -24,7 +24,7 @@ def searched(session: Session, spread: float = 1e-3) -> Session:
     """The session with a covariance of its pose, its focal length among it."""
     factor = spread * np.random.default_rng(5).normal(size=(7, 7))
     covariance = PoseCovariance(session.document.pose, BUMPY.centre, factor @ factor.T)
-    result = SearchResult(None, 0.1, 0.1, covariance=covariance)
+    result = SearchResult(loss=0.1, unexplained=0.1, covariance=covariance)
     return replace(session, document=session.document.with_object(result=result))
 
 

@@ -24,8 +24,8 @@ from poseviewer.app.state import hiding as h
 from poseviewer.app.state.results import LossReading, Results
 from poseviewer.app.workers.exporting import saved_scene
 from poseviewer.confidence.verdict import Verdict
-from poseviewer.fit.scene import SearchResult
-from poseviewer.starts.loading import pose_record
+from poseviewer.files.scene_json import as_saved, pose_json
+from poseviewer.scene.types import SearchResult
 from tests.app.state import edits as c
 from tests.app.state.documents import PERSPECTIVE, after, make_photo, make_session
 from tests.meshes import make_two_boxes
@@ -36,7 +36,7 @@ def test_a_focal_length_that_is_a_guess_is_said_in_the_panel_and_in_the_file():
     for camera, guessed in ((assumed, True), (PERSPECTIVE, False)):
         session = make_session(camera)
         assert ("is assumed" in focal_note(session)) == guessed
-        notes = pose_record(saved_scene(session)).notes
+        notes = pose_json(as_saved(saved_scene(session))).notes
         assert any("is assumed" in note for note in notes) == guessed
 
 
@@ -63,7 +63,9 @@ def test_no_name_is_markup_to_the_page(name: str):
 def test_reasons_of_a_file_are_no_markup_to_the_page():
     session = make_session()
     verdict = Verdict("lost", 0.1, ("<script>alert(1)</script>",))
-    document = session.document.with_object(result=SearchResult(verdict, 0.1, 0.1))
+    document = session.document.with_object(
+        result=SearchResult(verdict=verdict, loss=0.1, unexplained=0.1)
+    )
     assert "<script" not in verdict_text(replace(session, document=document))
     assert "alert(1)" in verdict_text(replace(session, document=document))
 

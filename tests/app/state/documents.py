@@ -11,13 +11,13 @@ from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.pointer_edits import update
 from poseviewer.app.state.session import SearchRequest, Session
 from poseviewer.errors import PoseViewerError
-from poseviewer.fit.scene import LoadedModel, scene_at
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.geometry.view import View
+from poseviewer.scene.assets import ModelFile, PhotoFile
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import View, scene_at
 from poseviewer.starts.placing import look_from
 from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints
 from tests.meshes import make_box, make_bumpy
@@ -59,8 +59,8 @@ def make_document(
     if vehicle:
         pose = look_from("three-quarter", CAR, keypoints, camera)
     photo = photo or make_photo()
-    model = LoadedModel(mesh, "m.ply", "0" * 64, keypoints)
-    return Document.of(scene_at(View(photo.name, photo, camera), model, pose, settings))
+    model = ModelFile.of(mesh, None, "0" * 64, name="m.ply", keypoints=keypoints)
+    return Document.of(scene_at(View(PhotoFile.of(photo), camera), model, pose, settings))
 
 
 def make_session(*arguments, **more) -> Session:

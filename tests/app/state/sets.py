@@ -5,12 +5,12 @@ from pathlib import Path
 
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.session import Session
-from poseviewer.fit.scene import LoadedModel, Scene, SceneObject
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.geometry.view import View
+from poseviewer.scene.assets import ModelFile, PhotoFile
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import Scene, SceneObject, View
 from tests import several
 from tests.app.state.documents import make_photo
 from tests.view_sets import CAMERA, CAMERAS_FROM_SET, MESH, NAMES, TRUTH
@@ -26,7 +26,7 @@ def make_views_of() -> tuple[View, ...]:
         pixels = make_photo(index).pixels[:1, :1].repeat(CAMERA.height, 0).repeat(CAMERA.width, 1)
         photo = Photo(pixels, name, f"{index:064d}", camera=CAMERA)
         moved = RigidTransform(place.rotation, SCALE * place.translation)
-        views.append(View(name, photo, CAMERA, moved, path=Path(name)))
+        views.append(View(PhotoFile.of(photo, Path(name)), CAMERA, moved))
     return tuple(views)
 
 
@@ -34,21 +34,23 @@ def make_set_session(free_scale: bool = False) -> Session:
     """The model where it is, the first photo large."""
     views = make_views_of()
     place = views[0].world_from_model(TRUTH[0], SCALE)
-    one = SceneObject("1", LoadedModel(MESH, "m.ply", "0" * 64), place)
-    return Session(Document.of(Scene(views, (one,), "set.json", free_scale=free_scale)))
+    model = ModelFile.of(MESH, None, "0" * 64, name="m.ply")
+    one = SceneObject(id="1", model=model, world_from_model=place)
+    scene = Scene(views=views, objects=(one,), name="set.json", free_scale=free_scale)
+    return Session(Document.of(scene))
 
 
 def document_of(poses: Sequence[Pose], settings: FitSettings | None = None) -> Document:
     """Some of the objects of ``tests.several`` in their photo, the first active."""
     photo = several.make_photo()
-    view = View(photo.name, photo, poses[0].camera)
+    view = View(PhotoFile.of(photo), poses[0].camera)
     objects = tuple(
         SceneObject(
-            str(number),
-            LoadedModel(mesh, f"{number}.ply", str(number) * 64),
-            view.world_from_model(pose),
-            settings or FitSettings(),
+            id=str(number),
+            model=ModelFile.of(mesh, None, str(number) * 64, name=f"{number}.ply"),
+            world_from_model=view.world_from_model(pose),
+            settings=settings or FitSettings(),
         )
         for number, (mesh, pose) in enumerate(zip(several.MESHES, poses, strict=False), 1)
     )
-    return Document.of(Scene((view,), objects))
+    return Document.of(Scene(views=(view,), objects=objects))

@@ -9,8 +9,8 @@ from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
-from poseviewer.fit.scene import SearchResult
 from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.scene.types import SearchResult
 from tests.app.state.documents import after, make_document
 from tests.app.state.sets import make_set_session
 from tests.view_sets import MESH
@@ -24,7 +24,9 @@ def session() -> Session:
     sure = PoseCovariance.from_chart(
         mesh, pose, FreeBodyChart.near(mesh, pose), np.diag([1, 2, 3, 4, 5, 600]) * 1e-6
     )
-    result = SearchResult(Verdict("found", 0.97), 0.1, 0.1, covariance=sure)
+    result = SearchResult(
+        verdict=Verdict("found", 0.97), loss=0.1, unexplained=0.1, covariance=sure
+    )
     return Session(document.with_object(result=result))
 
 
@@ -45,7 +47,9 @@ def test_another_view_turns_and_shifts_it() -> None:
     chart, here = document.chart, np.diag([1, 2, 3, 4, 5, 6, 7]) * 1e-4
     plain = PoseCovariance(document.pose, MESH.centre, here, seventh="log_size")
     sure = plain.with_matrix(here, MESH)
-    result = SearchResult(Verdict("found", 0.97), 0.1, 0.1, covariance=sure)
+    result = SearchResult(
+        verdict=Verdict("found", 0.97), loss=0.1, unexplained=0.1, covariance=sure
+    )
     session = Session(document.with_object(result=result))
     there = after(session, show_view(1))
     sure = there.covariance_in(1)

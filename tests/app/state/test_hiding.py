@@ -13,11 +13,11 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import run_search
 from poseviewer.app.workers.opening import open_files
 from poseviewer.files.pose import PoseRecord
-from poseviewer.fit.scene import SearchResult
-from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.geometry.mask import Mask
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.starts.loading import pose_record
+from poseviewer.scene.settings import FitSettings, Limits
+from poseviewer.scene.types import SearchResult
 from tests.app.state import edits as c
 from tests.app.state.documents import (
     HEIGHT,
@@ -146,7 +146,7 @@ def test_what_a_search_found_is_hidden_and_can_be_corrected(scene):
 def test_what_is_painted_is_hidden_from_every_object_or_from_one_alone():
     session = after(make_session(PERSPECTIVE), brush((40.5, 30.5)), add_object())
     assert np.sum(counts(session) == 0.0) > 50  # of the object that came later, too
-    result = SearchResult(None, 0.1, 0.1)
+    result = SearchResult(loss=0.1, unexplained=0.1)
     searched = replace(session, document=session.document.with_object(0, result=result))
     alone = after(searched, c.set_fields("pen", for_one=True), brush((90.5, 60.5)))
     assert counts(alone)[60, 90] == 0.0
@@ -166,7 +166,7 @@ def test_what_is_painted_is_hidden_from_every_object_or_from_one_alone():
 
 
 def test_an_object_keeps_its_verdict_where_strokes_change_none_of_its_pixels():
-    session, result = make_session(PERSPECTIVE), SearchResult(None, 0.1, 0.1)
+    session, result = make_session(PERSPECTIVE), SearchResult(loss=0.1, unexplained=0.1)
     session = replace(session, document=session.document.with_object(result=result))
     at_edge = brush((2.5, 60.5), radius=3.0)
     beside = after(session, at_edge)
@@ -187,7 +187,7 @@ def test_nothing_is_hidden_where_the_user_says_so_until_more_is_painted():
 
 
 def record_of(session: Session) -> PoseRecord:
-    return pose_record(session.document.scene, session.document.active, 0)
+    return pose_json(as_saved(session.document.scene), session.document.active, 0)
 
 
 def test_what_is_saved_as_seen_is_what_the_mask_leaves(scene):

@@ -17,8 +17,9 @@ from poseviewer.app.state.objects import (
 )
 from poseviewer.app.state.session import Session
 from poseviewer.confidence.verdict import Verdict
-from poseviewer.fit.scene import LoadedModel, SearchResult
 from poseviewer.geometry.camera import Parallel, Pose
+from poseviewer.scene.assets import ModelFile
+from poseviewer.scene.types import SearchResult
 from tests.app.state import edits as c
 from tests.app.state.documents import (
     CAR,
@@ -32,9 +33,9 @@ from tests.app.state.documents import (
 )
 from tests.meshes import make_box
 
-BOX = LoadedModel(make_box((1.0, 1.5, 0.8)), "box.ply", "1" * 64, path=Path("box.ply"))
-TAXI = LoadedModel(CAR, "taxi.glb", "2" * 64, make_keypoints())
-FOUND = SearchResult(Verdict("found", 0.9), 0.1, 0.1)
+BOX = ModelFile.of(make_box((1.0, 1.5, 0.8)), Path("box.ply"), "1" * 64)
+TAXI = ModelFile.of(CAR, None, "2" * 64, name="taxi.glb", keypoints=make_keypoints())
+FOUND = SearchResult(verdict=Verdict("found", 0.9), loss=0.1, unexplained=0.1)
 
 
 def with_two(camera=PERSPECTIVE) -> Session:
@@ -54,7 +55,7 @@ def poses_of(session: Session) -> list[Pose]:
 def middle(session: Session, number: int) -> np.ndarray:
     document = session.document
     one = document.scene.objects[document.scene.index(str(number))]
-    return pose_of(session, number).project(one.model.mesh.centre)
+    return pose_of(session, number).project(one.mesh.centre)
 
 
 def numbers(session: Session) -> list[int]:
@@ -191,10 +192,15 @@ def test_removing_picks_the_next_and_never_the_last():
     assert refused(alone, remove_object(3)).startswith("This is the only object")
 
 
+def in_unit(model: ModelFile, unit: str) -> ModelFile:
+    """The model in a file that says its unit."""
+    return replace(model.with_content(mesh=replace(model.mesh, unit=unit)), unit=unit)
+
+
 def test_what_cannot_be_added_is_refused():
-    session = after(make_session(), add_object(replace(BOX, mesh=replace(BOX.mesh, unit="mm"))))
-    metres = replace(TAXI, mesh=replace(CAR, unit="m"))
-    assert refused(session, add_object(metres)).startswith("Taxi.glb is in m, box.ply in mm")
+    session = after(make_session(), add_object(in_unit(BOX, "mm")))
+    refusal = refused(session, add_object(in_unit(TAXI, "m")))
+    assert refusal.startswith("Taxi.glb is in m, box.ply in mm")
     session = after(session, *[add_object()] * (MOST_OBJECTS - 2))
     assert refused(session, add_object()).startswith(f"{MOST_OBJECTS} objects are the most")
 
@@ -202,7 +208,9 @@ def test_what_cannot_be_added_is_refused():
 def test_undo_reaches_back_over_all_objects_at_hand():
     session = make_session()
     for number in range(8):
-        model = LoadedModel(make_box((1.0, 1.0, 1.0 + number)), "b.ply", f"{number:064d}")
+        model = ModelFile.of(
+            make_box((1.0, 1.0, 1.0 + number)), None, f"{number:064d}", name="b.ply"
+        )
         session = after(session, add_object(model))
     session = after(session, pick_object(1), *[c.nudge("move", 1.0)] * 9, *[c.undo()] * 17)
     assert numbers(session) == [1]
@@ -229,3 +237,13 @@ def test_a_search_is_for_the_active_one_and_all_are_searched_for_in_turn():
     assert asked_of(hidden).object_indices == (1,)
     locked = after(session, alter_object(2, locked=True))
     assert "locked" in refused(locked, c.start_search())
+
+
+def test_a_note_on_an_object_is_one_step_and_unsaved_until_it_is_written():
+    session = make_session()
+    session = replace(session, saved=session.document)
+    typed = after(session, *[alter_object(1, note=text) for text in ("t", "to", "x" * 5000)])
+    assert typed.is_unsaved
+    assert typed.document.object.note == "x" * 1000
+    assert typed.document.pose is session.document.pose
+    assert after(typed, c.undo()).document is session.document

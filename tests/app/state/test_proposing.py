@@ -21,6 +21,7 @@ from poseviewer.confidence.verdict import Verdict
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.scene.assets import ModelFile
 from poseviewer.starts.automatic import Proposal
 from tests.app.state import edits as c
 from tests.app.state.documents import (
@@ -119,7 +120,7 @@ def test_proposals_for_an_object_wait_while_another_one_is_active():
     assert_same_pose(again.document.pose, POSES[1])
     assert after(again, pick_object(2)).is_proposing  # these are still looked for
     # Another model, or photo, is another matter.
-    replaced = other.document.with_object(0, model=replace(other.document.model, mesh=CAR))
+    replaced = other.document.with_object(0, model=ModelFile.of(CAR))
     changed = replace(other, document=replaced)
     assert after(changed, pick_object(1)).proposals is None
 

@@ -14,9 +14,9 @@ from poseviewer.app.workers.maps import maps
 from poseviewer.app.workers.opening import open_files
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.progress import SearchProgress
-from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.scene.settings import FitSettings, Limits
 from tests.app.state import edits as c
 from tests.app.state.documents import (
     after,

@@ -10,10 +10,10 @@ from poseviewer.app.state.camera_change import with_camera
 from poseviewer.app.state.dragging import pins_in_photo, radius_in_photo
 from poseviewer.app.state.history import MAX_OPENED, History
 from poseviewer.app.state.session import Session
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import rotation_angle
+from poseviewer.scene.settings import FitSettings
 from poseviewer.starts.placing import look_from
 from poseviewer.vehicle.chart import VehicleChart
 from tests.app.state import edits as c

@@ -14,12 +14,13 @@ from poseviewer.app.state.objects import (
 )
 from poseviewer.app.state.session import Session
 from poseviewer.fit.problem import make_problem
-from poseviewer.fit.scene import LoadedModel, SearchResult
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.scene.assets import ModelFile
+from poseviewer.scene.types import SearchResult
 from tests.app.state import edits as c
 from tests.app.state.documents import after, asked_of, assert_same_pose, refused
 from tests.app.state.sets import SCALE, make_set_session
@@ -97,7 +98,7 @@ def test_a_photo_is_left_out_and_taken_back(session: Session):
 
 
 def test_what_a_search_said_goes_with_the_photos_that_it_compared(session: Session):
-    result = SearchResult(None, 0.1, 0.1)
+    result = SearchResult(loss=0.1, unexplained=0.1)
     found = replace(session, document=session.document.with_object(result=result))
     assert after(found, show_view(1)).document.object.result is result
     on_it = paint(replace(STROKE, points=found.document.pose.project(MESH.centre)[None]))
@@ -120,7 +121,7 @@ def test_the_size_is_the_seventh_number_where_the_scale_is_not_known():
 
 
 def test_several_objects_in_several_photos(session: Session):
-    model = LoadedModel(make_box((1.0, 1.5, 0.8)), "box.ply", "1" * 64)
+    model = ModelFile.of(make_box((1.0, 1.5, 0.8)), None, "1" * 64, name="box.ply")
     added = after(session, add_object(model))
     assert not added.document.object.is_placed
     x, y = TRUTH[0].project(MESH.centre) + np.array([60.0, 20.0])
@@ -161,7 +162,7 @@ def test_a_focal_length_that_was_found_is_that_of_all_photos_of_a_camera(session
     other = replace(CAMERA, fx=650.0, fy=650.0)
     views = (*scene.views[:2], replace(scene.views[2], camera=other))
     free = replace(scene.objects[0].settings, free_focal=True)
-    begin = Document.of(replace(scene, views=views).with_object(0, settings=free))
+    begin = Document.of(replace(scene, views=views).with_object(0, settings=free, start_cameras=()))
     problem, _ = make_problem(begin.scene)
     now = next(fit_pose(problem, SoftwareRenderer(MESH)))
     numbers = np.array([*np.zeros(6), np.log(1.1), np.log(0.9)])

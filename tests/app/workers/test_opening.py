@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from msgspec import structs
 
 from poseviewer.app.state.document import Document, verdict_of
 from poseviewer.app.state.objects import add_object, alter_object
@@ -27,10 +26,11 @@ from poseviewer.files.cameras import Calibration
 from poseviewer.files.file_set import FileSet, model_files, sort_set
 from poseviewer.files.photo import load_calibrated_photo, save_image
 from poseviewer.files.pose import save_pose
+from poseviewer.files.scene_assets import load_model
+from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.files.state.autosave import load_autosave
-from poseviewer.fit.scene import SearchResult
 from poseviewer.geometry.lens import same_undistortion
-from poseviewer.starts.loading import load_model, pose_record
+from poseviewer.scene.types import SearchResult
 from tests.app.state.documents import after as edited
 from tests.app.state.documents import assert_same_pose
 from tests.scene import Scene
@@ -65,7 +65,7 @@ def test_an_undistorted_photo_stays_so_in_files_and_sessions(
     assert {wanted.camera} == {corner.pose.camera, undistorted.pose.camera}
     (name,) = export("overlay", Session(undistorted))
     assert name == "p.undistorted.overlay.png"
-    save_pose(tmp_path / "pose.json", pose_record(undistorted.scene, 0, 0))
+    save_pose(tmp_path / "pose.json", pose_json(as_saved(undistorted.scene), 0, 0))
     posed = open_pose(plain, tmp_path / "pose.json")  # it brings that photo
     assert open_pose(posed, tmp_path / "pose.json").photo is posed.photo
     restored = open_autosaved(kept_of(undistorted))
@@ -82,7 +82,7 @@ def test_all_objects_of_a_session_come_back(plain: Document, tmp_path: Path) -> 
     others = add_object(), nudge("move", 9.0), added, nudge("turn", 3.0)
     changes = alter_object(2, hidden=True), alter_object(1, locked=True, name="ball")
     session = edited(Session(plain), *others, *changes)
-    result = SearchResult(Verdict("found", 0.9), 0.1, 0.1)
+    result = SearchResult(verdict=Verdict("found", 0.9), loss=0.1, unexplained=0.1)
     session = replace(session, document=session.document.with_object(result=result))
     Autosaver(tmp_path / "state").close(session)
     (path,) = (tmp_path / "state" / "sessions").iterdir()
@@ -99,9 +99,8 @@ def test_all_objects_of_a_session_come_back(plain: Document, tmp_path: Path) -> 
     assert after.objects[0].mesh is after.objects[1].mesh
     # An object whose model is gone is said, and the others open.
     first, *others = kept.scene.objects
-    gone = structs.replace(first, model=structs.replace(first.model, file="gone.ply"))
-    record = structs.replace(kept.scene, objects=(gone, *others))
-    opened = open_autosaved(structs.replace(kept, scene=record))
+    gone = replace(first, model=replace(first.model, path=Path("gone.ply")))
+    opened = open_autosaved(replace(kept, scene=replace(kept.scene, objects=(gone, *others))))
     assert [one.id for one in opened.scene.objects] == ["2", "3"]
     assert any(warning.startswith("gone.ply: is not where") for warning in opened.scene.notes)
 

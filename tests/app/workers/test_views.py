@@ -19,10 +19,10 @@ from poseviewer.app.workers.opening import open_autosaved, open_pose, open_scene
 from poseviewer.app.workers.overlay import LossReader
 from poseviewer.errors import SettingsError
 from poseviewer.files.pose import PoseRecord
+from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.files.state.autosave import load_autosave
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.starts.loading import pose_record
 from tests.app.state import edits as c
 from tests.app.state.documents import after, asked_of, assert_same_pose, held
 from tests.view_sets import MESH, NAMES, TRUTH, write_views
@@ -43,7 +43,7 @@ def session(files: tuple[Path, Path, Path]) -> Session:
 
 def saved_record(session: Session) -> PoseRecord:
     document = session.document
-    return pose_record(saved_scene(session), document.active, filed_view(document))
+    return pose_json(as_saved(saved_scene(session)), document.active, filed_view(document))
 
 
 def losses_of(session: Session) -> LossReading:

@@ -16,7 +16,7 @@ from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.gltf import GLTF
 from poseviewer.files.formats.meshlab import MESHLAB, read_meshlab
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.scene_file import load_scene, scene_of_pose
+from poseviewer.files.scene_json import load_scene, scene_of_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -70,7 +70,7 @@ def test_a_meshlab_project_holds_all_objects_of_a_scene(tmp_path):
     path.write_text(ElementTree.tostring(project, encoding="unicode"))
     camera = read_meshlab(path, ConvertOptions()).pose(0)  # from the project's world
     for index, one in enumerate(scene.objects):
-        points = load_mesh(one.path).vertices
+        points = load_mesh(one.model.location).vertices
         placed = points @ matrices[one.id][:3, :3].T + matrices[one.id][:3, 3]
         wanted = scene.pose(index).project(points)
         np.testing.assert_allclose(camera.project(placed), wanted, atol=1e-9)

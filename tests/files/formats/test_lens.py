@@ -13,7 +13,7 @@ from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import PoseRecord, save_pose
-from poseviewer.files.scene_file import scene_of_pose
+from poseviewer.files.scene_json import scene_of_pose
 from poseviewer.files.structs import Distortion
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens, Undistortion, undistort
@@ -133,7 +133,7 @@ def test_the_lens_reads_back_where_it_is_held(tmp_path, name, lens):
     FORMATS[name].convert(scene_of_pose(tmp_path, record), out, request)
     found = FORMATS[name].read(out, request)
     assert_same(found, record)
-    undistortion = found.views[0].undistortion
+    undistortion = found.views[0].file.undistortion
     assert undistortion is not None
     model, k = undistortion.lens.model, undistortion.lens.coefficients
     assert model == LENSES[lens].model
@@ -157,8 +157,8 @@ def test_without_a_lens_the_undistorted_photo_is_written_and_named(tmp_path, cap
     np.testing.assert_array_equal(load_photo(photo).pixels, expected)
     if name in ("colmap", "meshlab"):
         found = FORMATS[name].read(tmp_path / f"out.{ENDINGS[name]}", ConvertOptions())
-        assert found.views[0].undistortion is None
-        assert found.views[0].path.name == photo.name
+        assert found.views[0].file.undistortion is None
+        assert found.views[0].name == photo.name
         assert_same(found, record)
     # The same photo is used again, and the photo as taken is not touched.
     assert written(name, record, tmp_path, "--overwrite" if name != "bop" else "") == 0

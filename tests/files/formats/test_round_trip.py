@@ -6,15 +6,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from msgspec import structs
 
 from poseviewer.errors import PoseFileError, PoseViewerError
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene_file import SceneRecord, scene_of_pose
+from poseviewer.files.scene_assets import model_file
+from poseviewer.files.scene_json import scene_of_pose
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.scene.types import Scene
 from tests.files.formats.cases import (
     HEIGHT,
     WIDTH,
@@ -36,7 +37,7 @@ OUTS = [(name, f"out.{ending}") for name, ending in ENDINGS.items()]
 OUTS += [("opencv", "out.yml"), ("opencv", "out.yaml"), ("opencv", "out.json")]
 
 
-def assert_same(scene: SceneRecord, wanted: PoseRecord, depth_counts: bool = True) -> None:
+def assert_same(scene: Scene, wanted: PoseRecord, depth_counts: bool = True) -> None:
     poses = scene.pose(0), wanted.pose
     assert type(poses[0].camera) is type(poses[1].camera)
     names = wanted.pose.camera.__slots__
@@ -111,8 +112,8 @@ def test_a_model_stays_exact_in_gltf_wherever_it_lies(tmp_path, away, unit):
     (tmp_path / "m.obj").write_text(obj)
     request = replace(request, model=tmp_path / "m.obj", unit=unit)
     scene = scene_of_pose(tmp_path, perspective_record(unit))
-    model = structs.replace(scene.objects[0].model, file=str(tmp_path / "m.obj"))
-    scene = structs.replace(scene, objects=(structs.replace(scene.objects[0], model=model),))
+    model = model_file(tmp_path / "m.obj", unit=scene.objects[0].model.unit)
+    scene = scene.with_object(0, model=model)
     FORMATS["gltf"].convert(scene, tmp_path / "out.glb", request)
     found, size = load_mesh(tmp_path / "out.glb"), 0.001 if unit == "mm" else 1.0
     name = next(name for name in found.part_names if "photo" not in name)

@@ -10,17 +10,11 @@ from poseviewer.cli.main import main
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.photo_sets import SetChoice, load_views
-from poseviewer.files.scene_file import (
-    ModelFile,
-    ObjectRecord,
-    SceneRecord,
-    ViewRecord,
-    place_of,
-    save_scene,
-)
+from poseviewer.files.scene_assets import model_file, view_of_file
+from poseviewer.files.scene_json import save_scene
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.geometry.view import world_from_pose
+from poseviewer.scene.types import Scene, SceneObject
 from tests.view_sets import CAMERA, CAMERAS_FROM_SET, MESH, NAMES, TRUTH, write_views
 
 UNIT = 2.5
@@ -42,11 +36,11 @@ def save(path: Path, lens: Lens | None = None) -> Path:
     views = []
     for name, place in zip(NAMES, CAMERAS_FROM_SET, strict=True):
         place = RigidTransform(place.rotation, place.translation / UNIT)
-        views.append(ViewRecord.of(path.with_name(name), CAMERA, None, undistortion, place))
-    own = views[0].place.rigid
-    place = place_of(world_from_pose(CAMERA, own, TRUTH[0], 1.0 / UNIT))
-    one = ObjectRecord(id="1", model=ModelFile(str(path.with_name("m.ply")), unit="m"), place=place)
-    save_scene(path, SceneRecord(unit="m", views=tuple(views), objects=(one,)))
+        views.append(view_of_file(path.with_name(name), CAMERA, None, undistortion, place))
+    place = views[0].world_from_model(TRUTH[0], 1.0 / UNIT)
+    model = model_file(path.with_name("m.ply"), unit="m")
+    one = SceneObject(id="1", model=model, world_from_model=place)
+    save_scene(path, Scene(unit="m", views=tuple(views), objects=(one,)))
     return path
 
 

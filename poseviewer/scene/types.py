@@ -1,9 +1,13 @@
 """A scene: views times objects.
 
 A view is a photo with its camera and where that stands in the world; an object is a model with its
-place in the world. The world is the first view's camera frame where nothing else is given.
+pose in the world. The world is the first view's camera frame where nothing else is given.
 
     camera_from_model(view, object) = view.camera_from_world @ object.world_from_model
+
+These types are the app's document, the library's scene, an autosaved session and, by
+``files.scene_json``, the scene file: a field stands in files under its own name, or under the
+``key`` of its metadata; one whose key is None stands in none.
 """
 
 from __future__ import annotations
@@ -12,43 +16,76 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import SettingsError
-from poseviewer.fit.settings import FitSettings
-from poseviewer.geometry.camera import Parallel, Pose
+from poseviewer.geometry.camera import Camera, Parallel, Pose
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh, hull_in_photo
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
-from poseviewer.geometry.transform import Similarity
-from poseviewer.geometry.view import View
-from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
+from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.geometry.world_pose import WORLD, pose_in_view, world_from_pose
+from poseviewer.scene.assets import ModelFile, PhotoFile
+from poseviewer.scene.settings import FitSettings
+
+DEFAULTS = FitSettings()
+"""Settings of an object of which nobody has said any; files leave them out."""
+
+
+NOT_IN_FILES = {"key": None}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LoadedModel:
-    """A model as its file has it; many objects can share one."""
+class View:
+    """A photo of a scene."""
 
-    mesh: Mesh
-    name: str
-    """Name of the file, without its folder."""
-    sha256: str
-    keypoints: VehicleKeypoints | None = None
-    whole_symmetry: Symmetry = NO_SYMMETRY
-    """Symmetry of the model with all its parts, as far as a file says it."""
-    path: Path | None = None
-    """The file; None: it is in none."""
+    file: PhotoFile
+    camera: Camera
+    """Camera of ``photo``."""
+    camera_from_world: RigidTransform = WORLD
+    """Pose of the world, in its unit; by default the world is the camera's frame."""
+    mask: Mask | None = None
+    """Weight of each pixel for all objects; None: all count."""
 
     @property
-    def symmetry(self) -> Symmetry:
-        """Symmetry of the mesh as it is compared: poses that differ by it are one."""
-        return NO_SYMMETRY if self.mesh.left_out else self.whole_symmetry
+    def photo(self) -> Photo:
+        """The photo, undistorted where a lens is known; read when first asked for."""
+        return self.file.photo
+
+    @property
+    def name(self) -> str:
+        """Name of the photo's file, with its folder where two views would else share a name."""
+        return self.file.name
+
+    @property
+    def path(self) -> Path | None:
+        """The photo's file; None: there is none."""
+        return self.file.path
+
+    def pose(self, world_from_model: Similarity) -> Pose:
+        """The pose by which this view shows a model, as ``pose_in_view``."""
+        return pose_in_view(self.camera, self.camera_from_world, world_from_model)
+
+    def world_from_model(self, pose: Pose, scale: float = 1.0) -> Similarity:
+        """The inverse of ``pose``, as ``world_from_pose``."""
+        return world_from_pose(self.camera, self.camera_from_world, pose, scale)
+
+    def resized(self, width: int, height: int) -> View:
+        """The view of a photo of another size, px; focal lengths and principal point stay."""
+        size, undone = {"width": width, "height": height}, self.file.undistortion
+        if undone is not None:
+            taken, camera = (replace(one, **size) for one in (undone.taken, undone.camera))
+            undone = replace(undone, taken=taken, camera=camera)
+        file = replace(self.file, undistortion=undone, **size)
+        return replace(self, file=file, camera=replace(self.camera, **size))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +108,7 @@ class PlacedModel:
         return bool(self.depth > 0.0 and inside.any())
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class InView:
     """The settings of one object in one view."""
 
@@ -83,60 +120,85 @@ class InView:
     """Whether a search reads this view, where it shows the object."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SearchResult:
-    """The result of the last search for an object, valid as long as it stays there."""
+@dataclass(frozen=True, slots=True)
+class ChartParameters:
+    """A pose as the parameters of a chart."""
 
-    verdict: Verdict | None = None
+    name: str
+    """Name of the chart."""
+    names: tuple[str, ...]
+    """Names of the parameters."""
+    parameters: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SearchResult:
+    """The result of the last search for an object, valid as long as the object stays there."""
+
     loss: float | None = None
     unexplained: float | None = None
-    parameters: tuple[float, ...] = ()
-    """Numbers of the pose in the chart that was searched."""
-    chart: str = ""
-    names: tuple[str, ...] = ()
-    """Names of ``parameters``."""
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    """Settings as JSON holds them, and the photo's channels."""
     seen: tuple[float | None, ...] = ()
     """For each view, the share of the model's pixels that count, in [0, 1]; None: not compared."""
-    hidden: tuple[NDArray[np.bool_] | None, ...] = ()
-    """For each view, (height, width): pixels of its photo taken for something in front."""
-    notes: tuple[str, ...] = ()
-    view: int = 0
-    """Number of the view that the chart and the covariance are of."""
-    covariance: PoseCovariance | None = None
+    verdict: Verdict | None = None
+    view: Annotated[int, Meta(ge=0)] = 0
+    """Index of the view that chart and covariance are of."""
+    covariance: PoseCovariance | None = field(default=None, metadata={"key": "uncertainty"})
     """Covariance of the pose, if it is right; None for a lost one, and where it is not known."""
+    chart: ChartParameters | None = None
+    """The pose in the chart that was searched."""
+    settings: Mapping[str, Any] | None = None
+    """Settings as JSON holds them, and the photo's channels."""
+    notes: tuple[str, ...] = ()
+    hidden: tuple[NDArray[np.bool_] | None, ...] = field(default=(), metadata=NOT_IN_FILES)
+    """For each view, (height, width): pixels of its photo taken for something in front; files have
+    them in the object's masks."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SceneObject:
     """A model in a scene."""
 
-    id: str
-    """Not that of another object of the scene."""
-    model: LoadedModel
+    id: Annotated[str, Meta(min_length=1)]
+    """Unique in the scene."""
+    name: str = ""
+    """Name given by the user; "": its id is shown."""
+    model: ModelFile
     world_from_model: Similarity
     """Its scale is 1 but in a world of another unit, and for objects under parallel projection,
     which are each as large as the photo has them."""
-    settings: FitSettings = field(default_factory=FitSettings)
-    name: str = ""
-    """Name given by the user; "": its id is shown."""
+    start: Similarity | None = None
+    """World from model where the last search began, and where a reset puts the object; None: where
+    the object is."""
+    start_cameras: tuple[Camera, ...] = ()
+    """The views' cameras at the start; empty: those of the views."""
+    settings: FitSettings = DEFAULTS
     in_views: tuple[InView, ...] = ()
     """For each view of the scene; empty: nothing is the object's own."""
+    locked: bool = False
+    """Placed by the user: searches leave the object, and it hides what is behind it."""
     hidden: bool = False
     """Not drawn, and in front of nothing."""
-    locked: bool = False
-    """Placed by the user: searches leave it, and it hides what is behind it."""
-    is_placed: bool = True
-    """Whether anybody has said yet where it is."""
+    is_placed: bool = field(default=True, metadata={"key": "placed"})
+    """Whether anybody has said yet where the object is."""
+    without: tuple[str, ...] = ()
+    """Names of the model's parts that are left out."""
+    said_symmetry: Symmetry = field(default=NO_SYMMETRY, metadata={"key": "symmetry"})
+    """Symmetry of the mesh as a scene file says it, without its model."""
     result: SearchResult | None = None
     notes: tuple[str, ...] = ()
-    """Notes for the user on how its files were read."""
+    """Notes for the user on how the object's files were read."""
+    note: str = ""
+    """Note of the user on the object."""
 
     @property
     def mesh(self) -> Mesh:
-        """Its surface."""
-        return self.model.mesh
+        """The surface that is compared and drawn: the model's without the parts left out."""
+        return self.model.content.mesh_without(self.without)
+
+    @property
+    def symmetry(self) -> Symmetry:
+        """Symmetry of ``mesh``: poses that differ by it are one."""
+        return NO_SYMMETRY if self.without else self.model.symmetry
 
     @property
     def label(self) -> str:
@@ -145,26 +207,28 @@ class SceneObject:
 
     @property
     def stands_firm(self) -> bool:
-        """Whether its place is trusted, so that it hides pixels of others."""
+        """Whether the object's pose is trusted, so that it hides pixels of others."""
         if self.hidden or not self.is_placed:
             return False
         verdict = None if self.result is None else self.result.verdict
         return self.locked or (verdict is not None and verdict.word == "found")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Scene:
     """Views times objects."""
 
-    views: tuple[View, ...]
-    objects: tuple[SceneObject, ...]
-    name: str = ""
-    """Name of the file or folder that it was read from."""
     unit: str | None = None
     """Unit of the world; None: not said."""
     free_scale: bool = False
     """Whether nothing tells the world's unit in the model's: then it is searched for."""
-    notes: tuple[str, ...] = ()
+    views: Annotated[tuple[View, ...], Meta(min_length=1)]
+    objects: tuple[SceneObject, ...] = ()
+    software: dict[str, Any] | None = None
+    """Name and version of the program that wrote the file."""
+    name: str = field(default="", metadata=NOT_IN_FILES)
+    """Name of the file or folder that the scene was read from."""
+    notes: tuple[str, ...] = field(default=(), metadata=NOT_IN_FILES)
     """Notes for the user on how the files were read."""
 
     def __post_init__(self) -> None:
@@ -178,18 +242,18 @@ class Scene:
                 f"{len(self.objects)} objects; give the scale, or search for one object alone."
             )
         for index, view in enumerate(self.views):
-            photo, camera = view.photo, view.camera
-            size = f"{photo.width}x{photo.height} px"
-            if (camera.width, camera.height) != (photo.width, photo.height):
+            file, camera = view.file, view.camera
+            size = f"{file.width}x{file.height} px"
+            if (camera.width, camera.height) != (file.width, file.height):
                 raise SettingsError(
                     f"the camera of {view.name} is for {camera.width}x{camera.height} px, and the "
                     f"photo has {size}; use the photo that the camera is of."
                 )
             masks = [view.mask, *(one.in_views[index].mask for one in self.objects if one.in_views)]
             for mask in masks:
-                if mask and (mask.width, mask.height) != (photo.width, photo.height):
+                if mask and (mask.width, mask.height) != (file.width, file.height):
                     raise SettingsError(
-                        f"the mask has {mask.width}x{mask.height} px, the photo {photo.name} has "
+                        f"the mask has {mask.width}x{mask.height} px, the photo {file.name} has "
                         f"{size}; make the mask in the photo's size."
                     )
 
@@ -264,9 +328,12 @@ def _is_own_scale(pose: Pose, view: View, objects: int) -> bool:
 
 
 def scene_at(
-    view: View, model: LoadedModel, pose: Pose, settings: FitSettings | None = None, **fields: Any
+    view: View, model: ModelFile, pose: Pose, settings: FitSettings | None = None, **fields: Any
 ) -> Scene:
     """The scene of one object in one view, by the pose's camera; ``fields`` are the object's."""
     view = replace(view, camera=pose.camera)
+    fields |= {"settings": settings or FitSettings()}
     place = view.world_from_model(pose)
-    return Scene((view,), (SceneObject("1", model, place, settings or FitSettings(), **fields),))
+    return Scene(
+        views=(view,), objects=(SceneObject(id="1", model=model, world_from_model=place, **fields),)
+    )

@@ -1,0 +1,109 @@
+"""Photos and models of a scene: read now, or when first asked for."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+from poseviewer.errors import PoseFileError, printable
+from poseviewer.files.keypoints import load_keypoints
+from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.photo import load_photo, undistorted
+from poseviewer.files.pose import check_against
+from poseviewer.files.structs import PhotoReference
+from poseviewer.files.symmetry import load_symmetry
+from poseviewer.files.writing import sha256_of
+from poseviewer.geometry.camera import Camera, Perspective
+from poseviewer.geometry.image import Photo
+from poseviewer.geometry.lens import Lens, Undistortion
+from poseviewer.geometry.mask import Mask
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.world_pose import WORLD
+from poseviewer.scene.assets import ModelContent, ModelFile, PhotoFile
+from poseviewer.scene.types import View
+
+
+def photo_file(
+    path: Path,
+    width: int = 0,
+    height: int = 0,
+    sha256: str | None = None,
+    undistortion: Undistortion | None = None,
+) -> PhotoFile:
+    """Name a photo that is read when first asked for.
+
+    Args:
+        path: the photo's file.
+        width: px; 0: any.
+        height: px; 0: any.
+        sha256: hash of the file's bytes, hexadecimal, as far as it is known.
+        undistortion: from the photo in the file to the one that is wanted.
+    """
+
+    @cache
+    def read() -> Photo:
+        photo = load_photo(path)
+        if (width, height) not in ((0, 0), (photo.width, photo.height)):
+            found = f"{photo.width}x{photo.height} px, and its camera is for {width}x{height} px"
+            wanted = "name the photo that the camera was found with"
+            raise PoseFileError(f"{photo.name}: {found}; {wanted}.")
+        return photo if undistortion is None else undistorted(photo, undistortion)
+
+    name = printable(path.name)
+    return PhotoFile(path, name, width, height, sha256, undistortion, read=read)
+
+
+def view_of_file(
+    path: Path,
+    camera: Camera,
+    sha256: str | None = None,
+    lens: Lens | Undistortion | None = None,
+    camera_from_world: RigidTransform = WORLD,
+    mask: Mask | None = None,
+) -> View:
+    """The view of a photo that is read when first asked for.
+
+    Args:
+        path: the photo's file.
+        camera: its camera, pixel centres at i + 0.5; of 0x0 px, where the size is not known.
+        sha256: hash of the file's bytes, hexadecimal, as far as it is known.
+        lens: one of the photo as taken by that camera.
+        camera_from_world: where the camera stands in the world.
+        mask: weight of each pixel.
+    """
+    if isinstance(lens, Lens):
+        lens = Undistortion.of(lens, camera) if isinstance(camera, Perspective) else None
+    file = photo_file(path, camera.width, camera.height, sha256, lens)
+    return View(file, camera, camera_from_world, mask)
+
+
+def open_view(view: View) -> tuple[View, tuple[str, ...]]:
+    """Read the photo of a view; and say what the user should know. The photo may be of any size
+    where the view is of 0x0 px.
+    """
+    path = view.path
+    if path is not None and not view.file.width:
+        photo = load_photo(path)
+        view = view.resized(photo.width, photo.height)
+        file = view.file
+        file = photo_file(path, file.width, file.height, file.sha256, file.undistortion)
+        view = replace(view, file=file)
+    photo = view.photo
+    notes = check_against(PhotoReference(view.name, sha256=view.file.sha256), photo.sha256)
+    return replace(view, file=PhotoFile.of(photo, path)), notes
+
+
+def load_model(path: str | Path) -> ModelFile:
+    """Read a model, its key points and its symmetry."""
+    path = Path(path)
+    content = _content(path)
+    return ModelFile(path, sha256_of(path), content.mesh.unit, read=lambda: content)
+
+
+def model_file(path: Path, sha256: str | None = None, unit: str | None = None) -> ModelFile:
+    """Name a model that is read when first asked for."""
+    return ModelFile(path, sha256, unit, read=cache(lambda: _content(path)))
+
+
+def _content(path: Path) -> ModelContent:
+    mesh = load_mesh(path)
+    return ModelContent(mesh, load_keypoints(path, mesh), load_symmetry(path, mesh))

@@ -1,0 +1,536 @@
+"""Scene files: JSON that says which models are where in which photos (``scene.schema.json``).
+
+Each type of ``scene.types`` has a form in files: a struct of its own fields, made here from the
+type, which msgspec checks and writes the schema of. A field that is added to a type is in files,
+too. In files, paths start from the scene's folder; in a scene they are absolute.
+"""
+
+import os
+from base64 import b64decode
+from collections.abc import Callable
+from dataclasses import MISSING, fields, is_dataclass, replace
+from functools import cache, reduce
+from importlib.metadata import version
+from operator import attrgetter, or_
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+from msgspec import Meta, Struct, defstruct, structs
+
+from poseviewer.confidence.pose_covariance import PoseCovariance
+from poseviewer.errors import PoseFileError, printable
+from poseviewer.files import structs as s
+from poseviewer.files.checks import Reading, is_there, kind_of
+from poseviewer.files.masks import INLINE, load_mask, mask_text
+from poseviewer.files.mesh.named import bare_name
+from poseviewer.files.pose import PoseRecord
+from poseviewer.files.scene_assets import model_file, photo_file, view_of_file
+from poseviewer.files.symmetry import SymmetryTurns
+from poseviewer.files.writing import json_bytes, write_whole
+from poseviewer.geometry.camera import Camera
+from poseviewer.geometry.mask import Mask
+from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
+from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.scene.assets import ModelFile
+from poseviewer.scene.settings import FitSettings, settings_as_json, settings_from_json
+from poseviewer.scene.types import (
+    DEFAULTS,
+    ChartParameters,
+    InView,
+    Scene,
+    SceneObject,
+    SearchResult,
+    View,
+)
+
+KIND = "scene file"
+VERSION = 2
+"""Version of scene files."""
+SOFTWARE = {"name": "poseviewer", "version": version("poseviewer")}
+"""The program, as files name what wrote them."""
+Region = Annotated[tuple[s.Number, ...], Meta(min_length=4, max_length=4)]
+Named = Callable[[str, str], str]
+"""A file's name in another place; the second argument says where in the scene it stands."""
+
+
+class PhotoPath(Struct, frozen=True, omit_defaults=True):
+    """The photo's file, seen from the scene's folder, its size in px, and its fingerprint."""
+
+    file: str
+    width: s.Pixels
+    height: s.Pixels
+    sha256: s.Sha256 | None = None
+
+
+class ModelPath(Struct, frozen=True, omit_defaults=True):
+    """The model's file, seen from the scene's folder, its fingerprint and length unit."""
+
+    file: str
+    sha256: s.Sha256 | None = None
+    unit: str | None = None
+
+    @classmethod
+    def of(cls, model: ModelFile) -> "ModelPath":
+        """The form of a model."""
+        return cls(str(model.path or model.name), model.sha256, model.unit)
+
+    @property
+    def model(self) -> ModelFile:
+        """The model, not yet read."""
+        return model_file(Path(self.file), self.sha256, self.unit)
+
+
+class Place(s.Transform, frozen=True, omit_defaults=True):
+    """x_in_world = scale * rotation @ x_in_model + translation, in the world's unit."""
+
+    scale: s.Positive = 1.0
+
+    @property
+    def similarity(self) -> Similarity:
+        """The transform as the program has it."""
+        return Similarity(self.rigid, self.scale)
+
+
+class ViewJson(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
+    """A photo, its camera (of the undistorted photo where there is a distortion) and where that
+    stands: x_in_camera = rotation @ x_in_world + translation; left out for a camera in which the
+    world's frame is. mask: a picture of the photo's size, black where something stands in front.
+    """
+
+    photo: PhotoPath
+    place: s.Transform = msgspec.field(
+        name="camera_from_world", default=s.Transform.of(RigidTransform.identity())
+    )
+
+    @classmethod
+    def of(cls, view: View) -> "ViewJson":
+        """The form of a view."""
+        file, undistortion = view.file, view.file.undistortion
+        return cls(
+            photo=PhotoPath(str(file.path or file.name), file.width, file.height, file.sha256),
+            projection=s.projection_of(view.camera),
+            numbers=s.CameraNumbers.of(view.camera),
+            distortion=None if undistortion is None else s.Distortion.of(undistortion),
+            place=s.Transform.of(view.camera_from_world),
+            mask=mask_text(view.mask),
+        )
+
+    @property
+    def view(self) -> View:
+        """The view, its photo not yet read."""
+        photo, (width, height) = self.photo, self.size
+        file = photo_file(Path(photo.file), width, height, photo.sha256, self.undistortion)
+        mask = None if self.mask is None else load_mask(self.mask)
+        return View(file, self.camera, self.place.rigid, mask)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the photo in px."""
+        return self.photo.width, self.photo.height
+
+
+class JsonForm(NamedTuple):
+    """The form of a type in files."""
+
+    kind: Any
+    """What msgspec checks."""
+    encode: Callable[[Any], Any]
+    decode: Callable[[Any], Any]
+
+
+def _same(value: Any) -> Any:
+    return value
+
+
+FORMS: dict[Any, JsonForm] = {
+    float: JsonForm(s.Number, _same, _same),
+    # A camera is one of a photo, whose size ``_whole`` gives it.
+    Camera: JsonForm(
+        s.CameraNumbers,
+        s.CameraNumbers.of,
+        lambda form: form.camera("perspective" if form.scale is None else "parallel", 0, 0),
+    ),
+    ChartParameters: JsonForm(
+        s.ChartJson,
+        lambda chart: s.ChartJson(chart.name, chart.names, chart.parameters),
+        lambda form: ChartParameters(form.name, form.names, form.parameters),
+    ),
+    FitSettings: JsonForm(
+        dict[str, Any] | None,
+        lambda settings: None if settings is DEFAULTS else settings_as_json(settings),
+        lambda data: DEFAULTS if data is None else settings_from_json(data),
+    ),
+    Mask: JsonForm(str, mask_text, load_mask),
+    ModelFile: JsonForm(ModelPath, ModelPath.of, attrgetter("model")),
+    # A covariance is one about a pose, which ``_whole`` gives it.
+    PoseCovariance: JsonForm(s.Uncertainty, s.Uncertainty.of, _same),
+    Rectangle: JsonForm(
+        Region, lambda region: tuple(map(float, region)), lambda form: Rectangle(*form)
+    ),
+    Similarity: JsonForm(
+        Place,
+        lambda place: Place.of(place.rigid, scale=float(place.scale)),
+        attrgetter("similarity"),
+    ),
+    Symmetry: JsonForm(
+        SymmetryTurns | None,
+        SymmetryTurns.of,
+        lambda form: NO_SYMMETRY if form is None else form.symmetry,
+    ),
+    View: JsonForm(
+        Annotated[ViewJson, Meta(extra_json_schema=s.PROJECTIONS)], ViewJson.of, attrgetter("view")
+    ),
+}
+"""Types whose form is not made of their fields."""
+DESCRIPTIONS: dict[type, str] = {
+    InView: """An object's own part in a view: a mask besides the view's, a region (left, top,
+        width, height, px) in which pixels count, and whether a search reads the view.""",
+    SearchResult: """Result of the last search for an object. view: index of the view that chart and
+        uncertainty are of; seen: for each view, the share of the model's pixels that count, null
+        where it was not compared; settings: those of the search. The rest is as in pose files.""",
+    SceneObject: """A model in the scene. id: of this object alone, the same model may be there
+        several times; name: for people; start: where the last search began; in_views: one for each
+        view, or none; start_cameras: the views' then, where a focal length was another; locked:
+        placed by the user, searches leave it; placed: whether anybody has said where it is;
+        without: names of the model's parts that are left out; symmetry: as in pose files; note: the
+        user's.""",
+    Scene: """Views times objects; without objects, a set of photos. Camera axes are OpenCV's (x
+        right, y down, z forward); pixel centres are at integers; paths start from the scene's
+        folder. unit: of the world; free_scale: nothing tells the world's unit in the model's, it is
+        to be searched for.""",
+}
+"""Descriptions in the schema."""
+HEADS: dict[type, list[tuple[str, Any, Any]]] = {
+    Scene: [("format", Literal["poseviewer-scene"], s.SCENE), ("version", Literal[2], VERSION)]
+}
+"""Fields of files that name their format."""
+
+
+@cache
+def form_of(kind: Any) -> JsonForm:
+    """The form of a type: in ``FORMS``, or made of its parts."""
+    if kind in FORMS:
+        return FORMS[kind]
+    if is_dataclass(kind):
+        return _form_of_fields(kind)
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin is Annotated:
+        inner = form_of(parts[0])
+        return inner._replace(kind=Annotated[inner.kind, *kind.__metadata__])
+    if origin is tuple:
+        inner = form_of(parts[0])
+
+        def each(change: Callable[[Any], Any]) -> Callable[[Any], Any]:
+            return lambda values: tuple(map(change, values))
+
+        return JsonForm(tuple[inner.kind, ...], each(inner.encode), each(inner.decode))
+    if origin in (Union, UnionType) and NoneType in parts:
+        inner = form_of(reduce(or_, (part for part in parts if part is not NoneType)))
+
+        def unless_none(change: Callable[[Any], Any]) -> Callable[[Any], Any]:
+            return lambda value: None if value is None else change(value)
+
+        return JsonForm(inner.kind | None, unless_none(inner.encode), unless_none(inner.decode))
+    return JsonForm(kind, _same, _same)
+
+
+def _form_of_fields(kind: Any) -> JsonForm:
+    """The form of a dataclass: a struct of the forms of its fields."""
+    hints, forms, made = get_type_hints(kind, include_extras=True), {}, []
+    for item in fields(kind):
+        key = item.metadata.get("key", item.name)
+        if key is None:
+            continue
+        form = forms[item.name] = form_of(hints[item.name])
+        default = {} if item.default is MISSING else {"default": form.encode(item.default)}
+        made.append((item.name, form.kind, msgspec.field(name=key, **default)))
+    struct = defstruct(
+        f"{kind.__name__}Json",
+        [*HEADS.get(kind, []), *made],
+        kw_only=True,
+        frozen=True,
+        omit_defaults=True,
+        namespace={"__doc__": DESCRIPTIONS.get(kind, kind.__doc__)},
+    )
+
+    def encode(value: Any) -> Any:
+        return struct(**{name: form.encode(getattr(value, name)) for name, form in forms.items()})
+
+    def decode(value: Any) -> Any:
+        return kind(**{name: form.decode(getattr(value, name)) for name, form in forms.items()})
+
+    return JsonForm(struct, encode, decode)
+
+
+SceneJson: Any = form_of(Scene).kind
+"""Struct of a scene file."""
+SearchResultJson: Any = form_of(SearchResult).kind
+"""Struct of the result of a search."""
+OF_OBJECT = ("without", "note")
+"""Fields that objects share with pose files."""
+AS_IN_POSE = ("loss", "unexplained", "verdict", "settings", "notes")
+"""Fields that results share with pose files, which are of one view."""
+
+
+def scene_as_json(scene: Scene) -> Any:
+    """The ``SceneJson`` of a scene: files by absolute paths, masks as pictures in text."""
+    return form_of(Scene).encode(scene)
+
+
+def scene_from_json(form: Any) -> Scene:
+    """The scene of a ``SceneJson``; photos and models are read when first asked for.
+
+    Raises:
+        PoseViewerError: a mask cannot be used; settings make no sense.
+    """
+    scene: Scene = form_of(Scene).decode(form)
+    return replace(scene, objects=tuple(_whole(scene, item) for item in scene.objects))
+
+
+def _whole(scene: Scene, item: SceneObject) -> SceneObject:
+    """The object with what follows from the scene's views."""
+    cameras = tuple(
+        replace(camera, width=view.file.width, height=view.file.height)
+        for camera, view in zip(item.start_cameras, scene.views, strict=False)
+    )
+    result = item.result
+    if result is not None and isinstance(result.covariance, s.Uncertainty):
+        at = min(result.view, len(scene.views) - 1)
+        covariance = result.covariance.about(scene.views[at].pose(item.world_from_model))
+        result = replace(result, view=at, covariance=covariance)
+    return replace(item, start_cameras=cameras, result=result)
+
+
+def load_scene(path: str | Path, inside: Path | None = None) -> Scene:
+    """The scene in a file; its photos and models are there, but not yet read.
+
+    ``inside``: a folder in which all of them have to lie.
+
+    Raises:
+        PoseFileError: there is no such file, it does not hold a scene, or names a file that is not
+            there or not ``inside``; two objects have one id; the scale is not known, and there are
+            several objects.
+        PoseViewerError: a mask cannot be used; settings make no sense.
+    """
+    reading = Reading(Path(path).absolute(), kind=KIND)
+
+    def find(name: str, what: str) -> str:
+        file, wanted = reading.path.parent / name, "drop one folder of the scene with all its files"
+        if not name or not is_there(file):
+            found = f"{what} is {name or 'empty'}, and there is no such file"
+            raise reading.error(found, f"put it there, seen from the scene; on a page, {wanted}")
+        if inside is not None and inside.resolve() not in file.resolve().parents:
+            raise reading.error(f"{what} is {name}, outside of the folder that was dropped", wanted)
+        return str(file)
+
+    with reading.naming_errors():
+        data = reading.load_object()
+        if data.get("format") != s.SCENE:
+            raise reading.error(f"format is {kind_of(data.get('format'))}", f"wanted {s.SCENE!r}")
+        reading.require_format(data, s.SCENE, VERSION)
+        form = decoded_scene(reading, data)
+        scene = scene_from_json(_with_files(form, find))
+        notes = tuple(dict.fromkeys(reading.warnings))
+        return replace(scene, name=reading.path.name, notes=notes)
+
+
+def decoded_scene(reading: Reading, data: Any, what: str = "") -> Any:
+    """The ``SceneJson`` of JSON data; raises the reading's error where parts do not fit."""
+    form = reading.decoded(data, SceneJson, what, raw=("file", "mask"))
+    require_whole(reading, form)
+    return form
+
+
+def _with_files(form: Any, name: Named, name_inline: Named | None = None) -> Any:
+    """The ``SceneJson`` with its files under other names; masks that stand in it stay, or become
+    files by ``name_inline``.
+    """
+
+    def named(mask: str | None, where: str) -> str | None:
+        change = name_inline if mask and mask.startswith(INLINE) else name
+        return change(mask, f"{where}.mask") if mask and change else mask
+
+    views, objects = [], []
+    for number, view in enumerate(form.views):
+        where = f"views[{number}]"
+        photo = structs.replace(view.photo, file=name(view.photo.file, f"{where}.photo.file"))
+        views.append(structs.replace(view, photo=photo, mask=named(view.mask, where)))
+    for number, item in enumerate(form.objects):
+        where = f"objects[{number}]"
+        model = structs.replace(item.model, file=name(item.model.file, f"{where}.model.file"))
+        in_views = tuple(
+            structs.replace(own, mask=named(own.mask, f"{where}.in_views[{index}]"))
+            for index, own in enumerate(item.in_views)
+        )
+        objects.append(structs.replace(item, model=model, in_views=in_views))
+    return structs.replace(form, views=tuple(views), objects=tuple(objects))
+
+
+def as_saved(scene: Scene, *, canonical: bool = True) -> Scene:
+    """The scene as files have it: without starts; what a search took for something in front is in
+    the masks; a pose of a symmetric model is a ``canonical`` one of those that show the same.
+    """
+    objects = tuple(_object_as_saved(scene, i, canonical) for i in range(len(scene.objects)))
+    return replace(scene, objects=objects, software=SOFTWARE)
+
+
+def _object_as_saved(scene: Scene, index: int, canonical: bool) -> SceneObject:
+    item = scene.objects[index]
+    result, place, symmetry = item.result, item.world_from_model, item.symmetry
+    at = 0 if result is None else result.view
+    pose = scene.pose(index, at)
+    equal = symmetry.canonical(pose) if canonical else pose
+    if equal is not pose:
+        place = scene.views[at].world_from_model(equal, place.scale)
+    in_views = []
+    for number, own in enumerate(item.in_views or [InView()] * len(scene.views)):
+        hidden = result.hidden[number] if result and result.hidden else None
+        if hidden is not None:
+            weights = ~hidden if own.mask is None else own.mask.weights * ~hidden
+            own = replace(own, mask=Mask.of(weights))
+        in_views.append(own)
+    is_own = any(own != InView() for own in in_views)
+    if result is not None:
+        sure = result.covariance
+        chart = result.chart if equal is pose and result.chart and result.chart.names else None
+        result = replace(result, covariance=sure and sure.about(equal), chart=chart, hidden=())
+    return replace(
+        item,
+        world_from_model=place,
+        start=None,
+        start_cameras=(),
+        in_views=tuple(in_views) if is_own else (),
+        settings=replace(item.settings),  # said, even where they are the defaults
+        said_symmetry=symmetry,
+        result=result,
+    )
+
+
+def save_scene(path: str | Path, scene: Scene) -> None:
+    """Write a scene file and, beside it, its masks; each whole or not.
+
+    Raises:
+        PoseFileError: as of ``load_scene``; a photo or a model is no file; a number is not finite;
+            a file cannot be written.
+    """
+    for file, content in scene_contents(Path(path), scene).items():
+        write_whole(file, content, PoseFileError)
+
+
+def scene_contents(path: Path, scene: Scene) -> dict[Path, bytes]:
+    """The files that ``save_scene`` writes; raises as that does."""
+    reading, contents, form = Reading(path, kind=KIND), dict[Path, bytes](), scene_as_json(scene)
+    require_whole(reading, form)
+
+    def name(file: str, where: str) -> str:
+        if not is_there(Path(file)):
+            found = f"{where} is {Path(file).name}, and there is no such file"
+            raise reading.error(found, "a scene's photos and models are files, save them first")
+        return relative_name(path, Path(file))
+
+    def beside(mask: str, _: str) -> str:
+        file = path.with_name(f"{path.stem}.{len(contents) + 1}.mask.png")
+        contents[file] = b64decode(mask.removeprefix(INLINE))
+        return file.name
+
+    data = _with_files(form, name, beside)
+    contents[path] = json_bytes(path, data, PoseFileError, format=s.SCENE, version=VERSION)
+    return contents
+
+
+def require_whole(reading: Reading, form: Any) -> None:
+    """Raise the reading's error where parts of a ``SceneJson`` do not fit together."""
+    ids = [item.id for item in form.objects]
+    for number, item in enumerate(form.objects):
+        if item.id in ids[:number]:
+            raise reading.error(f"two objects have the id {item.id!r}", "give each its own")
+        for key in ("in_views", "start_cameras"):
+            if (count := len(getattr(item, key))) not in (0, len(form.views)):
+                found = f"objects[{number}].{key} is a list of {count}"
+                wanted = f"wanted one for each of {len(form.views)} views, or none"
+                raise reading.error(found, wanted)
+    if form.free_scale and len(ids) > 1:
+        wanted = "say free_scale: false and the objects' scales, or leave one object alone"
+        raise reading.error(f"its scale is not known, and it has {len(ids)} objects", wanted)
+
+
+def pose_json(scene: Scene, index: int = 0, view: int = 0) -> PoseRecord:
+    """All that a pose file says of an object in a view: the scene ``as_saved``, or one of files."""
+    item, own = scene.objects[index], scene.views[view]
+    result = item.result or SearchResult(settings=FORMS[FitSettings].encode(item.settings))
+    form: Any = form_of(SearchResult).encode(result)
+    is_of_view = result.view == view
+    file, undistortion = ModelPath.of(item.model), own.file.undistortion
+    model = s.ModelReference(printable(Path(file.file).name) or None, file.sha256, file.unit)
+    return PoseRecord.of(
+        scene.pose(index, view),
+        photo_reference(own),
+        model=None if model == s.ModelReference() else model,
+        **{name: getattr(form, name) for name in AS_IN_POSE},
+        chart=form.chart if is_of_view else None,
+        uncertainty=form.covariance if is_of_view else None,
+        software=scene.software,
+        distortion=None if undistortion is None else s.Distortion.of(undistortion),
+        **{name: getattr(item, name) for name in OF_OBJECT},
+        seen=result.seen[view] if view < len(result.seen) else None,
+        turns=SymmetryTurns.of(item.said_symmetry),
+        warnings=scene.notes,
+    )
+
+
+def photo_reference(view: View) -> s.PhotoReference:
+    """The photo of a view as pose files name it."""
+    file = view.file
+    name = printable((file.path or Path(file.name)).name) or None
+    return s.PhotoReference(name, file.width, file.height, file.sha256)
+
+
+def scene_of_pose(path: Path, record: PoseRecord) -> Scene:
+    """The scene of a pose file, whose photo and model lie beside it, or not; without its mask."""
+    photo, model = record.photo or s.PhotoReference(), record.model or s.ModelReference()
+    camera = replace(record.camera, width=photo.width or 0, height=photo.height or 0)
+    view = view_of_file(_beside(path, photo.file), camera, photo.sha256, record.undistortion)
+    if not photo.width or not photo.height:
+        view = view.resized(0, 0)
+    return scene_of_record(view, _beside(path, model.file), record, name=model.file or "")
+
+
+def scene_of_record(
+    view: View, model: Path, record: PoseRecord, object_id: str = "1", name: str = ""
+) -> Scene:
+    """The scene of one object in a view, with all that a pose file says of it."""
+    known = record.model or s.ModelReference()
+    result: Any = SearchResultJson(
+        seen=() if record.seen is None else (record.seen,),
+        chart=record.chart,
+        covariance=record.uncertainty,
+        **{name: getattr(record, name) for name in AS_IN_POSE},
+    )
+    item = SceneObject(
+        id=object_id,
+        name=name,
+        model=model_file(model, known.sha256, known.unit),
+        world_from_model=view.world_from_model(record.pose),
+        **{name: getattr(record, name) for name in OF_OBJECT},
+        said_symmetry=NO_SYMMETRY if record.turns is None else record.turns.symmetry,
+        result=None if result == SearchResultJson() else form_of(SearchResult).decode(result),
+    )
+    scene = Scene(views=(view,), software=record.software, notes=record.warnings)
+    return replace(scene, objects=(_whole(scene, item),))
+
+
+def _beside(path: Path, name: str | None) -> Path:
+    """The file of a name in the folder of a pose; a name is no path."""
+    folder = path if path.is_dir() else path.parent
+    return folder / bare_name(name) if name else Path()
+
+
+def relative_name(path: Path, file: Path) -> str:
+    """A file as the one at ``path`` names it: from the folder of that, if there is a way."""
+    try:
+        return Path(os.path.relpath(file.resolve(), path.resolve().parent)).as_posix()
+    except ValueError:  # on another drive
+        return str(file.resolve())
