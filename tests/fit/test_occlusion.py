@@ -11,7 +11,7 @@ from poseviewer.api import load, make_scene
 from poseviewer.files.demo import demo_case
 from poseviewer.files.photo import save_image
 from poseviewer.files.pose import load_pose
-from poseviewer.fit.compared import enlarged
+from poseviewer.fit.compared_pixels import enlarged
 from poseviewer.fit.occlusion import find_hidden
 from poseviewer.fit.problem import pose_loss
 from poseviewer.fit.visibility import hiding
