@@ -68,7 +68,7 @@ class FileSet:
     pose: Path | None = None
     """The start."""
     views: Path | None = None
-    """A set of photos, as ``load_view_set`` takes it."""
+    """A set of photos, as ``photo_sets.load_views`` takes it."""
     scene: Path | None = None
     """A scene file, which says all by itself."""
     unused: tuple[Path, ...] = ()

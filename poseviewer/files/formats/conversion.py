@@ -139,6 +139,8 @@ class Format:
     write: Callable[[Scene, Path, ConvertOptions, list[str]], Contents]
     """Gives what the files hold, of a scene, where to, and what else is known; adds notes."""
     read: Callable[[Path, ConvertOptions], Scene]
+    ending: str = ""
+    """Ending of the file that the app names; "": a folder."""
     lenses: Lenses = ()
     several_photos: bool = True
     several_objects: bool = False

@@ -157,6 +157,6 @@ def read_dope(path: Path, request: c.ConvertOptions) -> Scene:
     return Scene(views=(view,), objects=tuple(objects), notes=tuple(reading.warnings))
 
 
-OPENCV = c.Format(write_opencv, read_opencv, lenses=LENSES, several_photos=False)
-MATRIX = c.Format(write_matrix, read_matrix, lenses=LENSES, several_photos=False)
-DOPE = c.Format(write_dope, read_dope, several_photos=False, several_objects=True)
+OPENCV = c.Format(write_opencv, read_opencv, ".yml", lenses=LENSES, several_photos=False)
+MATRIX = c.Format(write_matrix, read_matrix, ".txt", lenses=LENSES, several_photos=False)
+DOPE = c.Format(write_dope, read_dope, ".dope.json", several_photos=False, several_objects=True)

@@ -135,4 +135,4 @@ def frame_view(reading: Reading, own: dict[str, Any], options: c.ConvertOptions)
 
 
 COLMAP = c.Format(write_colmap, read_colmap, lenses=COLMAP_LENSES)
-NERFSTUDIO = c.Format(write_nerfstudio, read_nerfstudio, lenses=NERFSTUDIO_LENSES)
+NERFSTUDIO = c.Format(write_nerfstudio, read_nerfstudio, ".json", lenses=NERFSTUDIO_LENSES)
