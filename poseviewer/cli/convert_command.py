@@ -38,6 +38,7 @@ OPTIONS = {
         table.option("--image NAME|NUMBER", "which image of a file with several; BOP: its number"),
         table.option("--object ID|NUMBER", "which object of a scene; BOP: its number"),
         table.option("--calibration FILE", "the camera, where POSE does not say it: a matrix"),
+        table.LENS_MODEL,
         table.option("--opengl", "a matrix is of a camera that looks along -z, y up"),
         table.option("--overwrite", "replace OUT if it is there"),
     )

@@ -183,10 +183,14 @@ CAMERAS = (
     "camera.json or scene_camera.json; the photo is undistorted by it"
 )
 CALIBRATION = option("--calibration FILE", CAMERAS)
-FISHEYE = "the lens is of OpenCV's fisheye model, where the file does not say so"
+LENS_MODEL = option(
+    "--lens-model",
+    "OpenCV's model of the lens, where the file does not say it",
+    ("opencv", "fisheye"),
+)
 OF_CALIBRATION = (
     option("--calibration-camera NAME", "which of the file's cameras"),
-    option("--calibration-fisheye", FISHEYE),
+    LENS_MODEL,
 )
 CAMERA: Options = {"the photo's camera": (CALIBRATION, *OF_CALIBRATION)}
 VIEWS: Options = {"several photos, one pose": (option("--views SET", SETS), *OF_VIEWS)}

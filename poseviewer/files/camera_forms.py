@@ -63,29 +63,45 @@ LABELS = ("label", "file_path", "#name", "name", "intrinsicId", "id")
 """Keys of what an entry of a list is called."""
 TYPED = ("Metashape", "Meshroom")
 """Tools whose ``type`` or ``projection`` is that of a lens."""
+MODEL_FIELDS = ("model", "cameramodel")
+"""Fields that name a lens model and nothing else."""
 TYPE_LIKE = re.compile(r".*(type|model|lens|projection)")
-OTHER_LENS = re.compile(r".*(fish|equidist|omni|mei|eucm|kannala|division|sphere)")
-"""Names, in small letters without ``_``, of what may say a lens model, and models but OpenCV's
-standard one."""
+"""Names, in small letters without ``_``, of what may name a lens model."""
+OTHER_LENS = re.compile(
+    r".*(fish|equi(dist|solid|rect)|omni|ucm|kannala|division|spher|stereographic|scaramuzza|ocam"
+    r"|ftheta|panoram|cylind).*|mei|kb\d?|ds|fov|atan"
+)
+"""Names, likewise, of lens models but OpenCV's standard one."""
+FISHEYE_LIKE = re.compile(r"fish|equidist|kannala")
+"""Parts of a key that say of the numbers below it that they are a fisheye's."""
 OPENCV_ORDER = "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4"
 LENS_NAMES: dict[LensModel | None, str] = {
     "opencv": "plumbbob rationalpolynomial opencv fullopencv pinhole simplepinhole standard radtan "
-    "radialtangential brownconrady radial simpleradial perspective frame radial1 radial3 radialk1 "
-    "radialk3",
-    "fisheye": "fisheye equidistant opencvfisheye kannalabrandt kannalabrandt4 fisheye4",
-    None: "none inversebrownconrady modifiedbrownconrady",
+    "radtan8 pinholeradtan pinholeradtan8 radialtangential brownconrady brown radial simpleradial "
+    "perspective frame radial1 radial3 radialk1 radialk3 opencvstandard",
+    "fisheye": "fisheye equidistant equi pinholeequi opencvfisheye fisheyeopencv kannalabrandt "
+    "kannalabrandt4 kannalabrandt8 kb4 fisheye4",
+    None: "none rectified inversebrownconrady modifiedbrownconrady",
 }
 """OpenCV's model by the names of others, in small letters without ``_``; None: a pinhole is read,
 and its coefficients have to be 0."""
+PINHOLES = ("pinhole", "simplepinhole", "perspective", "frame")
+"""Names of a projection, with which a lens of either model may come."""
 LENS_MODELS: dict[str, LensModel | None] = {
     name: model for model, names in LENS_NAMES.items() for name in names.split()
 }
 LENS_LIKE = re.compile(
     r"(?!.*(std|error|sigma|covar|model|type|distance))"
     r"(.*dist.*|.*coeff?(icient)?s?|kc|lens|kappa.*|(left|right)?d(left|right|\d*)|.*radial.*|.*tangential.*|ftheta.*|latlong|"
-    r"equirectangular|(?P<alone>[kpbs]\d|t[12]|skew|xi|alpha))"
+    r"equirectangular|.*fish.*|(?P<alone>[kpbs]\d|t[12]|skew|xi|alpha|beta|omega|w))"
 )
 """Names, in small letters without ``_``, of what may be a lens; ``alone``: a number, no list."""
+NOT_STANDARD = ("p1", "p2", "k5", "k6")
+"""Names of coefficients, of which a fisheye of ``k1 k2 k3 k4`` has none."""
+ASK_MODEL = (
+    "say it with --lens-model opencv or fisheye, in the library with Calibration's lens_model, on "
+    "the page with Lens model"
+)
 COUNTS_OF_LENSES = (5, 8, 14)
 """Counts of OpenCV's coefficients that a list of anything else seldom has."""
 SIDED = re.compile(r"(left|right)?(.*?)(left|right|\d*)")
@@ -115,6 +131,8 @@ class _Said:
     reading: Reading
     entries: dict[str, tuple[str, Any]]
     photo: tuple[int, int]
+    above: dict[str, tuple[str, Any]] = field(default_factory=dict)
+    """Fields of the mappings that it stands in, as far as they may say something of it."""
     used: dict[str, None] = field(default_factory=dict)
     """Keys that were read."""
 
@@ -140,6 +158,19 @@ class _Said:
             value = list(value.values())
         value = value if isinstance(value, dict | list | tuple | str) else [value]
         return self.reading.flat_numbers(value, self.entries.get(name, (name,))[0], count)
+
+    def model_words(self, form: "Form") -> Iterator[tuple[str, bool]]:
+        """Words that may name the lens's model, the surest first; and whether they name nothing
+        else.
+        """
+        for fields in (self.entries, self.above):
+            names = [n for n in fields if TYPE_LIKE.match(n) and n not in MODEL_FIELDS]
+            for name in (*MODEL_FIELDS, *names):
+                key, text = fields.get(name, ("", None))
+                if isinstance(text, str) and text:
+                    self.used[key] = None
+                    is_sure = name in MODEL_FIELDS or form.tools in TYPED
+                    yield text, is_sure and fields is self.entries
 
     @property
     def size(self) -> tuple[int, int]:
@@ -169,6 +200,8 @@ class Form:
     """px from its pixel coordinates to ours: half a pixel where centres are at integers."""
     lens: str = OPENCV_ORDER
     """Names of its coefficients in OpenCV's order."""
+    is_standard: bool = False
+    """Whether a lens of which it says no model is of OpenCV's standard one."""
 
 
 def _of_matrix(said: _Said, name: str = "matrix") -> Any:
@@ -227,11 +260,13 @@ FORMS = (
     Form("OpenCV, ROS, BOP, Open3D, NumPy", ("matrix",), _of_matrix),
     Form("Kalibr", ("intrinsics",), _kalibr),
     Form("RealSense, BOP", ("fx", "fy", "cx", "cy"), _of_names),
-    Form("nerfstudio", ("flx", "cx", "cy"), _of_names, 0.0, "k1 k2 p1 p2 k3"),
-    Form("RealityCapture", ("f", "px", "py"), _reality_capture, 0.0, "k1 k2 p1 p2 k3"),
-    Form("Metashape", ("f", "cx", "cy", "width"), _metashape, 0.0, "k1 k2 p2 p1 k3"),
-    Form("Meshroom", ("principalpoint", "focallength", "sensorwidth", "width"), _meshroom, 0.0),
-    Form("Meshroom", ("principalpoint", "pxfocallength", "width"), _meshroom, 0.0),
+    Form("nerfstudio", ("flx", "cx", "cy"), _of_names, 0.0, "k1 k2 p1 p2 k3", True),
+    Form("RealityCapture", ("f", "px", "py"), _reality_capture, 0.0, "k1 k2 p1 p2 k3", True),
+    Form("Metashape", ("f", "cx", "cy", "width"), _metashape, 0.0, "k1 k2 p2 p1 k3", True),
+    Form("Meshroom", ("principalpoint", "focallength", "sensorwidth", "width"), _meshroom, 0.0,
+         is_standard=True),
+    Form("Meshroom", ("principalpoint", "pxfocallength", "width"), _meshroom, 0.0,
+         is_standard=True),
     Form("fSpy", ("principalpoint", "relativefocallength", "width"), _fspy, 0.0),
 )  # fmt: skip
 """Forms; the first of which a mapping has all keys is taken."""
@@ -297,31 +332,40 @@ def _of_element(element: ElementTree.Element) -> Any:
 
 
 def cameras_in(
-    reading: Reading, data: Any, fisheye: bool = False, photo: tuple[int, int] = (0, 0)
+    reading: Reading,
+    data: Any,
+    lens_model: LensModel | None = None,
+    photo: tuple[int, int] = (0, 0),
 ) -> list[FileCamera]:
-    """All cameras in a tree; ``fisheye``: OpenCV's fisheye model where it names no other;
-    ``photo``: size of the pictures where it says none.
+    """Read all cameras in a tree.
 
-    Raises the reading's error: there is none, a number makes no sense, a lens is of another model,
-    or is said by a key that no form has.
+    Args:
+        reading: the file that the tree is of.
+        data: the tree.
+        lens_model: OpenCV's model of the lens where the file does not say it.
+        photo: width and height of the pictures (px) where the file does not say them.
+
+    Raises:
+        PoseViewerError: there is none, a number makes no sense, a lens is of another model, of one
+            that is not said, or is said by a key that no form has.
     """
     cameras, said, used = [], [], set[str]()
     if isinstance(data, list):
         data = {"cameras" if data and isinstance(data[0], dict) else "camera_matrix": data}
-    for path, mapping in _mappings(data, (), DEEPEST):
+    for path, mapping, above in _mappings(_undotted(data), (), DEEPEST, {}):
         of_number = _entries_of(mapping)
         shared = of_number.get("", {}).copy()
         for name in ("matrix", "distortion"):
             shared.pop(name, None)
         said += mapping.items()
         for number, entries in of_number.items():
-            own = _Said(reading, shared | entries if number else entries, photo)
+            own = _Said(reading, shared | entries if number else entries, photo, above)
             form = next((form for form in FORMS if all(name in own for name in form.needs)), None)
             if form is not None and (number == "" or "matrix" in entries):
                 name = "-".join(part for part in (path, number) if part)
                 fx, fy, cx, cy = form.pinhole(own)
                 camera = Perspective(fx, fy, cx + form.shift, cy + form.shift, *own.size)
-                lens, photos = _lens(own, form, fisheye), {name.rsplit("/", 1)[-1]} - {""}
+                lens, photos = _lens(own, form, lens_model), {name.rsplit("/", 1)[-1]} - {""}
                 read = f"{', '.join(own.used)} (as {form.tools})"
                 cameras.append(FileCamera(name, camera, lens, frozenset(photos), read))
                 used |= own.used.keys()
@@ -332,12 +376,13 @@ def cameras_in(
     is_bare = len(cameras) == 1 and cameras[0].lens is None
     for key, value in said:
         plain, is_list = _plain(key), _is_matrix(value)
-        if key in used:
+        if key in used or (plain == "w" and str(value).isdecimal()):
             continue
-        if TYPE_LIKE.match(plain) and OTHER_LENS.match(_plain(value)):
+        if TYPE_LIKE.match(plain) and OTHER_LENS.fullmatch(_plain(value)):
             raise reading.error(f"{key!r} is {str(value)[:40]!r}", "wanted it as distortion_model")
         like = LENS_LIKE.fullmatch(plain)
-        may_be = like and (is_list or plain != "lens") and not (is_list and like["alone"])
+        may_be = like and (is_list or not ("fish" in plain or plain == "lens"))
+        may_be = may_be and not (is_list and like["alone"])
         numbers = value[0] if isinstance(value, list) and len(value) == 1 else value
         has_their_count = isinstance(numbers, list) and len(numbers) in COUNTS_OF_LENSES
         if (may_be or (is_bare and has_their_count)) and _is_number(value):
@@ -347,7 +392,24 @@ def cameras_in(
 
 
 def _plain(key: Any) -> str:
-    return re.sub(r"^camera\.|[_\s-]", "", str(key).lower())  # ORB-SLAM has Camera.fx
+    return re.sub(r"[_\s-]", "", str(key).lower())
+
+
+def _undotted(data: Any) -> Any:
+    """ORB-SLAM's ``LEFT.K`` and ``Camera1.fx`` as mappings; what ``Camera.`` says of size and type
+    is said of all.
+    """
+    tree: dict[str, Any] = {}
+    for key, value in data.items() if isinstance(data, dict) else ():
+        head, _, name = str(key).partition(".")
+        if name and (_is_matrix(value) or not isinstance(value, dict)):
+            if isinstance(tree.setdefault(head, {}), dict):
+                tree[head][name] = value
+                if head == "Camera" and name in ("type", "width", "height"):
+                    tree[name] = value
+        else:
+            tree[key] = value
+    return tree or data
 
 
 def _is_number(value: Any) -> bool:
@@ -363,8 +425,12 @@ def _is_matrix(value: Any) -> bool:
     return isinstance(value, list) or (isinstance(value, dict) and "data" in value)
 
 
-def _mappings(node: Any, path: tuple[str, ...], depth: int) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Names of mappings, and each with what others inside it say of the same camera."""
+def _mappings(
+    node: Any, path: tuple[str, ...], depth: int, above: dict[str, tuple[str, Any]]
+) -> Iterator[tuple[str, dict[str, Any], dict[str, tuple[str, Any]]]]:
+    """Names of mappings, each with what others inside it say of the same camera, and the fields
+    ``above`` it that may.
+    """
     if not isinstance(node, dict) or not depth:
         return
     entries, inner = {}, []
@@ -384,9 +450,12 @@ def _mappings(node: Any, path: tuple[str, ...], depth: int) -> Iterator[tuple[st
         else:
             entries[key] = value
             inner += [(key, value)] * is_mapping
-    yield next((part for part in reversed(path) if part not in UNNAMED), ""), entries
+    yield next((part for part in reversed(path) if part not in UNNAMED), ""), entries, above
+    own = _entries_of(entries).get("", {}).items()
+    above = above | {n: e for n, e in own if TYPE_LIKE.match(n) or n == "isfisheye"}
     for key, value in inner:
-        yield from _mappings(value, (*path, str(key).strip()), depth - 1)
+        named = {"named": (str(key), True)} if FISHEYE_LIKE.search(_plain(key)) else {}
+        yield from _mappings(value, (*path, str(key).strip()), depth - 1, above | named)
 
 
 def _entries_of(mapping: dict[str, Any]) -> dict[str, dict[str, tuple[str, Any]]]:
@@ -401,6 +470,9 @@ def _entries_of(mapping: dict[str, Any]) -> dict[str, dict[str, tuple[str, Any]]
         like = LENS_LIKE.fullmatch(plain)
         if like and like["alone"] and not number and _is_matrix(value):
             continue  # OpenCV's P1 is a projection
+        if FISHEYE_LIKE.search(plain) and _is_matrix(value) and name != "matrix":
+            of_number.setdefault(number, {})["named"] = (str(key), True)
+            name = "distortion"
         if name == "matrix" and not (_is_matrix(value) or isinstance(value, str)):
             continue  # an object named k may be a camera itself
         if value is not None:
@@ -408,19 +480,35 @@ def _entries_of(mapping: dict[str, Any]) -> dict[str, dict[str, tuple[str, Any]]
     return of_number
 
 
-def _lens(said: _Said, form: Form, fisheye: bool) -> Lens | None:
-    model: LensModel | None = "fisheye" if fisheye else "opencv"
-    text, names = "", ("model", "cameramodel", *("type", "projection") * (form.tools in TYPED))
-    if str(said.value("isfisheye")).lower().rstrip(".0") in ("1", "true"):
-        model = "fisheye"
-    elif text := next((t for n in names if (t := str(said.value(n) or ""))), ""):
+def _said_model(said: _Said, form: Form) -> tuple[bool, LensModel | None]:
+    """Whether the file says the model of a camera's lens, and which; None: it has to have none."""
+    marks = [f["isfisheye"] for f in (said.entries, said.above) if "isfisheye" in f]
+    marks = [(key, mark) for key, mark in marks if not isinstance(mark, dict | list)]
+    said.used.update(dict.fromkeys(key for key, _ in marks))
+    if any(str(mark).lower().rstrip(".0") in ("1", "true") for _, mark in marks):
+        return True, "fisheye"
+    for text, is_sure in said.model_words(form):
         plain = _plain(text).removeprefix("distortion.")
-        if plain not in LENS_MODELS:
+        if plain in LENS_MODELS and plain not in PINHOLES:
+            if LENS_MODELS[plain] or is_sure:
+                return True, LENS_MODELS[plain]
+        elif OTHER_LENS.fullmatch(plain) or (is_sure and plain not in PINHOLES):
             wanted = "wanted OpenCV's standard or fisheye model"
             raise said.reading.error(f"its lens model is {text[:40]!r}", wanted)
-        model = model if fisheye else LENS_MODELS[plain]
+    if "named" in said or "named" in said.above:
+        return True, "fisheye"
+    return bool(marks), "opencv"
+
+
+def _lens(said: _Said, form: Form, asked: LensModel | None) -> Lens | None:
+    is_said, model = _said_model(said, form)
+    if asked not in (None, model) and is_said:
+        found = f"its lens is said to be of the model {model or 'none'!r}"
+        raise said.reading.error(found, f"lens model {asked!r} is for files that do not say it")
+    is_said, model = (True, asked) if asked else (is_said, model)
     if "distortion" in said:
         values = said.numbers("distortion")
+        is_clear = len(values) != 4
         if form.tools == "Meshroom" and model == "opencv" and any(values):
             if len(values) not in (1, 3):
                 raise said.reading.error("a lens of Meshroom's Brown model", "wanted radial3")
@@ -428,15 +516,21 @@ def _lens(said: _Said, form: Form, fisheye: bool) -> Lens | None:
             values = [k1, k2, 0.0, 0.0, k3]
     elif "radial" in said:
         k1, k2, *k3 = said.numbers("radial")
-        values = [k1, k2, *(said.numbers("tangential") or [0.0, 0.0]), *k3]
+        values, is_clear = [k1, k2, *(said.numbers("tangential") or [0.0, 0.0]), *k3], True
     else:
         order = ("k1 k2 k3 k4" if model == "fisheye" else form.lens).split()
         values = [said.number(name, 0.0) for name in order]
         count = next(count for count in (5, 8, 12) if not any(values[count:]))
         values = values[:count] if any(name in said for name in order) else []
-    if not any(values) and (model != "fisheye" or not values):
+        is_clear = "k4" not in said or any(name in said for name in NOT_STANDARD)
+    if any(values) and not (is_said or is_clear or form.is_standard):
+        raise said.reading.error("its four distortion coefficients are of no lens model", ASK_MODEL)
+    if model == "fisheye" and not any(values[4:]):
+        values = values[:4] or [0.0] * 4
+    elif not any(values):
         return None
     if model is None:
+        text = next((text for text, is_sure in said.model_words(form) if is_sure), "none")
         found = f"a lens of the model {text!r} with coefficients other than 0"
         raise said.reading.error(found, "wanted OpenCV's standard or fisheye model")
     if len(values) not in COEFFICIENTS[model]:

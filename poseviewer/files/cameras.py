@@ -11,6 +11,7 @@ from poseviewer.files.camera_forms import TREES, FileCamera, cameras_in, is_matr
 from poseviewer.files.checks import Reading
 from poseviewer.files.colmap_model import colmap_cameras, colmap_images
 from poseviewer.files.structs import checked_camera
+from poseviewer.geometry.lens import LensModel
 
 KIND = "file of cameras"
 LEAST_FOCAL = 0.02
@@ -18,7 +19,7 @@ LEAST_FOCAL = 0.02
 
 
 def load_cameras(
-    path: str | Path, fisheye: bool = False, photo: tuple[int, int] = (0, 0)
+    path: str | Path, lens_model: LensModel | None = None, photo: tuple[int, int] = (0, 0)
 ) -> list[FileCamera]:
     """All cameras in a file, as ``cameras_in`` has them."""
     reading = Reading(Path(path), [], CalibrationFileError, KIND, numbers_as_text=True)
@@ -27,7 +28,7 @@ def load_cameras(
         if ending == ".bin" or (ending == ".txt" and not is_matrix(reading)):
             cameras = _colmap_cameras(reading)
         elif ending in TREES:
-            cameras = cameras_in(reading, load_tree(reading), fisheye, photo)
+            cameras = cameras_in(reading, load_tree(reading), lens_model, photo)
         else:
             wanted = f"wanted {', '.join(TREES)} or .bin"
             raise reading.error(f"its ending is {ending or 'missing'}", wanted)
@@ -56,8 +57,9 @@ class Calibration:
     path: Path
     camera: str | None = None
     """Which camera of the file; None: the only one, or the one that took the photo."""
-    fisheye: bool = False
-    """The coefficients are of OpenCV's fisheye model, though the file does not say so."""
+    lens_model: LensModel | None = None
+    """OpenCV's model that the coefficients are of, "opencv" (standard) or "fisheye"; None: as the
+    file says, or as their number says."""
 
 
 def load_calibration(
@@ -66,7 +68,7 @@ def load_calibration(
     """Load the camera of a photo of this name and size, scaled if need be; notes say so."""
     reading = Reading(choice.path, error_type=CalibrationFileError)
     chosen = _chosen(
-        reading, choice, load_cameras(choice.path, choice.fisheye, (width, height)), photo
+        reading, choice, load_cameras(choice.path, choice.lens_model, (width, height)), photo
     )
     camera = chosen.camera
     size = f"{camera.width}x{camera.height} px"

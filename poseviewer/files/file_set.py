@@ -212,9 +212,10 @@ def _kind_of(path: Path, as_pose: bool, sole: bool) -> str:
     if "camera_from_model" in data:
         return "pose"
     if suffix in TREES:
-        with suppress(PoseViewerError):
-            load_cameras(path)
-            return "camera"
+        for lens_model in (None, "fisheye"):  # a lens of no said model is for the user to say
+            with suppress(PoseViewerError):
+                load_cameras(path, lens_model)
+                return "camera"
     return "pose" if sole and is_json else ""
 
 

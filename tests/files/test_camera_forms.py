@@ -23,6 +23,7 @@ SIZE = {"width": 640, "height": 480}
 BROWN = (-0.3, 0.1, 0.001, -0.001, 0.02)
 NAMED = dict(zip(("k1", "k2", "p1", "p2", "k3"), BROWN, strict=True))
 FISHEYE = (0.02, -0.01, 0.003, -0.001)
+FOUR = dict(zip(("k1", "k2", "k3", "k4"), FISHEYE, strict=True))
 YAML = "camera_matrix:\n- [500, 0, 321]\n- [0, 510, 239]\n- [0, 0, 1]\n"
 LENS = Lens("opencv", BROWN)
 
@@ -194,19 +195,56 @@ LOST = {
     "metashape's shear": ({**SIZE, "f": 500, "cx": 0, "cy": 0, "b2": 1}, "'b2'"),
     "realitycapture's t1": ({"f": 35, "px": 0, "py": 0, "t1": 0.1}, "'t1'"),
     "another model": ({"K": K, "D": FISHEYE, "distortion_model": "fov"}, "'fov'"),
-    "a type of lens": ({"K": K, "D": FISHEYE, "lens_type": "Fisheye"}, "'lens_type'"),
+    "a type of lens": ({"K": K, "D": FISHEYE, "lens_type": "Equisolid"}, "'Equisolid'"),
+    "a lens of one number": ({**FOCALS, "w": 0.87}, "'w'"),
+    "that of a type": ({"camera_type": "fov", "intrinsics": {**FOCALS, "w": 0.87}}, "'fov'"),
+    "a fisheye of another number": ({"fisheye": {"K": K, "D": BROWN}}, "5 distortion"),
+    "four numbers": ({"DIM": [640, 480], "K": K, "D": FISHEYE}, "no lens model"),
+    "four numbers of a pinhole": ({"K": K, "D": FISHEYE, "model": "pinhole"}, "no lens model"),
+    "four names": ({**FOCALS, **FOUR}, "no lens model"),
     "coefficients of another camera": ({"K": K, "D1": BROWN}, "'D1'"),
     "a name that says nothing": ({"K": K, "v": BROWN}, "'v'"),
     "the left lens of no left camera": ({"K": K, "D_left": BROWN[:4]}, "'D_left'"),
     "f-theta": ({"fl_x": 5, "cx": 1, "cy": 1, "ftheta_p1": 0.3}, "'ftheta_p1'"),
     "a panorama": ({"fl_x": 5, "cx": 1, "cy": 1, "equirectangular": True}, "'equirectangular'"),
     "thin prisms": ({"fl_x": 5, "cx": 1, "cy": 1, "s1": 0.3}, "'s1'"),
-    "double sphere": ({"camera_type": "ds", "intrinsics": {**FOCALS, "xi": -0.2}}, "'xi'"),
+    "double sphere": ({"camera_type": "ds", "intrinsics": {**FOCALS, "xi": -0.2}}, "'ds'"),
+    "double sphere of no type": ({**FOCALS, "xi": -0.2}, "'xi'"),
     "an inverse model": ({**FOCALS, "model": "inverse_brown_conrady", "coeffs": BROWN}, "inverse"),
     "omnidirectional": ({"camera_model": "omni", "intrinsics": [1, 5, 5, 2, 2]}, "intrinsics"),
     "meshroom's brown": ({**MESHROOM, "pxFocalLength": 5, "principalPoint": [0, 0], "version": [1],
                           "distortionParams": [1, 2, 3, 4, 5]}, "Brown"),
 }  # fmt: skip
+
+
+FISHEYES: dict[str, Any] = {
+    "basalt": {"value0": {"intrinsics": [{"camera_type": "kb4", "intrinsics": FOCALS | FOUR}]}},
+    "gyroflow": {"fisheye_params": {"camera_matrix": K, "distortion_coeffs": FISHEYE}},
+    "a key": {"K": K, "fisheye_coeffs": FISHEYE},
+    "a type of lens": {"K": K, "D": FISHEYE, "lens_type": "Fisheye"},
+    "a type above": {"model": "equidistant", "left": {"K": K, "D": FISHEYE}},
+    "zeros behind": {"K": K, "D": [*FISHEYE, 0, 0], "camera_model": "fisheye"},
+    "orb-slam": {"Camera.type": "KannalaBrandt8"}
+    | {f"Camera.{key}": value for key, value in (FOCALS | FOUR).items()},
+}
+
+
+@pytest.mark.parametrize("case", FISHEYES)
+def test_a_fisheye_is_known_by_its_names(tmp_path, case):
+    (found,) = load_cameras(write(tmp_path / "a.json", FISHEYES[case]))
+    assert found.lens == Lens("fisheye", FISHEYE)
+
+
+def test_a_model_that_is_said_below_its_name_counts_more(tmp_path):
+    content = FISHEYES["gyroflow"] | {"distortion_model": "opencv_standard"}
+    assert load_cameras(write(tmp_path / "a.json", content))[0].lens == Lens("opencv", FISHEYE)
+
+
+def test_the_rectified_camera_and_that_of_the_photo_are_two(tmp_path):
+    camera = {f"Camera.{key}": value for key, value in FOCALS.items()}
+    left = {"LEFT.K": {"data": FLAT}, "LEFT.D": {"data": BROWN}, "Camera.type": "PinHole"}
+    found = load_cameras(write(tmp_path / "a.json", camera | left))
+    assert [(one.name, one.lens) for one in found] == [("Camera", None), ("LEFT", LENS)]
 
 
 @pytest.mark.parametrize("case", LOST)

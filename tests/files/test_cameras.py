@@ -36,8 +36,12 @@ def test_opencvs_fisheye_is_known_by_its_mark_or_by_the_users_word(tmp_path):
     assert load_cameras(write_camera(tmp_path / "a.yml", INSIDE, marked))[0].lens == marked
     plain = {"K": MATRIX.tolist(), "D": [[k] for k in FISHEYE], "image_size": [1280, 720]}
     path = write(tmp_path / "b.json", plain)
-    assert load_cameras(path)[0].lens == Lens("opencv", FISHEYE)
-    assert load_cameras(path, fisheye=True)[0].lens == Lens("fisheye", FISHEYE)
+    for model in ("opencv", "fisheye"):
+        assert load_cameras(path, model)[0].lens == Lens(model, FISHEYE)
+    with pytest.raises(CalibrationFileError, match=r"four .*--lens-model .*'s lens_model.* page"):
+        load_cameras(path)
+    with pytest.raises(CalibrationFileError, match="said to be of the model 'fisheye'"):
+        load_cameras(tmp_path / "a.yml", "opencv")
 
 
 def test_a_stereo_pair_has_two_cameras(tmp_path):

@@ -53,6 +53,8 @@ class ConvertOptions:
     """Which object (BOP)."""
     calibration: Path | None = None
     """The file of the photo's camera, for files that do not say it."""
+    lens_model: LensModel | None = None
+    """OpenCV's model of its lens, for files that do not say it."""
     opengl: bool = False
     """Whether a matrix's camera looks along -z, y up."""
     overwrite: bool = False

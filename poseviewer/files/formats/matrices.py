@@ -61,7 +61,7 @@ def read_opencv(path: Path, request: c.ConvertOptions) -> Scene:
     """Read ``camera_matrix`` or ``K``, ``rvec`` or ``R``, ``tvec`` or ``t``; JSON lists as well."""
     reading = Reading(path, numbers_as_text=True)
     data = reading.object(load_tree(reading), "its content")
-    known = cameras_in(reading, data)[0]
+    known = cameras_in(reading, data, request.lens_model)[0]
     rotation = reading.flat_numbers(data.get("rvec") or data.get("R"), "rvec or R")
     translation = reading.flat_numbers(data.get("tvec") or data.get("t"), "tvec or t", 3)
     if len(rotation) not in (3, 9):
@@ -109,7 +109,8 @@ def _calibrated(reading: Reading, request: c.ConvertOptions, place: RigidTransfo
         wanted = "add --calibration FILE, and --photo or --photo-size"
         raise reading.error("it does not say the camera", wanted)
     size, photo = request.size_of(reading, None, None, request.photo), request.photo or Path()
-    known, notes = load_calibration(Calibration(request.calibration), photo.name, *size)
+    choice = Calibration(request.calibration, lens_model=request.lens_model)
+    known, notes = load_calibration(choice, photo.name, *size)
     reading.warnings.extend(notes)
     return view_of_file(photo, known.camera, None, known.lens, place)
 
