@@ -61,6 +61,28 @@ UNNAMED = ("calibration", "camera", "camera_info", "intrinsics", "sensor", "sens
 """Mappings whose names tell no cameras apart."""
 LABELS = ("label", "file_path", "#name", "name", "intrinsicId", "id")
 """Keys of what an entry of a list is called."""
+SIZE_WORDS = (
+    "(?:image|img|im|frame|picture|photo|video|camera|cam|calibration|calib|captured|capture|"
+    "original|orig|colou?r|rgb|raw|pixels?|px|resolution|res|sizes?|dimensions?|dims?)*"
+)
+SIZE_LIKE = re.compile(
+    f"{SIZE_WORDS}(?P<side>width|height|cols|columns|rows|[xywh]|shape|){SIZE_WORDS}"
+)
+"""Names, in small letters without ``_``, of the pictures' width, height or both."""
+SIDES = {
+    **dict.fromkeys(("width", "cols", "columns", "w", "x"), "width"),
+    **dict.fromkeys(("height", "rows", "h", "y"), "height"),
+}
+"""Sides by their names between the words of ``SIZE_LIKE``."""
+MAYBE_SIZE = re.compile(
+    r"(?!.*(board|square|pattern|pixel|win|marker|tile|grid|roi|crop|depth|sensor|corner|file))"
+    r".*(size|resol|dimension|width|height|shape).*"
+)
+"""Names of what may be the size of the pictures."""
+SIZES = ("width", "height", "imagesize")
+"""Fields of the pictures' size."""
+MIN_SIDE_PX = 40
+"""Side of a picture: chessboards have fewer squares."""
 TYPED = ("Metashape", "Meshroom")
 """Tools whose ``type`` or ``projection`` is that of a lens."""
 MODEL_FIELDS = ("model", "cameramodel")
@@ -172,19 +194,54 @@ class _Said:
                     is_sure = name in MODEL_FIELDS or form.tools in TYPED
                     yield text, is_sure and fields is self.entries
 
+    def size(self, cx: float = 0.0, cy: float = 0.0) -> tuple[int, int]:
+        """Width and height in px, as said, or else those of the photo.
+
+        A list of two has either first: where they are given, ``cx`` and ``cy`` (px) tell it, as
+        they lie near the middle. Raises the reading's error where two keys say different sizes.
+        """
+        sizes = self.sizes
+        if len({tuple(sorted(size)) for size in sizes.values()}) > 1:
+            sizes = {key: size for key, size in sizes.items() if "calib" in key.lower()} or sizes
+        if len({tuple(sorted(size)) for size in sizes.values()}) > 1:
+            found = " and ".join(f"{w}x{h} px ({key})" for key, (w, h) in sizes.items())
+            raise self.reading.error(f"its pictures have {found}", "leave out all but one")
+        if not sizes:
+            return self.photo
+        key, (width, height) = next(iter(sizes.items()))
+        self.used[key] = None
+        both = ((width, height), (height, width))
+        off, off_turned = (abs(cx / w - 0.5) + abs(cy / h - 0.5) for w, h in both)
+        return both[key in self.pairs and bool(cx or cy) and off_turned < off]
+
     @property
-    def size(self) -> tuple[int, int]:
-        """Width and height in px, as said, or else those of the photo."""
-        names = ("w", "h") if "flx" in self else ("width", "height")  # w may be a chessboard's
-        value = [self.value(name) for name in names]
-        if None in value:
-            value = self.numbers("imagesize", 2) if "imagesize" in self else self.photo
-        width, height = (self.reading.size(side or None, "image_size") or 0 for side in value)
-        return width, height
+    def pairs(self) -> dict[str, Any]:
+        """Lists of both sides, by their keys."""
+        fields = self.entries if not self.entries.keys().isdisjoint(SIZES) else self.above
+        return dict(fields["imagesize"][1]) if "imagesize" in fields else {}
+
+    @property
+    def sizes(self) -> dict[str, tuple[int, int]]:
+        """Sizes that the mapping says, or else those that it stands in, by their keys."""
+        fields = self.entries if not self.entries.keys().isdisjoint(SIZES) else self.above
+        names = ("w", "h") if {"flx", "w", "h"} <= fields.keys() else ("width", "height")
+        sizes, said = {}, self.pairs
+        if all(name in fields for name in names):
+            keys = ", ".join(fields[name][0] for name in names)
+            said = {keys: [fields[name][1] for name in names]} | said
+        for key, value in said.items():
+            value = re.sub("[x,*]", " ", value) if isinstance(value, str) else value
+            values = self.reading.flat_numbers(value, key)
+            values = values[:2] if len(values) == 3 and values[2] <= 4 else values  # of channels
+            if len(values) != 2:
+                raise self.reading.error(f"{key} has {len(values)} numbers", "wanted 2 numbers")
+            width, height = (self.reading.size(side, "image_size") or 0 for side in values)
+            sizes[key] = width, height
+        return sizes
 
     def from_middle(self, fx: float, fy: float, x: float, y: float) -> tuple[float, ...]:
         """fx, fy, cx, cy of a principal point that counts from the picture's middle."""
-        return fx, fy, self.size[0] / 2.0 + x, self.size[1] / 2.0 + y
+        return fx, fy, self.size()[0] / 2.0 + x, self.size()[1] / 2.0 + y
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,7 +265,9 @@ def _of_matrix(said: _Said, name: str = "matrix") -> Any:
     key = said.entries[name][0]
     is_by_columns = key.replace("_", "").lower() == "intrinsicmatrix"
     camera = camera_of_matrix(said.reading, said.value(name), key, by_columns=is_by_columns)
-    shift = HALF_PIXEL + (key == "IntrinsicMatrix")  # MATLAB counts pixel centres from 1
+    keys = key, *said.entries.get("radial", ())[:1]
+    is_matlab = not {"IntrinsicMatrix", "RadialDistortion"}.isdisjoint(keys)
+    shift = HALF_PIXEL + is_matlab  # MATLAB counts pixel centres from 1
     return camera.fx, camera.fy, camera.cx - shift, camera.cy - shift
 
 
@@ -233,25 +292,25 @@ def _meshroom(said: _Said) -> Any:
     x, y = said.numbers("principalpoint", 2)
     version = tuple(map(int, said.numbers("version"))) or (1, 2, 5)
     if version < (1, 2, 1):
-        x, y = x - said.size[0] / 2.0, y - said.size[1] / 2.0
+        x, y = x - said.size()[0] / 2.0, y - said.size()[1] / 2.0
     if version < (1, 2, 2):
         focals = said.numbers("pxfocallength")
         return said.from_middle(focals[0], focals[-1], x, y)
     if said.number("pixelratio", 1.0) != 1.0:
         raise said.reading.error("pixelRatio is not 1", "calibrate with square pixels")
-    focal = said.number("focallength") / said.number("sensorwidth") * said.size[0]
+    focal = said.number("focallength") / said.number("sensorwidth") * said.size()[0]
     return said.from_middle(focal, focal, x, y)
 
 
 def _fspy(said: _Said) -> Any:
-    half = max(said.size) / 2.0
+    half = max(said.size()) / 2.0
     (x, y), focal = said.numbers("principalpoint", 2), said.number("relativefocallength") * half
     return said.from_middle(focal, focal, x * half, -y * half)
 
 
 def _reality_capture(said: _Said) -> Any:
     """Lengths are those on 35-mm film, whose 36 mm are the longer side."""
-    px_per_mm = (max(said.size) or 1) / 36.0
+    px_per_mm = (max(said.size()) or 1) / 36.0
     focal, x, y = (px_per_mm * said.number(name) for name in ("f", "px", "py"))
     return said.from_middle(focal, focal, x, y)
 
@@ -349,7 +408,7 @@ def cameras_in(
         PoseViewerError: there is none, a number makes no sense, a lens is of another model, of one
             that is not said, or is said by a key that no form has.
     """
-    cameras, said, used = [], [], set[str]()
+    cameras, said, used, is_sized = [], [], set[str](), True
     if isinstance(data, list):
         data = {"cameras" if data and isinstance(data[0], dict) else "camera_matrix": data}
     for path, mapping, above in _mappings(_undotted(data), (), DEEPEST, {}):
@@ -364,7 +423,9 @@ def cameras_in(
             if form is not None and (number == "" or "matrix" in entries):
                 name = "-".join(part for part in (path, number) if part)
                 fx, fy, cx, cy = form.pinhole(own)
-                camera = Perspective(fx, fy, cx + form.shift, cy + form.shift, *own.size)
+                size = own.size(cx, cy)
+                is_sized &= bool(own.sizes)
+                camera = Perspective(fx, fy, cx + form.shift, cy + form.shift, *size)
                 lens, photos = _lens(own, form, lens_model), {name.rsplit("/", 1)[-1]} - {""}
                 read = f"{', '.join(own.used)} (as {form.tools})"
                 cameras.append(FileCamera(name, camera, lens, frozenset(photos), read))
@@ -376,6 +437,9 @@ def cameras_in(
     is_bare = len(cameras) == 1 and cameras[0].lens is None
     for key, value in said:
         plain, is_list = _plain(key), _is_matrix(value)
+        if not is_sized and key not in used and MAYBE_SIZE.fullmatch(plain) and _sides(value):
+            found = f"{key!r} may be the size of its pictures, and is not known here"
+            raise reading.error(found, "wanted image_width and image_height")
         if key in used or (plain == "w" and str(value).isdecimal()):
             continue
         if TYPE_LIKE.match(plain) and OTHER_LENS.fullmatch(_plain(value)):
@@ -425,6 +489,44 @@ def _is_matrix(value: Any) -> bool:
     return isinstance(value, list) or (isinstance(value, dict) and "data" in value)
 
 
+def _sides(value: Any) -> tuple[int, ...]:
+    """A side of a picture, or both, in px; none where a value is of something else."""
+    if isinstance(value, dict | list):
+        value = value.get("data", []) if isinstance(value, dict) else value
+        value = value[0] if len(value) == 1 and isinstance(value[0], list) else value
+        value = " ".join(map(str, value))
+    sides = []
+    with suppress(ValueError):
+        sides = [float(side) for side in re.sub("[x,*]", " ", str(value)).split()][:2]
+    is_size = all(side >= MIN_SIDE_PX and side.is_integer() for side in sides)
+    return tuple(map(int, sides)) if is_size else ()
+
+
+def _size_field(plain: str, value: Any) -> str:
+    """The field of a size that a key names; "" of a key of something else."""
+    name, match = FIELDS.get(plain, ""), SIZE_LIKE.fullmatch(plain)
+    if name in ("width", "height", "imagesize") or not match:
+        return name if match else ""
+    is_size, side, sides = re.search("size|dim|res|shape", plain), match["side"], _sides(value)
+    if len(sides) == 2 and is_size and side in ("", "shape"):
+        return "imagesize"
+    is_side = len(sides) == 1 and side in SIDES and (is_size or side not in ("x", "y"))
+    return SIDES[side] if is_side else ""
+
+
+def _named_sides(key: Any, value: Any) -> dict[str, int]:
+    """Width and height in a mapping that a key names as the size of pictures, or nothing."""
+    is_size = SIZE_LIKE.fullmatch(_plain(key)) and re.search("size|dim|res", _plain(key))
+    if not (is_size and isinstance(value, dict)):
+        return {}
+    sides = {}
+    for name, side in value.items():
+        match, own = SIZE_LIKE.fullmatch(_plain(name)), _sides(side)
+        if match and match["side"] in SIDES and len(own) == 1:
+            sides[SIDES[match["side"]]] = own[0]
+    return sides if len(sides) == 2 else {}
+
+
 def _mappings(
     node: Any, path: tuple[str, ...], depth: int, above: dict[str, tuple[str, Any]]
 ) -> Iterator[tuple[str, dict[str, Any], dict[str, tuple[str, Any]]]]:
@@ -436,7 +538,12 @@ def _mappings(
     entries, inner = {}, []
     for key, value in node.items():
         is_mapping = isinstance(value, dict) and not _is_matrix(value)
-        if is_mapping and FIELDS.get(_plain(key), _plain(key)) in MERGED:
+        if sides := _named_sides(key, value):
+            if FIELDS.get(_plain(key)) == "imagesize":
+                entries = sides | entries
+            else:
+                entries[key] = [sides["width"], sides["height"]]
+        elif is_mapping and FIELDS.get(_plain(key), _plain(key)) in MERGED:
             entries |= {k: v for k, v in value.items() if not isinstance(v, dict)}
             inner += [(k, v) for k, v in value.items() if isinstance(v, dict)]
         elif isinstance(value, list) and value and isinstance(value[0], dict):
@@ -444,6 +551,10 @@ def _mappings(
             for number, one in enumerate(adjusted or value):
                 is_frame = key == "frames"  # of nerfstudio's, some say cameras of their own
                 more = {k: v for k, v in node.items() if k != key and (k == "version" or is_frame)}
+                for name, own in node.items():  # Basalt has a list of sizes beside that of cameras
+                    if name != key and isinstance(own, list) and len(own) == len(value):
+                        is_size = _size_field(_plain(name), own[number])
+                        more |= {name: own[number]} if is_size else {}
                 label = next((one[k] for k in LABELS if k in one), number)
                 if not is_frame or "fl_x" in one:
                     inner.append((label, more | one))
@@ -452,7 +563,8 @@ def _mappings(
             inner += [(key, value)] * is_mapping
     yield next((part for part in reversed(path) if part not in UNNAMED), ""), entries, above
     own = _entries_of(entries).get("", {}).items()
-    above = above | {n: e for n, e in own if TYPE_LIKE.match(n) or n == "isfisheye"}
+    own = {n: e for n, e in own if TYPE_LIKE.match(n) or n in ("isfisheye", *SIZES)}
+    above = {n: e for n, e in above.items() if n not in SIZES or own.keys().isdisjoint(SIZES)} | own
     for key, value in inner:
         named = {"named": (str(key), True)} if FISHEYE_LIKE.search(_plain(key)) else {}
         yield from _mappings(value, (*path, str(key).strip()), depth - 1, above | named)
@@ -464,6 +576,7 @@ def _entries_of(mapping: dict[str, Any]) -> dict[str, dict[str, tuple[str, Any]]
     for key, value in mapping.items():
         plain = _plain(key)
         name, number, parts = FIELDS.get(plain, plain), "", SIDED.fullmatch(plain)
+        name = _size_field(plain, value) or name
         stem = parts[2] if parts else plain
         if stem != plain and FIELDS.get(stem) in NUMBERED and (_is_matrix(value) or len(stem) > 1):
             name, number = FIELDS[stem], plain.replace(stem, "", 1)
@@ -475,7 +588,9 @@ def _entries_of(mapping: dict[str, Any]) -> dict[str, dict[str, tuple[str, Any]]
             name = "distortion"
         if name == "matrix" and not (_is_matrix(value) or isinstance(value, str)):
             continue  # an object named k may be a camera itself
-        if value is not None:
+        if name == "imagesize":
+            of_number.setdefault(number, {}).setdefault(name, ("", []))[1].append((str(key), value))
+        elif value is not None:
             of_number.setdefault(number, {}).setdefault(name, (str(key), value))
     return of_number
 

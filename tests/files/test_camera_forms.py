@@ -188,6 +188,38 @@ def test_the_size_of_a_chessboard_is_not_that_of_pictures(tmp_path):
     assert load_cameras(path)[0].camera.width == 0
 
 
+HALF = {"fx": 250, "fy": 255, "cx": 160.25, "cy": 119.25}
+"""The camera in pictures of half the size."""
+HALF_SIZES: dict[str, Any] = {
+    "ndds": {"intrinsic_settings": HALF | {"resX": 320, "resY": 240, "s": 0}},
+    "beside": {"camera_settings": [{"intrinsics": HALF,
+                                    "captured_image_size": {"width": 320, "height": 240}}]},
+    "dim": HALF | {"DIM": [320, 240]},
+    "rows and columns": HALF | {"ImageSize": [240, 320]},
+    "a shape": HALF | {"img_shape": [240, 320, 3]},
+    "a text": HALF | {"resolution": "320x240"},
+    "cols and rows": HALF | {"cols": 320, "rows": 240},
+    "above": {"image_dims": [[320, 240]], "left": HALF},
+    "a list beside": {"intrinsics": [HALF], "resolution": [[320, 240]]},
+    "gyroflow": {"calib_dimension": {"w": 320, "h": 240}, "orig_dimension": {"w": 9000, "h": 80},
+                 "fisheye_params": HALF, "distortion_model": "opencv_standard"},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", HALF_SIZES)
+def test_a_camera_is_scaled_by_its_size_under_any_key(tmp_path, case):
+    assert_reads(tmp_path / "a.json", HALF_SIZES[case], K, None)
+
+
+def test_a_size_that_is_not_understood_is_refused(tmp_path):
+    for more, words in (
+        ({"rectified_dimensions_px": [320, 240]}, "'rectified_dimensions_px' may be the size"),
+        ({"image_size": [320, 240], "original_size": [640, 480]}, "320x240 px .* and 640x480 px"),
+    ):
+        with pytest.raises(CalibrationFileError, match=words):
+            load_cameras(write(tmp_path / "a.json", FOCALS | more))
+
+
 LOST = {
     "a key of its own": ({"K": K, "lens_distortion_vector": BROWN}, "'lens_distortion_vector'"),
     "beside the camera": ({"color": FOCALS, "extra": {"dist_params": BROWN}}, "'dist_params'"),
