@@ -10,7 +10,8 @@ import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 
-from poseviewer.files.camera_forms import FORMS, LENS_NAMES, TREES
+from poseviewer.files.camera_forms import FORMS, LENS_NAMES
+from poseviewer.files.camera_trees import TREES
 from poseviewer.files.colmap_model import MODELS
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.mesh.gltf import HARMLESS, LOST, UNDERSTOOD

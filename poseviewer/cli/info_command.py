@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import Action, ArgumentParser, Namespace
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from poseviewer.cli import options as table
 from poseviewer.cli.case import calibration_of
 from poseviewer.cli.terminal import say
-from poseviewer.errors import printable
+from poseviewer.errors import PhotoFileError, printable
 
 if TYPE_CHECKING:
     from poseviewer.files.cameras import Calibration
@@ -20,13 +20,35 @@ if TYPE_CHECKING:
     from poseviewer.geometry.image import Photo
 
 
-OPTIONS = {"": (table.option("path PHOTO|MODEL|POSE|SCENE"),), **table.CAMERA}
+class _CamerasHelp(Action):
+    """``--calibration`` without a file: the help, and what is read of cameras."""
+
+    def __call__(
+        self, parser: ArgumentParser, namespace: Namespace, values: Any, *_: object
+    ) -> None:
+        setattr(namespace, self.dest, values)
+        if values is None:
+            from poseviewer.files.camera_forms import READ
+
+            parser.print_help()
+            say("\nwhat is read of cameras:")
+            for tools, files, keys in READ:
+                say(f"  {tools} ({files}):\n    {keys}")
+            parser.exit()
+
+
+CALIBRATION = table.option("--calibration FILE", table.CAMERAS, action=_CamerasHelp, nargs="?")
+OPTIONS = {
+    "": (table.option("path PHOTO|MODEL|POSE|SCENE"),),
+    "the photo's camera": (CALIBRATION, *table.OF_CALIBRATION),
+}
 
 
 def run(options: Namespace) -> int:
     """Print what was understood of a file, by its ending; with a calibration it is a photo."""
     from poseviewer.files.file_set import is_scene_file
     from poseviewer.files.mesh.load import READERS
+    from poseviewer.files.photo import ENDINGS, RAW_ENDINGS
 
     path, calibration = options.path, calibration_of(options)
     suffix = path.suffix.lower() if calibration is None else ""
@@ -35,7 +57,12 @@ def run(options: Namespace) -> int:
     elif suffix in READERS:
         _print_model(path)
     else:
-        _print_photo(path, calibration)
+        try:
+            _print_photo(path, calibration)
+        except PhotoFileError:
+            if suffix not in ("", *ENDINGS, *RAW_ENDINGS) and path.is_file():
+                _print_model(path)  # raises what says how to open a model of this kind
+            raise
     return 0
 
 

@@ -179,8 +179,8 @@ OF_VIEWS = (
     option("--rig-object N", "the object of a BOP scene that tells how its camera moved"),
 )
 CAMERAS = (
-    "camera and lens, from OpenCV's YAML, XML or JSON, COLMAP's cameras.txt or .bin, BOP's "
-    "camera.json or scene_camera.json; the photo is undistorted by it"
+    "camera and lens, as OpenCV, ROS, COLMAP, BOP and a dozen other tools write them (poseviewer "
+    "info --calibration --help lists them); the photo is undistorted by it"
 )
 CALIBRATION = option("--calibration FILE", CAMERAS)
 LENS_MODEL = option(

@@ -5,33 +5,24 @@ that has all keys of a form is a camera. What looks like a lens and belongs to n
 that names the key: a lens is never lost without a word.
 """
 
-import csv
+import math
 import re
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
-from io import BytesIO, StringIO
+from dataclasses import dataclass, field, replace
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
-import yaml
 
-from poseviewer.files.checks import Reading, quiet_libraries
+from poseviewer.files.checks import Reading
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import HALF_PIXEL, camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
 
 LARGEST_SKEW = 1e-6
 """Share of the focal length."""
-LARGEST_ARRAY = 10_000
-"""Bytes of an array that may say a camera."""
-LONGEST_HEAD = 2000
-"""Bytes of a text in which COLMAP names a model."""
 DEEPEST = 8
 """Mappings within mappings."""
-LOADER = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
-"""Every number a text, every tag and anchor plain; libyaml's where PyYAML was built with it."""
 ALIASES = {
     "matrix": "cameramatrix intrinsicmatrix intrinsicsmatrix camk mtx k m kmatrix matrix",
     "intrinsics": "intrinsic cameraintrinsics projectionparameters",
@@ -55,11 +46,14 @@ behind a name tells the cameras of a file apart.
 FIELDS = {a: name for name, aliases in ALIASES.items() for a in (name, *aliases.split())}
 NUMBERED = ("matrix", "distortion", "imagesize", "width", "height", "model", "cameramodel")
 """Fields whose names may end in the number of a camera."""
-MERGED = ("intrinsics", "distortion", "imagesize", "lens")
+MERGED = ("matrix", "intrinsics", "distortion", "imagesize", "lens")
 """Mappings that say more of the camera that they stand in, if they are none themselves."""
-UNNAMED = ("calibration", "camera", "camera_info", "intrinsics", "sensor", "sensors")
+UNNAMED = (
+    "calibration", "camera", "camera_info", "intrinsics", "intrinsic_settings", "sensor", "sensors",
+    "value", "ptr_wrapper", "data", "value0",
+)  # fmt: skip
 """Mappings whose names tell no cameras apart."""
-LABELS = ("label", "file_path", "#name", "name", "intrinsicId", "id")
+LABELS = ("label", "file_path", "#name", "name", "intrinsicId", "id", "key")
 """Keys of what an entry of a list is called."""
 SIZE_WORDS = (
     "(?:image|img|im|frame|picture|photo|video|camera|cam|calibration|calib|captured|capture|"
@@ -69,6 +63,8 @@ SIZE_LIKE = re.compile(
     f"{SIZE_WORDS}(?P<side>width|height|cols|columns|rows|[xywh]|shape|){SIZE_WORDS}"
 )
 """Names, in small letters without ``_``, of the pictures' width, height or both."""
+SIZED = re.compile("size|dim|res|shape|photo|picture|image|img|frame")
+"""Words of ``SIZE_LIKE`` without which a key names something else."""
 SIDES = {
     **dict.fromkeys(("width", "cols", "columns", "w", "x"), "width"),
     **dict.fromkeys(("height", "rows", "h", "y"), "height"),
@@ -83,8 +79,8 @@ SIZES = ("width", "height", "imagesize")
 """Fields of the pictures' size."""
 MIN_SIDE_PX = 40
 """Side of a picture: chessboards have fewer squares."""
-TYPED = ("Metashape", "Meshroom")
-"""Tools whose ``type`` or ``projection`` is that of a lens."""
+TYPED = ("Metashape", "Meshroom", "OpenSfM, OpenDroneMap")
+"""Tools whose ``type`` or ``projection...`` is that of a lens."""
 MODEL_FIELDS = ("model", "cameramodel")
 """Fields that name a lens model and nothing else."""
 TYPE_LIKE = re.compile(r".*(type|model|lens|projection)")
@@ -113,9 +109,9 @@ LENS_MODELS: dict[str, LensModel | None] = {
     name: model for model, names in LENS_NAMES.items() for name in names.split()
 }
 LENS_LIKE = re.compile(
-    r"(?!.*(std|error|sigma|covar|model|type|distance))"
-    r"(.*dist.*|.*coeff?(icient)?s?|kc|lens|kappa.*|(left|right)?d(left|right|\d*)|.*radial.*|.*tangential.*|ftheta.*|latlong|"
-    r"equirectangular|.*fish.*|(?P<alone>[kpbs]\d|t[12]|skew|xi|alpha|beta|omega|w))"
+    r"(?!.*(std|error|sigma|covar|model|type|distance|corner|intrinsic))"
+    r"(.*dist.*|.*coeff?(icient)?s?|kc|lens|kappa.*|(left|right)?d(left|right|\d*)|.*radial.*"
+    r"|.*tangential.*|ftheta.*|latlong|equirectangular|.*fish.*|(?P<alone>[kpbs]\d|t[12]|skew|xi|alpha|beta|omega|w))"
 )
 """Names, in small letters without ``_``, of what may be a lens; ``alone``: a number, no list."""
 NOT_STANDARD = ("p1", "p2", "k5", "k6")
@@ -263,12 +259,16 @@ class Form:
 
 def _of_matrix(said: _Said, name: str = "matrix") -> Any:
     key = said.entries[name][0]
-    is_by_columns = key.replace("_", "").lower() == "intrinsicmatrix"
+    is_flat = isinstance(said.entries[name][1], list) and len(said.entries[name][1]) == 9
+    is_by_columns = is_flat or key.replace("_", "").lower() == "intrinsicmatrix"
     camera = camera_of_matrix(said.reading, said.value(name), key, by_columns=is_by_columns)
-    keys = key, *said.entries.get("radial", ())[:1]
-    is_matlab = not {"IntrinsicMatrix", "RadialDistortion"}.isdisjoint(keys)
-    shift = HALF_PIXEL + is_matlab  # MATLAB counts pixel centres from 1
+    shift = HALF_PIXEL + (key == "IntrinsicMatrix" or _is_matlab(said))
     return camera.fx, camera.fy, camera.cx - shift, camera.cy - shift
+
+
+def _is_matlab(said: _Said) -> bool:
+    """Whether a camera is MATLAB's, which counts pixel centres from 1."""
+    return said.entries.get("radial", ("",))[0] == "RadialDistortion"
 
 
 def _kalibr(said: _Said) -> Any:
@@ -315,7 +315,28 @@ def _reality_capture(said: _Said) -> Any:
     return said.from_middle(focal, focal, x, y)
 
 
+def _nerf(said: _Said) -> Any:
+    fx, fy = (
+        0.5 * side / math.tan(0.5 * said.number(name, said.value("cameraanglex"))) if side else 0.0
+        for side, name in zip(said.size(), ("cameraanglex", "cameraangley"), strict=True)
+    )
+    return said.from_middle(fx, fy if "cameraangley" in said else fx, 0.0, 0.0)
+
+
+def _opensfm(said: _Said) -> Any:
+    """Lengths count in longer sides."""
+    f, unit = said.value("focal"), max(said.size())
+    names = zip(("focalx", "focaly", "cx", "cy"), (f, f, 0.0, 0.0), strict=True)
+    return said.from_middle(*(unit * said.number(name, default) for name, default in names))
+
+
+def _of_lists(said: _Said) -> Any:
+    focals, centre = said.numbers("focallength"), said.numbers("principalpoint", 2)
+    return focals[0], focals[-1], *(x - _is_matlab(said) for x in centre)
+
+
 FORMS = (
+    Form("DepthAI", ("matrix", "cameratype", "lensposition"), _of_matrix),
     Form("OpenCV, ROS, BOP, Open3D, NumPy", ("matrix",), _of_matrix),
     Form("Kalibr", ("intrinsics",), _kalibr),
     Form("RealSense, BOP", ("fx", "fy", "cx", "cy"), _of_names),
@@ -327,67 +348,40 @@ FORMS = (
     Form("Meshroom", ("principalpoint", "pxfocallength", "width"), _meshroom, 0.0,
          is_standard=True),
     Form("fSpy", ("principalpoint", "relativefocallength", "width"), _fspy, 0.0),
+    Form("OpenMVG", ("focallength", "principalpoint", "width"), _of_lists, is_standard=True),
+    Form("MATLAB", ("focallength", "principalpoint", "imagesize"), _of_lists),
+    Form("OpenSfM, OpenDroneMap", ("focal", "projectiontype"), _opensfm, 0.0, is_standard=True),
+    Form("OpenSfM, OpenDroneMap", ("focalx", "focaly", "projectiontype"), _opensfm, 0.0,
+         is_standard=True),
+    Form("NeRF", ("cameraanglex",), _nerf, 0.0, "k1 k2 p1 p2 k3", True),
 )  # fmt: skip
 """Forms; the first of which a mapping has all keys is taken."""
 
 
-TREES = (".yml", ".yaml", ".xml", ".json", ".sfm", ".npz", ".npy", ".csv", ".txt")
-"""Endings of files of forms."""
-
-
-def is_matrix(reading: Reading) -> bool:
-    """Whether a text is that of a matrix: numbers alone, where COLMAP names models."""
-    with reading.open() as file:
-        return not re.search(rb"[A-Za-z]{3}", file.read(LONGEST_HEAD))
-
-
-def load_tree(reading: Reading) -> Any:
-    """The mappings, lists and texts in a YAML, XML, JSON, NumPy or CSV file."""
-    match reading.path.suffix.lower():
-        case ".json" | ".sfm":
-            return reading.load_json()
-        case ".npy" | ".npz":
-            return _arrays(reading)
-        case ".txt":
-            return {"matrix": matrix_text(reading)}
-        case ".csv":
-            return {"rows": list(csv.DictReader(StringIO(reading.load_text())))}
-    text, data = reading.load_text(), None
-    with suppress(yaml.YAMLError, ElementTree.ParseError, RecursionError):
-        if text.lstrip().startswith("<"):
-            data = _of_element(ElementTree.fromstring(text))  # expat refuses bombs of entities
-        else:  # its head is none that YAML knows; what OpenCV calls a matrix is a mapping
-            body = re.sub(r"\A\s*%YAML:1\.0", "", text)
-            data = next(iter(yaml.load_all(body, LOADER)), None)
-    if isinstance(data, dict | list):
-        return data
-    raise reading.error("not YAML or XML as OpenCV writes it", "wanted a whole file")
-
-
-def matrix_text(reading: Reading) -> str:
-    """The numbers in a text, without what may stand between them."""
-    return re.sub(r"[\[\](),;]", " ", reading.load_text())
-
-
-def _arrays(reading: Reading) -> dict[str, Any]:
-    with quiet_libraries(), reading.naming_errors():
-        content = np.load(BytesIO(reading.load_bytes()))
-        if isinstance(content, np.ndarray):
-            return {"camera_matrix": content.tolist()}
-        small = [i.filename for i in content.zip.infolist() if i.file_size <= LARGEST_ARRAY]
-        return {name.removesuffix(".npy"): content[name].tolist() for name in small}
-
-
-def _of_element(element: ElementTree.Element) -> Any:
-    if not len(element) and (element.text or "").strip():
-        return element.text or ""
-    if len(element) and all(child.tag == "_" for child in element):
-        return [_of_element(child) for child in element]
-    values: dict[str, list[Any]] = {}
-    for child in element:
-        values.setdefault(child.tag, []).append(_of_element(child))
-    entries = {tag: own[0] if len(own) == 1 else own for tag, own in values.items()}
-    return {**element.attrib, **entries} or ""
+READ = (
+    ("OpenCV, NumPy, Pupil Labs", ".yml .yaml .xml .json .npz",
+     "camera_matrix, K, mtx, M1 ... or fx fy cx cy; distortion_coefficients, dist, D, kc ... or "
+     "k1 k2 p1 p2 k3 ...; image_width, image_size, resX, DIM ..."),
+    ("a 3x3 matrix", ".txt .npy .json", "fx 0 cx, 0 fy cy, 0 0 1"),
+    ("ROS 1 and 2", ".yaml .txt .ini", "camera_info, ost.txt"),
+    ("COLMAP", "cameras.txt cameras.bin", "all models that OpenCV has, pinhole to fisheye"),
+    ("nerfstudio, instant-ngp, NeRF", "transforms.json",
+     "fl_x fl_y cx cy, is_fisheye; camera_angle_x"),
+    ("BOP, NDDS, DOPE", ".json", "cam_K; camera.json, scene_camera.json, _camera_settings.json"),
+    ("RealSense, Open3D, Record3D, DepthAI, Zivid", ".json",
+     "ppx ppy coeffs; intrinsic_matrix and K by columns; cameraData; CameraMatrix"),
+    ("Kalibr, Basalt", ".yaml .json", "camchain: radtan, equidistant; value0: pinhole, kb4"),
+    ("ORB-SLAM 2 and 3", ".yaml", "Camera.fx ..., Camera1.fx ..., LEFT.K LEFT.D"),
+    ("KITTI", "calib.txt calib_cam_to_cam.txt", "P0 ...; K_00 D_00 S_00 ..., P_rect_00 ..."),
+    ("Middlebury", "calib.txt ..._par.txt", "cam0=[...]; a photo a line"),
+    ("MATLAB", ".json", "cameraParameters: IntrinsicMatrix or K, RadialDistortion, ImageSize"),
+    ("OpenSfM, OpenDroneMap", "reconstruction.json cameras.json", "perspective, brown, fisheye"),
+    ("OpenMVG", "sfm_data.json", "pinhole, radial, brown, fisheye"),
+    ("Metashape, Meshroom, RealityCapture, fSpy", ".xml .sfm .csv .json",
+     "frame cameras and fisheyes, as far as OpenCV has the lens"),
+    ("Gyroflow", ".json", "fisheye_params"),
+)  # fmt: skip
+"""Tools, their files, and what of a camera is read there."""
 
 
 def cameras_in(
@@ -426,13 +420,16 @@ def cameras_in(
                 size = own.size(cx, cy)
                 is_sized &= bool(own.sizes)
                 camera = Perspective(fx, fy, cx + form.shift, cy + form.shift, *size)
-                lens, photos = _lens(own, form, lens_model), {name.rsplit("/", 1)[-1]} - {""}
+                lens, photos = _lens(own, form, lens_model), {_file_name(name)} - {""}
                 read = f"{', '.join(own.used)} (as {form.tools})"
                 cameras.append(FileCamera(name, camera, lens, frozenset(photos), read))
                 used |= own.used.keys()
+    of_cameras = _photos_of(data)
+    cameras = [replace(c, photos=c.photos | of_cameras.get(c.name, set())) for c in cameras]
     if not cameras:
         keys = ", ".join(str(key)[:20] for key in data) if isinstance(data, dict) else ""
-        wanted = "wanted camera_matrix and distortion_coefficients, or fx, fy, cx, cy"
+        wanted = f"read are those of {', '.join(tools for tools, *_ in READ)}"
+        wanted += "; poseviewer info --calibration --help lists the keys"
         raise reading.error(f"no camera in it (its keys: {keys[:80] or 'none'})", wanted)
     is_bare = len(cameras) == 1 and cameras[0].lens is None
     for key, value in said:
@@ -448,11 +445,29 @@ def cameras_in(
         may_be = like and (is_list or not ("fish" in plain or plain == "lens"))
         may_be = may_be and not (is_list and like["alone"])
         numbers = value[0] if isinstance(value, list) and len(value) == 1 else value
-        has_their_count = isinstance(numbers, list) and len(numbers) in COUNTS_OF_LENSES
+        is_flat = isinstance(numbers, list) and not any(isinstance(n, list) for n in numbers)
+        has_their_count = is_flat and len(numbers) in COUNTS_OF_LENSES and "time" not in plain
         if (may_be or (is_bare and has_their_count)) and _is_number(value):
             wanted = "wanted distortion_coefficients, or k1, k2, p1, p2, k3 ..."
             raise reading.error(f"{key!r} may be a lens, and is not known here", wanted)
     return cameras
+
+
+def _photos_of(data: Any) -> dict[str, set[str]]:
+    """Names of the photos of OpenSfM's and OpenMVG's cameras, by the cameras' names."""
+    photos: dict[str, set[str]] = {}
+    with suppress(KeyError, TypeError, AttributeError):
+        for one in data["cameras"] if isinstance(data.get("cameras"), list) else [data]:
+            for name, shot in one.get("shots", {}).items():
+                photos.setdefault(str(shot["camera"]), set()).add(_file_name(name))
+            for view in one.get("views", []):
+                own = view["value"]["ptr_wrapper"]["data"]
+                photos.setdefault(str(own["id_intrinsic"]), set()).add(_file_name(own["filename"]))
+    return photos
+
+
+def _file_name(written: Any) -> str:
+    return re.split(r"[/\\]", str(written))[-1]
 
 
 def _plain(key: Any) -> str:
@@ -485,8 +500,14 @@ def _is_number(value: Any) -> bool:
     return False
 
 
+def _is_pair(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 2 and isinstance(value[1], dict)
+
+
 def _is_matrix(value: Any) -> bool:
-    return isinstance(value, list) or (isinstance(value, dict) and "data" in value)
+    if isinstance(value, dict):
+        return not isinstance(value.get("data", {}), dict)
+    return isinstance(value, list)
 
 
 def _sides(value: Any) -> tuple[int, ...]:
@@ -507,24 +528,21 @@ def _size_field(plain: str, value: Any) -> str:
     name, match = FIELDS.get(plain, ""), SIZE_LIKE.fullmatch(plain)
     if name in ("width", "height", "imagesize") or not match:
         return name if match else ""
-    is_size, side, sides = re.search("size|dim|res|shape", plain), match["side"], _sides(value)
+    is_size, side, sides = SIZED.search(plain), match["side"], _sides(value)
     if len(sides) == 2 and is_size and side in ("", "shape"):
         return "imagesize"
     is_side = len(sides) == 1 and side in SIDES and (is_size or side not in ("x", "y"))
     return SIDES[side] if is_side else ""
 
 
-def _named_sides(key: Any, value: Any) -> dict[str, int]:
+def _named_sides(key: Any, value: Any) -> list[Any]:
     """Width and height in a mapping that a key names as the size of pictures, or nothing."""
-    is_size = SIZE_LIKE.fullmatch(_plain(key)) and re.search("size|dim|res", _plain(key))
-    if not (is_size and isinstance(value, dict)):
-        return {}
-    sides = {}
-    for name, side in value.items():
-        match, own = SIZE_LIKE.fullmatch(_plain(name)), _sides(side)
-        if match and match["side"] in SIDES and len(own) == 1:
-            sides[SIDES[match["side"]]] = own[0]
-    return sides if len(sides) == 2 else {}
+    plain = _plain(key)
+    if not (isinstance(value, dict) and SIZE_LIKE.fullmatch(plain) and SIZED.search(plain)):
+        return []
+    sides = {_size_field(f"size{_plain(name)}", side): side for name, side in value.items()}
+    is_camera = any(FIELDS.get(_plain(name)) == "matrix" or name == "fx" for name in value)
+    return [] if is_camera else [sides[n] for n in ("width", "height") if n in sides]
 
 
 def _mappings(
@@ -537,13 +555,14 @@ def _mappings(
         return
     entries, inner = {}, []
     for key, value in node.items():
-        is_mapping = isinstance(value, dict) and not _is_matrix(value)
-        if sides := _named_sides(key, value):
-            if FIELDS.get(_plain(key)) == "imagesize":
-                entries = sides | entries
-            else:
-                entries[key] = [sides["width"], sides["height"]]
-        elif is_mapping and FIELDS.get(_plain(key), _plain(key)) in MERGED:
+        if isinstance(value, list) and value and all(map(_is_pair, value)):
+            value = {str(name): own for name, own in value}  # DepthAI's cameras by their sockets
+        is_mapping, field_name = isinstance(value, dict) and not _is_matrix(value), _plain(key)
+        field_name = FIELDS.get(field_name, field_name)
+        is_base = key == "value0" and isinstance(value, dict) and "principal_point" in value
+        if field_name != "imagesize" and len(sides := _named_sides(key, value)) == 2:
+            entries[key] = sides
+        elif is_mapping and (is_base or field_name in MERGED):
             entries |= {k: v for k, v in value.items() if not isinstance(v, dict)}
             inner += [(k, v) for k, v in value.items() if isinstance(v, dict)]
         elif isinstance(value, list) and value and isinstance(value[0], dict):
@@ -575,8 +594,10 @@ def _entries_of(mapping: dict[str, Any]) -> dict[str, dict[str, tuple[str, Any]]
     of_number: dict[str, dict[str, tuple[str, Any]]] = {}
     for key, value in mapping.items():
         plain = _plain(key)
-        name, number, parts = FIELDS.get(plain, plain), "", SIDED.fullmatch(plain)
-        name = _size_field(plain, value) or name
+        if value is None:
+            continue
+        name, number = _size_field(plain, value) or FIELDS.get(plain, plain), ""
+        parts = SIDED.fullmatch(plain)
         stem = parts[2] if parts else plain
         if stem != plain and FIELDS.get(stem) in NUMBERED and (_is_matrix(value) or len(stem) > 1):
             name, number = FIELDS[stem], plain.replace(stem, "", 1)
@@ -590,7 +611,7 @@ def _entries_of(mapping: dict[str, Any]) -> dict[str, dict[str, tuple[str, Any]]
             continue  # an object named k may be a camera itself
         if name == "imagesize":
             of_number.setdefault(number, {}).setdefault(name, ("", []))[1].append((str(key), value))
-        elif value is not None:
+        else:
             of_number.setdefault(number, {}).setdefault(name, (str(key), value))
     return of_number
 
@@ -602,6 +623,12 @@ def _said_model(said: _Said, form: Form) -> tuple[bool, LensModel | None]:
     said.used.update(dict.fromkeys(key for key, _ in marks))
     if any(str(mark).lower().rstrip(".0") in ("1", "true") for _, mark in marks):
         return True, "fisheye"
+    if form.tools == "DepthAI":
+        number = said.number("cameratype")
+        if number not in (0, 1):
+            found = f"its cameraType is {number:g}"
+            raise said.reading.error(found, "wanted 0, perspective, or 1, fisheye")
+        return True, "fisheye" if number else "opencv"
     for text, is_sure in said.model_words(form):
         plain = _plain(text).removeprefix("distortion.")
         if plain in LENS_MODELS and plain not in PINHOLES:
@@ -629,6 +656,10 @@ def _lens(said: _Said, form: Form, asked: LensModel | None) -> Lens | None:
                 raise said.reading.error("a lens of Meshroom's Brown model", "wanted radial3")
             k1, k2, k3 = [*values, 0.0, 0.0][:3]
             values = [k1, k2, 0.0, 0.0, k3]
+    elif form.tools == "OpenMVG":
+        names = (name for name in ("distok1", "distok3", "distot2") if name in said)
+        k1, k2, k3, t1, t2 = [*said.numbers(next(names, "")), *[0.0] * 5][:5]
+        values, is_clear = [k1, k2, t1, t2, k3], True
     elif "radial" in said:
         k1, k2, *k3 = said.numbers("radial")
         values, is_clear = [k1, k2, *(said.numbers("tangential") or [0.0, 0.0]), *k3], True

@@ -2,18 +2,24 @@
 and scaled.
 """
 
+import re
 from collections import defaultdict
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from poseviewer.errors import CalibrationFileError
-from poseviewer.files.camera_forms import TREES, FileCamera, cameras_in, is_matrix, load_tree
+from poseviewer.files.camera_forms import FileCamera, cameras_in
+from poseviewer.files.camera_trees import TREES, load_tree
 from poseviewer.files.checks import Reading
 from poseviewer.files.colmap_model import colmap_cameras, colmap_images
 from poseviewer.files.structs import checked_camera
 from poseviewer.geometry.lens import LensModel
 
 KIND = "file of cameras"
+LONGEST_HEAD = 2000
+"""Bytes of a text in which COLMAP names a model."""
+COLMAP_LIKE = re.compile(rb"^\s*\d+\s+[A-Z_]+\s+\d+\s+\d+", re.MULTILINE)
+"""A line of COLMAP's cameras: number, model, width and height."""
 LEAST_FOCAL = 0.02
 """Focal length in widths of the photo, which then shows 175 degrees."""
 
@@ -23,11 +29,15 @@ def load_cameras(
 ) -> list[FileCamera]:
     """All cameras in a file, as ``cameras_in`` has them."""
     reading = Reading(Path(path), [], CalibrationFileError, KIND, numbers_as_text=True)
-    ending = reading.path.suffix.lower()
+    ending, head = reading.path.suffix.lower(), b""
     with reading.naming_errors():
-        if ending == ".bin" or (ending == ".txt" and not is_matrix(reading)):
+        if ending == ".txt":
+            with reading.open() as file:
+                head = file.read(LONGEST_HEAD)
+        is_named = bool(head) and reading.path.stem == "cameras"
+        if ending == ".bin" or is_named or COLMAP_LIKE.search(head):
             cameras = _colmap_cameras(reading)
-        elif ending in TREES:
+        elif ending in ("", *TREES):
             cameras = cameras_in(reading, load_tree(reading), lens_model, photo)
         else:
             wanted = f"wanted {', '.join(TREES)} or .bin"
@@ -67,9 +77,8 @@ def load_calibration(
 ) -> tuple[FileCamera, tuple[str, ...]]:
     """Load the camera of a photo of this name and size, scaled if need be; notes say so."""
     reading = Reading(choice.path, error_type=CalibrationFileError)
-    chosen = _chosen(
-        reading, choice, load_cameras(choice.path, choice.lens_model, (width, height)), photo
-    )
+    cameras = load_cameras(choice.path, choice.lens_model, (width, height))
+    chosen = _chosen(reading, choice, cameras, photo, (width, height))
     camera = chosen.camera
     size = f"{camera.width}x{camera.height} px"
     if not (0.0 <= camera.cx <= camera.width and 0.0 <= camera.cy <= camera.height):
@@ -92,7 +101,11 @@ def load_calibration(
 
 
 def _chosen(
-    reading: Reading, choice: Calibration, cameras: list[FileCamera], photo: str
+    reading: Reading,
+    choice: Calibration,
+    cameras: list[FileCamera],
+    photo: str,
+    size: tuple[int, int],
 ) -> FileCamera:
     names = [repr(camera.name) if camera.name else "one without a name" for camera in cameras]
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
@@ -102,11 +115,14 @@ def _chosen(
         if not named:
             raise reading.error(f"no camera {choice.camera[:30]!r} in it", f"it has {known}")
         return named[0]
+    if all((c.camera, c.lens) == (cameras[0].camera, cameras[0].lens) for c in cameras):
+        return cameras[0]
     # BOP numbers its photos: 000017.png is the scene's 17.
     stem = Path(photo).stem
     number = str(int(stem)) if stem.isdecimal() else None
     named = [c for c in cameras if photo in c.photos] or [c for c in cameras if c.name == number]
+    named = named or [c for c in cameras if (c.camera.width, c.camera.height) == size]
     if 1 not in (len(cameras), len(named)):
         found = f"{len(cameras)} cameras, {known}, and none of them named after {photo}"
-        raise reading.error(found, "choose one by --calibration-camera NAME")
+        raise reading.error(found, "choose one by --calibration-camera NAME, Calibration's camera")
     return cameras[0] if len(cameras) == 1 else named[0]

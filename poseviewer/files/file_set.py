@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 from poseviewer.errors import FileSetError, PoseViewerError
-from poseviewer.files.camera_forms import TREES
+from poseviewer.files.camera_trees import TREES
 from poseviewer.files.cameras import load_cameras
 from poseviewer.files.checks import Reading
 from poseviewer.files.colmap_model import model_file

@@ -20,7 +20,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.camera_forms import cameras_in, load_tree, matrix_text
+from poseviewer.files.camera_forms import cameras_in
+from poseviewer.files.camera_trees import load_tree, matrix_text
 from poseviewer.files.cameras import Calibration, load_calibration
 from poseviewer.files.checks import Reading, checked_rotation, rotation_of
 from poseviewer.files.formats import conversion as c
