@@ -79,7 +79,7 @@ def print_camera(photo: Photo) -> None:
 
 
 def _print_photo(path: Path, calibration: Calibration | None) -> None:
-    from poseviewer.files.photo import load_calibrated_photo
+    from poseviewer.files.photo import load_calibrated_photo, orientation_of
 
     photo = load_calibrated_photo(path, calibration)
     kind = "grey" if photo.pixels.shape[2] == 1 else "colour"
@@ -88,7 +88,8 @@ def _print_photo(path: Path, calibration: Calibration | None) -> None:
     if photo.camera is not None and calibration is not None:
         from poseviewer.files.cameras import load_calibration
 
-        found, _ = load_calibration(calibration, photo.name, photo.width, photo.height)
+        size = photo.width, photo.height
+        found, _ = load_calibration(calibration, photo.name, *size, orientation_of(path))
         _print(read=f"{found.read}, from {calibration.path.name}")
         print_camera(photo)
     else:

@@ -140,6 +140,8 @@ class FileCamera:
     """File names of the photos it took, as far as the file says."""
     read: str = ""
     """Form and keys that it was read from."""
+    is_of_stored: bool = False
+    """Whether it is the camera of pixels as stored, whatever EXIF says."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +151,8 @@ class _Said:
     reading: Reading
     entries: dict[str, tuple[str, Any]]
     photo: tuple[int, int]
+    is_turned: bool = False
+    """Whether width and height of the photo may change places."""
     above: dict[str, tuple[str, Any]] = field(default_factory=dict)
     """Fields of the mappings that it stands in, as far as they may say something of it."""
     used: dict[str, None] = field(default_factory=dict)
@@ -202,13 +206,12 @@ class _Said:
         if len({tuple(sorted(size)) for size in sizes.values()}) > 1:
             found = " and ".join(f"{w}x{h} px ({key})" for key, (w, h) in sizes.items())
             raise self.reading.error(f"its pictures have {found}", "leave out all but one")
-        if not sizes:
-            return self.photo
-        key, (width, height) = next(iter(sizes.items()))
-        self.used[key] = None
+        key, (width, height) = next(iter(sizes.items()), ("", self.photo))
+        self.used.update(dict.fromkeys([key] if key else []))
         both = ((width, height), (height, width))
-        off, off_turned = (abs(cx / w - 0.5) + abs(cy / h - 0.5) for w, h in both)
-        return both[key in self.pairs and bool(cx or cy) and off_turned < off]
+        off, off_turned = (abs(cx / (w or 1) - 0.5) + abs(cy / (h or 1) - 0.5) for w, h in both)
+        is_open = key in self.pairs or (not key and self.is_turned)
+        return both[is_open and bool(cx or cy) and off_turned < off]
 
     @property
     def pairs(self) -> dict[str, Any]:
@@ -253,8 +256,9 @@ class Form:
     """px from its pixel coordinates to ours: half a pixel where centres are at integers."""
     lens: str = OPENCV_ORDER
     """Names of its coefficients in OpenCV's order."""
-    is_standard: bool = False
-    """Whether a lens of which it says no model is of OpenCV's standard one."""
+    is_of_stored: bool = False
+    """Whether its tool is one of reconstruction: it takes pixels as stored, whatever EXIF says, and
+    a lens whose model it does not say for OpenCV's standard one."""
 
 
 def _of_matrix(said: _Said, name: str = "matrix") -> Any:
@@ -316,11 +320,14 @@ def _reality_capture(said: _Said) -> Any:
 
 
 def _nerf(said: _Said) -> Any:
-    fx, fy = (
-        0.5 * side / math.tan(0.5 * said.number(name, said.value("cameraanglex"))) if side else 0.0
-        for side, name in zip(said.size(), ("cameraanglex", "cameraangley"), strict=True)
-    )
-    return said.from_middle(fx, fy if "cameraangley" in said else fx, 0.0, 0.0)
+    focals, centre = [], []
+    for side, axis in zip(said.size(), "xy", strict=True):
+        name, middle = f"cameraangle{axis}", 0.5 * side
+        if name in said:
+            angle = said.reading.positive(said.value(name), f"camera_angle_{axis}", math.pi)
+            focals.append(middle / math.tan(0.5 * angle))
+        centre.append(said.number(f"c{axis}", middle))
+    return focals[0], focals[-1], *centre
 
 
 def _opensfm(said: _Said) -> Any:
@@ -344,15 +351,15 @@ FORMS = (
     Form("RealityCapture", ("f", "px", "py"), _reality_capture, 0.0, "k1 k2 p1 p2 k3", True),
     Form("Metashape", ("f", "cx", "cy", "width"), _metashape, 0.0, "k1 k2 p2 p1 k3", True),
     Form("Meshroom", ("principalpoint", "focallength", "sensorwidth", "width"), _meshroom, 0.0,
-         is_standard=True),
+         is_of_stored=True),
     Form("Meshroom", ("principalpoint", "pxfocallength", "width"), _meshroom, 0.0,
-         is_standard=True),
+         is_of_stored=True),
     Form("fSpy", ("principalpoint", "relativefocallength", "width"), _fspy, 0.0),
-    Form("OpenMVG", ("focallength", "principalpoint", "width"), _of_lists, is_standard=True),
+    Form("OpenMVG", ("focallength", "principalpoint", "width"), _of_lists, is_of_stored=True),
     Form("MATLAB", ("focallength", "principalpoint", "imagesize"), _of_lists),
-    Form("OpenSfM, OpenDroneMap", ("focal", "projectiontype"), _opensfm, 0.0, is_standard=True),
+    Form("OpenSfM, OpenDroneMap", ("focal", "projectiontype"), _opensfm, 0.0, is_of_stored=True),
     Form("OpenSfM, OpenDroneMap", ("focalx", "focaly", "projectiontype"), _opensfm, 0.0,
-         is_standard=True),
+         is_of_stored=True),
     Form("NeRF", ("cameraanglex",), _nerf, 0.0, "k1 k2 p1 p2 k3", True),
 )  # fmt: skip
 """Forms; the first of which a mapping has all keys is taken."""
@@ -389,6 +396,7 @@ def cameras_in(
     data: Any,
     lens_model: LensModel | None = None,
     photo: tuple[int, int] = (0, 0),
+    is_turned: bool = False,
 ) -> list[FileCamera]:
     """Read all cameras in a tree.
 
@@ -397,6 +405,7 @@ def cameras_in(
         data: the tree.
         lens_model: OpenCV's model of the lens where the file does not say it.
         photo: width and height of the pictures (px) where the file does not say them.
+        is_turned: whether these are those of pixels as stored, which EXIF turns by 90 degrees.
 
     Raises:
         PoseViewerError: there is none, a number makes no sense, a lens is of another model, of one
@@ -412,7 +421,7 @@ def cameras_in(
             shared.pop(name, None)
         said += mapping.items()
         for number, entries in of_number.items():
-            own = _Said(reading, shared | entries if number else entries, photo, above)
+            own = _Said(reading, shared | entries if number else entries, photo, is_turned, above)
             form = next((form for form in FORMS if all(name in own for name in form.needs)), None)
             if form is not None and (number == "" or "matrix" in entries):
                 name = "-".join(part for part in (path, number) if part)
@@ -422,7 +431,8 @@ def cameras_in(
                 camera = Perspective(fx, fy, cx + form.shift, cy + form.shift, *size)
                 lens, photos = _lens(own, form, lens_model), {_file_name(name)} - {""}
                 read = f"{', '.join(own.used)} (as {form.tools})"
-                cameras.append(FileCamera(name, camera, lens, frozenset(photos), read))
+                more = frozenset(photos), read, form.is_of_stored
+                cameras.append(FileCamera(name, camera, lens, *more))
                 used |= own.used.keys()
     of_cameras = _photos_of(data)
     cameras = [replace(c, photos=c.photos | of_cameras.get(c.name, set())) for c in cameras]
@@ -669,7 +679,7 @@ def _lens(said: _Said, form: Form, asked: LensModel | None) -> Lens | None:
         count = next(count for count in (5, 8, 12) if not any(values[count:]))
         values = values[:count] if any(name in said for name in order) else []
         is_clear = "k4" not in said or any(name in said for name in NOT_STANDARD)
-    if any(values) and not (is_said or is_clear or form.is_standard):
+    if any(values) and not (is_said or is_clear or form.is_of_stored):
         raise said.reading.error("its four distortion coefficients are of no lens model", ASK_MODEL)
     if model == "fisheye" and not any(values[4:]):
         values = values[:4] or [0.0] * 4

@@ -13,7 +13,7 @@ from poseviewer.files.camera_trees import TREES, load_tree
 from poseviewer.files.checks import Reading
 from poseviewer.files.colmap_model import colmap_cameras, colmap_images
 from poseviewer.files.structs import checked_camera
-from poseviewer.geometry.lens import LensModel
+from poseviewer.geometry.lens import UPRIGHT, LensModel, Orientation
 
 KIND = "file of cameras"
 LONGEST_HEAD = 2000
@@ -25,7 +25,10 @@ LEAST_FOCAL = 0.02
 
 
 def load_cameras(
-    path: str | Path, lens_model: LensModel | None = None, photo: tuple[int, int] = (0, 0)
+    path: str | Path,
+    lens_model: LensModel | None = None,
+    photo: tuple[int, int] = (0, 0),
+    is_turned: bool = False,
 ) -> list[FileCamera]:
     """All cameras in a file, as ``cameras_in`` has them."""
     reading = Reading(Path(path), [], CalibrationFileError, KIND, numbers_as_text=True)
@@ -38,7 +41,7 @@ def load_cameras(
         if ending == ".bin" or is_named or COLMAP_LIKE.search(head):
             cameras = _colmap_cameras(reading)
         elif ending in ("", *TREES):
-            cameras = cameras_in(reading, load_tree(reading), lens_model, photo)
+            cameras = cameras_in(reading, load_tree(reading), lens_model, photo, is_turned)
         else:
             wanted = f"wanted {', '.join(TREES)} or .bin"
             raise reading.error(f"its ending is {ending or 'missing'}", wanted)
@@ -52,7 +55,7 @@ def _colmap_cameras(reading: Reading) -> list[FileCamera]:
         for name, key, _ in colmap_images(replace(reading, path=beside)):
             photos[key].add(PurePosixPath(name).name)
     known, read = colmap_cameras(reading).items(), "COLMAP's model"
-    return [FileCamera(key, *camera, frozenset(photos[key]), read) for key, camera in known]
+    return [FileCamera(key, *camera, frozenset(photos[key]), read, True) for key, camera in known]
 
 
 ROUNDING_PX = 1.0
@@ -73,12 +76,30 @@ class Calibration:
 
 
 def load_calibration(
-    choice: Calibration, photo: str, width: int, height: int
+    choice: Calibration,
+    photo: str,
+    width: int,
+    height: int,
+    orientation: Orientation = UPRIGHT,
 ) -> tuple[FileCamera, tuple[str, ...]]:
-    """Load the camera of a photo of this name and size, scaled if need be; notes say so."""
+    """Load the camera of an upright photo, turned and scaled if need be; notes say so.
+
+    Args:
+        choice: the file, and which of its cameras.
+        photo: the photo's file name.
+        width: px, of the upright photo.
+        height: px, likewise.
+        orientation: EXIF's, of the photo as stored.
+
+    Raises:
+        PoseViewerError: the file cannot be used, or not with this photo.
+    """
     reading = Reading(choice.path, error_type=CalibrationFileError)
-    cameras = load_cameras(choice.path, choice.lens_model, (width, height))
-    chosen = _chosen(reading, choice, cameras, photo, (width, height))
+    is_transposed = orientation.is_transposed
+    stored = (height, width) if is_transposed else (width, height)
+    cameras = load_cameras(choice.path, choice.lens_model, stored, is_transposed)
+    chosen = _chosen(reading, choice, cameras, photo, stored)
+    chosen, notes = _turned(reading, chosen, photo, stored, orientation)
     camera = chosen.camera
     size = f"{camera.width}x{camera.height} px"
     if not (0.0 <= camera.cx <= camera.width and 0.0 <= camera.cy <= camera.height):
@@ -89,7 +110,7 @@ def load_calibration(
         found = f"a focal length of {camera.fx:g} px"
         raise reading.error(found, "wanted px, not sides of a photo")
     if (camera.width, camera.height) == (width, height):
-        return chosen, ()
+        return chosen, notes
     said = f"the camera is for {size}, the photo has {width}x{height} px"
     sides = ((width, camera.width), (height, camera.height))
     least = max((side - ROUNDING_PX) / own for side, own in sides)
@@ -97,7 +118,37 @@ def load_calibration(
         wanted = "calibrate on pictures of the photo's size and orientation"
         raise reading.error(said, wanted)
     scaled = replace(chosen, camera=camera.resized(width, height))
-    return scaled, (f"{choice.path.name}: {said}; it was scaled to the photo's size.",)
+    return scaled, (
+        *notes,
+        f"{choice.path.name}: {said}; it was scaled to the photo's size.",
+    )
+
+
+def _turned(
+    reading: Reading,
+    chosen: FileCamera,
+    photo: str,
+    stored: tuple[int, int],
+    orientation: Orientation,
+) -> tuple[FileCamera, tuple[str, ...]]:
+    """The camera of the upright photo, and a note where EXIF turns it."""
+    width, height = chosen.camera.width, chosen.camera.height
+    is_of_stored = chosen.is_of_stored
+    if orientation.is_transposed and width != height:
+        is_of_stored = (width > height) == (stored[0] > stored[1])
+    if orientation == UPRIGHT:
+        return chosen, ()
+    if not is_of_stored:
+        said = "is taken to be that of the upright photo"
+    else:
+        try:
+            lens = chosen.lens and orientation.lens(chosen.lens)
+        except ValueError as error:
+            found = f"{error}, and EXIF turns {photo}"
+            raise reading.error(found, "save the photo upright, and calibrate anew") from None
+        chosen = replace(chosen, camera=orientation.camera(chosen.camera), lens=lens)
+        said = "belongs to the stored pixels and was turned with it"
+    return chosen, (f"{reading.path.name}: {photo} is stored turned (EXIF), its camera {said}.",)
 
 
 def _chosen(

@@ -20,7 +20,7 @@ from poseviewer.files.checks import LARGEST_DATA, Reading, quiet_libraries
 from poseviewer.files.structs import Distortion
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.image import Photo
-from poseviewer.geometry.lens import LARGEST_SIDE, Undistortion, undistort
+from poseviewer.geometry.lens import LARGEST_SIDE, Orientation, Undistortion, undistort
 
 ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
 """Endings of photo files."""
@@ -66,9 +66,10 @@ def load_photo(path: str | Path) -> Photo:
     return Photo(pixels, printable(reading.path.name), sha256, focal, notes)
 
 
-def is_stored_turned(path: str | Path) -> bool:
-    """Whether a photo's EXIF turns or mirrors it: other tools may show it as it is stored."""
-    return _exif_tags(path).get(ExifTags.Base.Orientation) in range(2, 9)
+def orientation_of(path: str | Path) -> Orientation:
+    """How a photo's EXIF turns or mirrors it: other tools may show it as it is stored."""
+    number = _exif_tags(path).get(ExifTags.Base.Orientation)
+    return Orientation(number if number in range(1, 9) else 1)
 
 
 def was_taken_by_a_camera(path: str | Path) -> bool:
@@ -202,7 +203,8 @@ def load_calibrated_photo(path: str | Path, calibration: Calibration | None = No
     photo = load_photo(path)
     if calibration is None:
         return photo
-    chosen, notes = load_calibration(calibration, photo.name, photo.width, photo.height)
+    size = photo.width, photo.height
+    chosen, notes = load_calibration(calibration, photo.name, *size, orientation_of(path))
     photo = replace(photo, notes=(*photo.notes, *notes))
     if chosen.lens is None:
         return replace(photo, camera=chosen.camera)

@@ -8,17 +8,19 @@ https://docs.opencv.org/4.x/db/d58/group__calib3d__fisheye.html.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
-from typing import Any, Literal
+from dataclasses import astuple, dataclass, replace
+from typing import Any, Literal, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.camera import Camera, Perspective
 from poseviewer.geometry.frames import camera_as_integer_centres
+from poseviewer.geometry.transform import RigidTransform
 
+AnyCamera = TypeVar("AnyCamera", bound=Camera)
 LensModel = Literal["opencv", "fisheye"]
 COEFFICIENTS: dict[LensModel, tuple[int, ...]] = {"opencv": (4, 5, 8, 12, 14), "fisheye": (4,)}
 """Counts of coefficients by model: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]]; or the
@@ -76,6 +78,69 @@ class Undistortion:
     def of(cls, lens: Lens, taken: Perspective) -> Undistortion:
         """Undistort into a picture of the same size, principal point and focal length."""
         return cls(lens, taken, taken)
+
+
+@dataclass(frozen=True, slots=True)
+class Orientation:
+    """EXIF's orientation, 1 to 8: the way from the pixels as stored to the upright picture."""
+
+    number: int = 1
+
+    @property
+    def axes(self) -> FloatArray:
+        """(2, 2): upright x and y of stored x and y."""
+        swaps = np.eye(2)[::-1] if self.is_transposed else np.eye(2)
+        flipped = self.number in (2, 3, 6, 7), self.number in (3, 4, 7, 8)
+        return np.diag(np.where(flipped, -1.0, 1.0)) @ swaps
+
+    @property
+    def is_transposed(self) -> bool:
+        """Whether width and height change places."""
+        return self.number > 4
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether no rotation does it."""
+        return float(np.linalg.det(self.axes)) < 0.0
+
+    @property
+    def inverse(self) -> Orientation:
+        """The way back."""
+        return Orientation({6: 8, 8: 6}.get(self.number, self.number))
+
+    def camera(self, camera: AnyCamera) -> AnyCamera:
+        """The camera (pixel centres at i + 0.5) of the turned picture."""
+        axes, size = self.axes, np.array([camera.width, camera.height], float)
+        cx, cy = axes @ (np.array([camera.cx, camera.cy]) - 0.5 * size) + 0.5 * np.abs(axes) @ size
+        turned = replace(camera, cx=float(cx), cy=float(cy))
+        if not self.is_transposed:
+            return turned
+        focals = {"fx": camera.fy, "fy": camera.fx} if isinstance(camera, Perspective) else {}
+        return replace(turned, width=camera.height, height=camera.width, **focals)
+
+    def lens(self, lens: Lens) -> Lens:
+        """The lens of the turned picture; raises ValueError where OpenCV's model has none: a tilted
+        sensor, turned by anything but 180 degrees.
+        """
+        k = lens.array
+        if lens.model == "fisheye" or self.number == 1:
+            return lens
+        for x, y in ((3, 2), (8, 10), (9, 11)):  # p2 and p1, s1 and s3, s2 and s4 are vectors
+            if y < len(k):
+                k[[x, y]] = self.axes @ k[[x, y]]
+        if k[12:].any() and self.number != 3:
+            raise ValueError("a tilted sensor")
+        k[12:] *= -1.0
+        return Lens(lens.model, tuple(k.tolist()))
+
+    def place(self, place: RigidTransform) -> RigidTransform:
+        """The transform to the axes of the turned picture's camera, of a picture not mirrored."""
+        turn = np.eye(3)
+        turn[:2, :2] = self.axes
+        return RigidTransform(turn @ place.rotation, turn @ place.translation)
+
+
+UPRIGHT = Orientation()
 
 
 def same_undistortion(first: Undistortion | None, second: Undistortion | None) -> bool:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from poseviewer.api import load
 from poseviewer.errors import CalibrationFileError
@@ -114,3 +115,23 @@ def test_a_lens_that_shows_nothing_is_refused(folder):
     lens = Lens("opencv", (-900.0, 0.0, 0.0, 0.0, 0.0))
     with pytest.raises(CalibrationFileError, match="shows nothing"):
         undistorted(load_photo(folder / "p.png"), Undistortion.of(lens, camera))
+
+
+def test_the_camera_of_the_stored_pixels_is_turned_with_the_photo(folder, capsys):
+    """The photo is stored as 160x120 px and shown as 120x160."""
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    with Image.open("p.png") as stored:
+        stored.save("turned.png", exif=exif)
+    numbers = {"fx": 300.0, "fy": 310.0, "cx": 82.5, "cy": 57.5}
+    upright = {"fx": 310.0, "fy": 300.0, "cx": 61.5, "cy": 82.5, "width": 120, "height": 160}
+    for said in (numbers | {"width": 160, "height": 120}, numbers, upright):
+        (folder / "c.json").write_text(json.dumps(said))
+        assert run("info", "turned.png", "--calibration", "c.json") == 0
+        printed = capsys.readouterr().out
+        assert "fx 310, fy 300, cx 61.5, cy 82.5" in printed
+        assert "turned.png is stored turned (EXIF), its camera" in printed
+        assert ("belongs to the stored pixels" in printed) == (said is not upright)
+    (folder / "cameras.txt").write_text("1 OPENCV 160 120 300 310 83 58 -0.1 0.02 0.003 0.004\n")
+    assert run("info", "turned.png", "--calibration", "cameras.txt") == 0
+    assert "opencv, -0.1, 0.02, 0.004, -0.003, 0" in capsys.readouterr().out

@@ -1,8 +1,11 @@
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 
 from poseviewer.geometry.camera import Perspective
-from poseviewer.geometry.lens import Lens, Undistortion, undistort
+from poseviewer.geometry.lens import Lens, Orientation, Undistortion, opencv_matrix, undistort
+from poseviewer.geometry.transform import RigidTransform
 
 TAKEN = Perspective(420.0, 430.0, 321.3, 236.8, 640, 480)
 LENSES = {
@@ -91,3 +94,42 @@ def test_a_polynomial_that_turns_back_shows_nothing_twice():
 def test_an_unknown_number_of_coefficients_is_refused(model, count):
     with pytest.raises(ValueError, match=f"{count} coefficients"):
         Lens(model, (0.0,) * count)
+
+
+def upright(points: np.ndarray, orientation: int) -> np.ndarray:
+    """Points of the picture as stored, px from its corner, in the upright one, by EXIF's words."""
+    x, y = points.T
+    width, height = TAKEN.width, TAKEN.height
+    return np.stack({
+        1: (x, y), 2: (width - x, y), 3: (width - x, height - y), 4: (x, height - y),
+        5: (y, x), 6: (height - y, x), 7: (height - y, width - x), 8: (y, width - x),
+    }[orientation], axis=-1)  # fmt: skip
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("name", LENSES)
+def test_a_turned_camera_sees_what_the_stored_one_does(name, orientation):
+    own, lens = Orientation(orientation), LENSES[name]
+    place = RigidTransform.from_rotation_vector([0.1, -0.2, 0.3], [0.1, 0.05, 2.0])
+    points = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 3))
+    turn = np.eye(3)
+    turn[:2, :2] = own.axes
+
+    def seen(in_camera, camera, lens):
+        still = np.zeros(3), np.zeros(3), opencv_matrix(camera), lens.array
+        return lens.module.projectPoints(in_camera[:, None], *still)[0][:, 0] + 0.5
+
+    camera, in_camera = own.camera(TAKEN), place.apply(points)
+    found = seen(in_camera @ turn.T, camera, own.lens(lens))
+    np.testing.assert_allclose(found, upright(seen(in_camera, TAKEN, lens), orientation), atol=1e-9)
+    np.testing.assert_allclose(own.place(place).apply(points), in_camera @ turn.T)
+    assert (camera.width, camera.height) == ((480, 640) if orientation > 4 else (640, 480))
+    np.testing.assert_allclose(astuple(own.inverse.camera(camera)), astuple(TAKEN))
+    assert own.is_mirrored == (orientation in (2, 4, 5, 7))
+
+
+def test_a_tilted_sensor_turns_upside_down_alone():
+    tilted = Lens("opencv", (*LENSES["12"].coefficients, 0.02, -0.01))
+    assert Orientation(3).lens(tilted).coefficients[12:] == (-0.02, 0.01)
+    with pytest.raises(ValueError, match="tilted"):
+        Orientation(6).lens(tilted)

@@ -14,15 +14,15 @@ from typing import Any, TypeVar
 import numpy as np
 
 from poseviewer.errors import PhotoFileError, PoseFileError, printable
-from poseviewer.files.checks import Reading, checked_rotation
-from poseviewer.files.photo import is_stored_turned, load_photo, save_photo
+from poseviewer.files.checks import Reading, checked_rotation, is_there
+from poseviewer.files.photo import load_photo, orientation_of, save_photo
 from poseviewer.files.scene_assets import model_file, open_view, view_of_file
 from poseviewer.files.structs import checked_camera
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
-from poseviewer.geometry.lens import SAME, LensModel
+from poseviewer.geometry.lens import SAME, UPRIGHT, LensModel, Orientation, Undistortion
 from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.geometry.world_pose import WORLD
 from poseviewer.scene.types import Scene, SceneObject, View
@@ -31,6 +31,7 @@ Entry = TypeVar("Entry")
 Contents = Mapping[Path, str | bytes]
 MOST_NAMED = 10
 """Number of images in a message."""
+TURNED = "stored turned (EXIF)"
 METRES = {"km": 1000.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Length units by name, in metres."""
 
@@ -117,11 +118,21 @@ class ConvertOptions:
             raise reading.error(found, f"wanted one, choose it with --image NAME ({names}{more})")
         return chosen[0]
 
-    def scene_of(self, reading: Reading, view: View, unit: str | None = None) -> Scene:
+    def scene_of(
+        self, reading: Reading, view: View, unit: str | None = None, is_of_stored: bool = False
+    ) -> Scene:
         """The scene of a view whose world is the frame of the model, in the user's ``unit`` or that
-        of the file.
+        of the file; ``is_of_stored``: the view is one of pixels as stored, whatever EXIF says.
         """
         checked_camera(reading, view.camera)
+        photo = self.photo or view.file.location
+        if is_of_stored:
+            said: list[str] = []
+            view = as_shown(view, photo, said)
+            reading.warnings.extend(f"{photo.name}: {note}" for note in said)
+        elif photo.is_file() and orientation_of(photo) != UPRIGHT:
+            found = f"{photo.name} is {TURNED}"
+            reading.warnings.append(f"{found}; the pose is taken as one in the upright photo.")
         model = model_file(Path(), unit=self.unit or unit)
         item = SceneObject(id="1", model=model, world_from_model=Similarity(view.camera_from_world))
         view = replace(view, camera_from_world=WORLD)
@@ -151,6 +162,8 @@ class Format:
     """Whether it is our own: it says which photo, undistorted or not, its numbers belong to."""
     is_upright: bool = False
     """Whether its photo is upright whatever its EXIF says."""
+    is_of_stored: bool = False
+    """Whether camera and pose are those of pixels as stored, whatever EXIF says."""
     appends: bool = False
     """Whether what is written keeps what was there."""
     photos_in: str | None = None
@@ -191,13 +204,14 @@ class Format:
                     notes.append(
                         f"All numbers of {name} belong to {of_photo}; not to that as taken."
                     )
+            orientation = orientation_of(view.file.location) if view.file.location.is_file() else UPRIGHT
+            if self.is_of_stored and orientation != UPRIGHT and not orientation.is_mirrored:
+                view = turned(view, orientation.inverse)
+                notes.append(f"{name} is {TURNED}; camera and pose are of the stored pixels.")
+            elif not (self.is_own or self.is_upright or ready) and orientation != UPRIGHT:
+                found = f"{name} is {TURNED}, and the pose is one in the upright photo"
+                notes.append(f"{found}; save it upright for tools that do not turn it.")
             ready.append(view)
-        photo = ready[0].file.location
-        if not (self.is_own or self.is_upright) and photo.is_file() and is_stored_turned(photo):
-            found = (
-                f"{photo.name} is stored turned (EXIF), and the pose is one in the upright photo"
-            )
-            notes.append(f"{found}; save it upright for tools that do not turn it.")
         written = self.write(replace(scene, views=tuple(ready)), out, options, notes)
         for path in () if self.appends else written:
             if path.is_dir():
@@ -211,6 +225,41 @@ class Format:
             data = content if isinstance(content, bytes) else content.encode()
             write_whole(path, data, PoseFileError)
         return [*files, *written], notes
+
+
+def turned(view: View, orientation: Orientation) -> View:
+    """The view in a turned picture, with camera, lens and place.
+
+    Raises:
+        PoseFileError: no camera sees that picture.
+    """
+    try:
+        if orientation.is_mirrored:
+            raise ValueError("a mirror image")
+        known, camera = view.file.undistortion, orientation.camera
+        if known is not None:
+            lens = orientation.lens(known.lens)
+            known = Undistortion(lens, camera(known.taken), camera(known.camera))
+    except ValueError as error:
+        found = f"{view.name}: its EXIF turns it, and it has {error}"
+        raise PoseFileError(f"{found}; save it upright, and find the pose anew.") from None
+    place, file = orientation.place(view.camera_from_world), view.file
+    return view_of_file(file.location, camera(view.camera), file.sha256, known, place)
+
+
+def as_shown(view: View, photo: Path, notes: list[str]) -> View:
+    """The view of a tool that takes pixels as stored, in the ``photo`` as it is shown, upright."""
+    orientation = orientation_of(photo) if is_there(photo) else UPRIGHT
+    if orientation == UPRIGHT:
+        return view
+    shown = load_photo(photo)
+    stored = shown.width, shown.height
+    stored = stored[::-1] if orientation.is_transposed else stored
+    width, height = (view.file.width, view.file.height) if view.file.width else stored
+    if orientation.is_transposed and (width > height) != (stored[0] > stored[1]):
+        return view  # made of the upright photo
+    notes.append(f"It is {TURNED}; camera and pose, of the stored pixels, were turned with it.")
+    return turned(view.resized(width, height), orientation)
 
 
 def _of_undistorted(view: View, path: Path, options: ConvertOptions) -> View:
