@@ -27,8 +27,10 @@ ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", "
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "PPM")
 """Pillow's names of them; its readers of others believe the lengths that a file claims."""
 RAW_ENDINGS = (".dng", ".nef", ".cr2", ".cr3", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw")
-DNG_VERSION, SUBFILE_TYPE, BITS = 50706, 254, 258
+DNG_VERSION, SUBFILE_TYPE, BITS, PHOTOMETRIC, SAMPLES, PLANAR = 50706, 254, 258, 262, 277, 284
 """TIFF's tags."""
+WHITE_IS_ZERO, APART = 0, 2
+"""Values of ``PHOTOMETRIC`` and ``PLANAR``."""
 REDUCED = 1
 """Subfile type of a preview, as that of raw files is."""
 MAX_MEGAPIXELS = 100.0
@@ -129,6 +131,9 @@ def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]
                 if image.mode not in ("L", "RGB"):
                     image = image.convert("L" if image.mode in ("1", "LA") else "RGB")
                 return np.atleast_3d(np.asarray(image)), focal, is_transparent
+            if tags.get(PLANAR, 1) == APART and tags.get(SAMPLES, 1) > 1:
+                found = "a TIFF of 16 bits that has each colour in a plane of its own"
+                raise reading.error(found, "save it with interleaved pixels, or as PNG")
             image.close()  # frees its pixels
     except UnidentifiedImageError:
         wanted = "wanted JPEG, PNG, TIFF, WebP or BMP with 8 or 16 bits"
@@ -141,6 +146,8 @@ def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]
     picture = cv2.imdecode(np.frombuffer(data, np.uint8), how)
     if picture is None:
         raise reading.error("OpenCV cannot read this kind of picture", "save it as PNG or JPEG")
+    if tags.get(PHOTOMETRIC, 1) == WHITE_IS_ZERO and picture.dtype == np.uint16:
+        np.invert(picture, out=picture)  # which OpenCV leaves out
     if picture.ndim == 2:
         return picture[..., None], focal, is_transparent
     for top in range(0, len(picture), ROWS):  # in place: the whole is up to 0.6 GB
