@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from poseviewer.errors import PhotoFileError, PoseFileError, printable
-from poseviewer.files.checks import Reading, checked_rotation, is_there
+from poseviewer.files.checks import Reading, checked_rotation
 from poseviewer.files.photo import load_photo, orientation_of, save_photo
 from poseviewer.files.scene_assets import model_file, open_view, view_of_file
 from poseviewer.files.structs import checked_camera
@@ -130,7 +130,7 @@ class ConvertOptions:
             said: list[str] = []
             view = as_shown(view, photo, said)
             reading.warnings.extend(f"{photo.name}: {note}" for note in said)
-        elif photo.is_file() and orientation_of(photo) != UPRIGHT:
+        elif orientation_of(photo) != UPRIGHT:
             found = f"{photo.name} is {TURNED}"
             reading.warnings.append(f"{found}; the pose is taken as one in the upright photo.")
         model = model_file(Path(), unit=self.unit or unit)
@@ -204,7 +204,7 @@ class Format:
                     notes.append(
                         f"All numbers of {name} belong to {of_photo}; not to that as taken."
                     )
-            orientation = orientation_of(view.file.location) if view.file.location.is_file() else UPRIGHT
+            orientation = orientation_of(view.file.location)
             if self.is_of_stored and orientation != UPRIGHT and not orientation.is_mirrored:
                 view = turned(view, orientation.inverse)
                 notes.append(f"{name} is {TURNED}; camera and pose are of the stored pixels.")
@@ -249,7 +249,7 @@ def turned(view: View, orientation: Orientation) -> View:
 
 def as_shown(view: View, photo: Path, notes: list[str]) -> View:
     """The view of a tool that takes pixels as stored, in the ``photo`` as it is shown, upright."""
-    orientation = orientation_of(photo) if is_there(photo) else UPRIGHT
+    orientation = orientation_of(photo)
     if orientation == UPRIGHT:
         return view
     shown = load_photo(photo)

@@ -28,7 +28,7 @@ from poseviewer.files.formats import conversion as c
 from poseviewer.files.photo import orientation_of
 from poseviewer.files.scene_assets import model_file, view_of_file
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_as_integer_centres
-from poseviewer.geometry.lens import UPRIGHT, opencv_matrix
+from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.geometry.world_pose import WORLD
 from poseviewer.scene.types import Scene, SceneObject, View
@@ -111,9 +111,8 @@ def _calibrated(reading: Reading, request: c.ConvertOptions, place: RigidTransfo
         wanted = "add --calibration FILE, and --photo or --photo-size"
         raise reading.error("it does not say the camera", wanted)
     size, photo = request.size_of(reading, None, None, request.photo), request.photo or Path()
-    orientation = orientation_of(photo) if request.photo else UPRIGHT
     choice = Calibration(request.calibration, lens_model=request.lens_model)
-    known, notes = load_calibration(choice, photo.name, *size, orientation)
+    known, notes = load_calibration(choice, photo.name, *size, orientation_of(photo))
     reading.warnings.extend(notes)
     return view_of_file(photo, known.camera, None, known.lens, place)
 
