@@ -4,6 +4,7 @@ assets/docs/formats.md.
 
 from __future__ import annotations
 
+import json
 from argparse import Namespace
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -15,6 +16,8 @@ from poseviewer.files.formats.conversion import METRES, ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from poseviewer.scene.types import Scene
 
 SCENE = "scene"
@@ -52,18 +55,34 @@ def run(options: Namespace) -> int:
     for note in scene.notes:
         say(f"note: {note}")
     files, notes = FORMATS[options.out_format].convert(scene, options.out, request)
-    if options.out_format == "bop" and len(scene.objects) > 1:
-        from poseviewer.figures.object_maps import pictures_of_objects, save_pictures
-        from poseviewer.files.formats.bop import image_number
-
-        first = replace(scene, views=scene.views[:1])
-        pictures = pictures_of_objects(first, image_number(scene, request), masks_alone=True)
-        save_pictures(options.out, pictures, overwrite=True)
+    if options.out_format == "bop":
+        notes += _write_masks(scene, options.out, request)
     for note in notes:
         say(f"note: {note}")
     for path in files:
         say(f"{options.out_format}: {path}")
     return 0
+
+
+def _write_masks(scene: Scene, out: Path, request: ConvertOptions) -> list[str]:
+    """Write masks and ``scene_gt_info.json`` of the images of a BOP scene; notes say which not."""
+    from poseviewer.figures.object_maps import INFO, pictures_of_objects, save_pictures
+    from poseviewer.files.formats.bop import POSES, image_number, load_scene_file, scene_text
+
+    if not all(item.model.location.is_file() for item in scene.objects):
+        return [f"{INFO} and masks are not written: a model is not there; add --model FILE."]
+    infos, poses, notes = load_scene_file(out / INFO), load_scene_file(out / POSES), []
+    for index, view in enumerate(scene.views[:1] if len(scene.objects) > 1 else scene.views):
+        number = image_number(scene, request, index)
+        if len(poses[str(number)]) != len(scene.objects):
+            infos.pop(str(number), None)
+            notes.append(f"{INFO} and masks leave out image {number}, which has other objects.")
+            continue
+        pictures = pictures_of_objects(replace(scene, views=(view,)), number, masks_alone=True)
+        infos |= json.loads(pictures.pop(INFO))
+        save_pictures(out, pictures, overwrite=True)
+    save_pictures(out, {INFO: scene_text(infos).encode()}, overwrite=True)
+    return notes
 
 
 def _request(options: Namespace) -> ConvertOptions:

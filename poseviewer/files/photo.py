@@ -69,7 +69,7 @@ def load_photo(path: str | Path) -> Photo:
 
 
 def orientation_of(path: str | Path) -> Orientation:
-    """Say how a photo's EXIF turns or mirrors it, as other tools may not; upright without a file."""
+    """Say how a photo's EXIF turns or mirrors it; other tools may show it as it is stored."""
     number = _exif_tags(path).get(ExifTags.Base.Orientation)
     return Orientation(number if number in range(1, 9) else 1)
 
