@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 SCENE = "scene"
 """Name of the format of scene files."""
 _NAMES = tuple(FORMATS)
+MATRIX_OPTIONS = (
+    table.option("--opengl", "a matrix is of a camera that looks along -z, y up"),
+    table.option("--inverse", "a matrix is that of the model from the camera"),
+)
 OPTIONS = {
     "": (
         table.option("source POSE|SCENE"),
@@ -42,7 +46,7 @@ OPTIONS = {
         table.option("--object ID|NUMBER", "which object of a scene; BOP: its number"),
         table.option("--calibration FILE", "the camera, where POSE does not say it: a matrix"),
         table.LENS_MODEL,
-        table.option("--opengl", "a matrix is of a camera that looks along -z, y up"),
+        *MATRIX_OPTIONS,
         table.option("--overwrite", "replace OUT if it is there"),
     )
 }
@@ -90,6 +94,8 @@ def _request(options: Namespace) -> ConvertOptions:
     from poseviewer.files.formats.conversion import require_file
     from poseviewer.files.photo import load_photo
 
+    if "matrix" not in (options.source_format, options.out_format):
+        table.refuse(options, MATRIX_OPTIONS, "without --from matrix or --to matrix; leave it out")
     if options.photo is not None:
         require_file(options.photo, "photo", "Converted")
     if options.model is not None and not options.model.is_dir():  # that of a BOP scene's models

@@ -58,6 +58,8 @@ class ConvertOptions:
     """OpenCV's model of its lens, for files that do not say it."""
     opengl: bool = False
     """Whether a matrix's camera looks along -z, y up."""
+    inverse: bool = False
+    """Whether a matrix is that of the model from the camera."""
     overwrite: bool = False
 
     def image_of(self, view: int) -> str | None:

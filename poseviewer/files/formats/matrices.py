@@ -6,11 +6,16 @@ the names of OpenCV's own calibration sample; rows first.
 ``matrix``: the 4x4 matrix camera from model, row-major, as text, JSON or ``.npy``: what
 FoundationPose, SAM-6D and most scripts print. It says no camera, which a file of one has to.
 
+``linemod``: LINEMOD's ``rot0.rot`` and ``tra0.tra``, in cm; and the text of Occlusion-LINEMOD (read
+alone), in m and with OpenGL's axes. They say no camera.
+
 ``dope``: DOPE's and NDDS's JSON (https://github.com/NVlabs/Deep_Object_Pose): cm, OpenCV axes,
 quaternions x y z w.
 """
 
 import json
+import re
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -38,7 +43,8 @@ ENDINGS, STORAGES = (".txt", ".npy", ".json"), (".yml", ".yaml", ".json")
 FISHEYE = "OpenCV fisheye"
 LENSES: c.Lenses = (*(("OpenCV", "opencv", n) for n in (5, 8, 12, 14)), (FISHEYE, "fisheye", 4))
 UNIT = "cm"
-"""DOPE's."""
+"""DOPE's and LINEMOD's."""
+LINEMOD_ENDINGS = (".rot", ".tra")
 
 
 def write_opencv(scene: Scene, out: Path, *_: object) -> dict[Path, str]:
@@ -78,7 +84,8 @@ def write_matrix(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) ->
     """Write the matrix camera from model in the form of the file's ending."""
     c.perspective_of(scene.views[0].camera, "matrix")
     place = scene.pose(0).camera_from_model
-    rows = Similarity(OPENGL_FROM_OPENCV @ place if options.opengl else place).matrix
+    place = OPENGL_FROM_OPENCV @ place if options.opengl else place
+    rows = Similarity(place.inverse() if options.inverse else place).matrix
     match out.suffix.lower():
         case ".npy":
             memory = BytesIO()
@@ -102,8 +109,55 @@ def read_matrix(path: Path, request: c.ConvertOptions) -> Scene:
         case _:
             values = matrix_text(reading)
     place = c.from_4x4(reading, values, "the matrix")
+    place = place.inverse() if request.inverse else place
     place = OPENGL_FROM_OPENCV @ place if request.opengl else place
     return request.scene_of(reading, _calibrated(reading, request, place))
+
+
+def write_linemod(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.Contents:
+    """Write rotation and translation in a file each, whichever of them ``out`` is."""
+    c.perspective_of(scene.views[0].camera, "LINEMOD")
+    place, factor = scene.pose(0).camera_from_model, options.lengths_in(UNIT, scene, "LINEMOD")
+    if out.suffix.lower() not in LINEMOD_ENDINGS:
+        wanted = f"end in {', '.join(LINEMOD_ENDINGS)}; name one so, as rot0.rot"
+        raise PoseFileError(f"{out.name}: LINEMOD's files {wanted}.")
+    parts = place.rotation, factor * place.translation[:, None]
+    texts = ["".join(" ".join(map(repr, row)) + "\n" for row in part.tolist()) for part in parts]
+    heads = ("3 3\n", "3 1\n")
+    return {
+        path: head + text
+        for path, head, text in zip(_linemod_files(out), heads, texts, strict=True)
+    }
+
+
+def _linemod_files(path: Path) -> list[Path]:
+    """The files of rotation and translation, of which one is named."""
+    name = re.sub("^(rot|tra)", "", path.stem)
+    prefixes = ("rot", "tra") if name != path.stem else ("", "")
+    ends = zip(prefixes, LINEMOD_ENDINGS, strict=True)
+    return [path.with_name(f"{prefix}{name}{ending}") for prefix, ending in ends]
+
+
+def read_linemod(path: Path, request: c.ConvertOptions) -> Scene:
+    """Read LINEMOD's two files, or Occlusion-LINEMOD's one; the camera is that of a calibration."""
+    reading = Reading(path, numbers_as_text=True, kind="pose of LINEMOD")
+    if path.suffix.lower() in LINEMOD_ENDINGS:
+        unit, both = UNIT, []
+        for file, count in zip(_linemod_files(path), (9, 3), strict=True):
+            numbers = matrix_text(replace(reading, path=file)).split()
+            both.append(numbers[2:] if len(numbers) == count + 2 else numbers)  # rows and columns
+    else:
+        unit, tree = "m", load_tree(reading)
+        both = [tree.get("rotation"), tree.get("center")]
+        if not all(both):
+            wanted = "wanted rotation: and center:, as of an object that the photo shows"
+            raise reading.error("no pose of Occlusion-LINEMOD", wanted)
+    names = zip(both, ("rotation", "translation"), (9, 3), strict=True)
+    rotation, shift = (np.array(reading.flat_numbers(*said)) for said in names)
+    factor = c.metres_per_unit(unit) / c.metres_per_unit(request.unit or unit)
+    place = RigidTransform(checked_rotation(reading, rotation.reshape(3, 3)), factor * shift)
+    place = OPENGL_FROM_OPENCV @ place if unit == "m" else place
+    return request.scene_of(reading, _calibrated(reading, request, place), unit)
 
 
 def _calibrated(reading: Reading, request: c.ConvertOptions, place: RigidTransform = WORLD) -> View:
@@ -162,4 +216,5 @@ def read_dope(path: Path, request: c.ConvertOptions) -> Scene:
 
 OPENCV = c.Format(write_opencv, read_opencv, ".yml", lenses=LENSES, several_photos=False)
 MATRIX = c.Format(write_matrix, read_matrix, ".txt", lenses=LENSES, several_photos=False)
+LINEMOD = c.Format(write_linemod, read_linemod, ".rot", lenses=LENSES, several_photos=False)
 DOPE = c.Format(write_dope, read_dope, ".dope.json", several_photos=False, several_objects=True)
