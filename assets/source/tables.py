@@ -1,5 +1,6 @@
-"""Tables in the docs: what is understood, noted and refused (``files.md``, ``cameras.md``), from the
-readers' own lists; the rooms (``architecture.md``), from their import contract.
+"""Tables in the docs: what is understood, noted and refused (``files.md``), and whose cameras are
+read (``cameras.md``), from the readers' own lists; the rooms (``architecture.md``), from their
+import contract.
 
 Run from the repository's root: ``python -m assets.source.tables`` writes them.
 """
