@@ -8,7 +8,7 @@ As a library (``poseviewer.api``)::
     found = case.fit()
     found.save("pose.json")
 
-The names below are loaded when they are first asked for: ``import poseviewer`` alone costs nothing.
+The names below are imported at their first use, so that ``import poseviewer`` alone is quick.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
         SetChoice,
         load,
     )
+
+__version__ = "0.2.0.dev0"
 
 __all__ = [
     "FitSettings",

@@ -16,7 +16,7 @@ Inside poses, pixel centres are at i + 0.5; the files have OpenCV's, at integers
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -30,15 +30,15 @@ from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.figures.loss_maps import LossMaps
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.masks import save_pose_and_mask
-from poseviewer.files.photo import photo_text, save_image
+from poseviewer.files.photo import save_image
 from poseviewer.files.photo_sets import LoadedViews, SetChoice
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_json import as_saved, pose_json, save_scene
 from poseviewer.fit.lighting import relit
 from poseviewer.fit.loss import LossScale, Unexplained
 from poseviewer.fit.problem import FitProblem, make_problem, numbers_of, pose_loss
-from poseviewer.fit.progress import FitProgress, Status
-from poseviewer.fit.search import Search, SearchProgress, result_of
+from poseviewer.fit.progress import FitProgress, SearchProgress, Status
+from poseviewer.fit.search import Search, result_of
 from poseviewer.fit.slices import Slice, landscape
 from poseviewer.fit.visibility import Visibility, hiding, visibility
 from poseviewer.geometry.arrays import FloatArray
@@ -388,7 +388,7 @@ class Scene:
         pairs = zip(search.scene.objects, self.objects, strict=True)
         objects = tuple(replace(end, settings=own.settings) for end, own in pairs)
         data = replace(search.scene, objects=objects)
-        return replace(self, data=data, placings=now.placings, before=self, _problems={})
+        return replace(self, data=data, placings=now.progress_by_object, before=self, _problems={})
 
     def _limited(self, seconds: float | None, evaluations: int | None) -> Scene:
         given = {"seconds": seconds, "evaluations": evaluations}
@@ -574,19 +574,8 @@ class Scene:
                 newest[piece.first, piece.second] = piece
                 if watch is not None:
                     watch(sum(int(np.isfinite(s.losses).sum()) for s in newest.values()), total)
-        return self.maps_at(self.parameters, newest.values(), half_width)
-
-    def maps_at(self, centre: FloatArray, slices: Iterable[Slice], half_width: float) -> LossMaps:
-        """``slices`` about parameters (d,) as maps that can be written to files."""
-        problem, name = self.problem, self.settings.loss_name
-        whose = "loss" if self.settings.loss == "default" else f"loss of {name}"
-        title = f"{self.photo.label}: {whose} about the pose, ±{half_width:.0%}"
-        slices = tuple(slices)
-        error = max((piece.error or 0.0 for piece in slices), default=0.0)
-        title += f", good to {error:.1%} of each map's range" if error else ""
-        chart = problem.chart
-        scales, text = chart.scales(centre), photo_text(self.photo)
-        return LossMaps(slices, chart.names, centre, scales, problem.scale, title, text)
+        slices = newest.values()
+        return LossMaps.about(self.parameters, slices, half_width, problem, self.photo)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -78,14 +78,16 @@ def sentence_of(error: BaseException) -> str:
         name = "" if error.filename is None else f"{error.filename}: "
         return printable(f"{name}{error.strerror}; check the path and the disk.", LONGEST_MESSAGE)
     cause = printable(f"{type(error).__name__}: {error}", 200)
-    return f"Something went wrong inside ({cause}); {LOG_VARIABLE}=1 shows where, please report it."
+    return f"Something went wrong inside ({cause}); {LOG_VARIABLE}=1 shows where. {REPORTING}"
 
 
 LOG_VARIABLE = "POSEVIEWER_LOG"
 """The environment variable with which the log says more than warnings: tracebacks too."""
+REPORTING = "Please report it: CONTRIBUTING.md of poseviewer's source says how (Reporting errors)."
+"""Sentence that follows an error of poseviewer itself."""
 EXIT_BUG = 1
-"""Exit code of a mistake of ours."""
+"""Exit code of an error of poseviewer itself."""
 EXIT_MENDABLE = 2
-"""Exit code of a mistake that the user can mend."""
+"""Exit code of an error that the user can mend."""
 EXIT_INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it (128 + SIGINT)."""

@@ -1,4 +1,4 @@
-"""The rooms stay apart, and what is installed is whole."""
+"""Packages stay apart: imports, printing, threads."""
 
 import ast
 import subprocess

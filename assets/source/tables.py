@@ -1,5 +1,5 @@
 """Tables in the docs: what is understood, noted and refused (``files.md``), and whose cameras are
-read (``cameras.md``), from the readers' own lists; the rooms (``architecture.md``), from their
+read (``cameras.md``), from the readers' own lists; the packages (``architecture.md``), from their
 import contract.
 
 Run from the repository's root: ``python -m assets.source.tables`` writes them.
@@ -71,18 +71,18 @@ def cameras() -> list[tuple[str, ...]]:
 
 
 def architecture() -> list[tuple[str, ...]]:
-    """Rows of the rooms that may import one another downwards, the uppermost first."""
+    """Rows of the packages that may import one another downwards, the uppermost first."""
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]
-    rows = [("rooms", "what is in them"), (RULE,) * 2]
+    rows = [("packages", "what is in them"), (RULE,) * 2]
     for layer in contracts["contracts"][0]["layers"]:
-        rooms = layer.split(" | ")
-        rows.append((_codes(rooms), "<br>".join(map(_purpose, rooms))))
+        packages = layer.split(" | ")
+        rows.append((_codes(packages), "<br>".join(map(_purpose, packages))))
     return rows
 
 
-def _purpose(room: str) -> str:
-    """The first sentence of a room's docstring."""
-    package = ROOT / "poseviewer" / room
+def _purpose(name: str) -> str:
+    """The first sentence of a package's docstring."""
+    package = ROOT / "poseviewer" / name
     path = package / "__init__.py" if package.is_dir() else package.with_suffix(".py")
     text = ast.get_docstring(ast.parse(path.read_text())) or ""
     return " ".join(text.split("\n\n")[0].split()).rstrip(".:")

@@ -1,1 +1,1 @@
-"""App in the browser, the only room that imports viser."""
+"""App in the browser, the only package that imports viser."""

@@ -14,23 +14,26 @@ import viser
 from poseviewer.app.page.page import Page
 from poseviewer.app.page.reports import newest_drags
 from poseviewer.app.reviewing import Reviewer
-from poseviewer.app.state import commands as c
-from poseviewer.app.state.commands import update
+from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.edits import Edit, SavePose
-from poseviewer.app.state.session import Preparation, Session
+from poseviewer.app.state.edits import Edit, ReviewRow, SavePose, ShowHelp
+from poseviewer.app.state.hiding import forget_strokes
+from poseviewer.app.state.pointer_edits import cancel_drag
+from poseviewer.app.state.results import Preparation
+from poseviewer.app.state.search_edits import preparation_advanced
+from poseviewer.app.state.session import Session
+from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import has_renderer, preparing, proposing, searching
 from poseviewer.app.workers.maps import mapping
 from poseviewer.app.workers.outlines import outlining
 from poseviewer.app.workers.overlay import drawing, picturing, reading, refining
 from poseviewer.app.workers.tasks import (
+    QueuedTask,
     Request,
     Restore,
-    Result,
-    ShowHelp,
-    Task,
-    Tasks,
+    TaskQueue,
+    TaskResult,
     restore,
 )
 from poseviewer.app.workers.worker import Mailbox
@@ -60,7 +63,7 @@ class App:
         self._mailbox: Mailbox[Request] = Mailbox()
         self.session = Session(document, anchor=document.scene, saved=document).opened
         notify = self._mailbox.notify
-        self._tasks = Tasks(notify, state)
+        self._tasks = TaskQueue(notify, state)
         self._review = review
         self._autosaver = Autosaver(state)
         self._page = Page(server, self._mailbox.post, self.session, review)
@@ -125,9 +128,9 @@ class App:
         match request:
             case Edit():
                 self._edit(request)
-                if request == c.cancel_drag() and self._tasks.drop():
+                if request.calls(cancel_drag) and self._tasks.drop():
                     self._page.working("")
-            case Task():
+            case QueuedTask():
                 self._tasks.add(request)
                 if request.working:
                     self._page.working(request.working, STOPPED_BY)
@@ -135,6 +138,8 @@ class App:
                 self._save(on_taken)
             case ShowHelp(client):
                 self._page.show_help(client)
+            case ReviewRow() if self._review is not None:
+                self._tasks.add(self._review.requested(request))
             case Restore(wanted):
                 kept = self._autosaver.take_offer(wanted)
                 self._page.close_offer()
@@ -162,7 +167,7 @@ class App:
             return
         path = self._autosaver.save(self.session, on_taken == "beside")
         self._page.tell(f"Saved {path.name}", str(path))
-        self._edit(c.change(saved=self.session.document))
+        self._edit(set_fields(saved=self.session.document))
 
     # --- workers ---------------------------------------------------------------------------------
 
@@ -173,7 +178,7 @@ class App:
                 self._finish(result)
         ready = has_renderer(self.session.document.mesh)
         if ready is not (self.session.preparation is None):
-            self._edit(c.preparation_advanced(None if ready else Preparation()))
+            self._edit(preparation_advanced(None if ready else Preparation()))
         for worker in self._workers:
             with self._told():
                 for edit in worker.take():
@@ -186,10 +191,10 @@ class App:
         for worker in self._workers:
             worker.follow(self.session)
 
-    def _finish(self, result: Result) -> None:
+    def _finish(self, result: TaskResult) -> None:
         """Take what a task has brought."""
         self._page.working("")
-        self._edit(c.change(strokes=self.session.strokes + 1))  # those in vain are taken, too
+        self._edit(forget_strokes())
         for edit in result.edits:
             with self._told():
                 self._edit(edit)

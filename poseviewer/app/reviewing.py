@@ -7,19 +7,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from poseviewer.app.state.commands import change, open_document
+from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.document_edits import open_document
+from poseviewer.app.state.edits import Edit, ReviewRow
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import picture_of, saved_scene
 from poseviewer.app.workers.opening import open_files, with_notes
-from poseviewer.app.workers.tasks import Result, Task
-from poseviewer.app.workers.worker import Job
+from poseviewer.app.workers.tasks import QueuedTask, TaskResult
+from poseviewer.app.workers.worker import Worker
 from poseviewer.batch import review as r
 from poseviewer.batch.results import ACCEPTED, Row
 from poseviewer.batch.run import save_summaries
 from poseviewer.errors import BatchError, PoseViewerError
 from poseviewer.files.scene_json import as_saved, pose_json
+from poseviewer.render.renderers import RendererName
 
 MOST_SAID = 3
 """Rows that could not be opened and are named; the list marks all that failed."""
@@ -28,9 +30,13 @@ MOST_SAID = 3
 class Reviewer:
     """The queue of rows, and the reports on them."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, renderer: RendererName | None = None) -> None:
+        """``renderer``: by default the batch's."""
         loaded = self.queue = r.load_queue(folder)
-        self.job: Job[r.ReviewQueue, Edit] = Job(
+        batch = self.queue.batch.settings
+        self.settings = replace(batch, keep_start=False, renderer=renderer or batch.renderer)
+        """Settings of each row; whether to keep to a start is here for a person to say."""
+        self.job: Worker[r.ReviewQueue, Edit] = Worker(
             "review report", lambda _: None if self.queue is loaded else self.queue, _report
         )
         """Writes table and report after each word on a row."""
@@ -59,65 +65,77 @@ class Reviewer:
         self.job.close()
         save_summaries(self.queue.batch)
 
-    def open_row(self, index: int) -> Task:
+    def requested(self, request: ReviewRow) -> QueuedTask:
+        """The task of a request."""
+        match request.what:
+            case int(index):
+                return self.open_row(index)
+            case "next" | "previous" as side:
+                return self.step(1 if side == "next" else -1)
+            case decision:
+                return self.decide(decision)
+
+    def open_row(self, index: int) -> QueuedTask:
         """Open a row of the batch."""
         return _task(lambda now: self._going(now, index, 0))
 
-    def step(self, by: int) -> Task:
+    def step(self, by: int) -> QueuedTask:
         """Open the next row, or with -1 the one before."""
 
-        def run(now: Session) -> Result:
+        def run(now: Session) -> TaskResult:
             at = self.row_at(now.document)
             return self._going(now, by - 1 if at is None else at + by, by)
 
         return _task(run)
 
-    def annotate(self, index: int, note: str) -> Task:
+    def annotate(self, index: int, note: str) -> QueuedTask:
         """Keep a note on a row."""
 
-        def run(_: Session) -> Result:
+        def run(_: Session) -> TaskResult:
             self.queue = r.annotate(self.queue, index, note)
-            return Result()
+            return TaskResult()
 
         return _task(run)
 
-    def decide(self, review: Literal["accepted", "rejected", ""], goes_on: bool = True) -> Task:
+    def decide(
+        self, review: Literal["accepted", "rejected", ""], goes_on: bool = True
+    ) -> QueuedTask:
         """Keep a person's verdict on the row that is open ("": none), with its pose where that is
         changed and accepted; the next row follows.
         """
 
-        def run(now: Session) -> Result:
+        def run(now: Session) -> TaskResult:
             document, at, done = now.document, self.row_at(now.document), tuple[Edit, ...]()
             if at is None:
                 raise BatchError("What is open is no row's; press a row in the list to open it.")
-            if review == ACCEPTED and now.unsaved:
+            if review == ACCEPTED and now.is_unsaved:
                 mask = document.scene.mask(document.active, document.at)
                 record = pose_json(as_saved(saved_scene(now)), document.active, document.at)
                 picture = picture_of(document)
                 self.queue = r.save_corrected(self.queue, at, record, picture, mask)
-                done = (change(saved=document),)
+                done = (set_fields(saved=document),)
             else:
                 _require_saved(now)
                 self.queue = r.decide(self.queue, at, review)
             left = [i for i, row in enumerate(self.queue.rows) if i > at and not row.result.review]
             if not (goes_on and review and left):
-                return Result(done)
+                return TaskResult(done)
             try:
                 return self._opening(left[0], 1, *done)
             except PoseViewerError as error:
-                return Result(done, (str(error),))
+                return TaskResult(done, (str(error),))
 
         return _task(run, draws=True)
 
-    def _going(self, now: Session, index: int, by: int) -> Result:
+    def _going(self, now: Session, index: int, by: int) -> TaskResult:
         """Leave the row that is open for another one; raises as ``_open_from``."""
         _require_saved(now)
         return self._opening(index, by)
 
-    def _opening(self, index: int, by: int, *done: Edit) -> Result:
+    def _opening(self, index: int, by: int, *done: Edit) -> TaskResult:
         """Open a row after what is ``done``; raises as ``_open_from``."""
         document = self._open_from(index, by)
-        return Result((*done, open_document(document, is_first=True)), document.scene.notes)
+        return TaskResult((*done, open_document(document, is_first=True)), document.scene.notes)
 
     def _open_from(self, index: int, by: int) -> Document:
         """Open a row, or, where it cannot be opened, the next one in steps ``by``.
@@ -148,14 +166,13 @@ class Reviewer:
                 raise
             # It failed for want of a start, maybe: a person can place the model.
             document = open_files(photo, model, None)
-        # Whether to keep to a start is here for a person to say.
-        settings = replace(queue.batch.settings, keep_start=False)
+        settings = self.settings
         document = document.with_own(region=settings.region)
         return document.with_object(settings=replace(settings, region=None), id=str(job.row))
 
 
-def _task(run: Callable[[Session], Result], draws: bool = False) -> Task:
-    return Task(lambda now, _: run(now), draws=draws)
+def _task(run: Callable[[Session], TaskResult], draws: bool = False) -> QueuedTask:
+    return QueuedTask(lambda now, _: run(now), draws=draws)
 
 
 def _report(queue: r.ReviewQueue) -> Iterator[Edit]:
@@ -165,5 +182,5 @@ def _report(queue: r.ReviewQueue) -> Iterator[Edit]:
 
 def _require_saved(session: Session) -> None:
     """Raise where going on would lose a pose that is not saved."""
-    if session.unsaved:
+    if session.is_unsaved:
         raise BatchError("The pose is changed: accept it (A), save it (S) or take it back (Z).")

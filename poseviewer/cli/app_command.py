@@ -1,4 +1,4 @@
-"""Open the app."""
+"""Open the app in the browser, on the files named or on the bundled demo."""
 
 from __future__ import annotations
 
@@ -19,21 +19,25 @@ if TYPE_CHECKING:
 
 OPTIONS = {
     "": (
-        table.option("photo PHOTO|FOLDER|ZIP|SCENE.json", "what is to be opened", nargs="?"),
+        table.option(
+            "photo PHOTO|FOLDER|ZIP|SCENE.json", "photo, or all files together", nargs="?"
+        ),
         table.MODEL,
         table.POSE,
         *table.METHODS,
         table.MASK,
         table.WITHOUT,
+        table.APP_RENDERER,
         *table.SERVER,
     ),
     **table.VIEWS,
     **table.CAMERA,
 }
+EXAMPLES = ("poseviewer photo.jpg car.glb --pose start.json", "poseviewer app shelf.scene.json")
 
 
 def _files_of(options: Namespace) -> tuple[FileSet, list[Path]]:
-    """The files that are named, or in a folder or zip; and their models with all they name."""
+    """Sort the files named, or those of a folder or zip; models come with the files they name."""
     path: Path | None = options.photo
     if options.views or not (path and (path.is_dir() or path.suffix.lower() == ".zip")):
         files = named_files(options)
@@ -51,7 +55,7 @@ def _files_of(options: Namespace) -> tuple[FileSet, list[Path]]:
 
 
 def _opening(options: Namespace) -> Callable[[], Document]:
-    """Return a function that opens all that is named, or the demo."""
+    """Return a function that opens the files named, or the demo."""
     from poseviewer.files.cameras import Calibration
 
     calibration, (files, models) = calibration_of(options), _files_of(options)
@@ -99,12 +103,15 @@ def run(options: Namespace) -> int:
     """Serve the app until it is interrupted."""
     opening = _opening(options)
     from poseviewer.app.serving import serve_app
+    from poseviewer.render.renderers import require_renderer
 
     def open_first() -> tuple[Document, None]:
         document = opening()
         settings = document.settings.of_loss(options.loss or "default")
         settings = replace(settings, search=options.search or "auto")
-        return document.with_object(settings=settings), None
+        document = document.with_object(settings=settings).with_renderer(options.renderer or "auto")
+        require_renderer(document.settings.renderer)
+        return document, None
 
     serve_app(open_first, tell=say, **table.values(options, table.SERVER))
     return 0

@@ -1,6 +1,6 @@
-"""Fit every row of a table with the columns photo, model and start (a pose file, or auto); relative
-paths start from the table's folder. Or fit the images of a BOP scene. Run again, it goes on where
-it was.
+"""Fit every row of a table with the columns photo, model and start (a pose file, or auto), or every
+image of a BOP scene. Relative paths in the table start from its folder. The same command continues
+a batch that was stopped.
 """
 
 from argparse import Namespace
@@ -13,19 +13,23 @@ from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE
 
 OPTIONS = {
     "": (
-        table.option("jobs JOBS.csv|BOP_SCENE"),
-        table.option("--out FOLDER", required=True),
-        table.option("--processes N", "(one for each processor)"),
+        table.option("jobs JOBS.csv|BOP_SCENE", "table of jobs, or the folder of a BOP scene"),
+        table.option("--out FOLDER", "write poses, pictures, table and report here", required=True),
+        table.option("--processes N", "run this number of processes (default: one a processor)"),
         table.SCHEDULER,
         table.QUIET,
     ),
-    "of a BOP scene": (
-        table.option("--models FOLDER", "of obj_000001.ply and so on, in mm"),
-        table.option("--objects N,...", "(all with a pose)"),
+    "BOP scene": (
+        table.option("--models FOLDER", "read obj_000001.ply, ..., in mm, here (default: none)"),
+        table.option("--objects N,...", "fit these objects (default: all with a pose)"),
     ),
-    "what is compared": table.COMPARED,
+    "comparison": table.COMPARED,
     "search": (*table.LIMITS, table.KEEP_START),
 }
+EXAMPLES = (
+    "poseviewer batch jobs.csv --out results",
+    "poseviewer batch test/000002 --models models --objects 1,5 --out results",
+)
 
 
 def run(options: Namespace) -> int:

@@ -1,4 +1,4 @@
-"""Measure how long evaluations take on each path, searches and maps."""
+"""Measure how long an evaluation of the loss takes by each renderer, and a search and maps."""
 
 from argparse import Namespace
 from dataclasses import asdict
@@ -9,11 +9,14 @@ from poseviewer.errors import SettingsError
 
 OPTIONS = {
     "": (
-        table.option("--quick", "fewer runs, fits of 15 s at most: about a minute"),
-        table.option("--json FILE", "write all rows", is_output=True),
+        table.option(
+            "--quick", "measure with fewer runs and fits of 15 s at most, in about a minute"
+        ),
+        table.option("--json FILE", "write all rows as JSON (default: no file)", is_output=True),
         table.QUIET,
     )
 }
+EXAMPLES = ("poseviewer bench --quick", "poseviewer bench --json speed.json")
 
 
 def run(options: Namespace) -> int:

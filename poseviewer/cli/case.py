@@ -21,7 +21,7 @@ SAYS = "with {}, which says it itself; leave it out"
 
 
 def refuse_with_paper(options: Namespace) -> None:
-    """Refuse the paper's loss with what it does not have."""
+    """Refuse settings that the paper's loss does not have."""
     if getattr(options, "loss", None) == "paper":
         if options.pixels == "near":
             raise SettingsError("--loss paper with --pixels near; it has clip and whole alone")
@@ -30,7 +30,7 @@ def refuse_with_paper(options: Namespace) -> None:
 
 
 def settings_of(options: Namespace) -> FitSettings:
-    """Options of a fit."""
+    """Make the settings of a fit."""
     refuse_with_paper(options)
     return table.made(
         FitSettings,
@@ -42,7 +42,7 @@ def settings_of(options: Namespace) -> FitSettings:
 
 
 def calibration_of(options: Namespace) -> Calibration | None:
-    """The calibration that the options name; None where they name none."""
+    """Return the calibration that the options name; None if they name none."""
     if options.calibration is None:
         table.refuse(options, table.OF_CALIBRATION, "without --calibration; name its file")
         return None
@@ -52,7 +52,7 @@ def calibration_of(options: Namespace) -> Calibration | None:
 
 
 def named_files(options: Namespace) -> FileSet:
-    """The files that the options name; raises ``SettingsError``: they do not go together."""
+    """Sort the files that the options name; raises ``SettingsError`` if they exclude each other."""
     from poseviewer.files.file_set import FileSet, ModelFiles, is_scene_file
 
     photo, model, views = options.photo, options.model, options.views
@@ -73,7 +73,7 @@ def named_files(options: Namespace) -> FileSet:
 
 
 def open_scene(options: Namespace) -> Scene:
-    """The scene that the options name, about one object where they say which."""
+    """Load the scene that the options name, with the object they choose as the active one."""
     from poseviewer.api import SetChoice, StartCamera, load
 
     settings, files, given = settings_of(options), named_files(options), vars(options)
@@ -106,7 +106,7 @@ def open_scene(options: Namespace) -> Scene:
 
 
 def _start_of(options: Namespace, camera: StartCamera) -> Path | str | Find:
-    """A pose file, "auto", or a function that finds a start from marks on the photo."""
+    """Return a pose file, "auto", or a function that computes a start from marks on the photo."""
     given = table.values(options, table.STARTS)
     if options.views is None and (options.photo is None or options.model is None):
         raise SettingsError("PHOTO and MODEL are wanted, or a scene file; name them")

@@ -24,32 +24,33 @@ SCENE = "scene"
 """Name of the format of scene files."""
 _NAMES = tuple(FORMATS)
 MATRIX_OPTIONS = (
-    table.option("--opengl", "a matrix is of a camera that looks along -z, y up"),
-    table.option("--inverse", "a matrix is that of the model from the camera"),
+    table.option("--opengl", "take matrices as OpenGL's, whose camera looks along -z, y up"),
+    table.option("--inverse", "take matrices as those of the model from the camera"),
 )
+_READ = "read this format, one of those of --to (default: %(default)s)"
+_WRITE = f"write this format: {', '.join(_NAMES)} (default: %(default)s)"
 OPTIONS = {
     "": (
-        table.option("source POSE|SCENE"),
-        table.option("out OUT", is_output=True),
-        table.option("--from FORMAT", None, _NAMES, dest="source_format", default=_NAMES[0]),
-        table.option(
-            "--to FORMAT", ", ".join(_NAMES), _NAMES, dest="out_format", default=_NAMES[0]
-        ),
-        table.option("--photo PHOTO", "(the one beside POSE that it names)"),
-        table.option(
-            "--model MODEL",
-            "(the one beside POSE that it names; from bop: the folder of the models)",
-        ),
-        table.option("--photo-size WIDTHxHEIGHT", "in px, where POSE does not say it"),
-        table.option("--unit", "of the model, where POSE does not say it", tuple(METRES)),
-        table.option("--image NAME|NUMBER", "which image of a file with several; BOP: its number"),
-        table.option("--object ID|NUMBER", "which object of a scene; BOP: its number"),
-        table.option("--calibration FILE", "the camera, where POSE does not say it: a matrix"),
+        table.option("source POSE|SCENE", "pose or scene, of this or another tool"),
+        table.option("out OUT", "file or folder to write", is_output=True),
+        table.option("--from FORMAT", _READ, _NAMES, dest="source_format", default=_NAMES[0]),
+        table.option("--to FORMAT", _WRITE, _NAMES, dest="out_format", default=_NAMES[0]),
+        table.option("--photo PHOTO", "use this photo (default: the one in POSE)"),
+        table.option("--model MODEL", "use this, or BOP's folder of models (default: POSE's)"),
+        table.option("--photo-size WIDTHxHEIGHT", "set this size, in px (default: --photo's)"),
+        table.option("--unit", "set the model's length unit (default: POSE's)", tuple(METRES)),
+        table.option("--image NAME|NUMBER", "choose this image of several (default: the only one)"),
+        table.option("--object ID|NUMBER", "choose this object of several (default: all)"),
+        table.option("--calibration FILE", "read a bare matrix's camera here (default: none)"),
         table.LENS_MODEL,
         *MATRIX_OPTIONS,
-        table.option("--overwrite", "replace OUT if it is there"),
+        table.option("--overwrite", "replace OUT if it exists"),
     )
 }
+EXAMPLES = (
+    "poseviewer convert pose.json car.glb --to gltf",
+    "poseviewer convert pose.yml pose.json --from opencv --photo photo.jpg --model car.glb",
+)
 
 
 def run(options: Namespace) -> int:

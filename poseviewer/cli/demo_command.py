@@ -1,4 +1,4 @@
-"""Fit the bundled demo, without the app."""
+"""Fit the bundled demo without the app, and write pose and pictures to ``poseviewer-demo``."""
 
 from argparse import Namespace
 from pathlib import Path
@@ -9,11 +9,12 @@ from poseviewer.files.writing import make_folder
 
 LOOKS = ("outline", "relit", "residual")
 OPTIONS = {"": ()}
+EXAMPLES = ("poseviewer demo", "poseviewer info poseviewer-demo/pose.json")
 FOLDER = Path("poseviewer-demo")
 
 
 def run(_: Namespace) -> int:
-    """Fit it, and say where the results are."""
+    """Fit the demo, and print where the results are."""
     make_folder(FOLDER, parents=False)
     say("Fitting the bundled demo: a car of our own making on a path-traced photo.")
     tell_of_compiling()

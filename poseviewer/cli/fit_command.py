@@ -1,4 +1,4 @@
-"""Search for the pose."""
+"""Search for the pose of a model in a photo, in several photos, or of all objects of a scene."""
 
 from __future__ import annotations
 
@@ -19,17 +19,22 @@ _PROJECTIONS = ("perspective", "parallel")
 OPTIONS = {
     "": (
         *table.FILES,
-        table.option("--out POSE.json", "of a scene: SCENE.json", required=True, is_output=True),
-        table.option("--overlay OVERLAY.png", "draw the pose found", is_output=True),
+        table.option("--out POSE.json", "write pose or scene here", required=True, is_output=True),
+        table.option(
+            "--overlay OVERLAY.png", "draw the result here (default: none)", is_output=True
+        ),
         table.LOOK,
     ),
-    "start, one of": (
+    "start": (
         table.STARTS,
         table.OBJECT,
         table.BOX,
         table.INSTANCES,
         table.option(
-            "--projection", "where no pose file says it", _PROJECTIONS, default=_PROJECTIONS[0]
+            "--projection",
+            "set the projection if no pose file does (default: perspective)",
+            _PROJECTIONS,
+            default=_PROJECTIONS[0],
         ),
         table.FOCAL,
     ),
@@ -37,15 +42,19 @@ OPTIONS = {
     "search": (
         *table.LIMITS,
         *table.METHODS,
-        table.option("--lock NAME,...", "parameters of the chart to hold"),
-        table.option("--seed SEED"),
+        table.option("--lock NAME,...", "keep these pose parameters at the start (default: none)"),
+        table.option("--seed SEED", "seed the random numbers (default: 0)"),
         table.KEEP_START,
     ),
 }
+EXAMPLES = (
+    "poseviewer fit photo.jpg car.glb --pose start.json --out pose.json",
+    "poseviewer fit photo.jpg can.ply --start auto --box 310,120,90,160 --out pose.json",
+)
 
 
 def run(options: Namespace) -> int:
-    """Write the pose found, or the scene, and an overlay, or one for each photo, if wanted."""
+    """Write the pose or the scene, and an overlay of each photo if wanted."""
     _require_writable(options)
     scene = open_scene(options)
     _require_writable(options)  # now the files that its own name are known
@@ -60,7 +69,7 @@ def run(options: Namespace) -> int:
 
 
 def without_lost(scene: Scene, wanted: int) -> Scene:
-    """Hide lost instances beside others, which are no instances; say how many are left."""
+    """Hide lost instances unless all are lost; print how many are left."""
     words = [end.verdict.word if end.verdict else "" for end in scene.placings.values()]
     lost = [index for index, word in zip(scene.placings, words, strict=True) if word == "lost"]
     data = scene.data
@@ -78,7 +87,7 @@ def _require_writable(options: Namespace) -> None:
 
 
 def search(scene: Scene, quiet: bool) -> Scene:
-    """Fit to the end, or to Ctrl-C, which keeps the best pose so far; print how it ended."""
+    """Search to the end, or to Ctrl-C, which keeps the best pose so far; print the result."""
     from poseviewer.render.pool import processors
 
     with progress_bar(None, quiet) as bar:

@@ -1,5 +1,5 @@
-"""Fit every model from one start, and rank them by their losses over the same pixels. The models
-share a frame: the start is meant for each of them.
+"""Fit several models to a photo from one start, and rank them by their losses over the same pixels.
+All models need the same coordinate frame, since each begins at the same start.
 """
 
 from __future__ import annotations
@@ -17,14 +17,18 @@ if TYPE_CHECKING:
 
 OPTIONS = {
     "": (
-        table.option("photo PHOTO"),
-        table.option("models MODEL", nargs="+"),
-        table.option("--start POSE.json", required=True),
+        table.option("photo PHOTO", "photo of one of the models"),
+        table.option("models MODEL", "3D models to compare", nargs="+"),
+        table.option("--start POSE.json", "begin at this pose", required=True),
         table.QUIET,
     ),
-    "what is compared": table.COMPARED,
+    "comparison": table.COMPARED,
     "search": table.LIMITS,
 }
+EXAMPLES = (
+    "poseviewer identify photo.jpg sedan.glb estate.glb --start start.json",
+    "poseviewer identify photo.jpg can_*.ply --start start.json --grey",
+)
 
 
 def run(options: Namespace) -> int:

@@ -1,4 +1,4 @@
-"""Say what poseviewer understood of a photo, a model, a pose or a scene."""
+"""Print what poseviewer understood of a photo, a model, a pose or a scene."""
 
 from __future__ import annotations
 
@@ -39,9 +39,13 @@ class _CamerasHelp(Action):
 
 CALIBRATION = table.option("--calibration FILE", table.CAMERAS, action=_CamerasHelp, nargs="?")
 OPTIONS = {
-    "": (table.option("path PHOTO|MODEL|POSE|SCENE"),),
+    "": (table.option("path PHOTO|MODEL|POSE|SCENE", "file to describe"),),
     "the photo's camera": (CALIBRATION, *table.OF_CALIBRATION),
 }
+EXAMPLES = (
+    "poseviewer info car.glb",
+    "poseviewer info photo.jpg --calibration camera.yml",
+)
 
 
 def run(options: Namespace) -> int:

@@ -1,4 +1,4 @@
-"""Map the loss around a pose, for all pairs of parameters: a sheet of contours and the numbers."""
+"""Map the loss about a pose for all pairs of parameters, as contour plots and as numbers."""
 
 from argparse import Namespace
 
@@ -12,13 +12,17 @@ OPTIONS = {
         *table.FILES,
         table.POSE,
         table.OBJECT,
-        table.option("--out FOLDER", required=True),
-        table.option("--size POINTS", "a side (41)", default=41),
-        table.option("--range SHARE", "half width (0.2: 20 %%)", default=0.2),
-        table.option("--lock NAME,...", "parameters to leave out"),
+        table.option("--out FOLDER", "write landscape.png and landscape.npz here", required=True),
+        table.option("--size POINTS", "compute points a side (default: 41)", default=41),
+        table.option("--range SHARE", "go so far, in shares of scales (default: 0.2)", default=0.2),
+        table.option("--lock NAME,...", "leave out these pose parameters (default: none)"),
     ),
     **table.SCENE,
 }
+EXAMPLES = (
+    "poseviewer landscape photo.jpg car.glb --pose pose.json --out maps",
+    "poseviewer landscape shelf.scene.json --object duck --out maps --size 21 --range 0.1",
+)
 
 
 def run(options: Namespace) -> int:

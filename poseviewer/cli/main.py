@@ -1,19 +1,20 @@
 """The command line: find the command, parse its options, run it.
 
-Each command is a module, ``NAME_command``, with ``OPTIONS`` and ``run``; the module's docstring is
-its description. What is slow to import is imported in ``run``.
+Each command is a module, ``NAME_command``, with ``OPTIONS``, ``EXAMPLES`` and ``run``; the module's
+docstring is its description. ``run`` imports what is slow to import.
 """
 
 import io
 import logging
 import os
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import ArgumentParser, HelpFormatter, Namespace
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
 
+from poseviewer import __version__
 from poseviewer.cli.options import add_all, inputs
 from poseviewer.cli.terminal import tell
 from poseviewer.errors import (
@@ -31,26 +32,26 @@ from poseviewer.files.writing import keeping
 _log = logging.getLogger(__name__)
 
 COMMANDS = {
-    "app": "the app, as without a command",
-    "demo": "fit the bundled demo, without the app",
-    "fit": "search for the pose, from a start pose",
+    "app": "open the app, as without a command",
+    "demo": "fit the bundled demo without the app",
+    "fit": "search for the pose from a start pose",
     "overlay": "draw the model over the photo",
-    "landscape": "map the loss around a pose, for all pairs of parameters",
-    "info": "say what poseviewer understood of a file",
+    "landscape": "map the loss about a pose for all pairs of parameters",
+    "info": "print what poseviewer understood of a file",
     "bench": "measure how fast this machine is",
-    "convert": "write a pose for another tool, or read one from it",
+    "convert": "write a pose for another tool, or read one of its poses",
     "render": "write masks, depth, normals and object coordinates of a pose",
-    "undistort": "write the photo that the poses belong to",
+    "undistort": "write the undistorted photo, to which the poses belong",
     "study": "measure from how far off fits find the pose",
     "batch": "fit many photos",
-    "review": "look through what a batch found, the worst first",
-    "identify": "say which of several models the photo shows",
+    "review": "review the results of a batch, the worst first",
+    "identify": "rank several models by how well they explain a photo",
 }
 """Commands and their lines in ``poseviewer --help``."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run ``poseviewer``; returns the exit code (2: something the user can mend)."""
+    """Run ``poseviewer``; returns the exit code (2: an error that the user can mend)."""
     try:
         _make_ready()
         options = parse(sys.argv[1:] if arguments is None else arguments)
@@ -71,8 +72,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _make_ready() -> None:
-    """Make output printable on any terminal, and closed streams lead nowhere; warnings go to the
-    log, shown where asked for; numba compiles, on threads of ours.
+    """Prepare the process: output is printable on any terminal, closed streams lead nowhere, and
+    warnings go to the log; numba compiles, whatever the environment says.
     """
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:  # a file that is opened would take its place
@@ -88,8 +89,15 @@ def _make_ready() -> None:
         logging.getLogger("poseviewer").setLevel(logging.DEBUG)
 
 
+class _Formatter(HelpFormatter):
+    """Wraps texts, but prints examples as they are."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return text if text.startswith("examples:") else super()._fill_text(text, width, indent)
+
+
 class _Parser(ArgumentParser):
-    """One line for a wrong argument, as for every other mistake."""
+    """Prints one line for a wrong argument, as for every other mistake."""
 
     def error(self, message: str) -> NoReturn:
         shown = printable(message, LONGEST_MESSAGE)
@@ -97,9 +105,9 @@ class _Parser(ArgumentParser):
 
 
 def parse(arguments: Sequence[str]) -> Namespace:
-    """The options of a command, whose name is ``command``; of the app where none is named."""
+    """Parse the options of a command, or those of the app if no command is named."""
     first = arguments[0] if arguments else ""
-    if first not in (*COMMANDS, "-h", "--help"):
+    if first not in (*COMMANDS, "-h", "--help", "--version"):
         arguments = ["app", *arguments]
     options, unknown = make_parser(arguments[0]).parse_known_args(arguments)
     if unknown:
@@ -115,14 +123,18 @@ def make_parser(command: str) -> ArgumentParser:
         "open the app in the browser, on PHOTO and MODEL, or on the bundled demo "
         "(poseviewer app --help).",
     )
+    parser.add_argument(
+        "--version", action="version", version=f"poseviewer {__version__}", help="print the version"
+    )
     commands = parser.add_subparsers(
         title="commands", metavar="COMMAND", dest="command", required=True
     )
     for name, text in COMMANDS.items():
-        own = commands.add_parser(name, help=text)
+        own = commands.add_parser(name, help=text, formatter_class=_Formatter)
         if name == command:
             module = import_module(f"poseviewer.cli.{name}_command")
             own.description = module.__doc__
+            own.epilog = "\n".join(("examples:", *(f"  {line}" for line in module.EXAMPLES)))
             own.set_defaults(parser=own)
             for title, options in module.OPTIONS.items():
                 add_all(own.add_argument_group(title) if title else own, options)

@@ -22,7 +22,7 @@ T = TypeVar("T")
 def _value(
     read: Callable[[str], T], wanted: str, allowed: Callable[[T], bool] = lambda _: True
 ) -> Callable[[str], T]:
-    """Return a reader of a value, which refuses what is not ``wanted`` in a few words."""
+    """Return a reader of a value; its error says in a few words what is ``wanted``."""
 
     def value(text: str) -> T:
         try:
@@ -37,7 +37,7 @@ def _value(
 
 
 def listed(kind: Callable[[str], T]) -> Callable[[str], tuple[T, ...]]:
-    """Return a reader of several values, with commas between them."""
+    """Return a reader of several values, separated by commas."""
     return lambda text: tuple(kind(part.strip()) for part in text.split(","))
 
 
@@ -72,7 +72,7 @@ READERS: Mapping[str, Callable[[str], Any]] = {
         lambda text: Rectangle(*listed(int)(text)), "four whole numbers, left,top,width,height"
     ),
 }
-"""Readers of values by what a usage calls the value; those of other names are paths."""
+"""Readers of values by the names that usages give them; values of other names are paths."""
 
 
 class Option(NamedTuple):
@@ -82,29 +82,32 @@ class Option(NamedTuple):
     settings: Mapping[str, Any]
     """Settings of ``add_argument``."""
     is_output: bool = False
-    """Whether it names a file to be written, which may be none of those that are read."""
+    """Whether it names a file to write, which none of the files to read may be."""
 
     @property
     def name(self) -> str:
-        """The attribute of the options as parsed."""
+        """Name of its attribute among the parsed options."""
         return self.settings.get("dest") or self.flag.lstrip("-").replace("-", "_")
 
 
 Group = Sequence["Option | Group"]
-"""Options; of those in a group inside a group one alone may be given."""
+"""Options; those of an inner group exclude each other."""
 Options = Mapping[str, Group]
 
 
 def option(
     usage: str,
-    text: str | None = None,
+    text: str,
     choices: Iterable[str] | None = None,
     *,
     is_output: bool = False,
     **more: Any,
 ) -> Option:
-    """Make ``--name VALUE`` (by ``READERS``), ``--name`` (choices or a flag), or ``name SHOWN``."""
+    """Make ``--name VALUE`` (by ``READERS``), ``--name`` (a setting's or these choices, or a flag),
+    or ``name SHOWN``.
+    """
     flag, _, shown = usage.partition(" ")
+    choices = choices or CHOICES.get(flag[2:].replace("-", "_"))
     if choices is not None:
         more["choices"] = tuple(choices)
     elif shown:
@@ -125,100 +128,116 @@ def add_all(parser: _ActionsContainer, group: Group) -> None:
             add_all(parser.add_mutually_exclusive_group(), item)
 
 
-SCHEDULER = option("--scheduler ADDRESS", "of a Dask cluster to run on")
-QUIET = option("--quiet", "no progress, no notes")
-PHOTO = option("photo PHOTO|SCENE.json", nargs="?")
-MODEL = option("model MODEL", nargs="?")
+SCHEDULER = option("--scheduler ADDRESS", "run on this Dask cluster (default: this machine)")
+QUIET = option("--quiet", "print neither progress nor notes")
+PHOTO = option("photo PHOTO|SCENE.json", "photo, or a scene file without MODEL", nargs="?")
+MODEL = option("model MODEL", "3D model of the object", nargs="?")
 FILES = (PHOTO, MODEL, QUIET)
-LOOK = option("--look", "how the model is drawn", LOOKS, default=LOOKS[0])
-LOSS = option(
-    "--loss", "light, classes and edges; or the paper's of grey, clip or whole", CHOICES["loss"]
-)
-SEARCH = option(
-    "--search", "(auto: the paper's simplex for its loss, else models)", CHOICES["search"]
-)
-METHOD = option("--method", "the loss with its own search", CHOICES["loss"], dest="loss")
+LOOK = option("--look", "draw the model so (default: %(default)s)", LOOKS, default=LOOKS[0])
+LOSS = option("--loss", "minimise the default loss, or the paper's of grey (default: default)")
+SEARCH = option("--search", "minimise by simplex or by CMA-ES and models (default: auto, by loss)")
+METHOD = option("--method", "set --loss (default: default)", CHOICES["loss"], dest="loss")
 METHODS = ((LOSS, METHOD), SEARCH)
 PIXELS = option(
     "--pixels",
-    "those in a box about the start (near), the whole photo, or what the model covers (clip: the "
-    "paper's clipped loss; its default)",
-    CHOICES["pixels"],
+    "compare a box about the start (near), the full image (whole) or the model's silhouette (clip) "
+    "(default: near; clip for the paper's loss)",
 )
-REFLECTANCE = option("--colour-reflectance", "RGB reflectance of the model (m = 12)")
-MASK = option("--mask MASK.png", "weights: white counts")
+REFLECTANCE = option(
+    "--colour-reflectance", "use the model's RGB reflectance: 12 attributes, not 4"
+)
+MASK = option(
+    "--mask MASK.png", "count white pixels, not black ones (default: the pose file's mask)"
+)
 IN_FRONT = option(
     "--in-front",
-    "what may hide the model: the mask and what the search finds (find), the mask, or nothing",
-    CHOICES["in_front"],
+    "leave out occluded pixels by mask and search (find), by the mask alone (painted), or none "
+    "(nothing) (default: find)",
 )
-OUT = "a part to leave out (of a scene: ID:PART); again for more"
-WITHOUT = option("--without PART", OUT, action="append")
+WITHOUT = option(
+    "--without PART",
+    "leave out a part, in a scene ID:PART; repeat for more (default: the pose file's parts)",
+    action="append",
+)
 COMPARED = (
-    option("--chart", None, CHOICES["chart"]),
-    option("--free-focal", "find the focal length as well"),
-    option("--grey", "compare grey, not RGB"),
+    option(
+        "--chart", "set the pose parameters searched (default: auto, a vehicle's if it has wheels)"
+    ),
+    option("--free-focal", "search for the focal length, too"),
+    option("--grey", "compare grey instead of RGB"),
     REFLECTANCE,
     PIXELS,
-    option(f"--region {RECTANGLE}", "in px"),
+    option(f"--region {RECTANGLE}", "compare no pixel outside, in px (default: by --pixels)"),
     MASK,
     IN_FRONT,
     WITHOUT,
-    option("--renderer", "(software); gpu is experimental", CHOICES["renderer"]),
+    option("--renderer", "choose the renderer; gpu is experimental (default: auto, the software)"),
 )
-EVALUATIONS = option("--evaluations N", f"limit ({Limits().evaluations})")
-LIMITS = (EVALUATIONS, option("--seconds SECONDS", f"limit ({Limits().seconds:g})"))
-ESTIMATE = "the start is an estimate: give it back where the end is not sure to be better"
-KEEP_START = option("--keep-start", ESTIMATE)
-SETS = "in place of PHOTO: SET.json, COLMAP's folder, transforms.json, a BOP scene"
+EVALUATIONS = option(
+    "--evaluations N", f"stop after N evaluations of the loss (default: {Limits().evaluations})"
+)
+SECONDS = option("--seconds SECONDS", f"stop after this time, in s (default: {Limits().seconds:g})")
+LIMITS = (EVALUATIONS, SECONDS)
+KEEP_START = option("--keep-start", "keep the start unless the pose found is sure to be better")
 OF_VIEWS = (
-    option("--view NAME", "the photo of --pose (the one that its file names)"),
-    option("--photos NAME,...", "which of the set's photos (all)"),
-    option("--scale LENGTHS", "of the model's unit in one of the set's"),
-    option("--photo-folder FOLDER", "of COLMAP's photos", dest="folder"),
-    option("--rig-object N", "the object of a BOP scene that tells how its camera moved"),
+    option("--view NAME", "take --pose in this photo of the set (default: the one in its file)"),
+    option("--photos NAME,...", "use these photos of the set (default: all)"),
+    option("--scale LENGTHS", "set how many model units a unit of the set is (default: by both)"),
+    option("--photo-folder FOLDER", "find COLMAP's photos here (default: images)", dest="folder"),
+    option("--rig-object N", "take a BOP camera's motion from object N (default: its own poses)"),
 )
+LENS_MODELS = ("opencv", "fisheye")
 CAMERAS = (
-    "camera and lens, as OpenCV, ROS, COLMAP, BOP and a dozen other tools write them (poseviewer "
-    "info --calibration --help lists them); the photo is undistorted by it"
+    "read camera and lens, as of OpenCV, COLMAP, BOP and others (poseviewer info --calibration "
+    "--help lists them), and undistort the photo (default: a pinhole, by EXIF or with a view of 50 "
+    "degrees)"
 )
 CALIBRATION = option("--calibration FILE", CAMERAS)
 LENS_MODEL = option(
-    "--lens-model",
-    "OpenCV's model of the lens, where the file does not say it",
-    ("opencv", "fisheye"),
+    "--lens-model", "read a lens as of this OpenCV model (default: the file's)", LENS_MODELS
 )
 OF_CALIBRATION = (
-    option("--calibration-camera NAME", "which of the file's cameras"),
+    option("--calibration-camera NAME", "choose this camera of the file (default: the photo's)"),
     LENS_MODEL,
 )
 CAMERA: Options = {"the photo's camera": (CALIBRATION, *OF_CALIBRATION)}
-VIEWS: Options = {"several photos, one pose": (option("--views SET", SETS), *OF_VIEWS)}
-SCENE: Options = {**CAMERA, **VIEWS, "what is compared": COMPARED}
+SETS = option(
+    "--views SET",
+    "fit one pose to several photos, not PHOTO: SET.json, a COLMAP folder, transforms.json or a "
+    "BOP scene (default: none)",
+)
+VIEWS: Options = {"several photos, one pose": (SETS, *OF_VIEWS)}
+SCENE: Options = {**CAMERA, **VIEWS, "comparison": COMPARED}
 """Options that ``case.open_scene`` reads besides ``FILES`` and a pose."""
-OTHERS = "serve other machines as well"
+ADDRESS = "listen here, at 0.0.0.0 for other machines, too (default: %(default)s)"
 SERVER = (
-    option("--port PORT", "(the first free one from 8080 on)"),
-    option("--host HOST", OTHERS, default="127.0.0.1"),
+    option("--port PORT", "serve the page at this port (default: the first free from 8080 on)"),
+    option("--host HOST", ADDRESS, default="127.0.0.1"),
     option("--no-browser", "do not open the browser", action="store_false", dest="browser"),
 )
-OBJECT = option("--object ID", "of the scene: which one")
-POSE = option("--pose POSE.json", "a pose file")
-BOX = option(f"--box {RECTANGLE}", "about the object, px")
-INSTANCES = option("--instances N", "that the photo shows of the model: each one is looked for")
-FOCAL = option("--focal PX", "where no pose file says it (EXIF's)")
+APP_RENDERER = option(
+    "--renderer",
+    "search and map by this renderer; gpu is experimental (default: auto, which is software)",
+    ("auto", "software", "gpu"),
+)
+OBJECT = option("--object ID", "choose this object of the scene (default: all, or the only one)")
+POSE = option("--pose POSE.json", "take the pose from this file (default: none)")
+BOX = option(f"--box {RECTANGLE}", "find the start in here, in px (default: the full image)")
+INSTANCES = option("--instances N", "find N instances of the model in the photo (default: 1)")
+FOCAL = option("--focal PX", "set a focal length that no pose file gives, in px (default: EXIF's)")
 STARTS = (
     POSE,
-    option("--pairs FILE", "CSV, rows x,y,z,u,v: model, photo point"),
+    option("--pairs FILE", "start from rows x,y,z,u,v of model points and pixels (default: none)"),
     option(
-        "--wheels REAR;FRONT", "their ellipses, each cx,cy,a,b,angle (half axes in px, degrees)"
+        "--wheels REAR;FRONT",
+        "start from two ellipses cx,cy,a,b,angle in px, angle in degrees (default: none)",
     ),
-    option(f"--find-wheels {RECTANGLE}", "look for both in a rectangle about the car, px"),
-    option("--start", "look for one: in the --box, the --region, or the whole photo", ("auto",)),
+    option(f"--find-wheels {RECTANGLE}", "find both wheels in here, in px (default: none)"),
+    option("--start", "find it in --box, --region or the full image (default: none)", ("auto",)),
 )
-"""Options that say where the model starts."""
+"""Options that give the start pose."""
 OF_A_PHOTO = (MASK, CALIBRATION, BOX, INSTANCES, FOCAL)
-"""Options that a set of photos, or a scene, says itself."""
+"""Options whose values a set of photos, or a scene, has itself."""
 
 
 def each(group: Group) -> Iterator[Option]:
@@ -228,7 +247,7 @@ def each(group: Group) -> Iterator[Option]:
 
 
 def inputs(options: Namespace, of_command: Options) -> list[Path]:
-    """The paths that are to be read; none for a command that writes no file by its options."""
+    """Return the paths to read; none for a command whose options name no file to write."""
     every = [item for group in of_command.values() for item in each(group)]
     given = [(item, getattr(options, item.name, None)) for item in every]
     paths = [
@@ -239,18 +258,18 @@ def inputs(options: Namespace, of_command: Options) -> list[Path]:
 
 
 def values(options: Namespace, group: Iterable[Option]) -> dict[str, Any]:
-    """The values of the options of a group by their names; None: not given."""
+    """Return the values of a group's options by their names; None for those not given."""
     return {item.name: getattr(options, item.name, None) for item in group}
 
 
 def refuse(options: Namespace, group: Iterable[Option], why: str) -> None:
-    """Refuse the options of a group, where they are given."""
+    """Raise ``SettingsError`` if an option of the group is given."""
     for item in group:
         if getattr(options, item.name, None) not in (None, False):
             raise SettingsError(f"{item.flag} {why}")
 
 
 def made(of: Callable[..., T], options: Namespace, /, **more: Any) -> T:
-    """The dataclass of what was typed; the other fields have their defaults."""
+    """Make a dataclass from the options of its fields' names; other fields have their defaults."""
     given = {field.name: getattr(options, field.name, None) for field in fields(of)}  # pyright: ignore[reportArgumentType]
     return of(**{name: value for name, value in given.items() if value is not None} | more)

@@ -1,4 +1,4 @@
-"""Draw the model over the photo at a pose, or over several, or all objects of a scene."""
+"""Draw the model over the photo at a pose, over several photos, or all objects of a scene."""
 
 from argparse import Namespace
 
@@ -11,11 +11,15 @@ OPTIONS = {
     "": (
         *table.FILES,
         table.POSE,
-        table.option("--out OVERLAY.png", required=True, is_output=True),
+        table.option("--out OVERLAY.png", "draw to this file", required=True, is_output=True),
         table.LOOK,
     ),
     **table.SCENE,
 }
+EXAMPLES = (
+    "poseviewer overlay photo.jpg car.glb --pose pose.json --out overlay.png",
+    "poseviewer overlay shelf.scene.json --out residual.png --look residual",
+)
 
 
 def run(options: Namespace) -> int:

@@ -1,5 +1,5 @@
-"""Write masks, depth, normals and object coordinates (NOCS) of all objects at their poses, as data
-sets want them.
+"""Write masks, depth, normals and object coordinates (NOCS) of all objects at their poses, in the
+form of data sets.
 """
 
 import json
@@ -10,13 +10,17 @@ from poseviewer.cli.terminal import say
 
 OPTIONS = {
     "": (
-        table.option("scene SCENE|POSE"),
-        table.option("--model MODEL", "of a pose file (the one beside it that it names)"),
-        table.option("--photo-size WIDTHxHEIGHT", "in px, where a pose file does not say it"),
-        table.option("--out FOLDER", required=True),
-        table.option("--overwrite", "replace files that are there"),
+        table.option("scene SCENE|POSE", "scene file or pose file"),
+        table.option("--model MODEL", "render this model (default: the one in the pose file)"),
+        table.option("--photo-size WIDTHxHEIGHT", "set the photo's size, in px (default: POSE's)"),
+        table.option("--out FOLDER", "write the pictures here", required=True),
+        table.option("--overwrite", "replace existing files"),
     )
 }
+EXAMPLES = (
+    "poseviewer render pose.json --out maps",
+    "poseviewer render shelf.scene.json --out maps --overwrite",
+)
 
 
 def run(options: Namespace) -> int:

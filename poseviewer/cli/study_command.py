@@ -1,8 +1,9 @@
-"""Fit from many starts, on synthetic photos and others with known poses; write DIR/trials.csv and
-study.md. Rows that are there are not run again.
+"""Fit from many starts on photos with known poses, synthetic or real, and write DIR/trials.csv and
+study.md. The same command continues a study that was stopped.
 """
 
 from argparse import Namespace
+from collections.abc import Iterable
 from pathlib import Path
 
 from poseviewer.cli import options as table
@@ -15,42 +16,68 @@ from poseviewer.scene.settings import Limits
 PLAN = Plan(out=Path())
 SMALLEST_SIDE_PX = 32
 
+
+def _listed(values: Iterable[object]) -> str:
+    return ",".join(f"{value:g}" if isinstance(value, float) else str(value) for value in values)
+
+
 OPTIONS = {
     "": (
-        table.option("--out DIR", required=True),
+        table.option("--out DIR", "write trials.csv and study.md here", required=True),
         *table.METHODS,
-        table.PIXELS,
+        table.option("--pixels", "compare these pixels, see fit (default: near, or the paper's)"),
         table.EVALUATIONS,
-        table.option("--jobs N", "processes (one per processor)"),
+        table.option("--jobs N", "run this number of processes (default: one a processor)"),
         table.SCHEDULER,
         table.QUIET,
     ),
     "deviations of a vehicle's parameters": (
-        table.option("--paper", "the paper's figure: by its loss and search, where none is named"),
-        table.option("--starts N", f"for each point ({PLAN.starts})"),
-        table.option("--deviations PERCENT,..."),
-        table.option("--readings NAME,...", ",".join(READINGS), type=table.some_of(READINGS)),
-        table.option("--kinds NAME,...", ",".join(KINDS), type=table.some_of(KINDS)),
-        table.option("--photos N", f"synthetic ones of a kind ({PLAN.photos})"),
-        table.option("--size WIDTHxHEIGHT", "of these ({}x{})".format(*PLAN.size)),
-        table.option("--model MODEL", "a vehicle, for these (the bundled one)"),
-        table.option("--seed SEED"),
+        table.option("--paper", "measure by the paper's loss and search unless others are named"),
+        table.option("--starts N", f"fit from N starts a point (default: {PLAN.starts})"),
+        table.option(
+            "--deviations PERCENT,...",
+            f"put starts so far off, in %% of each parameter (default: {_listed(PLAN.deviations)})",
+        ),
+        table.option(
+            "--readings NAME,...",
+            f"measure %% of a parameter's value or of its scale (default: {_listed(READINGS)})",
+            type=table.some_of(READINGS),
+        ),
+        table.option(
+            "--kinds NAME,...",
+            f"fit these kinds of photos (default: {_listed(KINDS)})",
+            type=table.some_of(KINDS),
+        ),
+        table.option("--photos N", f"draw N synthetic photos of a kind (default: {PLAN.photos})"),
+        table.option(
+            "--size WIDTHxHEIGHT",
+            "draw photos of this size, in px (default: {}x{})".format(*PLAN.size),
+        ),
+        table.option("--model MODEL", "draw this vehicle (default: the bundled car)"),
+        table.option("--seed SEED", f"seed the random numbers (default: {PLAN.seed})"),
     ),
     "real photos with fixed starts": (
-        table.option("--real FOLDER", "of cases.json and starts.json"),
-        table.option("--degrees N,...", f"({','.join(map(str, PLAN.degrees))})"),
-        table.option("--cases PATTERN", "a part of the id, or with * and ?"),
-        table.option("--draws N", f"starts of each case ({PLAN.draws})"),
+        table.option("--real FOLDER", "fit the photos of cases.json here (default: none)"),
         table.option(
-            "--among-others", "give the true poses of the other cases, for what they hide"
+            "--degrees N,...",
+            f"fit from starts so far off, in degrees (default: {_listed(PLAN.degrees)})",
         ),
-        table.option("--free-focal", "start a tenth off in focal length, and find that as well"),
+        table.option(
+            "--cases PATTERN", "fit cases whose id holds this text or pattern (default: all)"
+        ),
+        table.option("--draws N", f"fit from N starts for each case (default: {PLAN.draws})"),
+        table.option("--among-others", "give the true poses of the other cases, as occluders"),
+        table.option("--free-focal", "search for the focal length, too, from a tenth off"),
     ),
     "published estimates of a BOP data set": (
-        table.option("--bop ESTIMATES", "a table of BOP results; fits start from it"),
-        table.option("--dataset FOLDER", "of models and test (above the table)"),
+        table.option("--bop ESTIMATES", "fit from this table of BOP results (default: none)"),
+        table.option("--dataset FOLDER", "read models and test here (default: above the table)"),
     ),
 }
+EXAMPLES = (
+    "poseviewer study --paper --starts 5 --out paper",
+    "poseviewer study --real photos --degrees 5,15 --draws 1 --out real",
+)
 
 
 def run(options: Namespace) -> int:

@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 
 def say(text: str) -> None:
-    """Print a line, or several, on standard output; names in it do no harm to the terminal."""
+    """Print lines on standard output, without control characters of the names in them."""
     print("\n".join(map(printable, text.split("\n"))), flush=True)
 
 
 def tell(text: str) -> None:
-    """Print a line on standard error, as harmless."""
+    """Print a line on standard error, without control characters."""
     print(printable(text), file=sys.stderr, flush=True)
 
 
@@ -37,7 +37,7 @@ def tell_of_compiling() -> None:
 
 
 def progress_bar(total: int | None, quiet: bool) -> tqdm:
-    """A progress bar on standard error, for what takes longer than a second."""
+    """Make a progress bar on standard error, shown after a second."""
     from tqdm import tqdm
 
     shape = "{desc} [{elapsed}, {n_fmt} evaluations, {rate_fmt}]"
@@ -56,7 +56,7 @@ def progress_bar(total: int | None, quiet: bool) -> tqdm:
 
 
 def require_writable(path: Path, error: type[PoseViewerError]) -> None:
-    """Refuse a file that cannot be written, before the work and not after it."""
+    """Refuse a file that cannot be written, before the work begins."""
     if not path.parent.is_dir():
         raise error(f"{path}: there is no folder {path.parent}; make it, or write elsewhere")
     require_replaceable(path, error)

@@ -1,4 +1,4 @@
-"""Write the undistorted photo, which the poses belong to; say its camera."""
+"""Write the undistorted photo, to which the poses belong, and print its camera."""
 
 from argparse import Namespace
 
@@ -9,15 +9,19 @@ from poseviewer.errors import PhotoFileError, SettingsError
 
 OPTIONS = {
     "": (
-        table.option("photo PHOTO"),
-        table.option("--out UNDISTORTED.png", required=True, is_output=True),
+        table.option("photo PHOTO", "photo as taken"),
+        table.option("--out UNDISTORTED.png", "write it here", required=True, is_output=True),
     ),
     **table.CAMERA,
 }
+EXAMPLES = (
+    "poseviewer undistort photo.jpg --calibration camera.yml --out flat.png",
+    "poseviewer undistort 12.png --calibration cameras.txt --calibration-camera 2 --out flat.png",
+)
 
 
 def run(options: Namespace) -> int:
-    """Write it."""
+    """Write the photo."""
     if options.calibration is None:
         raise SettingsError("the photo's camera is wanted: give --calibration")
     require_writable(options.out, PhotoFileError)

@@ -1,1 +1,1 @@
-"""Sheets of maps for print, and tables; the only room that imports matplotlib."""
+"""Sheets of maps for print, and tables; the only package that imports matplotlib."""

@@ -11,7 +11,9 @@ k x k points:
 - ``losses`` (P, k, k): row by the second number, column by the first; nan where not evaluated.
 """
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -19,10 +21,13 @@ from pathlib import Path
 import numpy as np
 
 from poseviewer.errors import SettingsError
+from poseviewer.files.photo import photo_text
 from poseviewer.files.writing import write_whole
 from poseviewer.fit.loss import LossScale
+from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.image import Photo
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +45,32 @@ class LossMaps:
     title: str = ""
     photo: str = ""
     """Which photo it is, as files say it."""
+
+    @classmethod
+    def about(
+        cls,
+        centre: FloatArray,
+        slices: Iterable[Slice],
+        half_width: float,
+        problem: FitProblem,
+        photo: Photo,
+    ) -> LossMaps:
+        """Put slices about a pose together.
+
+        Args:
+            centre: (d,): parameters of the pose.
+            slices: A slice for each pair of parameters.
+            half_width: Reach of the slices, as a share of each parameter's scale.
+            problem: Problem whose loss it is.
+            photo: The problem's first photo.
+        """
+        slices, settings, chart = tuple(slices), problem.settings, problem.chart
+        whose = "loss" if settings.loss == "default" else f"loss of {settings.loss_name}"
+        title = f"{photo.label}: {whose} about the pose, ±{half_width:.0%}"
+        error = max((piece.error or 0.0 for piece in slices), default=0.0)
+        title += f", good to {error:.1%} of each map's range" if error else ""
+        scales, text = chart.scales(centre), photo_text(photo)
+        return cls(slices, chart.names, centre, scales, problem.scale, title, text)
 
     def as_bytes(self, kind: str) -> bytes:
         """Encode a sheet (png, pdf, svg) or numbers (npz), or raise ``ValueError`` else."""

@@ -1,8 +1,9 @@
-"""The progress of a search."""
+"""Progress of a run for one object, and of a search for objects of a scene."""
 
 from __future__ import annotations
 
 import enum
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +14,8 @@ from poseviewer.fit.loss import LossScale
 from poseviewer.fit.problem import FitProblem
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import Scene, SearchResult
 
 
 class Status(enum.Enum):
@@ -116,3 +119,44 @@ class FitProgress:
             verdict=said.verdict,
             covariance=said.covariance,
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchProgress:
+    """Progress of a search for objects of a scene, after one more evaluation."""
+
+    scene: Scene
+    """With poses and results of the objects whose last search has ended."""
+    object_index: int
+    """The object that is searched for."""
+    progress_by_object: Mapping[int, FitProgress]
+    """The last progress for each object that had its turn."""
+    improvements: tuple[FitProgress, ...]
+    """The object's progress at each evaluation that found a better pose, the first included."""
+    restarts: tuple[FitProgress, ...] = ()
+    """The object's progress at the first evaluation of each restart."""
+    is_over: bool = False
+    """Whether the search has ended, or was stopped: no progress follows."""
+
+    @property
+    def progress(self) -> FitProgress:
+        """The object's last progress."""
+        return self.progress_by_object[self.object_index]
+
+    @property
+    def problem(self) -> FitProblem:
+        """The object's problem."""
+        return self.progress.problem
+
+    @property
+    def settings(self) -> FitSettings:
+        """The object's settings."""
+        return self.scene.objects[self.object_index].settings
+
+    @property
+    def results(self) -> dict[int, SearchResult | None]:
+        """The result of each object that had its turn; None while it is searched for."""
+        return {
+            index: None if progress.status is Status.RUNNING else self.scene.objects[index].result
+            for index, progress in self.progress_by_object.items()
+        }

@@ -15,7 +15,7 @@ seen. An object is searched for again where this has changed since.
 import math
 import time
 from collections.abc import Generator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -40,7 +40,7 @@ from poseviewer.fit.problem import (
     numbers_of,
     pose_loss,
 )
-from poseviewer.fit.progress import FitProgress, Status
+from poseviewer.fit.progress import FitProgress, SearchProgress, Status
 from poseviewer.fit.proportions import other_proportions
 from poseviewer.fit.stages import fit_pose
 from poseviewer.fit.visibility import Hiding, visibility
@@ -72,26 +72,6 @@ MOST_ROUNDS = 4
 """Searches of one object at most: two that slide along each other would take turns for ever."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SearchProgress:
-    """A search of a scene after one more evaluation."""
-
-    index: int
-    """The object that is searched for."""
-    placings: Mapping[int, FitProgress]
-    """The last search for each object that had its turn."""
-
-    @property
-    def problem(self) -> FitProblem:
-        """The problem of the search under way."""
-        return self.progress.problem
-
-    @property
-    def progress(self) -> FitProgress:
-        """The search under way."""
-        return self.placings[self.index]
-
-
 Outcome = TypeVar("Outcome")
 Steps = Generator[SearchProgress, None, Outcome]
 
@@ -114,7 +94,8 @@ class Search:
         self._indices, self._view = tuple(indices), view
         self.scene = scene
         """With the poses and results of the searches that are over."""
-        self._placings: dict[int, FitProgress] = {}
+        self._now: SearchProgress | None = None
+        self._progress_by_object: dict[int, FitProgress] = {}
         self._searched: dict[int, FitProblem] = {}
         """The problem that each object was searched for by last, its end taken or not."""
         self._index, self._began = self._indices[0], 0.0
@@ -135,7 +116,7 @@ class Search:
                 index = self._most_seen(due)
                 due.remove(index)
                 hidden = hidings(self.scene, index, self._view)
-                before = self._placings.get(index)
+                before = self._progress_by_object.get(index)
                 is_whole = all(one is not None and one.is_whole for one in hidden.values())
                 if is_whole or (before is not None and not _differ(self._searched[index], hidden)):
                     continue
@@ -143,8 +124,8 @@ class Search:
                     hidden = {number: _all_in_front(one) for number, one in hidden.items()}
                 self._index, self._began, was_searched = index, time.perf_counter(), True
                 yield from self._place(hidden)
-                self._searched[index] = self._placings[index].problem
-                if before is not None and is_worse(self._placings[index], before):
+                self._searched[index] = self._progress_by_object[index].problem
+                if before is not None and is_worse(self._progress_by_object[index], before):
                     yield self._told(before)
             if not was_searched:
                 return
@@ -153,7 +134,7 @@ class Search:
         """The best pose of an interrupted search, with its verdict."""
         if now.progress.status is not Status.RUNNING:
             return now
-        self._index = now.index
+        self._index = now.object_index
         return self._told(self._judged(replace(now.progress, status=Status.STOPPED)))
 
     @property
@@ -161,10 +142,22 @@ class Search:
         return self._renderers[self._index]
 
     def _told(self, progress: FitProgress) -> SearchProgress:
-        self._placings = {**self._placings, self._index: progress}
+        """The progress of the search with one more of the object that has its turn."""
+        now = self._now
+        improvements = restarts = tuple[FitProgress, ...]()
+        self._progress_by_object = {**self._progress_by_object, self._index: progress}
         if progress.status is not Status.RUNNING:
             self.scene = with_end(self.scene, self._index, progress, self._renderer)
-        return SearchProgress(self._index, self._placings)
+        is_going_on = now is not None and now.object_index == self._index
+        if now and is_going_on and progress.evaluations >= now.progress.evaluations:
+            improvements, restarts = now.improvements, now.restarts
+        if not improvements or progress.loss < improvements[-1].loss:
+            improvements = (*improvements, progress)
+        if progress.restart > len(restarts):
+            restarts = (*restarts, progress)
+        known = self._progress_by_object, improvements, restarts
+        self._now = SearchProgress(self.scene, self._index, *known)
+        return self._now
 
     def _judged(self, progress: FitProgress) -> FitProgress:
         """The progress with the verdict on its pose."""
@@ -186,7 +179,7 @@ class Search:
         # the verdict and restarts, as with wrong pixels they would be in vain.
         problem = self._made(hidden)
         is_among, gain = problem.is_among_others, math.inf
-        if self._index in self._placings:  # it has been searched for: from there
+        if self._index in self._progress_by_object:  # it has been searched for: from there
             scale = self.scene.objects[self._index].world_from_model.scale
             pose = self.scene.pose(self._index, problem.views[0].index)
             problem = replace(problem, start=numbers_of(problem.chart, pose, scale))

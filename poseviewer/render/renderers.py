@@ -11,6 +11,14 @@ if TYPE_CHECKING:  # the command line asks for the names alone
 RendererName = Literal["auto", "software", "gpu", "opengl"]
 
 
+def require_renderer(name: RendererName) -> None:
+    """Raise ``RendererUnavailableError`` for ``gpu`` on a machine without a GPU."""
+    if name == "gpu":
+        from poseviewer.render.gpu.device import gpu_device
+
+        gpu_device()
+
+
 def make_renderer(mesh: Mesh, name: RendererName = "auto") -> Renderer:
     """Make the renderer called ``name``; ``auto`` is the software renderer, compiled at first use.
 

@@ -57,7 +57,7 @@ class ModelContent:
     keypoints: VehicleKeypoints | None = None
     symmetry: Symmetry = NO_SYMMETRY
     """Symmetry of the whole mesh, as far as a file says it."""
-    _parts: dict[frozenset[str], Mesh] = field(default_factory=dict, repr=False)
+    _parts: dict[frozenset[str], Mesh] = field(default_factory=dict, init=False, repr=False)
 
     def mesh_without(self, parts: tuple[str, ...]) -> Mesh:
         """The mesh without these parts, the same object each time; raises as ``Mesh.without``."""
@@ -136,6 +136,6 @@ class ModelFile:
         return self.content.symmetry
 
     def with_content(self, **changes: object) -> "ModelFile":
-        """The model with changed fields of its content; its meshes stay the same objects."""
+        """The model with changed fields of its content."""
         content = replace(self.content, **changes)  # pyright: ignore[reportArgumentType]
         return replace(self, read=lambda: content)

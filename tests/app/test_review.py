@@ -11,14 +11,16 @@ import pytest
 
 from poseviewer.app.page.rows import row_text, rows_list
 from poseviewer.app.reviewing import Reviewer
-from poseviewer.app.state.commands import nudge, undo, update
+from poseviewer.app.state.document_edits import undo
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.hiding import Stroke, paint
+from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
+from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import prepare
 from poseviewer.app.workers.opening import open_autosaved
-from poseviewer.app.workers.tasks import Task
+from poseviewer.app.workers.tasks import QueuedTask
 from poseviewer.batch.run import open_batch
 from poseviewer.errors import BatchError
 from poseviewer.files.masks import mask_beside
@@ -51,7 +53,7 @@ class Review(Reviewer):
         list(prepare(document.mesh))
         self.session = Session(document, saved=document)
 
-    def do(self, *asked: Edit | Task) -> tuple[str, ...]:
+    def do(self, *asked: Edit | QueuedTask) -> tuple[str, ...]:
         """Do what is asked, one after the other; gives the notes of the last one."""
         notes: tuple[str, ...] = ()
         for request in asked:
@@ -137,7 +139,7 @@ def test_a_changed_pose_is_kept_or_the_row_is_not_left(review: Review, out: Path
     assert review.session.document is before
     review.do(nudge("move", 9.0), review.decide("accepted", goes_on=False))
     assert review.at == 2
-    assert not review.session.unsaved
+    assert not review.session.is_unsaved
     assert review.words[2] == "mended"
     review.do(review.open_row(1))
     assert review.session.document.pose.camera_from_model.translation == pytest.approx(moved)

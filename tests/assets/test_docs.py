@@ -16,6 +16,7 @@ from poseviewer.cli import main as cli
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "assets" / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
+OTHER_PAGES = (ROOT / "README.md", ROOT / ".github" / "CONTRIBUTING.md")
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 LARGEST_BYTES = 2_000_000
 
@@ -27,7 +28,7 @@ def test_the_index_names_every_page():
     assert "(assets/docs/index.md)" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [*PAGES, *OTHER_PAGES], ids=lambda page: page.name)
 def test_links_and_pictures_are_there(page: Path):
     for target in LINK.findall(page.read_text(encoding="utf-8")):
         if target.startswith(("http://", "https://")):

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from poseviewer.app.state.document import Document
+from poseviewer.errors import RendererUnavailableError
 from poseviewer.files.pose import load_pose
 from tests.commands import run
+from tests.renderers import require_gpu
 
 
 @pytest.fixture
@@ -50,6 +52,20 @@ def test_a_folder_with_a_set_of_photos_is_opened(folder: Path, served: list[Docu
     assert [one.settings.search for one in served] == ["auto", "auto", "models"]
     (folder / "set" / "m.ply").unlink()
     assert run("app", "set") == 2
+
+
+def test_a_gpu_is_used_or_refused(served, monkeypatch, capsys) -> None:
+    assert run("app", "one", "--renderer", "opengl") == 2
+    require_gpu(monkeypatch)
+    assert run("app", "one", "--renderer", "gpu") == 0
+    assert served[0].settings.renderer == "gpu"
+
+    def refuse() -> None:
+        raise RendererUnavailableError("No GPU here.")
+
+    monkeypatch.setattr("poseviewer.render.gpu.device.gpu_device", refuse)
+    assert run("app", "one", "--renderer", "gpu") == 2
+    assert "No GPU here" in capsys.readouterr().err
 
 
 def test_a_folder_without_a_model_takes_one_by_name(folder: Path, served, capsys) -> None:

@@ -64,10 +64,10 @@ def test_all_are_found_in_turn_the_one_seen_most_first():
     assert all(end < 0.3 * start for end, start in zip(ends, starts, strict=True))
     assert max(ends) < 0.01
     assert all(one.stands_firm for one in search.scene.objects[1:])  # the first is half hidden
-    order = [steps[0].index]
+    order = [steps[0].object_index]
     for step in steps:
-        if step.index != order[-1]:
-            order.append(step.index)
+        if step.object_index != order[-1]:
+            order.append(step.object_index)
     assert sorted(order[:3]) == [0, 1, 2]
     assert order[2] == 0  # the one behind
     assert len(order) <= 3 * MOST_ROUNDS
@@ -142,7 +142,7 @@ def test_what_is_lost_or_stands_wholly_behind_another_is_left_and_hides_nothing(
     assert list(searched(scene_of(STARTS[0], wall, locked=(1,), settings=few), 0).run()) == []
     search = searched(scene_of(STARTS[0], wall, STARTS[2], settings=few), 0, 1, 2)
     *_, end = search.run()
-    assert [end.placings[index].status for index in range(3)] == [Status.KEPT] * 3
+    assert [end.progress_by_object[index].status for index in range(3)] == [Status.KEPT] * 3
     assert not any(one.stands_firm for one in search.scene.objects)
     kept = search.scene.pose(0).project(MESHES[0].vertices)
     np.testing.assert_allclose(kept, STARTS[0].pose.project(MESHES[0].vertices), atol=1e-9)
@@ -170,9 +170,9 @@ def test_what_is_taken_for_found_on_top_of_a_found_object_does_not_spoil_it(monk
     *_, last = run_search(SearchRequest(Document.of(scene), (SETTINGS,), (0, 1, 2)))
     assert "lost" in verdicts  # the other hides most of the ball in its second round
     for index in (0, 2):
-        result, verdict = last.results[index], last.placings[index].verdict
+        result, verdict = last.results[index], last.progress_by_object[index].verdict
         assert result is not None
         assert result.verdict is verdict
         assert verdict is not None
         assert verdict.word == "found"
-        assert share_off(index, last.placings[index].pose) < 0.0025
+        assert share_off(index, last.progress_by_object[index].pose) < 0.0025

@@ -1,9 +1,10 @@
 // The page's own part: the view of the photo (zoom, pan), and what the mouse and the keys do there.
 // Everything else on the page is viser's. Sent by client_script.py, which fills in CONFIG:
 // channel (uuid of the text field that takes reports), plane {depth, side} (world units), steps
-// (labels of the left panel's tabs), first (the one that is open at first) and search (the one that
-// a search opens), keys (event.code or event.key that are taken), leave (of them, those left to the
-// browser where ctrl is held), largest and most (bytes and files of an upload), style, icon.
+// (labels of the left panel's tabs), first (the one that is open at first), keys (by event.code or
+// event.key: call, a function of this page, else it is reported; opens, whether it opens its step,
+// "forward" only from an earlier one, or "always"; leave, whether the browser has it while ctrl is
+// held), largest and most (bytes and files of an upload), style, icon.
 //
 // viser's camera stays at the origin and looks along +z at the photo's plane; zoom and pan are
 // three.js view offsets, which cut a piece out of the picture and leave the registration alone.
@@ -323,13 +324,13 @@ addEventListener("keydown", (event) => {
     else pen.now = null;
     return;
   }
-  if (!CONFIG.keys.includes(event.code) && !CONFIG.keys.includes(event.key)) return;
-  if (ctrl(event) && CONFIG.leave.includes(event.code)) return;
+  const action = CONFIG.keys[event.code] ?? CONFIG.keys[event.key];
+  if (!action || (ctrl(event) && action.leave)) return;
   taken(event);
   document.activeElement?.blur();
-  if (event.code === "KeyF") { showAll(); return; }
-  if (event.code === "Space") openSearch();
-  if (event.code === "KeyH") openStep(CONFIG.search);
+  if (action.call) { window.poseviewer[action.call](); return; }
+  const isLater = CONFIG.steps.findIndex(isOpen) >= CONFIG.steps.indexOf(action.step);
+  if (action.opens === "always" || (action.opens && !isLater)) openStep(action.step);
   if (event.key === "Escape" && state.pointer === "drag") state.pointer = null;
   const { code, key, repeat } = event;
   send({ kind: "key", code, key, repeat, shift: event.shiftKey, ctrl: ctrl(event) });
@@ -448,11 +449,6 @@ function openStep(step) {
   tabOf(step)?.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
   tabOf(step)?.click();
   return isOpen(step);
-}
-
-// What a search begun by its key leads to is kept or undone there.
-function openSearch() {
-  if (CONFIG.steps.findIndex(isOpen) < CONFIG.steps.indexOf(CONFIG.search)) openStep(CONFIG.search);
 }
 
 // Presses, by Enter too, on what has a report: with the place from its left and lower border, each

@@ -103,7 +103,7 @@ def parts_left_out(mesh: Mesh) -> str:
 
 def loss_bar(session: Session) -> str:
     """HTML; empty while nothing is known. The tooltip says what light, classes and edges leave."""
-    losses, latest = session.losses, session.own_search
+    losses, latest = session.results.losses, session.own_progress
     pose, parts = None if losses is None else losses.mean, ""
     marks: dict[str, float | None] = {}  # the later over the earlier ones, and smaller
     if latest is not None:
@@ -113,7 +113,7 @@ def loss_bar(session: Session) -> str:
         scale, marks = pose.scale, {"start": losses.start}
     else:
         return ""
-    if pose is not None and not session.searching:  # of a search's poses the parts are not asked
+    if pose is not None and not session.is_searching:  # of a search's poses the parts are not asked
         marks["pose"] = pose.loss
         parts = f" This pose: {pose.parts_text}." if pose.parts_text else ""
     drawn = key = ""

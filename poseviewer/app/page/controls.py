@@ -18,8 +18,9 @@ import viser
 from numpy.typing import NDArray
 
 from poseviewer.app.below_viser.incoming import take_upload
-from poseviewer.app.state import commands as c
-from poseviewer.app.state.actions import ACTIONS
+from poseviewer.app.state.display_edits import set_fields
+from poseviewer.app.state.edits import ShowHelp
+from poseviewer.app.state.keys_and_buttons import ACTIONS
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import Export
 from poseviewer.app.workers.tasks import Request, download, upload
@@ -72,7 +73,7 @@ class Controls:
         """Bring all controls to the session, or leave that to a later call; the start and the end
         of a search are seen at once.
         """
-        now, is_urgent = time.monotonic(), session.searching is not self.session.searching
+        now, is_urgent = time.monotonic(), session.is_searching is not self.session.is_searching
         self.session = session
         if session is self._shown or (now < self._next and not is_urgent):
             return
@@ -108,9 +109,10 @@ class Controls:
         self._on(handle.on_update, bounded)
         return self.add(handle, **options)
 
-    def bind(self, handle: Any, name: str, **options: Any) -> None:
-        """An input of a field of the session."""
-        self.field(handle, lambda new: c.change(**{name: new}), value=attrgetter(name), **options)
+    def bind(self, handle: Any, part: str, name: str, **options: Any) -> None:
+        """An input of a field of a part of the session."""
+        value = attrgetter(f"{part}.{name}")
+        self.field(handle, lambda new: set_fields(part, **{name: new}), value=value, **options)
 
     def dropdown(
         self,
@@ -135,7 +137,8 @@ class Controls:
         """
 
         def request(client: int) -> Request:
-            return asked if isinstance(asked, Request) else asked(self.session, client)
+            request = asked if isinstance(asked, Request) else asked(self.session, client)
+            return ShowHelp(client) if isinstance(request, ShowHelp) else request
 
         options = {"label": label, "color": "gray", **options}
         handle = self.gui.add_button(**{"label": "", **_fixed(options)})
@@ -146,16 +149,16 @@ class Controls:
         self, name: str, ends: Read | None = None, label: Read | None = None, **options: Any
     ) -> None:
         """The button of an action; ``ends``: whether it would end by now what it began."""
-        own = ACTIONS[name]
+        own: Any = ACTIONS[name]
         if ends is not None:
             label = lambda s: own.end_label if ends(s) else own.label  # noqa: E731
-        self.button(label or own.label, own.asked, **{"hint": own.tooltip, **options})
+        self.button(label or own.label, own.request, **{"hint": own.tooltip or None, **options})
 
     def actions(self, label: str, *names: str, **options: Any) -> None:
         """The buttons of actions in one line."""
-        chosen = [ACTIONS[name] for name in names]
-        hint = "; ".join(f"{own.name}: {own.tooltip}" for own in chosen)
-        self.choices(label, {own.label: own.asked for own in chosen}, hint=hint, **options)
+        chosen: list[Any] = [ACTIONS[name] for name in names]
+        hint = "; ".join(f"{own.name}: {own.tooltip}" for own in chosen if own.tooltip) or None
+        self.choices(label, {own.label: own.request for own in chosen}, hint=hint, **options)
 
     def choices(
         self, label: str, asked: Mapping[str, Request], selected: Read | None = None, **options: Any

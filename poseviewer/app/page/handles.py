@@ -32,11 +32,11 @@ CROSS, DIAMOND = '<path d="M2 0H8M-2 0H-8M0 2V8M0-2V-8"/>', '<path d="M5 0L0 5L-
 
 def handles_of(session: Session) -> str:
     """All of them, those on top of the others last."""
-    document, alone = session.document, session.photo_alone
+    document, alone = session.document, session.display.photo_alone
     drawn = [
         _rectangle(document.own.region, REGION_COLOUR),
         _rectangle(session.shown_box, BOX_COLOUR),
-        *(_lines(end.outline, OTHER_END_COLOUR) for end in session.other_ends if not alone),
+        *(_lines(lines, OTHER_END_COLOUR) for lines in session.other_outlines if not alone),
     ]
     if session.tool in MARKING:
         drawn += () if alone else _marks(session)
@@ -82,9 +82,9 @@ def _marks(session: Session) -> Iterator[str]:
 
 def model_html(session: Session) -> str:
     """The model alone with the points that are marked on it (HTML); a press marks one."""
-    if session.alone is None or not session.marks_model:
+    if session.results.alone is None or not session.marks_model:
         return ""
-    (pose, pixels), marks = session.alone, session.document.marks
+    (pose, pixels), marks = session.results.alone, session.document.marks
     height, width = pixels.shape[:2]
     drawn = f'<image href="{jpeg_url(pixels[..., ::-1], QUALITY)}" width="100%" height="100%"/>'
     for number, place in enumerate(marks.hubs if session.tool == "wheels" else marks.points, 1):

@@ -20,8 +20,9 @@ from PIL import Image
 from poseviewer.app.page.controls import Controls, data_url, kept, on_press, plain
 from poseviewer.app.page.handles import model_html
 from poseviewer.app.page.result import result_html
-from poseviewer.app.state import commands as c
-from poseviewer.app.state.session import LandscapeUpdate, Session, Whose
+from poseviewer.app.state.display_edits import set_fields
+from poseviewer.app.state.results import Landscape
+from poseviewer.app.state.session import MappedLoss, Session
 from poseviewer.confidence.pose_covariance import ellipse
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.slices import Pair, Slice
@@ -229,29 +230,33 @@ def _points(piece: Slice, parameters: FloatArray) -> str:
     return " ".join(f"{x:.4g},{y:.4g}" for x, y in _on_picture(piece, parameters))
 
 
-WHOSE: dict[Whose, str] = {"chosen": "selected loss", **LOSSES, "both": "both"}
+MAPPED: dict[MappedLoss, str] = {"chosen": "selected loss", **LOSSES, "both": "both"}
 """Text of each choice of whose loss the maps show."""
 
 
 def add_maps(controls: Controls) -> None:
     """The panel: the pose in numbers, the maps, or why there are none, and what they show."""
     gui = controls.gui
-    alone = lambda s: (s.alone, s.marks_model, s.document.marks)  # noqa: E731
+    alone = lambda s: (s.results.alone, s.marks_model, s.document.marks)  # noqa: E731
     controls.html(kept(alone, model_html))
     controls.html(result_html)
     maps = gui.add_html("")
 
     def shown(session: Session) -> tuple[object, ...]:
-        return session.landscapes, session.document.pose, session.own_search, session.large_map
+        landscapes, pose = session.results.landscapes, session.document.pose
+        return landscapes, pose, session.own_progress, session.display.large_map
 
     controls.add(maps, content=kept(shown, lambda s: maps_html(s, maps.content)))
     waiting = "Drawing the maps ..."
-    controls.text(lambda s: plain(s.maps_note) or ("" if maps.content else waiting))
-    controls.dropdown("Loss of", WHOSE, lambda whose: c.change(whose=whose), attrgetter("whose"))
+    controls.text(lambda s: plain(s.results.maps_note) or ("" if maps.content else waiting))
+    mapped = attrgetter("display.mapped_loss")
+    controls.dropdown(
+        "Loss of", MAPPED, lambda loss: set_fields("display", mapped_loss=loss), mapped
+    )
     controls.field(
         gui.add_slider("Range ± %", 1.0, 50.0, 1.0, 20.0),
-        lambda value: c.change(half_width=value / 100.0),
-        value=lambda s: round(s.half_width * 100.0, 3),
+        lambda value: set_fields("display", half_width=value / 100.0),
+        value=lambda s: round(s.display.half_width * 100.0, 3),
     )
     with gui.add_folder("Save the maps", expand_by_default=False):
         controls.download("Sheet (PNG)", "sheet")
@@ -260,28 +265,28 @@ def add_maps(controls: Controls) -> None:
 
 def maps_html(session: Session, before: str) -> str:
     """The maps; until there are any for this photo and model those ``before``, dimmed."""
-    if not session.landscapes:
+    if not session.results.landscapes:
         return before.replace('"pv-land"', '"pv-land pv-dim"')
-    grids = "".join(grid_of(session, latest).html() for latest in session.landscapes)
+    grids = "".join(grid_of(session, latest).html() for latest in session.results.landscapes)
     return f'<div class="pv-both">{grids}</div>'
 
 
-def grid_of(session: Session, latest: LandscapeUpdate) -> LossGrid:
+def grid_of(session: Session, latest: Landscape) -> LossGrid:
     """The maps of a loss with the pose, and the search where it searches in the maps' chart."""
-    problem, document = latest.case.problem, session.document
+    problem, document = latest.problem, session.document
     first, chart = problem.views[0], problem.chart
     pose, covariance, trail, candidates = np.array(latest.parameters), None, None, None
-    sure, search = session.covariance_in(first.index), session.own_search
+    sure, search = session.covariance_in(first.index), session.own_progress
     with suppress(PoseViewerError, OutsideChartError):
         pose = document.numbers_in(problem)
     with suppress(PoseViewerError, OutsideChartError):
         covariance = None if sure is None else sure.in_chart(first.chart)
     if session.search and search and search.problem.chart.names == chart.names:
-        start = session.search.asked.start
-        if start.scene.pose(start.active, first.index) is latest.case.pose:  # else another chart
+        start = session.search.start
+        if start.scene.pose(start.active, first.index) is latest.start:  # else another chart
             trail = np.array([step.parameters for step in search.improvements])
-            candidates = search.progress.candidates if session.searching else None
-    is_moving = session.searching or session.drag is not None
+            candidates = search.progress.candidates if session.is_searching else None
+    is_moving = session.is_searching or session.drag is not None
     return LossGrid(
         latest.shown,
         chart.names,
@@ -293,6 +298,6 @@ def grid_of(session: Session, latest: LandscapeUpdate) -> LossGrid:
         dimmed=latest.document.pose is not document.pose and not is_moving,
         half_width=latest.half_width,
         what=problem.scale.name,
-        whose=latest.case.settings.loss_name,
-        large=session.large_map,
+        whose=problem.settings.loss_name,
+        large=session.display.large_map,
     )

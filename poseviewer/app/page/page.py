@@ -14,16 +14,16 @@ from poseviewer.app.page.handles import handles_of
 from poseviewer.app.page.map_panel import add_maps
 from poseviewer.app.page.panels import STEPS, add_status
 from poseviewer.app.page.photo_view import DEPTH, SIDE, PhotoScene
-from poseviewer.app.page.reports import FORWARDED, LEFT_TO_BROWSER, Theme, meaning_of
+from poseviewer.app.page.reports import Theme, meaning_of
 from poseviewer.app.page.rows import add_rows
 from poseviewer.app.page.strip import show_strip
 from poseviewer.app.page.texts import hint_of
 from poseviewer.app.reviewing import Reviewer
-from poseviewer.app.state.actions import help_table
 from poseviewer.app.state.edits import SavePose
 from poseviewer.app.state.hiding import SHAPES
+from poseviewer.app.state.keys_and_buttons import client_keys, help_table
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.tasks import Restore, Result
+from poseviewer.app.workers.tasks import Restore, TaskResult
 from poseviewer.files.file_set import MOST_FILES
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.files.state.uploads import LARGEST_UPLOAD
@@ -36,9 +36,7 @@ PAGE_CONFIG = {
     "plane": {"depth": DEPTH, "side": SIDE},
     "steps": list(STEPS),
     "first": "Place",  # photo and model are there by the command line
-    "search": "Fit",
-    "keys": FORWARDED,
-    "leave": LEFT_TO_BROWSER,
+    "keys": client_keys(),
     "largest": LARGEST_UPLOAD,
     "most": MOST_FILES,
     "style": Path(__file__).with_name("page.css").read_text(encoding="utf-8"),
@@ -57,7 +55,7 @@ class Page:
         review: Reviewer | None = None,
     ) -> None:
         self._server = server
-        self._post, self._review = post, review
+        self._post = post
         gui = server.gui
         choose_theme(gui)
         gui.set_panel_label("poseviewer")
@@ -98,11 +96,11 @@ class Page:
             self._script.show("setPhoto", photo.width, photo.height)
             self._script.show("setHint", hint_of(session))
             shape = session.tool if session.tool in SHAPES else ""
-            self._script.show("setPen", shape, session.erasing)
+            self._script.show("setPen", shape, session.pen.erases)
             self.scene.show(session)
             self._script.show("setHandles", handles_of(session))
             show_strip(self._script, session)
-            self._script.show("forgetStrokes", session.strokes)  # their tint is there
+            self._script.show("forgetStrokes", session.pen.strokes)  # their tint is there
         # Together: who answers to one field must not find the next one still to be written.
         with self._server.atomic():
             self._controls.where = where
@@ -115,7 +113,7 @@ class Page:
             (self._map_panel.expand if is_open else self._map_panel.minimize)()
 
     def _reported(self, report: object, client: viser.ClientHandle) -> None:
-        match meaning_of(report, client.client_id, self._review):
+        match meaning_of(report, client.client_id):
             case Theme(light, text):
                 choose_theme(client.gui, light)
                 if text > 1.0:
@@ -162,7 +160,7 @@ class Page:
             for tab in (self._tabs() if what else ())
         ]
 
-    def send(self, result: Result) -> None:
+    def send(self, result: TaskResult) -> None:
         """Give files to the page that asked for them."""
         for tab in self._tabs(result.client):
             for name, content in result.files.items():

@@ -23,17 +23,22 @@ from poseviewer.app.page.texts import (
     search_text,
     verdict_text,
 )
-from poseviewer.app.state import commands as c
 from poseviewer.app.state import hiding as h
-from poseviewer.app.state.actions import ACTIONS, LOOKS
 from poseviewer.app.state.camera_change import NARROWEST_DEG, WIDEST_DEG
+from poseviewer.app.state.camera_edits import set_camera, set_field_of_view, set_projection
+from poseviewer.app.state.display_edits import show_style
 from poseviewer.app.state.document import is_alone
+from poseviewer.app.state.keys_and_buttons import ACTIONS, STYLES
 from poseviewer.app.state.marking import MARKING
 from poseviewer.app.state.objects import alter_object
-from poseviewer.app.state.session import SearchUpdate, Session
+from poseviewer.app.state.pointer_edits import set_tool
+from poseviewer.app.state.pose_edits import set_parameter, view_from
+from poseviewer.app.state.search_edits import alter_settings, find_focal_length, set_loss, take_end
+from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import CONVERTED
-from poseviewer.app.workers.tasks import Request, ShowHelp, download, find_wheels
+from poseviewer.app.workers.tasks import Request, download, find_wheels_in_region
 from poseviewer.files.formats.conversion import METRES
+from poseviewer.fit.progress import SearchProgress
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel
 from poseviewer.geometry.charts import short_name, tooltip
@@ -42,8 +47,8 @@ from poseviewer.geometry.lens import COEFFICIENTS
 from poseviewer.scene.settings import LOSSES, SEARCHES
 from poseviewer.starts.placing import SIDES
 
-MOST_PARAMETERS = 7
-"""Most parameters of any chart; fields that a chart does not need are hidden."""
+MAX_PARAMETERS = 8
+"""Most parameters of any chart: six, focal length and size; further fields are hidden."""
 SHOWN_DIGITS, NUMBER_STEP = 5, 0.0005
 """Decimals of a parameter's field, and what its arrows add."""
 CURVE_POINTS = 300
@@ -78,18 +83,18 @@ def _is_parallel(session: Session) -> bool:
 
 
 def _has_ended(session: Session) -> bool:
-    """Whether a search awaits a word."""
-    return bool(session.search and session.search.latest) and not session.searching
+    """Whether a search has ended, and is neither kept nor reverted."""
+    return session.search_progress is not None and session.search_progress.is_over
 
 
 def add_status(controls: Controls) -> None:
     """Text above the steps: the loss at the pose, or how the search stands."""
     controls.text(lambda s: "  \n".join(filter(None, (search_text(s), focal_note(s)))))
     hint = {"hint": "Search for the pose and the focal length together", "icon": "focus-2"}
-    asks = {"visible": lambda s: bool(focal_note(s)) and not s.searching}
-    controls.button("Find the focal length", c.find_focal_length(), **hint, **asks)
+    asks = {"visible": lambda s: bool(focal_note(s)) and not s.is_searching}
+    controls.button("Find the focal length", find_focal_length(), **hint, **asks)
     # A search is silent while its verdict is gathered.
-    controls.html(lambda s: WAITING if s.searching else "")
+    controls.html(lambda s: WAITING if s.is_searching else "")
     controls.html(loss_bar)
 
 
@@ -108,7 +113,7 @@ def add_opening(controls: Controls) -> None:
             lambda name: alter_object(controls.session.document.number, name=name),
             value=lambda s: s.document.object.name,
         )
-    controls.button("Keys and mouse (?)", lambda _, client: ShowHelp(client), icon="help")
+    controls.action("help", icon="help")
 
 
 def add_placing(controls: Controls) -> None:
@@ -116,16 +121,16 @@ def add_placing(controls: Controls) -> None:
     gui = controls.gui
     view = gui.add_dropdown("View", (AS_IT_IS, *SIDES))
 
-    def view_from(side: str) -> Request | None:
+    def look_from(side: str) -> Request | None:
         view.value = AS_IT_IS
-        return c.view_from(side) if side in SIDES else None
+        return view_from(side) if side in SIDES else None
 
-    controls.field(view, view_from)
+    controls.field(view, look_from)
     controls.actions("History", "undo", "redo")
     controls.actions("Start", "reset", "start")
     _add_quick_start(controls)
     with gui.add_folder("Numbers", expand_by_default=False):
-        for index in range(MOST_PARAMETERS):
+        for index in range(MAX_PARAMETERS):
             _add_parameter(controls, index)
     with gui.add_folder("Camera", expand_by_default=False):
         _add_camera(controls)
@@ -137,11 +142,11 @@ def _add_quick_start(controls: Controls) -> None:
     def label(session: Session) -> str:
         own = ACTIONS["box"]
         drawing = own.end if session.tool == "box" else own.label
-        is_asked_for = session.proposing and not session.looking
+        is_asked_for = session.is_proposing and not session.is_looking
         return ACTIONS["propose"].end if is_asked_for else drawing
 
     controls.action("box", label=label, color=None, icon="frame")
-    controls.html(lambda s: WAITING if s.proposing else "")
+    controls.html(lambda s: WAITING if s.is_proposing else "")
     controls.text(proposals_text)
     several = {"visible": lambda s: bool(s.proposals and s.proposals.starts[1:])}
     controls.actions("Proposal", "previous", "next", **several)
@@ -151,10 +156,10 @@ def _add_quick_start(controls: Controls) -> None:
         # Wheels are looked for in the region; where there is none yet, it is drawn first.
         controls.button(
             lambda s: f"Find wheels{' in the' if _has_region(s) else ': draw a'} region",
-            lambda s, _: find_wheels() if _has_region(s) else c.set_tool("region"),
+            lambda s, _: find_wheels_in_region() if _has_region(s) else set_tool("region"),
         )
         controls.action("region", label=lambda _: "Draw another region", visible=_has_region)
-        controls.action("propose", lambda s: s.proposing)
+        controls.action("propose", lambda s: s.is_proposing)
         controls.text(marks_text)
         for name in ("unmark", "clear", "done"):
             controls.action(name, visible=lambda s: s.tool in MARKING)
@@ -176,7 +181,7 @@ def _add_parameter(controls: Controls, index: int, is_lock: bool = False) -> Non
         return _altered("lock", lambda now: tuple(sorted({*now} | own if on else {*now} - own)))
 
     def change(value: float) -> Request:
-        return c.set_number(name(controls.session), value)
+        return set_parameter(name(controls.session), value)
 
     gui = controls.gui
     controls.field(
@@ -194,12 +199,12 @@ def _add_camera(controls: Controls) -> None:
     gui = controls.gui
     controls.field(
         gui.add_dropdown("Projection", ("perspective", "parallel")),
-        c.set_projection,
+        set_projection,
         value=lambda s: "parallel" if _is_parallel(s) else "perspective",
     )
     controls.field(
         gui.add_number("Field of view °", 50.0, min=NARROWEST_DEG, max=WIDEST_DEG, step=0.1),
-        c.set_field_of_view,
+        set_field_of_view,
         value=_field_of_view,
         visible=lambda s: not _is_parallel(s),
     )
@@ -207,7 +212,7 @@ def _add_camera(controls: Controls) -> None:
     for index, field in enumerate(fields):
         controls.field(
             field,
-            lambda _: c.set_camera(*(handle.value for handle in fields)),
+            lambda _: set_camera(*(handle.value for handle in fields)),
             value=lambda s, i=index: round(_intrinsics(s)[i], 4),
             visible=lambda s, i=index: i > 1 or not _is_parallel(s),
         )
@@ -238,12 +243,12 @@ def add_fitting(controls: Controls) -> None:
 
     names = ("loss", "pixels", "searched_by")
     loss, pixels, search = (attrgetter(f"document.settings.{name}") for name in names)
-    controls.dropdown("Loss", LOSSES, c.set_loss, loss, LOSSES_HINT)
+    controls.dropdown("Loss", LOSSES, set_loss, loss, LOSSES_HINT)
     controls.dropdown("Pixels", PIXELS, partial(_set, "pixels"), pixels, options=pixels_of)
     controls.dropdown("Search", SEARCHES, partial(_set, "search"), search, SEARCHES_HINT)
-    icon = {"icon": lambda s: "player-stop" if s.searching else "player-play"}
-    controls.action("search", lambda s: s.searching, color="cyan", **icon)
-    several = {"visible": lambda s: len(s.document.scene.objects) > 1 and not s.searching}
+    icon = {"icon": lambda s: "player-stop" if s.is_searching else "player-play"}
+    controls.action("search", lambda s: s.is_searching, color="cyan", **icon)
+    several = {"visible": lambda s: len(s.document.scene.objects) > 1 and not s.is_searching}
     controls.action("search all", **several)
     controls.action("keep", visible=_has_ended, color=None, icon="check")
     controls.action("revert", visible=_has_ended, icon="x")
@@ -275,15 +280,15 @@ def _add_curve(controls: Controls) -> None:
     )
 
     def steps(session: Session) -> tuple[object, ...]:
-        latest = session.search and session.search.latest
-        return (latest.improvements, latest.restarts) if latest else (None, None)
+        progress = session.search_progress
+        return (progress.improvements, progress.restarts) if progress else (None, None)
 
     def draw(session: Session) -> bool:
         """Draw the plot; of a single loss it would make an axis from 0 to twice as much."""
-        latest = session.search and session.search.latest
-        if not latest or len(latest.improvements) < 2:
+        progress = session.search_progress
+        if progress is None or len(progress.improvements) < 2:
             return False
-        curve.data = curve_of(latest)
+        curve.data = curve_of(progress)
         return True
 
     controls.add(curve, visible=kept(steps, draw))
@@ -297,7 +302,7 @@ def _add_hiding(controls: Controls) -> None:
 
     def hidden(session: Session) -> tuple[Any, ...]:
         document = session.document
-        ended = None if session.searching else session.search
+        ended = None if session.is_searching else session.search
         masks, choice = h.masks_of(session), document.settings.in_front
         return *masks, choice, document.object.result, document.at, ended
 
@@ -305,13 +310,13 @@ def _add_hiding(controls: Controls) -> None:
     controls.dropdown("In front", IN_FRONT, partial(_set, "in_front"), in_front, IN_FRONT_HINT)
     controls.text(kept(hidden, hidden_text))
     controls.action("hide", is_hiding, icon="brush")
-    tools = {tool.capitalize(): c.set_tool(tool) for tool in h.HIDING}
+    tools = {tool.capitalize(): set_tool(tool) for tool in h.HIDING}
     controls.choices("Tool", tools, lambda s: s.tool.capitalize(), visible=is_hiding)
     erase = controls.gui.add_checkbox("Erase (alt)", False)
-    controls.bind(erase, "erasing", visible=lambda s: s.tool in h.SHAPES)
+    controls.bind(erase, "pen", "erases", visible=lambda s: s.tool in h.SHAPES)
     for_one = controls.gui.add_checkbox("For this object only", False)
     several = lambda s: s.tool in h.SHAPES and len(s.document.scene.objects) > 1  # noqa: E731
-    controls.bind(for_one, "for_one", visible=several)
+    controls.bind(for_one, "pen", "for_one", visible=several)
     has_found = kept(hidden, lambda s: h.found_hidden(s) is not None)
     controls.action("hide found", visible=has_found)
     controls.action("unhide", visible=lambda s: is_hiding(s) and any(h.masks_of(s)))
@@ -320,10 +325,10 @@ def _add_hiding(controls: Controls) -> None:
 
 def _add_comparison(controls: Controls) -> None:
     """A button that compares the losses, their ends, and which of them to take."""
-    controls.action("compare", icon="arrows-diff", disabled=lambda s: s.searching)
-    controls.text(kept(lambda s: (s.ends,), lambda s: ends_table(s.ends, s.document.mesh)))
-    takes = {name.capitalize(): c.take_end(index) for index, name in enumerate(LOSSES)}
-    controls.choices("Take", takes, visible=lambda s: bool(s.ends))
+    controls.action("compare", icon="arrows-diff", disabled=lambda s: s.is_searching)
+    controls.text(kept(lambda s: (s.comparison,), lambda s: ends_table(s.comparison)))
+    takes = {name.capitalize(): take_end(index) for index, name in enumerate(LOSSES)}
+    controls.choices("Take", takes, visible=lambda s: s.comparison is not None)
 
 
 def _add_settings(controls: Controls) -> None:
@@ -343,9 +348,10 @@ def _add_settings(controls: Controls) -> None:
     setting(evaluations, "limits.evaluations")
     seconds = gui.add_number("Time limit (s)", 600.0, min=0.1, max=86_400.0, step=0.1)
     setting(seconds, "limits.seconds")
+    setting(gui.add_dropdown("Renderer", ("auto", "software", "gpu")), "renderer")
     setting(gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1), "seed")
     with gui.add_folder("Lock", expand_by_default=False):
-        for index in range(MOST_PARAMETERS):
+        for index in range(MAX_PARAMETERS):
             _add_parameter(controls, index, is_lock=True)
 
 
@@ -353,20 +359,18 @@ def add_judging(controls: Controls) -> None:
     """Step "Judge": the verdict with its reasons, and how the model is shown."""
     gui = controls.gui
     controls.text(verdict_text)
-    look = gui.add_dropdown("Model (1-5, 0)", tuple(LOOKS.values()))
-    controls.field(
-        look, lambda name: c.change(look=name, photo_alone=False), value=attrgetter("look")
-    )
+    style = gui.add_dropdown("Model (1-5, 0)", tuple(STYLES.values()))
+    controls.field(style, show_style, value=attrgetter("display.style"))
     opacity = gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8)
-    controls.bind(opacity, "opacity", visible=lambda s: s.look == "solid")
-    controls.bind(gui.add_checkbox(ACTIONS["blink"].label, False), "photo_alone")
+    controls.bind(opacity, "display", "opacity", visible=lambda s: s.display.style == "solid")
+    controls.bind(gui.add_checkbox(ACTIONS["blink"].label, False), "display", "photo_alone")
 
 
 def add_saving(controls: Controls) -> None:
     """Step "Save": whether the pose stands in a file, and where it was or will be written."""
 
     def state(session: Session) -> str:
-        text = "● unsaved changes" if session.unsaved else "no unsaved changes"
+        text = "● unsaved changes" if session.is_unsaved else "no unsaved changes"
         return "  \n".join(filter(None, (text, plain(controls.where), focal_note(session))))
 
     controls.text(state)
@@ -394,7 +398,7 @@ STEPS = {
 
 def _altered(name: str, change: Callable[[Any], Any]) -> Request:
     """An edit of the setting of a name."""
-    return c.alter_settings(lambda now: replace(now, **{name: change(getattr(now, name))}))
+    return alter_settings(lambda now: replace(now, **{name: change(getattr(now, name))}))
 
 
 def _set(name: str, value: Any) -> Request:
@@ -403,16 +407,16 @@ def _set(name: str, value: Any) -> Request:
     return _altered(first, lambda now: replace(now, **{limit: value}) if limit else value)
 
 
-def curve_of(update: SearchUpdate) -> tuple[FloatArray, FloatArray, FloatArray]:
+def curve_of(progress: SearchProgress) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(n,) each: evaluations, the best loss by then as it is shown, and whether a restart began: 1,
     else 0. About each restart there are three evaluations, so that it is a line.
     """
-    steps = update.improvements[-CURVE_POINTS:]
+    steps = progress.improvements[-CURVE_POINTS:]
     counts, losses = ([getattr(p, name) for p in steps] for name in ("evaluations", "loss"))
-    begun = np.array([p.evaluations for p in update.restarts if p.evaluations > counts[0]], float)
-    end = max(update.progress.evaluations, counts[-1] + 1)
+    begun = np.array([p.evaluations for p in progress.restarts if p.evaluations > counts[0]], float)
+    end = max(progress.progress.evaluations, counts[-1] + 1)
     beside = [*(begun - BESIDE_RESTART), *(begun + BESIDE_RESTART)]
     evaluations = np.array(sorted({*counts, *begun, *beside, end}), float)
-    shown = update.progress.scale.shown(np.array(losses))
+    shown = progress.progress.scale.shown(np.array(losses))
     best = shown[np.searchsorted(counts, evaluations, side="right") - 1]
     return evaluations, best, np.isin(evaluations, begun).astype(float)

@@ -85,7 +85,7 @@ class PhotoScene:
             lambda s: (*masks_of(s), s.document.settings.in_front, s.tool in HIDING), _painted
         )
         self._found = kept(
-            lambda s: (not s.searching and s.search, s.document.object.result, s.document.at),
+            lambda s: (not s.is_searching and s.search, s.document.object.result, s.document.at),
             lambda s: _tint(found_hidden(s), FOUND_COLOUR, HIDDEN_OPACITY),
         )
 
@@ -127,7 +127,7 @@ class PhotoScene:
     def _drawings(self, session: Session) -> Iterator[Drawing]:
         """Everything that is to be seen."""
         yield Drawing("/photo", 1.0, *self._pixels(session))
-        if session.photo_alone:
+        if session.display.photo_alone:
             return
         if any(masks_of(session)):
             yield Drawing("/hidden/painted", TINT, *self._painted(session))
@@ -190,8 +190,8 @@ def _tint(hidden: NDArray[Any] | None, colour: Colour, opacity: float) -> Pictur
 
 def _model(session: Session) -> Iterator[Drawing]:
     """The active object as drawn: its outline, and a picture."""
-    overlay = session.overlay
-    if overlay is None or session.look == "none":
+    overlay = session.results.overlay
+    if overlay is None or session.display.style == "none":
         return
     yield Drawing("/model/halo", HALO, overlay.outline, None, HALO_COLOUR, 4.6)
     yield Drawing("/model/edges", EDGES, overlay.edges, None, EDGE_COLOUR, 1.0)
@@ -204,7 +204,7 @@ def _model(session: Session) -> Iterator[Drawing]:
 
 def _other_objects(session: Session) -> Iterator[Drawing]:
     """The objects that are not active: outlines in colours of their own."""
-    outlines = {} if session.outlines is None else session.outlines.lines
+    outlines = {} if session.results.outlines is None else session.results.outlines.lines
     for index in session.document.others:
         number = int(session.document.scene.objects[index].id)
         if number in outlines:

@@ -11,7 +11,7 @@ import numpy as np
 from poseviewer.app.page.controls import Controls, jpeg_url, on_press, plain
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.tasks import Task
+from poseviewer.app.workers.tasks import QueuedTask
 from poseviewer.batch.results import REJECTED, Row
 from poseviewer.batch.review import ReviewQueue
 from poseviewer.fit.progress import Status
@@ -45,16 +45,15 @@ def add_rows(controls: Controls, review: Reviewer) -> None:
         noted[0] = at
         return read(session, lambda row: row.result.note)
 
-    def annotate(words: str) -> Task | None:
+    def annotate(words: str) -> QueuedTask | None:
         return None if noted[0] is None else review.annotate(noted[0], words)
 
     with controls.gui.add_folder("Review"):
         controls.html(lambda s: rows_list(review.queue, review.row_at(s.document)))
-        controls.choices("Go to", {"Previous (P)": review.step(-1), "Next (N)": review.step(1)})
-        accept, reject = review.decide("accepted"), review.decide("rejected")
-        controls.choices("Pose", {"Accept (A)": accept, "Reject (X)": reject})
+        controls.actions("Go to", "previous row", "next row")
+        controls.actions("Pose", "accept", "reject")
         controls.button(undo, review.decide(""), visible=lambda s: bool(undo(s)))
-        controls.text(lambda s: read(s, lambda row: row_text(row, s.unsaved)))
+        controls.text(lambda s: read(s, lambda row: row_text(row, s.is_unsaved)))
         note = controls.gui.add_text("Note", "")
         controls.field(note, annotate, value=written)
 
@@ -75,7 +74,7 @@ def _row(folder: Path, row: Row, index: int, is_open: bool) -> str:
     result, name = row.result, escape(Path(row.job.photo).name)
     below = escape(result.reason if result.failed else Path(row.job.model).stem)
     word = result.review or ("failed" if result.failed else result.verdict or "not searched")
-    press = on_press("row", index=index)
+    press = on_press("row", what=index)
     picture = DOT if result.failed else thumbnail(folder / result.picture)
     here = f' class="pv-at"><img class="pv-here" alt="" src="{DOT}" onload="{TO_ROW}"'
     return (

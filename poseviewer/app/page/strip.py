@@ -110,8 +110,8 @@ def _outline(path: str, colour: tuple[int, int, int]) -> str:
 
 def _outlines(session: Session, index: int) -> str:
     """SVG of the objects' outlines over a small picture."""
-    outlines, drawn = session.outlines, ""
-    is_hidden = session.photo_alone or session.look == "none"
+    outlines, drawn = session.results.outlines, ""
+    is_hidden = session.display.photo_alone or session.display.style == "none"
     if is_hidden or outlines is None or index >= len(outlines.small):
         return ""
     for number, lines in outlines.small[index].items():
@@ -122,10 +122,10 @@ def _outlines(session: Session, index: int) -> str:
 
 def said_of(session: Session, index: int) -> str:
     """Say what a photo leaves unexplained at the current pose, or why that is not known."""
-    losses = session.losses
+    losses = session.results.losses
     if not session.document.object.in_views[index].is_compared:
         return "not compared"
-    if session.searching or losses is None or not losses.of_views:
+    if session.is_searching or losses is None or not losses.of_views:
         return ""
     result = losses.of_views.get(index)
     return "not seen" if result is None else f"{result.scale.shown(result.loss):.3f}"

@@ -1,7 +1,5 @@
 """Texts of the page on a session: what is open, what to do next, how search and verdict stand."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from poseviewer.app.page.controls import plain
@@ -9,9 +7,9 @@ from poseviewer.app.state import hiding as h
 from poseviewer.app.state.document import WHEELS, label_of
 from poseviewer.app.state.marking import MARKING, pair_errors
 from poseviewer.app.state.objects import symmetry_text
-from poseviewer.app.state.session import SearchUpdate, Session
+from poseviewer.app.state.searches import LossComparison
+from poseviewer.app.state.session import Session
 from poseviewer.files.mesh.size import size_words
-from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.starts.point_pairs import fewest_pairs
 from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS
@@ -98,15 +96,15 @@ def hint_of(session: Session) -> str:
                 what = f"pair {number + 1}: click a point of the model at the right"
         case tool if tool in TOOL_HINTS:
             return TOOL_HINTS[tool]
-        case _ if session.searching:
+        case _ if session.is_searching:
             return SEARCHING_HINT
-        case _ if session.looking:
+        case _ if session.is_looking:
             return LOOKING_HINT
         case _ if not session.document.object.is_placed:
             asked = session.proposals
             not_found = "Not found by itself: " if asked else ""
             return UNSURE_HINT if asked and asked.starts else f"{not_found}{PLACE_HINT}"
-        case _ if session.look == "residual":
+        case _ if session.display.style == "residual":
             return ""  # it would lie over the colours' legend
         case _:
             return USUAL_HINT
@@ -137,7 +135,7 @@ def marks_text(session: Session) -> str:
 def proposals_text(session: Session) -> str:
     """Say how far the proposals are (markdown)."""
     asked = session.proposals
-    if session.proposing and session.preparation is not None:
+    if session.is_proposing and session.preparation is not None:
         return "Waiting to begin."
     if asked is None:
         return ""
@@ -164,11 +162,11 @@ def focal_note(session: Session) -> str:
 
 def search_text(session: Session) -> str:
     """Say how the search stands and its verdict, or the loss at the pose (markdown)."""
-    search, losses = session.search, session.losses
+    search, progress, losses = session.search, session.search_progress, session.results.losses
     if session.preparation is not None:
         if session.preparation.trouble:
             return ""  # it is said above all panels
-        if session.searching:
+        if session.is_searching:
             return "Waiting to begin; the same button stops it."
         compiling = session.preparation.share is not None
         return "The loss comes when all is compiled." if compiling else PREPARING
@@ -178,25 +176,23 @@ def search_text(session: Session) -> str:
         count = len(losses.of_views)
         of_set = f", mean of {count} photos" if count > 1 else ""
         return f"**{losses.mean.text}** at this pose{of_set}"
-    if search.latest is None:
+    if progress is None:
         return "Preparing the search ..."
-    progress = search.latest.progress
-    stopped = not search.running and progress.status.name == "RUNNING"
-    sentence = "Stopped: the best pose so far is shown." if stopped else progress.status.value
-    settings, methods = search.latest.settings, search.asked.methods
+    fit, settings, methods = progress.progress, progress.settings, search.methods
+    is_stopped = progress.is_over and fit.status.name == "RUNNING"
+    sentence = "Stopped: the best pose so far is shown." if is_stopped else fit.status.value
     which = ""
-    if search.running and len(methods) > 1:
+    if session.is_searching and len(methods) > 1:
         which = f", {methods.index(settings) + 1} of {len(methods)} losses"
-    if len(search.asked.indices) > 1:
-        label = label_of(session.document.scene.objects[search.latest.index])
+    if len(search.object_indices) > 1:
+        label = label_of(session.document.scene.objects[progress.object_index])
         which += f"  \nOf all objects: **{plain(label)}**"
     text = (
         f"Loss: {settings.loss_name}{which}  \n"
-        f"**{progress.loss_text}** (start {progress.scale.shown(progress.start_loss):.3f})  \n"
-        f"{progress.evaluations} evaluations, restart {progress.restart}, "
-        f"{progress.seconds:.1f} s  \n{sentence}"
+        f"**{fit.loss_text}** (start {fit.scale.shown(fit.start_loss):.3f})  \n"
+        f"{fit.evaluations} evaluations, restart {fit.restart}, {fit.seconds:.1f} s  \n{sentence}"
     )
-    return text if progress.verdict is None else f"{text}  \n**Verdict: {progress.verdict.word}.**"
+    return text if fit.verdict is None else f"{text}  \n**Verdict: {fit.verdict.word}.**"
 
 
 def verdict_text(session: Session) -> str:
@@ -230,25 +226,25 @@ def hidden_text(session: Session) -> str:
     return "  \n".join(lines)
 
 
-def ends_table(ends: Sequence[SearchUpdate], mesh: Mesh) -> str:
+def ends_table(comparison: LossComparison | None) -> str:
     """A column for each end, and how far the two are from each other (markdown); "": no ends."""
-    if not ends:
+    if comparison is None:
         return ""
-    progress = [end.progress for end in ends]
-    rows = {"": [end.settings.loss.capitalize() for end in ends], "---": ["--:"] * len(ends)}
-    for i, end in enumerate(ends):
+    ends, fits = comparison.ends, [end.progress for end in comparison.ends]
+    names = [end.settings.loss.capitalize() for end in ends]
+    rows = {"": names, "---": ["--:"] * len(ends)}
+    for name, end, losses in zip(names, ends, comparison.losses.T, strict=True):
         scale = end.problem.scale
-        losses = [f"{scale.shown(other.losses[i]):.3f}" for other in ends]
-        rows[f"{end.settings.loss.capitalize()}: {scale.name}"] = losses
+        rows[f"{name}: {scale.name}"] = [f"{scale.shown(loss):.3f}" for loss in losses]
     rows |= {
-        "seconds": [f"{p.seconds:.1f}" for p in progress],
-        "evaluations": [f"{p.evaluations:,}" for p in progress],
-        "restarts": [str(p.restart) for p in progress],
-        "verdict": ["-" if p.verdict is None else p.verdict.word for p in progress],
+        "seconds": [f"{fit.seconds:.1f}" for fit in fits],
+        "evaluations": [f"{fit.evaluations:,}" for fit in fits],
+        "restarts": [str(fit.restart) for fit in fits],
+        "verdict": ["-" if fit.verdict is None else fit.verdict.word for fit in fits],
     }
     table = "\n".join(f"| {name} | {' | '.join(values)} |" for name, values in rows.items())
-    first, second = (p.pose for p in progress[:2])
-    apart = pose_error(mesh, second, first)
+    first, second = fits[:2]
+    apart = pose_error(first.problem.mesh, second.pose, first.pose)
     return (
         f"{table}\n\nThe ends lie {apart.reprojection_px:.1f} px apart ({apart.percent:.2g} % of "
         f"the model's size in the photo), turned by {apart.rotation_deg:.2g}°. The outline of the "

@@ -1,4 +1,4 @@
-"""The document: a scene, and the object and view that are worked on; its history."""
+"""The document: a scene, and the object and view that are worked on."""
 
 from __future__ import annotations
 
@@ -24,16 +24,13 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import ViewChart
+from poseviewer.render.renderers import RendererName
 from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import InView, Scene, SceneObject, View
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS, Ellipse, ellipse_through
 
-MOST_STEPS = 200
-MOST_OPENED = 4
-"""Undo reaches back over no more opened photos (or sets of them), and models beside those at hand,
-than this: they fill the memory."""
 UNLOCK = "unlock it in the list of objects"
 
 WHEELS = 2
@@ -203,6 +200,13 @@ class Document:
         """The document whose active object lacks these parts alone, and is not searched for."""
         mesh = self.model.content.mesh_without(tuple(names))
         return self.with_object(without=mesh.left_out, result=None)
+
+    def with_renderer(self, name: RendererName) -> Document:
+        """The document with another renderer of all objects; ``auto``: with their own."""
+        document = self
+        for index, item in enumerate(self.scene.objects if name != "auto" else ()):
+            document = document.with_object(index, settings=replace(item.settings, renderer=name))
+        return document
 
     def with_own(self, **changes: Any) -> Document:
         """The document with changed fields of what the view has of the active object alone."""
@@ -414,41 +418,3 @@ def compared(scene: Scene, index: int) -> tuple[object, ...]:
     one, objects = scene.objects[index], enumerate(scene.objects)
     firm = ((o.mesh, o.world_from_model) for i, o in objects if i != index and o.stands_firm)
     return scene.views, one.mesh, one.world_from_model, one.in_views, one.settings, *firm
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class History:
-    """The documents before and after the one at hand."""
-
-    past: tuple[Document, ...] = ()
-    future: tuple[Document, ...] = ()
-
-    def with_step(self, before: Document) -> History:
-        """One more step, from ``before``; what was undone is gone."""
-        return History(_bounded((*self.past, before)))
-
-    def undo(self, now: Document) -> tuple[History, Document]:
-        """The history and the document one step back; unchanged where there is none."""
-        if not self.past:
-            return self, now
-        return History(self.past[:-1], (now, *self.future)), self.past[-1]
-
-    def redo(self, now: Document) -> tuple[History, Document]:
-        """The history and the document one step on again; unchanged where there is none."""
-        if not self.future:
-            return self, now
-        return History(_bounded((*self.past, now)), self.future[1:]), self.future[0]
-
-
-def _bounded(past: tuple[Document, ...]) -> tuple[Document, ...]:
-    """The last steps, over no more than the allowed number of photos and of models."""
-    past = past[-MOST_STEPS:]
-    photos, meshes = set(), set()
-    most_meshes = MOST_OPENED + len(past[-1].scene.objects) - 1
-    for index in reversed(range(len(past))):
-        scene = past[index].scene
-        photos.add(tuple(id(view.photo) for view in scene.views))
-        meshes |= {id(one.model.mesh) for one in scene.objects}
-        if len(photos) > MOST_OPENED or len(meshes) > most_meshes:
-            return past[index + 1 :]
-    return past

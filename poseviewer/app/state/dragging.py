@@ -65,7 +65,7 @@ def hold_model(held: Document, start: FloatArray, kind: str) -> Drag:
             return document.at_pose(trackball(pose, mesh.centre, radius, start, point))
         if kind == "roll":
             return document.at_pose(rolled_and_scaled(pose, mesh.centre, start, point))
-        return document.at_pose(moved(pose, mesh.centre, point - start))
+        return document.at_pose(shifted(pose, mesh.centre, point - start))
 
     return Drag(follow, start)
 
@@ -151,7 +151,7 @@ def pins_in_photo(document: Document) -> FloatArray:
 # --- motions of a pose --------------------------------------------------------------------------
 
 
-def moved(pose: Pose, centre: ArrayLike, delta: ArrayLike) -> Pose:
+def shifted(pose: Pose, centre: ArrayLike, delta: ArrayLike) -> Pose:
     """The pose whose model ``centre`` (3,) lies ``delta`` (2,) px further, at the same depth."""
     return with_point_at(pose, centre, pose.project(centre) + np.asarray(delta, dtype=float))
 

@@ -1,4 +1,4 @@
-"""Edits: changes of the session that a page or a worker asks for."""
+"""Edits: functions from a session to the next one, which a page or a worker asks for."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,6 +32,10 @@ class Edit:
         """
         return self.change(session, *self.arguments, **self.named)
 
+    def calls(self, function: Callable[..., "Edit"]) -> bool:
+        """Whether it is an edit of this function, such as ``drag_to``."""
+        return self.change is function.__wrapped__  # pyright: ignore[reportFunctionMemberAccess]
+
 
 @dataclass(frozen=True, slots=True)
 class SavePose:
@@ -39,6 +43,21 @@ class SavePose:
 
     on_taken: Literal["ask", "replace", "beside", "leave"] = "ask"
     """Fate of a file that this session did not write."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShowHelp:
+    """Request to open the dialog with the keys on one page."""
+
+    client: int = -1
+
+
+@dataclass(frozen=True, slots=True)
+class ReviewRow:
+    """Request to open a row of a review, or to decide on the row that is open."""
+
+    what: int | Literal["next", "previous", "accepted", "rejected"]
+    """Index of a row, a step from the open one, or a decision."""
 
 
 def edit(

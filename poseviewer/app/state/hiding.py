@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.app.state.edits import edit
+from poseviewer.app.state.edits import drag_edit, edit
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
 from poseviewer.fit.compared import enlarged
@@ -85,7 +85,19 @@ def paint_found(
             settings = replace(document.settings, in_front="painted")
             document = document.with_object(settings=settings)
         session = session.with_document(document)
-    return replace(session, strokes=session.strokes + 1)
+    return forget_strokes()(session)
+
+
+@drag_edit
+def forget_strokes(session: Session) -> Session:
+    """Have pages forget the strokes that they still show: those are taken, or were in vain."""
+    return replace(session, pen=replace(session.pen, strokes=session.pen.strokes + 1))
+
+
+@edit
+def toggle_hiding(session: Session) -> Session:
+    """Take the brush that hides, or put the tools that hide away."""
+    return replace(session, tool="pose" if session.tool in HIDING else "brush")
 
 
 @edit
@@ -137,7 +149,7 @@ def hide_found(session: Session) -> Session:
 
 def is_for_one(session: Session) -> bool:
     """Whether strokes are about the active one of several objects alone."""
-    return session.for_one and len(session.document.scene.objects) > 1
+    return session.pen.for_one and len(session.document.scene.objects) > 1
 
 
 def masks_of(session: Session) -> tuple[Mask | None, Mask | None]:
@@ -147,12 +159,12 @@ def masks_of(session: Session) -> tuple[Mask | None, Mask | None]:
 
 def found_hidden(session: Session) -> NDArray[np.bool_] | None:
     """(height, width): what the search that led to the pose at hand took for something in front."""
-    own, latest = session.document, session.own_search
+    own, progress = session.document, session.own_progress
     if own.object.result is not None:
         return own.object.result.hidden[own.at] if own.object.result.hidden else None
-    if latest is None or session.searching:
+    if progress is None or session.is_searching:
         return None
-    view = next(view for view in latest.problem.views if view.index == own.at)  # it was stopped
+    view = next(view for view in progress.problem.views if view.index == own.at)  # it was stopped
     if view.hidden is None:
         return None
     return enlarged(view.hidden, view.photo.factor, own.photo.width, own.photo.height)

@@ -23,7 +23,7 @@ from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS, Ellipse, Wheels, po
 
 MARKING = {"pairs": ("pixels", "points"), "wheels": ("rims",)}
 """Fields of ``Marks`` by each tool that sets marks, the places on the photo first."""
-MOST_PAIRS = 24
+MAX_PAIRS = 24
 
 
 def marks_in_photo(marks: Marks, tool: str) -> FloatArray:
@@ -58,50 +58,52 @@ def mark_model(session: Session, u: float, v: float) -> Session:
     """Mark the point of the model at shares of its own picture's sides, from left and below; one
     that waits for its place in the photo goes there.
     """
-    if session.alone is None or not session.marks_model:
+    if session.results.alone is None or not session.marks_model:
         return session
-    document, (pose, _) = session.document, session.alone
+    document, (pose, _) = session.document, session.results.alone
     point = np.array([u * pose.camera.width, (1.0 - v) * pose.camera.height])
     if document.marks.waits_for_pixel:
         document = document.with_marks(points=document.marks.points[:-1])
-    return session.with_document(with_mark(document, session.tool, point, pose))
+    return session.with_document(_with_model_point(document, session.tool, point, pose))
 
 
-def with_mark(
-    document: Document, tool: str, point: FloatArray, seen: Pose | None = None
-) -> Document:
-    """The document with one more mark at ``point`` (2,), and the pose that follows, if one does;
-    points of the model are ``seen`` at a pose, by default at its own. Raises ``QuickStartError``.
+def with_mark(document: Document, tool: str, point: FloatArray) -> Document:
+    """The document with one more mark at ``point`` (2,) of the photo, and the pose that follows, if
+    one does; a pair begins with the point of the model that is drawn there.
+
+    Raises:
+        QuickStartError: there are marks enough, or a point of the model comes first.
     """
-    marks, seen = document.marks, seen or document.pose
-    if tool == "wheels":
-        if document.model.keypoints is None:
-            return with_hub(document, point, seen)
-        if len(marks.rims) == WHEELS * FEWEST_RIM_POINTS:
-            raise QuickStartError("Both wheels are outlined; drag their points, or clear them.")
-    elif not marks.waits_for_pixel:
-        if len(marks.points) == MOST_PAIRS:
-            raise QuickStartError(f"{MOST_PAIRS} point pairs are enough; remove one first.")
-        place = surface_point(document.mesh, seen, point)
-        if place is None:
-            raise QuickStartError("There is no model there; click a point of it as it is drawn.")
-        return document.with_marks(points=(*marks.points, place), note="")
+    marks = document.marks
+    if tool == "wheels" and document.model.keypoints is None:
+        raise QuickStartError("Press the middle of the model's wheels at the right first.")
+    if tool == "wheels" and len(marks.rims) == WHEELS * FEWEST_RIM_POINTS:
+        raise QuickStartError("Both wheels are outlined; drag their points, or clear them.")
+    if tool == "pairs" and not marks.waits_for_pixel:
+        return _with_model_point(document, tool, point, document.pose)
     places = (*marks_in_photo(marks, tool), point)
     return solved(document.with_marks(**{MARKING[tool][0]: places}), tool)
 
 
-def with_hub(document: Document, point: FloatArray, seen: Pose) -> Document:
-    """The document with the rear wheel's middle on the model, ``seen`` at ``point`` (2,), or with
-    the key points that follow from the front one's; raises ``QuickStartError``.
-    """
+def _with_model_point(document: Document, tool: str, point: FloatArray, pose: Pose) -> Document:
+    """The document with a mark on the model, which a picture shows at ``point`` (2,)."""
+    points, surface = document.marks.points, surface_point(document.mesh, pose, point)
+    if surface is None:
+        raise QuickStartError("There is no model there; click a point of it as it is drawn.")
+    if tool == "wheels":
+        return _with_hub(document, surface)
+    if len(points) == MAX_PAIRS:
+        raise QuickStartError(f"{MAX_PAIRS} point pairs are enough; remove one first.")
+    return document.with_marks(points=(*points, surface), note="")
+
+
+def _with_hub(document: Document, hub: FloatArray) -> Document:
+    """The document with the rear wheel's hub (3,), or with the key points by the front one's."""
     mesh, hubs = document.mesh, document.marks.hubs
-    place = surface_point(mesh, seen, point)
-    if place is None:
-        raise QuickStartError("There is no model there; press on the middle of its wheel.")
     if not hubs:
-        return document.with_marks(hubs=(place,))
+        return document.with_marks(hubs=(hub,))
     try:
-        keypoints = keypoints_from_side(mesh.whole, hubs[0], place)
+        keypoints = keypoints_from_side(mesh.whole, hubs[0], hub)
     except ValueError as error:
         raise QuickStartError(f"These are no two wheels of one side: {error}.") from error
     model = document.model.with_content(keypoints=keypoints)

@@ -5,7 +5,7 @@ from typing import Any
 
 from poseviewer.app.state.document import Document, ObjectState
 from poseviewer.app.state.edits import edit
-from poseviewer.app.state.session import OF_A_PHOTO, Session, is_in_sight
+from poseviewer.app.state.session import Session, is_in_sight
 from poseviewer.errors import SettingsError
 from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.types import InView, SceneObject
@@ -28,7 +28,8 @@ def add_object(session: Session, model: ModelFile | None = None) -> Session:
     """Add an object, active and still to be placed; None: of the active one's model."""
     document = session.document
     added = session.with_document(with_added(document, model or document.model))
-    return replace(added, tool="pose", photo_alone=False).opened
+    display = replace(added.display, photo_alone=False)
+    return replace(added, tool="pose", display=display).opened
 
 
 def with_added(document: Document, model: ModelFile) -> Document:
@@ -96,7 +97,7 @@ def show_view(session: Session, index: int) -> Session:
     if not is_in_sight(document):
         name = document.view.name
         raise SettingsError(f"{name} does not show the model where it is now")
-    return replace(session, document=document, anchor=anchor, drag=None, **OF_A_PHOTO)
+    return replace(session.with_new_view(), document=document, anchor=anchor, drag=None)
 
 
 @edit

@@ -9,12 +9,12 @@ from itertools import count
 from pathlib import Path
 from typing import Literal, TypeVar
 
-from poseviewer.app.state.commands import refuse
+from poseviewer.app.state.display_edits import report_error
 from poseviewer.app.state.document import Document, is_alone
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import filed_view, saved_scene, stem_of
-from poseviewer.app.workers.worker import Job
+from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.keypoints import load_keypoints, save_keypoints
 from poseviewer.files.masks import mask_path, save_pose_and_mask
@@ -54,11 +54,11 @@ class Autosaver:
         self._is_adopted = False  # whether the offer has been opened: it is this session's own now
         self._file = SessionFile(state / "sessions")
         self._kept: Kept = "nothing"
-        self.job = Job(
+        self.job = Worker(
             "autosave",
             self._to_keep,
             self._keeping,
-            period_s=lambda now: PERIOD_S if now.moving else 0,
+            period_s=lambda now: PERIOD_S if now.is_moving else 0,
         )
         """Writes the session as soon as it has changed; says why it cannot, once."""
 
@@ -82,7 +82,7 @@ class Autosaver:
                 return self._keep(wanted)
             except PoseViewerError as error:
                 if not attempt:
-                    yield refuse(f"{error} Until then a crash would lose what is not saved.")
+                    yield report_error(f"{error} Until then a crash would lose what is not saved.")
             self.job.require_asked(wanted, RETRY_S)
 
     def _keep(self, wanted: Kept) -> None:
@@ -153,7 +153,7 @@ class Autosaver:
 
     def _to_keep(self, session: Session) -> Kept:
         self._is_adopted |= session.saved is None
-        return session.document if session.unsaved else "nothing"
+        return session.document if session.is_unsaved else "nothing"
 
     def _discard_offered(self) -> None:
         if self._offered is not None:

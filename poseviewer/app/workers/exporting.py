@@ -39,7 +39,7 @@ LONGEST_STEM = 90
 
 def saved_scene(session: Session) -> Scene:
     """The scene, an unsearched active object with its loss, if it is known, and its numbers."""
-    own, losses = session.document, session.losses
+    own, losses = session.document, session.results.losses
     if own.object.result is not None:
         return own.scene
     known = losses.mean if losses and losses.request.at_pose == session.at_pose else None
@@ -89,16 +89,18 @@ def export(what: Export, session: Session, unit: str = "") -> dict[str, bytes]:
         files = {} if mask is None else {beside: mask_as_png(mask)}
         return {name: pose_bytes(Path(name), record), **files}
     if what == "overlay":
-        picture = picture_of(own, session.look, session.opacity)  # of the photo's own size
+        picture = picture_of(
+            own, session.display.style, session.display.opacity
+        )  # of the photo's own size
         data = np.asarray(cv2.imencode(".png", picture[..., ::-1])[1]).tobytes()
         return {f"{stem}.overlay.png": data}
     kind = "png" if what == "sheet" else what.removeprefix("maps-")
-    mapped = [update for update in session.landscapes if update.slices]
+    mapped = [update for update in session.results.landscapes if update.slices]
     if not mapped:
         raise SettingsError("there are no maps yet; wait for the first ones")
     endings = {"default": f"landscape.{kind}", "paper": f"landscape.paper.{kind}"}
     return {
-        f"{stem}.{endings[update.case.settings.loss]}": update.maps.as_bytes(kind)
+        f"{stem}.{endings[update.problem.settings.loss]}": update.maps.as_bytes(kind)
         for update in mapped
     }
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -11,28 +10,26 @@ from weakref import WeakSet
 
 import numpy as np
 
-from poseviewer.app.state import commands as c
 from poseviewer.app.state.document import Document, reference_view
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.session import (
-    Preparation,
-    SearchRequest,
-    SearchUpdate,
-    Session,
-    start_query,
-)
-from poseviewer.app.workers.worker import Job, lower_priority
-from poseviewer.errors import PoseViewerError, SettingsError, sentence_of
-from poseviewer.fit import search as fit
+from poseviewer.app.state.pose_edits import put
+from poseviewer.app.state.proposal_edits import start_fitted, starts_proposed, stop_proposing
+from poseviewer.app.state.results import Preparation
+from poseviewer.app.state.search_edits import preparation_advanced, search_advanced, search_failed
+from poseviewer.app.state.searches import LossComparison, SearchRequest, start_query
+from poseviewer.app.state.session import Session
+from poseviewer.app.workers.worker import Worker, lower_priority
+from poseviewer.errors import PoseViewerError, RendererUnavailableError, SettingsError, sentence_of
 from poseviewer.fit.problem import make_problem, pose_loss
-from poseviewer.fit.progress import FitProgress, Status
+from poseviewer.fit.progress import SearchProgress
+from poseviewer.fit.search import Search
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.overlay.contour import quick_silhouette
 from poseviewer.render.pool import processors
+from poseviewer.render.renderers import RendererName
 from poseviewer.render.types import Renderer
-from poseviewer.scene.settings import LOSSES
-from poseviewer.scene.types import Scene
+from poseviewer.scene.settings import LOSSES, FitSettings
 from poseviewer.starts.automatic import best_start
 from poseviewer.starts.instances import propose_beside
 
@@ -50,9 +47,27 @@ COMPILING_FAILED = (
 _ready: WeakSet[Mesh] = WeakSet()
 
 
+def renderer_of(mesh: Mesh, name: RendererName = "auto") -> SoftwareRenderer:
+    """The renderer of a model by its name; clone it to draw in another thread.
+
+    Raises:
+        SettingsError: there is no GPU; OpenGL is wanted, which the app has not.
+    """
+    field = "choose another one in the step Fit, Settings, Renderer."
+    if name == "opengl":
+        raise SettingsError(f"The app has no renderer opengl; {field}")
+    try:
+        return _renderer_of(mesh, name == "gpu")
+    except RendererUnavailableError as error:
+        raise SettingsError(f"{error} On the page, {field}") from error
+
+
 @lru_cache(maxsize=16)
-def renderer_of(mesh: Mesh) -> SoftwareRenderer:
-    """The renderer of a model, from any thread; whoever draws in a thread of its own clones it."""
+def _renderer_of(mesh: Mesh, is_on_gpu: bool) -> SoftwareRenderer:
+    if is_on_gpu:
+        from poseviewer.render.gpu.gpu_renderer import GpuRenderer
+
+        return GpuRenderer(mesh)
     from poseviewer.render.software.software_renderer import SoftwareRenderer
 
     renderer = SoftwareRenderer(mesh)
@@ -65,9 +80,9 @@ def has_renderer(mesh: Mesh) -> bool:
     return mesh in _ready
 
 
-def for_one_thread(make: Callable[[SoftwareRenderer], R]) -> Callable[[Mesh], R]:
-    """Keep what a thread of its own makes of the renderer of the model that it was at last."""
-    return lru_cache(maxsize=1)(lambda mesh: make(renderer_of(mesh).clone()))
+def for_one_thread(make: Callable[[SoftwareRenderer], R]) -> Callable[..., R]:
+    """Cache ``make(clone)`` for the last arguments of ``renderer_of``; for one job's thread."""
+    return lru_cache(maxsize=1)(lambda *about: make(renderer_of(*about).clone()))
 
 
 def prepare(mesh: Mesh) -> Iterator[Preparation]:
@@ -82,35 +97,33 @@ def prepare(mesh: Mesh) -> Iterator[Preparation]:
         raise SettingsError(f"{COMPILING_FAILED} ({sentence_of(error)}).") from error
 
 
-def preparing(notify: Callable[[], None]) -> Job[Mesh, Edit]:
+def preparing(notify: Callable[[], None]) -> Worker[Mesh, Edit]:
     """Make ready the model at hand."""
 
     def asked(session: Session) -> Mesh | None:
         mesh = session.document.mesh
         return None if has_renderer(mesh) else mesh
 
-    return Job(
+    return Worker(
         "preparation",
         asked,
-        lambda mesh: map(c.preparation_advanced, prepare(mesh)),
+        lambda mesh: map(preparation_advanced, prepare(mesh)),
         notify,
-        failed=lambda _, error: c.preparation_advanced(Preparation(trouble=str(error))),
+        failed=lambda _, error: preparation_advanced(Preparation(trouble=str(error))),
     )
 
 
-def searching() -> Job[SearchRequest, Edit]:
+def searching() -> Worker[SearchRequest, Edit]:
     """Search, as soon as all is ready; the loop looks for its updates."""
-    return Job(
+    return Worker(
         "search",
-        lambda now: (
-            now.search.asked if now.search and now.searching and not now.preparation else None
-        ),
-        lambda asked: (c.search_advanced(asked, update) for update in run_search(asked)),
-        failed=lambda asked, _: c.search_failed(asked),
+        lambda now: now.search if now.is_searching and not now.preparation else None,
+        search_edits,
+        failed=lambda request, _: search_failed(request),
     )
 
 
-def proposing(notify: Callable[[], None]) -> Job[Document, Edit]:
+def proposing(notify: Callable[[], None]) -> Worker[Document, Edit]:
     """Propose start poses, as soon as all is ready."""
 
     def asked(session: Session) -> Document | None:
@@ -120,12 +133,12 @@ def proposing(notify: Callable[[], None]) -> Job[Document, Edit]:
     def make(document: Document) -> Iterator[Edit]:
         return proposed(document, lambda: job.require_asked(document))
 
-    job = Job(
+    job = Worker(
         "proposals",
         asked,
         make,
         notify,
-        failed=lambda *_: c.stop_proposing(),
+        failed=lambda *_: stop_proposing(),
         low_priority=True,
     )
     return job
@@ -135,82 +148,75 @@ def proposed(document: Document, watch: Callable[[], None]) -> Iterator[Edit]:
     """Propose start poses, and fit the best of them for a model that is nowhere yet; that it is not
     seen is an error for a model that is placed alone. ``watch`` may raise to stop it.
     """
-    query, renderer = start_query(document), renderer_of(document.mesh).clone()
+    query = start_query(document)
+    renderer = renderer_of(document.mesh, document.settings.renderer).clone()
     try:
         placed = [document.scene.placed(index, document.at) for index in document.others]
         same = [one for one in placed if one.mesh is document.mesh]
         starts = tuple(propose_beside(query, same, renderer, lower_priority, watch))
         lines = tuple(quick_silhouette(document.mesh, renderer, one.pose) for one in starts)
-        yield c.starts_proposed(document, starts, lines)
+        yield starts_proposed(document, starts, lines)
         if document.object.is_placed:
             return
         best = best_start(query, starts, renderer, watch).pose
-        begun = c.put(document, best).started
-        asked = SearchRequest(begun, (begun.settings,), (begun.active,))
-        for update in run_search(asked):  # noqa: B007 - the last one is what is wanted
+        begun = put(document, best).started
+        request = SearchRequest(begun, (begun.settings,), (begun.active,))
+        for progress in run_search(request):  # noqa: B007 - the last one is wanted
             watch()
         away = [pose_error(document.mesh, best, one.pose).reprojection_px for one in starts]
-        yield c.start_fitted(document, asked, update, int(np.argmin(away)))
+        yield start_fitted(document, request, progress, int(np.argmin(away)))
     except PoseViewerError:
         if document.object.is_placed:
             raise
-        yield c.starts_proposed(document, (), ())
+        yield starts_proposed(document, (), ())
 
 
-def run_search(asked: SearchRequest) -> Iterator[SearchUpdate]:
-    """The search that the session asks for, after every evaluation, by each of its losses in turn;
-    of several, the last update has the ends of all. Raises as ``make_problem``.
+def search_edits(request: SearchRequest) -> Iterator[Edit]:
+    """Search by each method in turn: an edit after every evaluation. With several losses, the last
+    edit holds the comparison of their ends. Raises as ``run_search``.
     """
-    done: list[SearchUpdate] = []
-    for settings in asked.methods:
-        scene = asked.start.scene.with_object(asked.start.active, settings=settings)
-        view = reference_view(scene, asked.start.active, asked.start.at)
-        for update in _search(scene, asked.indices, view):
-            yield update
-        done.append(update)
-    mesh = asked.start.mesh
-    ends = ends_of(done, mesh, renderer_of(mesh).clone()) if len(done) > 1 else ()
-    yield replace(done[-1], is_over=True, ends=ends)
+    ends: list[SearchProgress] = []
+    for settings in request.methods:
+        for progress in run_search(request, settings):
+            if not progress.is_over:
+                yield search_advanced(request, progress)
+        ends.append(progress)
+    renderer = renderer_of(request.start.mesh).clone()
+    comparison = compare_ends(ends, renderer) if len(ends) > 1 else None
+    yield search_advanced(request, ends[-1], comparison)
 
 
-def _search(scene: Scene, indices: tuple[int, ...], view: int) -> Iterator[SearchUpdate]:
-    objects = scene.objects
-    renderers = {i: renderer_of(objects[i].mesh).clone() for i in indices}
-    search = fit.Search(scene, renderers, indices, processors(), view)
-    update: SearchUpdate | None = None
-    improvements: tuple[FitProgress, ...] = ()
-    restarts: tuple[FitProgress, ...] = ()
-    for now in search.run():
-        index, progress = now.index, now.progress
-        evaluations = update.progress.evaluations if update and index == update.index else math.inf
-        if progress.evaluations < evaluations:
-            improvements = restarts = ()
-        if not improvements or progress.loss < improvements[-1].loss:
-            improvements = (*improvements, progress)
-        if progress.restart > len(restarts):
-            restarts = (*restarts, progress)
-        ended = {*now.placings} - ({index} if progress.status is Status.RUNNING else set())
-        results = {i: search.scene.objects[i].result for i in ended}
-        settings = objects[index].settings
-        update = SearchUpdate(index, now.placings, results, settings, improvements, restarts)
-        yield update
-    if update is None:
+def run_search(
+    request: SearchRequest, settings: FitSettings | None = None
+) -> Iterator[SearchProgress]:
+    """Search by one method, by default the first: the progress after every evaluation, and once
+    more when it is over.
+
+    Raises:
+        PoseViewerError: an object cannot be compared, or there is no such renderer.
+    """
+    start, indices = request.start, request.object_indices
+    settings = settings or request.methods[0]
+    scene = start.scene.with_object(start.active, settings=settings)
+    view, objects = reference_view(scene, start.active, start.at), scene.objects
+    renderers = {i: renderer_of(objects[i].mesh, settings.renderer).clone() for i in indices}
+    progress: SearchProgress | None = None
+    for progress in Search(scene, renderers, indices, processors(), view).run():
+        yield progress
+    if progress is None:
         for index in indices:
             make_problem(scene, index, view)  # says why it cannot be compared, and what to do
         raise SettingsError("the objects stand wholly behind others: bring one to the front")
+    yield replace(progress, is_over=True)
 
 
-def ends_of(
-    done: Sequence[SearchUpdate], mesh: Mesh, renderer: Renderer
-) -> tuple[SearchUpdate, ...]:
-    """The ends of searches by several losses, ours first, each judged by the loss of each."""
+def compare_ends(ends: Sequence[SearchProgress], renderer: Renderer) -> LossComparison:
+    """Judge the ends of searches by several losses by each of these losses."""
     order = list(LOSSES)
-    done = sorted(done, key=lambda update: order.index(update.settings.loss))
-    return tuple(
-        replace(
-            end,
-            losses=tuple(pose_loss(by.problem, renderer, end.progress.parameters) for by in done),
-            outline=quick_silhouette(mesh, renderer, end.progress.pose),
-        )
-        for end in done
-    )
+    ends = tuple(sorted(ends, key=lambda end: order.index(end.settings.loss)))
+    losses = [
+        [pose_loss(by.problem, renderer, end.progress.parameters) for by in ends] for end in ends
+    ]
+    mesh = ends[0].problem.mesh
+    outlines = tuple(quick_silhouette(mesh, renderer, end.progress.pose) for end in ends)
+    return LossComparison(ends, np.array(losses), outlines)

@@ -5,9 +5,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from poseviewer.app.state.camera_change import with_camera
-from poseviewer.app.state.commands import put
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.objects import with_added
+from poseviewer.app.state.pose_edits import put
 from poseviewer.errors import PoseFileError, QuickStartError
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.file_set import FileSet

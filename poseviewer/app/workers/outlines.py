@@ -8,13 +8,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from poseviewer.app.state.commands import change
+from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import stands
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.objects import MOST_OBJECTS
-from poseviewer.app.state.session import Outlines, Session
+from poseviewer.app.state.results import Outlines
+from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import renderer_of
-from poseviewer.app.workers.worker import Job
+from poseviewer.app.workers.worker import Worker
 from poseviewer.fit.visibility import visibility_of_depths
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
@@ -55,7 +56,7 @@ class OutlineRequest:
 
         numbers = [int(one.id) for one in scene.objects]
         large = {numbers[index]: placed(index, own.at) for index in own.others}
-        is_at_rest = large and not session.moving and stands(own.object)
+        is_at_rest = large and not session.is_moving and stands(own.object)
         shown = [index for index, one in enumerate(scene.objects) if not one.hidden]
         views = range(len(scene.views)) if len(scene.views) > 1 else ()
         return cls(
@@ -65,7 +66,7 @@ class OutlineRequest:
         )
 
 
-def outlining(notify: Callable[[], None]) -> Job[OutlineRequest, Edit]:
+def outlining(notify: Callable[[], None]) -> Worker[OutlineRequest, Edit]:
     """Draw outlines beside that of the active object, one drawing at a time."""
     renderer = lru_cache(maxsize=MOST_OBJECTS)(lambda mesh: renderer_of(mesh).clone())
 
@@ -97,9 +98,9 @@ def outlining(notify: Callable[[], None]) -> Job[OutlineRequest, Edit]:
                 if not np.array_equal(visible_pixels, visible.drawn[index]):
                     lines[number] = seen_lines(lines[number], visible_pixels, samples)
         views = ({number: share(*one) for number, one in view.items()} for view in request.small)
-        yield change(outlines=Outlines(lines, tuple(views)))
+        yield set_fields("results", outlines=Outlines(lines, tuple(views)))
 
-    return Job(
+    return Worker(
         "outlines",
         lambda session: None if session.preparation else OutlineRequest.of(session),
         make,

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.app.state.commands import show
+from poseviewer.app.state.display_edits import show_results
 from poseviewer.app.state.document import Document, reference_view
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.session import NO_LINES, Losses, Overlay, Session
+from poseviewer.app.state.results import NO_LINES, LossReading, Overlay
+from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import for_one_thread
-from poseviewer.app.workers.worker import Job
+from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.lighting import relit
 from poseviewer.fit.loss import LossScale, Unexplained, mean_over
@@ -75,13 +76,13 @@ class LossReader:
                 self._note = str(error)
         return self._views
 
-    def read(self, request: Session) -> Losses:
+    def read(self, request: Session) -> LossReading:
         """The losses of a pose, or why there are none."""
         own, views = request.document, self.views(request)
         if not views:
-            return Losses(request, note=self._note)
+            return LossReading(request, note=self._note)
         mean, of_views = self._read_all(own, own.scene)
-        return Losses(request, mean, "", self._start, of_views)
+        return LossReading(request, mean, "", self._start, of_views)
 
     def _read_all(self, own: Document, scene: Scene) -> tuple[Unexplained, dict[int, Unexplained]]:
         """Unexplained shares where the active object is in a scene: mean, and of each view."""
@@ -109,25 +110,25 @@ class OverlayDrawer:
 
     def draw(self, request: Session) -> Overlay:
         """Draw lines quickly, or a picture."""
-        if request.look in LINES:
-            own = request.document
+        own, style = request.document, request.display.style
+        if style in LINES:
             return Overlay(request, quick_silhouette(own.mesh, self._quick, own.pose))
-        return Overlay(request, NO_LINES) if request.look == "none" else self._picture(request)
+        return Overlay(request, NO_LINES) if style == "none" else self._picture(request)
 
     def _picture(self, request: Session) -> Overlay:
-        own, photo = request.document, request.document.photo
+        own, photo, display = request.document, request.document.photo, request.display
         factor = min(1.0, (LARGEST_PICTURE / (photo.width * photo.height)) ** 0.5)
         pose = own.pose.scaled(factor)
         pixels = _shown_pixels(photo, pose.camera.width, pose.camera.height)
         relight: Relight | None = None
-        if request.look in ("relit", "residual"):
+        if display.style in ("relit", "residual"):
             views = self._reader.views(request)
             compared = next((view.photo for view in views if view.index == own.at), None)
             if compared is None:
                 return Overlay(request, NO_LINES)
             relight = partial(relit, compared, self._reader.renderer, own.pose)
-        view = ModelInPhoto(pixels, own.mesh, self._fine, pose, relight, request.opacity)
-        picture = draw_look(request.look, view)
+        view = ModelInPhoto(pixels, own.mesh, self._fine, pose, relight, display.opacity)
+        picture = draw_look(display.style, view)
         others = tuple((own.scene.objects[i].mesh, own.scene.pose(i, own.at)) for i in own.others)
         if others:
             behind = _depth_of(others, factor) < depth_image(PlacedModel(own.mesh, pose))
@@ -163,7 +164,7 @@ def sketch_of(mesh: Mesh) -> Sketch:
     return Sketch(mesh)
 
 
-def drawing(notify: Callable[[], None]) -> Job[Session, Edit]:
+def drawing(notify: Callable[[], None]) -> Worker[Session, Edit]:
     """Draw the model at once, one picture after another: none is displaced before it is shown."""
     drawer = for_one_thread(OverlayDrawer)
 
@@ -173,43 +174,44 @@ def drawing(notify: Callable[[], None]) -> Job[Session, Edit]:
             overlay = Overlay(request, quick_silhouette(mesh, sketch_of(mesh), pose))
         else:
             overlay = drawer(mesh).draw(request)
-        yield show(request.document, overlay=overlay)
+        yield show_results(request.document, overlay=overlay)
 
-    return Job(
+    return Worker(
         "overlay",
         lambda session: session.request,
         make,
         notify,
         serves=lambda begun, asked, busy: busy or begun.drawn == asked.drawn,
-        period_s=lambda session: SEARCH_DRAW_S if session.searching else 0.0,
+        period_s=lambda session: SEARCH_DRAW_S if session.is_searching else 0.0,
     )
 
 
-def refining(notify: Callable[[], None]) -> Job[Session, Edit]:
+def refining(notify: Callable[[], None]) -> Worker[Session, Edit]:
     """Draw the lines finely once the model has come to rest."""
     renderer = for_one_thread(lambda own: own)
 
     def asked(session: Session) -> Session | None:
-        drawn = None if session.overlay is None else session.overlay.request
-        if drawn is None or session.moving or drawn.preparation or drawn.look not in LINES:
+        overlay = session.results.overlay
+        if overlay is None or session.is_moving or overlay.request.drawn != session.drawn:
             return None
-        return drawn if drawn.drawn == session.drawn else None
+        is_asked = session.preparation is None and session.display.style in LINES
+        return overlay.request if is_asked else None
 
     def make(request: Session) -> Iterator[Edit]:
         job.require_asked(request, SETTLED_S)
         overlay = draw_fine_lines(request, renderer(request.document.mesh))
-        yield show(request.document, overlay=overlay)
+        yield show_results(request.document, overlay=overlay)
 
-    job = Job("fine overlay", asked, make, notify)
+    job = Worker("fine overlay", asked, make, notify)
     return job
 
 
-def picturing(notify: Callable[[], None]) -> Job[Document, Edit]:
+def picturing(notify: Callable[[], None]) -> Worker[Document, Edit]:
     """Draw the model alone where its points are marked."""
     renderer = for_one_thread(lambda own: own)
 
     def asked(session: Session) -> Document | None:
-        is_asked = session.marks_model and session.preparation is None and not session.moving
+        is_asked = session.marks_model and session.preparation is None and not session.is_moving
         return session.document if is_asked else None
 
     def make(document: Document) -> Iterator[Edit]:
@@ -219,22 +221,22 @@ def picturing(notify: Callable[[], None]) -> Job[Document, Edit]:
         pose = framed(document.pose, mesh, whole.grown(-ALONE_MARGIN)).scaled(factor)
         ground = np.full((pose.camera.height, pose.camera.width, 3), ALONE_GROUND, np.uint8)
         view = ModelInPhoto(ground, mesh, renderer(mesh), pose, opacity=1.0)
-        yield show(document, alone=(pose, draw_look("solid", view)))
+        yield show_results(document, alone=(pose, draw_look("solid", view)))
 
-    return Job("model alone", asked, make, notify)
+    return Worker("model alone", asked, make, notify)
 
 
-def reading(notify: Callable[[], None]) -> Job[Session, Edit]:
+def reading(notify: Callable[[], None]) -> Worker[Session, Edit]:
     """Read the losses of the pose at hand; a search finds those of its poses itself."""
     reader = for_one_thread(LossReader)
 
     def make(request: Session) -> Iterator[Edit]:
         losses = reader(request.document.mesh).read(request)
-        yield show(request.document, losses=losses)
+        yield show_results(request.document, losses=losses)
 
-    return Job(
+    return Worker(
         "loss",
-        lambda now: None if now.preparation or now.searching else now.request,
+        lambda now: None if now.preparation or now.is_searching else now.request,
         make,
         notify,
         serves=lambda begun, asked, busy: busy or begun.at_pose == asked.at_pose,

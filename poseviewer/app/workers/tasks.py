@@ -8,15 +8,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.app.state.commands import open_document, set_tool
-from poseviewer.app.state.edits import Edit, SavePose
+from poseviewer.app.state.document_edits import open_document
+from poseviewer.app.state.edits import Edit, ReviewRow, SavePose, ShowHelp
 from poseviewer.app.state.hiding import Stroke, paint_found
 from poseviewer.app.state.marking import lay_wheels
 from poseviewer.app.state.objects import add_object
+from poseviewer.app.state.pointer_edits import set_tool
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import Export, export
 from poseviewer.app.workers.opening import open_autosaved, open_file_set
-from poseviewer.app.workers.worker import Job
+from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import FileSetError, QuickStartError
 from poseviewer.files.file_set import Kind, files_below, sort_set
 from poseviewer.files.scene_assets import load_model
@@ -30,7 +31,7 @@ from poseviewer.starts.wheels import likely_wheels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Result:
+class TaskResult:
     """Result of a task for the main loop."""
 
     edits: tuple[Edit, ...] = ()
@@ -43,10 +44,10 @@ class Result:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Task:
+class QueuedTask:
     """Work that takes a moment."""
 
-    run: Callable[[Session, Path], Result]
+    run: Callable[[Session, Path], TaskResult]
     """Does it, on what is open when it begins; the path is that of the app's state."""
     working: str = ""
     """Sentence on the page meanwhile."""
@@ -57,35 +58,28 @@ class Task:
 
 
 @dataclass(frozen=True, slots=True)
-class ShowHelp:
-    """Open the panel with the keys on one page."""
-
-    client: int
-
-
-@dataclass(frozen=True, slots=True)
 class Restore:
     """Open what an earlier session left behind (or forget it)."""
 
     wanted: bool
 
 
-Request = Edit | Task | SavePose | ShowHelp | Restore
+Request = Edit | QueuedTask | SavePose | ShowHelp | ReviewRow | Restore
 """All that a page asks of the main loop."""
 
 
-class Tasks(Job[tuple[Task, Session], Result]):
+class TaskQueue(Worker[tuple[QueuedTask, Session], TaskResult]):
     """A queue of tasks, and the thread that does them."""
 
     def __init__(self, notify: Callable[[], None], state: Path) -> None:
-        def do(asked: tuple[Task, Session]) -> Iterator[Result]:
+        def do(asked: tuple[QueuedTask, Session]) -> Iterator[TaskResult]:
             task, now = asked
             yield task.run(now, state)
 
-        super().__init__("tasks", lambda _: None, do, notify, failed=lambda *_: Result())
-        self._waiting: list[Task] = []
+        super().__init__("tasks", lambda _: None, do, notify, failed=lambda *_: TaskResult())
+        self._waiting: list[QueuedTask] = []
 
-    def add(self, task: Task) -> None:
+    def add(self, task: QueuedTask) -> None:
         """Do a task when those before it are done; raises ``FileSetError``: too much waits."""
         held = sum(waiting.size for waiting in self._waiting)
         if held and held + task.size > LARGEST_UPLOAD:
@@ -117,7 +111,7 @@ def upload(
     data: bytes,
     adds: bool = False,
     lens_model: LensModel | None = None,
-) -> Task:
+) -> QueuedTask:
     """Keep files that a page sent together, and open them.
 
     Args:
@@ -128,47 +122,47 @@ def upload(
         lens_model: OpenCV's model of a lens in a file of cameras that does not say it.
     """
 
-    def run(now: Session, state: Path) -> Result:
+    def run(now: Session, state: Path) -> TaskResult:
         uploads = state / "uploads"
         root = keep_set(uploads, data)
         files = sort_set(files_below(root), kind, None if adds else now.document.model.path)
         models = [gathered(uploads, model) for model in files.models]
         if not adds:
             document = open_file_set(now.document, files, models, root, lens_model)
-            return Result((open_document(document),), document.scene.notes)
+            return TaskResult((open_document(document),), document.scene.notes)
         if not models:
             raise FileSetError(f"{display_name(name)}: holds no model; choose one.")
         loaded = [load_model(model) for model in models]
         notes = (note for model in loaded for note in notes_of(model))
-        return Result(tuple(map(add_object, loaded)), (*notes, *files.notes))
+        return TaskResult(tuple(map(add_object, loaded)), (*notes, *files.notes))
 
-    return Task(run, f"Reading {name[:60]} ...", size=len(data))
+    return QueuedTask(run, f"Reading {name[:60]} ...", size=len(data))
 
 
-def restore(kept: AutosavedSession) -> Task:
+def restore(kept: AutosavedSession) -> QueuedTask:
     """Open what an earlier session left."""
 
-    def run(*_: object) -> Result:
+    def run(*_: object) -> TaskResult:
         document = open_autosaved(kept)
-        return Result((open_document(document, unsaved=True),), document.scene.notes)
+        return TaskResult((open_document(document, unsaved=True),), document.scene.notes)
 
-    return Task(run)
+    return QueuedTask(run)
 
 
-def download(what: Export, client: int, unit: str = "") -> Task:
+def download(what: Export, client: int, unit: str = "") -> QueuedTask:
     """Make files of the session for a page; ``unit``: the model's, where it is known."""
     working = "Drawing ..." if what in ("overlay", "sheet") else ""
 
-    def run(now: Session, _: Path) -> Result:
-        return Result(files=export(what, now, unit), client=client)
+    def run(now: Session, _: Path) -> TaskResult:
+        return TaskResult(files=export(what, now, unit), client=client)
 
-    return Task(run, working, draws=what == "overlay")
+    return QueuedTask(run, working, draws=what == "overlay")
 
 
-def find_wheels() -> Task:
+def find_wheels_in_region() -> QueuedTask:
     """Look for wheels in the region that is drawn, for the camera at hand; refused without one."""
 
-    def run(session: Session, _: Path) -> Result:
+    def run(session: Session, _: Path) -> TaskResult:
         own, region = session.document, session.document.own.region
         if region is None:
             raise QuickStartError("Draw a region about the car first; wheels are sought in it.")
@@ -177,9 +171,9 @@ def find_wheels() -> Task:
         is_guess = camera == photo.default_camera() and photo.focal_length_35mm is None
         best = likely_wheels(inputs, region, camera, is_guess)[0]
         laid = lay_wheels(own, best.wheels.rear, best.wheels.front, best.fit.pose)
-        return Result((set_tool("wheels"), laid))
+        return TaskResult((set_tool("wheels"), laid))
 
-    return Task(run, "Looking for wheels ...", draws=True)
+    return QueuedTask(run, "Looking for wheels ...", draws=True)
 
 
 REACH = 1.0
@@ -192,14 +186,14 @@ ROUNDS = 5
 """Rounds of GrabCut: more change next to nothing."""
 
 
-def grow(stroke: Stroke) -> Task:
+def grow(stroke: Stroke) -> QueuedTask:
     """Hide the thing below a scribble, to its edge, or bring it back."""
 
-    def run(session: Session, _: Path) -> Result:
+    def run(session: Session, _: Path) -> TaskResult:
         photo = session.document.photo
-        return Result((paint_found(photo, grown(photo, stroke), stroke.erase),))
+        return TaskResult((paint_found(photo, grown(photo, stroke), stroke.erase),))
 
-    return Task(run, "Finding its edge ...")
+    return QueuedTask(run, "Finding its edge ...")
 
 
 def grown(photo: Photo, stroke: Stroke) -> NDArray[np.bool_]:

@@ -53,7 +53,7 @@ class Mailbox(Generic[T]):
         return [item for item in items if item is not None]
 
 
-class Job(Generic[A, T]):
+class Worker(Generic[A, T]):
     """One background thread for what the session asks for; the newest request wins."""
 
     def __init__(

@@ -93,7 +93,7 @@ def shade(box, ids, of_faces, textures, rotation, reflectance, normals):
     for row in range(top, bottom):
         begin, end = span(ids, row, left, right)
         faces = ids[row, begin:end]
-        fill_row(row, begin, faces, of_faces, textures, 3, workspace, 0)
+        fill_row(row, begin, faces, of_faces, textures, workspace, 0)
         for k in range(end - begin):
             if faces[k] < 0:
                 continue
@@ -108,10 +108,10 @@ def shade(box, ids, of_faces, textures, rotation, reflectance, normals):
 
 
 @_jit
-def fill_row(row, first, faces, of_faces, textures, count, workspace, at):
+def fill_row(row, first, faces, of_faces, textures, workspace, at):
     """Normals (of any length, in the model's frame) and reflectance of a row's pixels.
 
-    Grey stands in row ``at`` of ``run``, or R, G and B (``count`` 3) from there on.
+    Grey stands in row ``at`` of ``run``; with ``at`` 0, R, G and B in the first three.
     """
     planes, colours, varies = of_faces[0], of_faces[1], of_faces[2]
     normals, run, _ = workspace
@@ -125,17 +125,17 @@ def fill_row(row, first, faces, of_faces, textures, count, workspace, at):
         ny[k] = planes[face, 1] + du * planes[face, 5] + dv * planes[face, 9]
         nz[k] = planes[face, 2] + du * planes[face, 6] + dv * planes[face, 10]
         grey[k] = planes[face, GREY]
-    if count == 3:
+    if at == 0:
         for colour in range(3):
-            out = run[at + colour]
+            out = run[colour]
             for k in range(size):
                 out[k] = colours[np.uint64(faces[k] if faces[k] >= 0 else none), colour]
     if varies:
-        _fill_varied(row, first, faces, of_faces, textures, count, workspace, at)
+        _fill_varied(row, first, faces, of_faces, textures, workspace, at)
 
 
 @_jit
-def _fill_varied(row, first, faces, of_faces, textures, count, workspace, at):
+def _fill_varied(row, first, faces, of_faces, textures, workspace, at):
     """Reflectance of a row's pixels where it varies within the face (its kind there, negative)."""
     planes, _, _, paints, levels = of_faces
     _, run, paint_row = workspace
@@ -162,10 +162,10 @@ def _fill_varied(row, first, faces, of_faces, textures, count, workspace, at):
     for k in range(size):
         if kinds[k] >= _ZERO:
             continue
-        if count == 1:
+        if at > 0:
             kinds[k] = _RED * x[k] + _GREEN * y[k] + _BLUE * z[k]
         else:
-            kinds[k], run[at + 1, k], run[at + 2, k] = x[k], y[k], z[k]
+            kinds[k], run[1, k], run[2, k] = x[k], y[k], z[k]
 
 
 @_jit
@@ -185,7 +185,7 @@ def fill_planes(box, ids, of_faces, textures, spans, out):
         spans[row, 0], spans[row, 1] = begin, end
         if begin < end:
             faces = ids[row, begin:end]
-            fill_row(row, begin, faces, of_faces, textures, 3, workspace, 0)
+            fill_row(row, begin, faces, of_faces, textures, workspace, 0)
             _write_planes(row + 1, begin + 1, faces, nx, ny, nz, run, out)
 
 

@@ -73,7 +73,7 @@ def _accumulate(box, ids, of_faces, textures, photo, origin, model, first, secon
         )
         if seen == 0:
             continue
-        fill_row(row, begin, faces, of_faces, textures, 1, of_row, at_model)
+        fill_row(row, begin, faces, of_faces, textures, of_row, at_model)
         _fill_products(end - begin, normals, run, at_model)
         _centre(end - begin, weight if pixels == 0 else 0.0, n, run, origin)
         _add_row(end - begin, n, whole, weighted, run, first, second)

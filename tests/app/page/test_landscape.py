@@ -12,7 +12,7 @@ from lxml import html
 from PIL import Image
 
 from poseviewer.app.page.map_panel import PALETTE, LossGrid, maps_html, on_map
-from poseviewer.app.state.commands import picked_parameters
+from poseviewer.app.state.pose_edits import picked_parameters
 from poseviewer.confidence.pose_covariance import region_reach
 from poseviewer.fit.slices import Slice
 from tests.app.state.documents import make_session

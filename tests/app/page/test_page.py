@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from poseviewer.app.state import commands as c
+from poseviewer.app.state.document_edits import open_document
+from poseviewer.app.state.search_edits import revert_search
 from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.tasks import upload
 from poseviewer.files.state.uploads import pack
@@ -39,11 +40,13 @@ def test_a_guessed_focal_length_is_searched_for_by_the_button_beside(running: Ru
     handle = app._page._server.gui._gui_input_handle_from_uuid[uuid]
     with SocketPage(running.url) as page:
         assert not handle.visible
-        app._mailbox.post(c.open_document(open_files(scene.photo, scene.model, None)))
+        app._mailbox.post(open_document(open_files(scene.photo, scene.model, None)))
         page.wait_until(lambda: handle.visible)
         page.change(uuid, True)
-        page.wait_until(lambda: app.session.searching and app.session.document.settings.free_focal)
-        app._mailbox.post(c.revert_search())
+        page.wait_until(
+            lambda: app.session.is_searching and app.session.document.settings.free_focal
+        )
+        app._mailbox.post(revert_search())
 
 
 def test_all_notes_on_a_model_are_one_notice(running: RunningApp) -> None:

@@ -5,36 +5,65 @@ from typing import Any
 
 import numpy as np
 import pytest
+import viser
 
+from poseviewer.app.below_viser.guard import serve
+from poseviewer.app.page.controls import Controls
 from poseviewer.app.page.handles import handles_of, path_of
-from poseviewer.app.page.panels import curve_of
+from poseviewer.app.page.panels import STEPS, curve_of
 from poseviewer.app.page.texts import ends_table
-from poseviewer.app.state import commands as c
-from poseviewer.app.state.session import SearchRequest, SearchUpdate, Session
-from poseviewer.app.workers.jobs import ends_of, run_search
+from poseviewer.app.state.pose_edits import nudge
+from poseviewer.app.state.search_edits import (
+    alter_settings,
+    compare_losses,
+    search_advanced,
+    take_end,
+)
+from poseviewer.app.state.searches import LossComparison, SearchRequest
+from poseviewer.app.state.session import Session
+from poseviewer.app.workers.jobs import search_edits
 from poseviewer.app.workers.opening import open_files
-from poseviewer.files.scene_assets import load_model
+from poseviewer.geometry.charts import short_name
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.settings import FitSettings, Limits
-
-
-def outline(end: SearchUpdate) -> str:
-    return path_of(end.outline)
+from tests.app.state.documents import after
+from tests.app.state.sets import make_set_session
 
 
 @pytest.fixture(scope="module")
-def ended(scene) -> list[SearchUpdate]:
-    """The last update of a search by each method."""
+def comparison(scene) -> LossComparison:
+    """The ends of a search by each method."""
     document, limits = open_files(scene.photo, scene.model, scene.start), Limits(600)
     methods: Any = ("paper", "default")
     settings = tuple(FitSettings(method, limits=limits) for method in methods)
-    *_, last = run_search(SearchRequest(document, settings, (0,)))
-    return list(last.ends)
+    *_, last = search_edits(SearchRequest(document, settings, (0,)))
+    return last.arguments[2]
 
 
-def test_the_curve_goes_down_and_has_a_line_at_each_restart(ended):
-    for update in ended:
+def test_every_parameter_of_a_chart_has_a_field_and_a_lock():
+    """Most have charts of several photos, where size and focal length are searched for."""
+    session = make_set_session(free_scale=True)
+    session = after(session, alter_settings(lambda now: replace(now, free_focal=True)))
+    names = [short_name(name) for name in session.document.chart.names]
+    assert names[-2:] == ["log focal", "log size"]
+    guarded = serve("127.0.0.1", 0)
+    try:
+        gui = guarded.server.gui
+        controls = Controls(gui, lambda _: None, session)
+        for add_controls in STEPS.values():
+            add_controls(controls)
+        controls.show(session)
+        inputs = [one for one in gui._gui_input_handle_from_uuid.values() if one.visible]
+        fields = [one.label for one in inputs if isinstance(one, viser.GuiNumberHandle)]
+        locks = [one.label for one in inputs if isinstance(one, viser.GuiCheckboxHandle)]
+    finally:
+        guarded.stop()
+    assert set(names) <= set(fields)
+    assert set(names) <= set(locks)
+
+
+def test_the_curve_goes_down_and_has_a_line_at_each_restart(comparison):
+    for update in comparison.ends:
         evaluations, best, begun = curve_of(update)
         assert np.all(np.diff(evaluations) > 0.0)
         assert np.all(np.diff(best) <= 0.0)
@@ -48,29 +77,27 @@ def test_the_curve_goes_down_and_has_a_line_at_each_restart(ended):
             assert shown == pytest.approx(scale.shown(step.loss))
 
 
-def test_the_table_has_the_loss_of_each_end_by_each_method(scene, ended):
-    mesh = load_model(scene.model).mesh
-    ours, paper = ends = ends_of(ended, mesh, SoftwareRenderer(mesh))
-    table, said = ends_table(ends, mesh).split("\n\n")
+def test_the_table_has_the_loss_of_each_end_by_each_method(comparison):
+    table, said = ends_table(comparison).split("\n\n")
     cells = [[cell.strip() for cell in row.split("|")[1:-1]] for row in table.splitlines()]
     assert cells[0] == ["", "Default", "Paper"]
     rows = {row[0]: row[1:] for row in cells}
-    assert rows["Paper: loss (of 1)"] == [f"{ours.losses[1]:.3f}", f"{paper.losses[1]:.3f}"]
+    assert rows["Paper: loss (of 1)"] == [f"{loss:.3f}" for loss in comparison.losses[:, 1]]
     assert "Default: unexplained" in rows
-    assert rows["evaluations"] == [f"{end.progress.evaluations:,}" for end in ends]
-    apart = pose_error(mesh, paper.progress.pose, ours.progress.pose)
+    ours, paper = (end.progress for end in comparison.ends)
+    assert rows["evaluations"] == [f"{fit.evaluations:,}" for fit in (ours, paper)]
+    apart = pose_error(ours.problem.model.mesh, paper.pose, ours.pose)
     assert f"{apart.reprojection_px:.1f} px apart" in said
 
 
-def test_both_ends_are_drawn_until_the_pose_is_another(scene, ended):
-    document = open_files(scene.photo, scene.model, scene.start)
-    ends = ends_of(ended, document.mesh, SoftwareRenderer(document.mesh))
-    session = c.compare_losses()(Session(document))
+def test_both_ends_are_drawn_until_the_pose_is_another(scene, comparison):
+    def drawn(session: Session) -> list[bool]:
+        return [path_of(outline) in handles_of(session) for outline in comparison.outlines]
+
+    session = compare_losses()(Session(open_files(scene.photo, scene.model, scene.start)))
     assert session.search is not None
-    last = replace(ended[-1], is_over=True, ends=ends)
-    compared = c.search_advanced(session.search.asked, last)(session)
-    pink = [outline(end) in handles_of(compared) for end in ends]
-    assert pink == [ends[0].settings.loss != last.settings.loss, last.settings.loss == "default"]
-    other = c.take_end(pink.index(True))(compared)
-    assert [outline(end) in handles_of(other) for end in ends] == [not is_pink for is_pink in pink]
-    assert not any(outline(end) in handles_of(c.nudge("move", 1.0)(other)) for end in ends)
+    compared = search_advanced(session.search, comparison.ends[1], comparison)(session)
+    assert drawn(compared) == [True, False]  # the one that is not at hand
+    other = take_end(0)(compared)
+    assert drawn(other) == [False, True]
+    assert drawn(nudge("move", 1.0)(other)) == [False, False]

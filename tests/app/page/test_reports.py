@@ -6,9 +6,9 @@ import pytest
 
 from poseviewer.app.page.reports import meaning_of
 from poseviewer.app.state import hiding as h
-from poseviewer.app.state.commands import update
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.workers.tasks import Task
+from poseviewer.app.state.update import update
+from poseviewer.app.workers.tasks import QueuedTask
 from tests.app.state.documents import make_session
 
 NOT_REPORTS = (
@@ -52,7 +52,7 @@ def test_a_stroke_is_painted_or_grown(shape: str):
     report = {"kind": "stroke", "shape": shape, "points": points, "radius": 4.0, "erase": True}
     asked = meaning_of(json.dumps(report))
     if shape == "scribble":
-        assert isinstance(asked, Task)
+        assert isinstance(asked, QueuedTask)
         return
     assert isinstance(asked, Edit)
     (stroke,) = asked.arguments

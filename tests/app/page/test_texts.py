@@ -20,9 +20,11 @@ from poseviewer.app.page.texts import (
     search_text,
     verdict_text,
 )
-from poseviewer.app.state import commands as c
 from poseviewer.app.state import hiding as h
-from poseviewer.app.state.session import Losses
+from poseviewer.app.state.display_edits import show_style
+from poseviewer.app.state.pointer_edits import set_tool
+from poseviewer.app.state.results import LossReading, Results
+from poseviewer.app.state.search_edits import start_search, stop_search
 from poseviewer.app.workers.exporting import saved_scene
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.files.scene_json import as_saved, pose_json
@@ -51,9 +53,9 @@ def test_no_name_is_markup_to_the_page(name: str):
     assert html.unescape(shown) == name
     assert plain("demo_photo.jpg (1): 2 & 3") == "demo_photo.jpg (1): 2 &amp; 3"
     session = make_session()
-    losses = Losses(session, note=f"{name}: no loss")
+    losses = LossReading(session, note=f"{name}: no loss")
     document = session.document.with_marks(note=name)
-    session = replace(session, losses=losses, document=document, tool="pairs")
+    session = replace(session, results=Results(losses=losses), document=document, tool="pairs")
     assert shown in search_text(session)
     assert shown in marks_text(session)
     for text in (search_text(session), marks_text(session)):
@@ -73,11 +75,11 @@ def test_reasons_of_a_file_are_no_markup_to_the_page():
 def test_the_line_over_the_photo_says_what_space_does_next():
     session = make_session()
     assert hint_of(session) == USUAL_HINT  # it searches
-    searching = after(session, c.start_search())
+    searching = after(session, start_search())
     assert hint_of(searching) == SEARCHING_HINT
-    assert hint_of(after(searching, c.stop_search())) == USUAL_HINT
-    assert hint_of(after(searching, c.set_tool("brush"))) != SEARCHING_HINT
-    assert hint_of(after(session, c.change(look="residual"))) == ""  # its legend is there
+    assert hint_of(after(searching, stop_search())) == USUAL_HINT
+    assert hint_of(after(searching, set_tool("brush"))) != SEARCHING_HINT
+    assert hint_of(after(session, show_style("residual"))) == ""  # its legend is there
 
 
 def test_the_share_that_is_hidden_is_said():

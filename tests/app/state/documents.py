@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.app.state.commands import update
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.dragging import Drag
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import SearchRequest, Session
+from poseviewer.app.state.update import update
 from poseviewer.errors import PoseViewerError
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.image import Photo
@@ -87,7 +87,7 @@ def refused(session: Session, edit: Edit) -> str:
 def asked_of(session: Session) -> SearchRequest:
     """What is searched for."""
     assert session.search is not None
-    return session.search.asked
+    return session.search
 
 
 def held(session: Session) -> Session:

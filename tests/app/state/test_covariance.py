@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from poseviewer.app.page.texts import verdict_text
-from poseviewer.app.state import commands as c
 from poseviewer.app.state.objects import show_view
+from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
@@ -34,7 +34,7 @@ def test_the_verdict_says_how_sure_the_pose_is(session: Session) -> None:
     sure = session.covariance_in(0)
     assert sure is not None
     assert sure.words(session.document.mesh.unit) in verdict_text(session)
-    moved = after(session, c.nudge("move", 1.0))
+    moved = after(session, nudge("move", 1.0))
     assert moved.covariance_in(0) is None
     assert verdict_text(moved) == ""
 

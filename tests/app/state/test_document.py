@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from poseviewer.app.state import commands as c
 from poseviewer.app.state.camera_change import with_camera
-from poseviewer.app.state.document import MOST_OPENED, History
+from poseviewer.app.state.camera_edits import set_projection
 from poseviewer.app.state.dragging import radius_in_photo
+from poseviewer.app.state.history import MAX_OPENED, History
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.scene.settings import FitSettings
@@ -33,14 +33,14 @@ CAMERAS = pytest.mark.parametrize("camera", [PARALLEL, PERSPECTIVE], ids=["paral
 def test_history_keeps_few_photos_and_models(other):
     photo, history = make_photo(), History()
     documents = []
-    for i in range(MOST_OPENED + 3):
+    for i in range(MAX_OPENED + 3):
         photo_now = photo if other == "model" else make_photo(i)
         mesh = BUMPY if other == "photo" else make_box((1.0, 1.0, 1.0 + i))
         opened = make_document(photo=photo_now, mesh=mesh)
         documents += [opened, moved_document(opened, 0.1)]
     for document in documents:
         history = history.with_step(document)
-    assert history.past == tuple(documents[-2 * MOST_OPENED :])
+    assert history.past == tuple(documents[-2 * MAX_OPENED :])
 
 
 @CAMERAS
@@ -59,12 +59,12 @@ def test_another_camera_keeps_the_centres_pixel_and_size(camera):
 
 def test_there_and_back_between_projections_is_the_same_pose():
     session = make_session(PERSPECTIVE)
-    flat = after(session, c.set_projection("parallel"))
+    flat = after(session, set_projection("parallel"))
     assert isinstance(flat.document.pose.camera, Parallel)
-    back = after(flat, c.set_projection("perspective"))
+    back = after(flat, set_projection("perspective"))
     assert_same_pose(back.document.pose, session.document.pose)
-    assert after(session, c.set_projection("perspective")) is session
-    assert after(flat, c.set_projection("parallel")) is flat
+    assert after(session, set_projection("perspective")) is session
+    assert after(flat, set_projection("parallel")) is flat
 
 
 @pytest.mark.parametrize("free_focal", [False, True])

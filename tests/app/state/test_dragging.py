@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from poseviewer.app.state.dragging import (
     LARGEST_ZOOM,
-    moved,
     pinned,
     radius_in_photo,
     rolled,
     rolled_and_scaled,
     scaled_about,
+    shifted,
     trackball,
     turned,
     vehicle_pins,
@@ -143,7 +143,7 @@ def test_pins_that_can_be_reached_are_reached(camera, count, seed):
     # Well apart, as pins are set; three of them far from one line.
     points = CENTRE + np.eye(3)[:count] * random.choice([-0.8, 0.8], (count, 1))
     wanted = turned(pose, CENTRE, random.normal(size=3) * 0.1)
-    wanted = moved(scaled_about(wanted, CENTRE, 1.1), CENTRE, random.normal(size=2) * 20.0)
+    wanted = shifted(scaled_about(wanted, CENTRE, 1.1), CENTRE, random.normal(size=2) * 20.0)
     pixels = wanted.project(points)
     after = pinned(MESH, pose, points, pixels)
     assert after.project(points) == pytest.approx(pixels, abs=0.01)

@@ -7,29 +7,29 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from poseviewer import api
-from poseviewer.app.state import commands as c
-from poseviewer.app.state.commands import update
+from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.session import (
-    Losses,
-    SearchRequest,
-    SearchUpdate,
-    Session,
-)
-from poseviewer.app.workers.jobs import run_search
+from poseviewer.app.state.pose_edits import make_start, nudge
+from poseviewer.app.state.results import Landscape, LossReading
+from poseviewer.app.state.searches import SearchRequest
+from poseviewer.app.state.session import Display, Session
+from poseviewer.app.state.update import update
+from poseviewer.app.workers.jobs import renderer_of, run_search
 from poseviewer.app.workers.maps import MapMaker, maps, will_do
 from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.overlay import LossReader, OverlayDrawer, draw_fine_lines
 from poseviewer.errors import SettingsError
 from poseviewer.fit.problem import make_problem, pose_loss
+from poseviewer.fit.progress import SearchProgress
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.render.gpu.gpu_renderer import GpuRenderer
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.settings import FitSettings, Limits
 from tests.app.state.documents import after, held
 from tests.app.state.sets import document_of
+from tests.renderers import require_gpu
 from tests.several import TRUTH
 
 SETTINGS = FitSettings(limits=Limits(evaluations=150))
@@ -49,13 +49,13 @@ def compared_by(document: Document, settings: FitSettings) -> Document:
     return document.with_object(settings=settings)
 
 
-def searched(document: Document) -> list[SearchUpdate]:
+def searched(document: Document) -> list[SearchProgress]:
     """All updates of a search from where the model is, but for the last word."""
     *updates, _ = run_search(SearchRequest(document, (document.settings,), (0,)))
     return updates
 
 
-def losses_of(document: Document, renderer: SoftwareRenderer) -> Losses:
+def losses_of(document: Document, renderer: SoftwareRenderer) -> LossReading:
     return LossReader(renderer).read(Session(document))
 
 
@@ -78,7 +78,7 @@ def test_the_loss_is_that_of_the_search(document, renderer, settings):
     reader = LossReader(renderer)
     for shift in (0.0, 0.05, -0.1):
         there = document.at_numbers(problem, problem.start + shift)
-        losses = reader.read(Session(there, anchor=document.scene, look="none"))
+        losses = reader.read(Session(there, anchor=document.scene, display=Display("none")))
         assert losses.mean is not None
         wanted = pose_loss(problem, renderer, problem.start + shift)
         assert losses.mean.loss == pytest.approx(wanted, rel=1e-12)
@@ -98,13 +98,13 @@ def test_the_compared_pixels_stay_with_the_anchor_and_go_with_the_settings(docum
 
 def test_the_start_is_the_start_pose_wherever_the_pixels_are_about(document, renderer):
     session, reader = Session(document), LossReader(renderer)
-    picked = after(session, c.nudge("move", 9.0))  # as a press on a map, or undo: pixels about it
+    picked = after(session, nudge("move", 9.0))  # as a press on a map, or undo: pixels about it
     losses = reader.read(picked)
     at_start = reader.read(replace(picked, document=document, anchor=picked.document.scene)).mean
     assert losses.mean is not None
     assert at_start is not None
     assert losses.start == pytest.approx(at_start.loss) != losses.mean.loss
-    started = reader.read(after(picked, c.make_start()))
+    started = reader.read(after(picked, make_start()))
     assert started.start == pytest.approx(losses.mean.loss)
 
 
@@ -130,6 +130,26 @@ def test_a_search_ends_where_a_fit_ends(document, renderer):
     assert all(item.improvements[-1].loss == item.progress.loss for item in updates)
 
 
+def test_a_search_and_its_maps_are_by_the_renderer_of_the_settings(document, monkeypatch):
+    require_gpu(monkeypatch)
+    judged, moments_at = list[int](), GpuRenderer.moments_at
+    monkeypatch.setattr(
+        GpuRenderer, "moments_at", lambda *given: judged.append(len(given[1])) or moments_at(*given)
+    )
+    session = Session(compared_by(document, FitSettings(limits=Limits(10))).with_renderer("gpu"))
+    first = searched(session.document)[0].progress
+    assert judged
+    problem, _ = make_problem(document.scene)
+    own = pose_loss(problem, renderer_of(document.mesh), first.parameters)
+    assert first.loss == pytest.approx(own, abs=1e-3)
+    judged.clear()
+    maker = MapMaker(renderer_of(document.mesh, "gpu"))
+    next(maker.run(held(session)))
+    assert sum(judged) > 15
+    with pytest.raises(SettingsError, match=r"no renderer opengl; choose .* Renderer"):
+        searched(document.with_renderer("opengl"))
+
+
 def test_what_stands_wholly_behind_another_is_said():
     front, place = TRUTH[1].pose, TRUTH[1].pose.camera_from_model
     far = replace(place, translation=3.0 * place.translation)
@@ -141,10 +161,10 @@ def test_what_stands_wholly_behind_another_is_said():
 @pytest.mark.parametrize("lock", [(), ("rotation_x", "shift_y", "log_depth", "rotation_z")])
 def test_maps_become_known_until_they_are_complete(document, renderer, lock):
     settings = replace(SETTINGS, lock=lock)
-    case = api.Scene(compared_by(document, settings).scene, {document.mesh: renderer}, 0, 0)
-    problem = case.problem
+    problem, _ = make_problem(compared_by(document, settings).scene)
+    about = Landscape(document, problem, document.pose, problem.start, 0.2)
     with RendererPool(renderer) as pool:
-        updates = list(maps(case, Session(document), problem, pool, 5))
+        updates = list(maps(about, problem, pool, 5))
     known = [sum(int(np.isfinite(s.losses).sum()) for s in item.slices) for item in updates]
     assert known == sorted(known)
     assert 0 < known[0] < known[-1]
@@ -170,16 +190,16 @@ def test_restarts_are_told_where_they_begin(document):
 
 def test_two_losses_are_mapped_about_one_pose(document, renderer):
     session = Session(document)
-    session = update(session, c.change(whose="both"))
+    session = update(session, set_fields("display", mapped_loss="both"))
     moving = held(session)
     found = list(MapMaker(renderer).run(moving))
     assert all(len(item) == 2 for item in found)  # none is shown without the other
     ours, paper = found[-1]
-    assert (ours.case.settings, paper.case.settings) == session.mapped
-    assert ours.case.problem.chart.names == paper.case.problem.chart.names
+    assert (ours.problem.settings, paper.problem.settings) == session.mapped
+    assert ours.problem.chart.names == paper.problem.chart.names
     for one, other in zip(ours.slices, paper.slices, strict=True):
         assert np.isfinite([one.losses, other.losses]).all()
         assert np.array_equal(one.first_values, other.first_values)
         assert np.array_equal(one.second_values, other.second_values)
         assert other.losses.max() <= 1.0 < one.losses.max()
-    assert not will_do(moving, replace(moving, whose="paper"), busy=True)
+    assert not will_do(moving, after(moving, set_fields("display", mapped_loss="paper")), busy=True)

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poseviewer.app.state.commands import nudge
 from poseviewer.app.state.document import Document, verdict_of
 from poseviewer.app.state.objects import add_object, alter_object
+from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import Autosaver, kept_of
 from poseviewer.app.workers.exporting import export

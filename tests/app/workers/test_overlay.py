@@ -9,7 +9,8 @@ import pytest
 
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.objects import add_object
-from poseviewer.app.state.session import Outlines, Session
+from poseviewer.app.state.results import Outlines
+from poseviewer.app.state.session import Display, Session
 from poseviewer.app.workers.exporting import export
 from poseviewer.app.workers.outlines import outlining
 from poseviewer.app.workers.overlay import OverlayDrawer
@@ -29,7 +30,7 @@ def ball_behind_box() -> Document:
 def test_no_look_draws_what_is_behind_another(look: str):
     document = ball_behind_box()
     own = document
-    request = Session(document, look=look)
+    request = Session(document, display=Display(look))
     overlay = OverlayDrawer(SoftwareRenderer(MESHES[0])).draw(request)
     assert overlay.picture is not None
     seen = visibility(TRUTH[:2])
@@ -63,8 +64,8 @@ def drawn_in(session: Session) -> Outlines:
             drawn.clear()
             for edit in worker.take():
                 drawn_session = edit(session)
-                assert drawn_session.outlines is not None
-                return drawn_session.outlines
+                assert drawn_session.results.outlines is not None
+                return drawn_session.results.outlines
     raise AssertionError("nothing was drawn")
 
 

@@ -8,7 +8,7 @@ from typing import IO, Any
 import numpy as np
 import pytest
 
-from poseviewer.app.state.commands import nudge
+from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import export
@@ -97,7 +97,7 @@ def test_another_name_stays_the_sessions_own(session: Session, saver: Autosaver,
 def test_wheels_given_by_hand_are_written_beside_the_model(
     session: Session, saver: Autosaver, scene: Scene
 ):
-    model = replace(session.document.model, keypoints=make_keypoints())
+    model = session.document.model.with_content(keypoints=make_keypoints())
     document = session.document.with_object(model=model)
     saver.save(replace(session, document=document))
     again = open_files(scene.photo, scene.model, scene.start).model.keypoints

@@ -9,11 +9,15 @@ from typing import Any
 
 import pytest
 
-from poseviewer.app.state import commands as c
+from poseviewer.app.state.display_edits import show_style
+from poseviewer.app.state.document_edits import redo, undo
 from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.pose_edits import nudge
+from poseviewer.app.state.proposal_edits import propose_starts, stop_proposing
+from poseviewer.app.state.search_edits import toggle_search
 from poseviewer.app.workers import jobs
 from poseviewer.app.workers.maps import MapMaker
-from poseviewer.app.workers.tasks import Result, Task, Tasks, upload
+from poseviewer.app.workers.tasks import QueuedTask, TaskQueue, TaskResult, upload
 from poseviewer.errors import FileSetError
 from tests.app.below_viser.socket_page import SocketPage
 from tests.app.running_app import running_app
@@ -25,35 +29,35 @@ PATIENCE_S = 60.0
 
 def test_a_task_that_is_dropped_brings_nothing(tmp_path: Path):
     begun, ended, told = threading.Event(), threading.Event(), threading.Event()
-    tasks, session = Tasks(told.set, tmp_path), make_session()
+    tasks, session = TaskQueue(told.set, tmp_path), make_session()
 
-    def slow(*_: object) -> Result:
+    def slow(*_: object) -> TaskResult:
         begun.set()
         ended.wait(PATIENCE_S)
-        return Result((c.undo(),))
+        return TaskResult((undo(),))
 
     assert not tasks.drop()
-    tasks.add(Task(slow))
-    tasks.add(Task(slow))
+    tasks.add(QueuedTask(slow))
+    tasks.add(QueuedTask(slow))
     tasks.follow(session)
     assert begun.wait(PATIENCE_S)
     assert tasks.drop()
     assert not tasks.drop()
     ended.set()
-    tasks.add(Task(lambda *_: Result((c.redo(),))))
+    tasks.add(QueuedTask(lambda *_: TaskResult((redo(),))))
     tasks.follow(session)
-    results: list[Result] = []
+    results: list[TaskResult] = []
     while not results:
         assert told.wait(PATIENCE_S)
         told.clear()
         results = [*tasks.take()]
-    assert [result.edits for result in results] == [(c.redo(),)]
+    assert [result.edits for result in results] == [(redo(),)]
     tasks.close()
 
 
 def test_uploads_that_wait_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("poseviewer.app.workers.tasks.LARGEST_UPLOAD", 100)
-    tasks = Tasks(lambda: None, tmp_path)
+    tasks = TaskQueue(lambda: None, tmp_path)
     tasks.add(upload("photo", "large.png", bytes(150)))  # one alone is bounded before
     with pytest.raises(FileSetError, match="uploads are still being read"):
         tasks.add(upload("photo", "small.png", bytes(10)))
@@ -81,33 +85,37 @@ def test_maps_and_a_search_wait_for_what_was_asked_for(
 
         return tell
 
-    def task(*_: object) -> Result:
+    def task(*_: object) -> TaskResult:
         assert go.wait(PATIENCE_S)
         done.append(asked)
-        return Result()
+        return TaskResult()
 
     def proposed(*_: object) -> Iterator[Edit]:
         task()
-        yield c.stop_proposing()
+        yield stop_proposing()
 
     with running_app(scene, tmp_path) as running, SocketPage(running.url) as page:
         app = running.app
-        page.wait_until(lambda: app.session.landscapes and not app._mapper.busy)
+        page.wait_until(lambda: app.session.results.landscapes and not app._mapper.busy)
         monkeypatch.setattr(MapMaker, "run", telling("maps", MapMaker.run))
         monkeypatch.setattr(jobs, "run_search", telling("search", jobs.run_search))
         monkeypatch.setattr(jobs, "proposed", proposed)
-        app._mailbox.post(Task(task) if asked == "task" else c.propose_starts())
+        app._mailbox.post(QueuedTask(task) if asked == "task" else propose_starts())
         page.wait_until(lambda: app._tasks.busy or app._proposer.busy)
-        before = app.session.losses
-        app._mailbox.post(c.nudge("move", 3.0))
+        before = app.session.results.losses
+        app._mailbox.post(nudge("move", 3.0))
         page.wait_until(lambda: app._mapper.busy)
-        page.wait_until(lambda: app.session.losses is not before)  # they would long be at it
+        page.wait_until(
+            lambda: app.session.results.losses is not before
+        )  # they would long be at it
         if asked == "task":  # a search ends proposals
-            app._mailbox.post(c.toggle_search())
+            app._mailbox.post(toggle_search())
             page.wait_until(lambda: app._searcher.busy)
-        overlay = app.session.overlay
-        app._mailbox.post(c.change(look="solid"))
-        page.wait_until(lambda: app.session.overlay is not overlay)  # drawings wait for nobody
+        overlay = app.session.results.overlay
+        app._mailbox.post(show_style("solid"))
+        page.wait_until(
+            lambda: app.session.results.overlay is not overlay
+        )  # drawings wait for nobody
         assert not done
         go.set()
         begun = {"maps", "search"} if asked == "task" else {"maps"}

@@ -7,10 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poseviewer.app.state import commands as c
 from poseviewer.app.state.hiding import Stroke, paint
 from poseviewer.app.state.objects import add_object, compare_view, pick_object, show_view
-from poseviewer.app.state.session import Losses, Session
+from poseviewer.app.state.pointer_edits import press, release
+from poseviewer.app.state.pose_edits import nudge, pick_in_landscape
+from poseviewer.app.state.results import LossReading, Results
+from poseviewer.app.state.search_edits import search_advanced, start_search
+from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import filed_view, saved_scene
 from poseviewer.app.workers.jobs import run_search
@@ -45,7 +48,7 @@ def saved_record(session: Session) -> PoseRecord:
     return pose_json(as_saved(saved_scene(session)), document.active, filed_view(document))
 
 
-def losses_of(session: Session) -> Losses:
+def losses_of(session: Session) -> LossReading:
     return LossReader(SoftwareRenderer(session.document.mesh)).read(session)
 
 
@@ -67,21 +70,21 @@ def test_the_loss_is_the_mean_over_the_photos_that_are_compared(session: Session
 def test_maps_are_of_the_mean_loss_and_a_press_moves_all(session: Session):
     maker = MapMaker(SoftwareRenderer(session.document.mesh))
     *_, (latest,) = maker.run(held(session))
-    assert len(latest.case.problem.views) == 3
-    mapped = replace(session, landscapes=(latest,))
-    picked = after(mapped, c.pick_in_landscape(0, 3, 1.0, 0.5))
+    assert len(latest.problem.views) == 3
+    mapped = replace(session, results=Results(landscapes=(latest,)))
+    picked = after(mapped, pick_in_landscape(0, 3, 1.0, 0.5))
     np.testing.assert_allclose(picked.document.parameters, [0.2, 0, 0, 0, 0, 0], atol=1e-9)
     assert picked.document.scene.pose(0, 2) is not session.document.scene.pose(0, 2)
 
 
 @pytest.mark.slow
 def test_a_search_finds_the_pose_in_all_photos_and_says_of_each(session: Session):
-    asked = after(session, c.start_search())
+    asked = after(session, start_search())
     request = asked_of(asked)
     for update in run_search(request):
         # Another photo may be looked at meanwhile.
         asked = after(
-            asked, c.search_advanced(request, update), show_view(update.progress.evaluations % 3)
+            asked, search_advanced(request, update), show_view(update.progress.evaluations % 3)
         )
     result = asked.document.object.result
     assert result is not None
@@ -102,7 +105,7 @@ def test_a_search_finds_the_pose_in_all_photos_and_says_of_each(session: Session
 
 
 def test_a_pose_file_opens_in_its_photo_of_the_set(session: Session, files):
-    looked = after(session, show_view(2), c.nudge("move", 30.0))
+    looked = after(session, show_view(2), nudge("move", 30.0))
     opened = open_pose(looked.document, files[2])
     assert opened.photo.name == "a.png"
     for index in range(3):
@@ -113,13 +116,13 @@ def test_a_pose_file_opens_in_its_photo_of_the_set(session: Session, files):
 def test_a_set_opens_without_a_pose_and_waits_for_a_press(files):
     document = open_set(files[0], files[1], None)
     assert not document.object.is_placed
-    placed = after(Session(document), c.press(100.0, 80.0), c.release())
+    placed = after(Session(document), press(100.0, 80.0), release())
     assert placed.document.object.is_placed
 
 
 def test_a_model_that_no_photo_shows_is_said(session: Session):
-    away = after(session, c.nudge("move", 3000.0))
-    asked = after(away, c.start_search())
+    away = after(session, nudge("move", 3000.0))
+    asked = after(away, start_search())
     assert asked.search is not None
     with pytest.raises(SettingsError, match="bring the start onto the photo"):
         next(iter(run_search(asked_of(asked))))
@@ -128,10 +131,8 @@ def test_a_model_that_no_photo_shows_is_said(session: Session):
 def test_objects_in_several_photos_come_back_from_scene_and_session(
     session: Session, tmp_path: Path
 ):
-    added = after(
-        session, add_object(), c.press(250.0, 60.0), c.release(), show_view(1), paint(STROKE)
-    )
-    changed = after(added, pick_object(1), compare_view(2, False), c.nudge("roll", 3.0))
+    added = after(session, add_object(), press(250.0, 60.0), release(), show_view(1), paint(STROKE))
+    changed = after(added, pick_object(1), compare_view(2, False), nudge("roll", 3.0))
     saver = Autosaver(tmp_path)
     path = saver.save(changed)
     assert path.name == "b.scene.json"

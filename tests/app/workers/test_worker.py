@@ -8,9 +8,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from poseviewer.app.state.commands import set_tool
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.workers.worker import Job
+from poseviewer.app.state.pointer_edits import set_tool
+from poseviewer.app.workers.worker import Worker
 from tests.app.state.documents import after, make_session
 
 LONG = 30.0
@@ -75,11 +75,11 @@ def bell() -> Bell:
     return Bell()
 
 
-Tested = Job[Steps, object]
+Tested = Worker[Steps, object]
 
 
 def make_job(bell: Bell, low_priority: bool = False) -> Tested:
-    return Job("tested", lambda _: None, lambda steps: steps(), bell, low_priority=low_priority)
+    return Worker("tested", lambda _: None, lambda steps: steps(), bell, low_priority=low_priority)
 
 
 @pytest.fixture(params=[False, True], ids=["", "low priority"])
@@ -180,7 +180,7 @@ def made(step: Steps) -> Iterator[Edit]:
 def test_a_job_is_begun_once_and_stopped_where_it_is_not_asked_for(bell):
     """What is asked for is the session's tool; an edit gives another one."""
     session, steps = make_session(), {"pairs": Steps("ab"), "wheels": Steps("c", ValueError("no"))}
-    job = Job(
+    job = Worker(
         "tested",
         lambda now: now.tool if now.tool in steps else None,
         lambda asked: made(steps[asked]),

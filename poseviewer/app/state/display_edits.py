@@ -1,0 +1,49 @@
+"""Edits of what is shown, and sentences that are told."""
+
+from dataclasses import replace
+from typing import Any
+
+from poseviewer.app.state.document import Document
+from poseviewer.app.state.edits import drag_edit
+from poseviewer.app.state.session import Session
+from poseviewer.errors import SettingsError
+
+
+@drag_edit
+def set_fields(session: Session, part: str = "", **values: Any) -> Session:
+    """Set fields of the session, or of a ``part`` of it such as ``display``; no undoable step."""
+    return replace(
+        session, **({part: replace(getattr(session, part), **values)} if part else values)
+    )
+
+
+@drag_edit
+def show_results(session: Session, document: Document, **values: Any) -> Session:
+    """Show a worker's results, unless another photo or model is at hand by now."""
+    is_same = document.shown == session.document.shown
+    return set_fields("results", **values)(session) if is_same else session
+
+
+@drag_edit
+def show_style(session: Session, style: str) -> Session:
+    """Show the model in a render style."""
+    return set_fields("display", style=style, photo_alone=False)(session)
+
+
+@drag_edit
+def toggle_model(session: Session) -> Session:
+    """Show the photo alone, or the model again."""
+    return set_fields("display", photo_alone=not session.display.photo_alone)(session)
+
+
+@drag_edit
+def enlarge_map(session: Session, first: int, second: int) -> Session:
+    """Make the map of a pair of parameters large, or small again."""
+    pair = None if session.display.large_map == (first, second) else (first, second)
+    return set_fields("display", large_map=pair)(session)
+
+
+@drag_edit
+def report_error(_: Session, sentence: str) -> Session:
+    """Tell a sentence; nothing changes."""
+    raise SettingsError(sentence)

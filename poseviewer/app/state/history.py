@@ -1,0 +1,58 @@
+"""Undo and redo: the documents before and after the one at hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from poseviewer.app.state.document import Document
+
+MAX_STEPS = 200
+"""Undo steps that are kept."""
+MAX_OPENED = 4
+"""Photos (or sets of them), and models beside those at hand, that undo steps keep in memory."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class History:
+    """The documents before and after the one at hand."""
+
+    past: tuple[Document, ...] = ()
+    future: tuple[Document, ...] = ()
+    last_step: tuple[object, Document | None] = (None, None)
+    """Key of the last step, and the document that it led to."""
+
+    def with_step(
+        self, before: Document, after: Document | None = None, key: object = None
+    ) -> History:
+        """Add a step, and forget what was undone. Steps in a row with one ``key`` are one: what is
+        typed letter by letter.
+        """
+        is_same = key is not None and self.last_step == (key, before) and not self.future
+        past = self.past if is_same else _bounded((*self.past, before))
+        return History(past, last_step=(key, after))
+
+    def undo(self, now: Document) -> tuple[History, Document]:
+        """Go one step back, if there is one."""
+        if not self.past:
+            return self, now
+        return History(self.past[:-1], (now, *self.future)), self.past[-1]
+
+    def redo(self, now: Document) -> tuple[History, Document]:
+        """Go one step on again, if there is one."""
+        if not self.future:
+            return self, now
+        return History(_bounded((*self.past, now)), self.future[1:]), self.future[0]
+
+
+def _bounded(past: tuple[Document, ...]) -> tuple[Document, ...]:
+    """The last steps, over no more than the allowed number of photos and of models."""
+    past = past[-MAX_STEPS:]
+    photos, meshes = set(), set()
+    max_meshes = MAX_OPENED + len(past[-1].scene.objects) - 1
+    for index in reversed(range(len(past))):
+        scene = past[index].scene
+        photos.add(tuple(id(view.photo) for view in scene.views))
+        meshes |= {id(item.model.mesh.whole) for item in scene.objects}
+        if len(photos) > MAX_OPENED or len(meshes) > max_meshes:
+            return past[index + 1 :]
+    return past

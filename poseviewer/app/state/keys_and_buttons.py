@@ -1,0 +1,186 @@
+"""Table of keys and buttons: the edit of each, its tooltip, its step, and its row of the help."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from poseviewer.app.state.display_edits import show_style, toggle_model
+from poseviewer.app.state.document_edits import redo, undo
+from poseviewer.app.state.edits import Edit, ReviewRow, SavePose, ShowHelp
+from poseviewer.app.state.hiding import hide_found, toggle_hiding, unhide
+from poseviewer.app.state.marking import clear_marks, remove_mark
+from poseviewer.app.state.objects import add_object
+from poseviewer.app.state.pointer_edits import cancel_drag, set_tool
+from poseviewer.app.state.pose_edits import NudgeKind, make_start, nudge, reset_to_start
+from poseviewer.app.state.proposal_edits import propose_starts, step_proposals, toggle_box
+from poseviewer.app.state.search_edits import (
+    accept_search,
+    clear_region,
+    compare_losses,
+    revert_search,
+    search_all,
+    toggle_search,
+)
+
+STYLES = {"1": "outline", "2": "solid", "3": "relit", "4": "normals", "5": "residual", "0": "none"}
+"""Render style of the model by each key."""
+NUDGES: Mapping[tuple[str, str], tuple[NudgeKind, float, float]] = {
+    ("left", "right"): ("move", 1.0, 0.0),
+    ("up", "down"): ("move", 0.0, 1.0),
+    ("J", "L"): ("turn", 1.0, 0.0),
+    ("I", "K"): ("turn", 0.0, 1.0),
+    ("U", "O"): ("roll", 1.0, 0.0),
+    ("page down", "page up"): ("scale", 1.0, 0.0),
+}
+"""Small step of the pose, by the keys for it backwards and forwards."""
+CODES = {
+    "space": "Space",
+    "Esc": "Escape",
+    "?": "?",
+    "page up": "PageUp",
+    "page down": "PageDown",
+    **{side: f"Arrow{side.capitalize()}" for side in ("left", "right", "up", "down")},
+}
+"""``event.code`` (of ``?`` ``event.key``) of the keys that are neither letters nor digits."""
+
+LEFT_WITH_CTRL = tuple("FRBHAXNP123450")
+"""Keys that the browser has while ctrl is held: find, reload, and so on."""
+
+BOX = "Draw a rectangle about the object; starting poses are proposed there"
+PROPOSE = "Look for starting poses, in the box, the region or the whole photo"
+SEARCH = "Start, stop the search"
+HIDE = "Hide what is in front: wheel brush size, alt erase"
+HIDE_FOUND = "Hide what the search took for something in front, to be corrected"
+COMPARE = "Search from the start by one loss, then by the other, and set the ends side by side"
+REGION, DRAWING = "Compare what lies in a rectangle alone", "Drag on the photo ..."
+END = "Let go, leave a tool, stop what is looked for or read"
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """Something that a key or a button requests."""
+
+    request: Edit | SavePose | ShowHelp | ReviewRow | Literal["showAll"]
+    """``showAll`` is a function of the page's script."""
+    step: Literal["Open", "Place", "Fit", "Judge", "Save", "Review", ""]
+    """Tab of its button, or of the work in which its keys are used; "": any."""
+    name: str
+    """Text of the button or checkbox; "" for none."""
+    tooltip: str
+    """Sentence of the button's tooltip and of the help dialog; "": the dialog has another row."""
+    keys: str = ""
+    """Names of its keys in the help dialog, with commas between."""
+    end: str = ""
+    """Text of the button while it would end what it began."""
+    opens: Literal["", "forward", "always"] = ""
+    """Whether its keys open its step: unless a later step is open, or always."""
+
+    @property
+    def label(self) -> str:
+        """Label of the button, with its first key."""
+        return self._with_key(self.name)
+
+    @property
+    def end_label(self) -> str:
+        """Label of the button while it would end what it began."""
+        return self._with_key(self.end)
+
+    def _with_key(self, text: str) -> str:
+        return f"{text} ({self.keys.split(', ')[0]})" if self.keys else text
+
+    @property
+    def codes(self) -> tuple[str, ...]:
+        """``event.code`` of the keys, some with "shift " before; ctrl makes no difference."""
+        return tuple(map(_code, filter(None, self.keys.split(", "))))
+
+
+def _code(key: str) -> str:
+    held, last = "shift " * ("shift " in key), key.removeprefix("ctrl ").removeprefix("shift ")
+    return held + CODES.get(last, f"{'Digit' if last.isdigit() else 'Key'}{last}")
+
+
+ACTIONS: Mapping[str, Action] = {
+    "add same": Action(
+        add_object(), "Open", "Add the same model again", "Add an object of the active one's model"
+    ),
+    "undo": Action(undo(), "Place", "Undo", "Go one step back", "Z, ctrl Z"),
+    "redo": Action(redo(), "Place", "Redo", "Go one step on again", "Y, ctrl shift Z"),
+    "reset": Action(reset_to_start(), "Place", "Reset to start", "Go back to the start", "R"),
+    "start": Action(make_start(), "Place", "Make this the start", "Start from the pose at hand"),
+    "box": Action(toggle_box(), "Place", "Fit to box", BOX, end=DRAWING),
+    "propose": Action(propose_starts(), "Place", "Propose starts", PROPOSE, end="Stop looking"),
+    "previous": Action(step_proposals(-1), "Place", "Previous", "Start from the proposal before"),
+    "next": Action(step_proposals(), "Place", "Next", "Start from the next likely proposal"),
+    "pairs": Action(set_tool("pairs"), "Place", "Point pairs", "Click points, model then photo"),
+    "wheels": Action(set_tool("wheels"), "Place", "Wheels", "Click points of a car's two rims"),
+    "unmark": Action(remove_mark(), "Place", "Remove last mark", "Take the last mark away"),
+    "clear": Action(clear_marks(), "Place", "Clear marks", "Take all marks away; the pose stays"),
+    "done": Action(set_tool("pose"), "Place", "Done (Esc)", "Drags move the model again"),
+    "search": Action(toggle_search(), "Fit", "Search", SEARCH, "space", "Stop", "forward"),
+    "search all": Action(search_all(), "Fit", "Search all", "Search for all objects in turn"),
+    "keep": Action(accept_search(), "Fit", "Keep it", "Keep the pose; put the search away"),
+    "revert": Action(revert_search(), "Fit", "Go back", "Go back to the pose before (Z)"),
+    "hide": Action(
+        toggle_hiding(), "Fit", "Hide what is in front", HIDE, "H", "Done hiding", opens="always"
+    ),
+    "hide found": Action(hide_found(), "Fit", "Hide what the search found", HIDE_FOUND),
+    "unhide": Action(unhide(), "Fit", "Clear hidden areas", "Let all pixels count again"),
+    "compare": Action(compare_losses(), "Fit", "Compare both losses", COMPARE),
+    "region": Action(set_tool("region"), "Fit", "Draw a region", REGION, end=DRAWING),
+    "clear region": Action(clear_region(), "Fit", "Clear the region", "Compare the whole photo"),
+    **{style: Action(show_style(style), "Judge", "", "", key) for key, style in STYLES.items()},
+    "blink": Action(toggle_model(), "Judge", "Photo alone", "Blink: photo, model", "B"),
+    "save": Action(SavePose(), "Save", "Save pose", "Save the pose", "S, ctrl S"),
+    "end": Action(cancel_drag(), "Place", "", END, "Esc"),
+    "help": Action(ShowHelp(), "Open", "Keys and mouse", "", "?"),
+    "whole photo": Action("showAll", "", "", "", "F"),
+    "next row": Action(ReviewRow("next"), "Review", "Next", "", "N"),
+    "previous row": Action(ReviewRow("previous"), "Review", "Previous", "", "P"),
+    "accept": Action(ReviewRow("accepted"), "Review", "Accept", "", "A"),
+    "reject": Action(ReviewRow("rejected"), "Review", "Reject", "", "X"),
+    **{
+        key: Action(nudge(kind, sign * x, sign * y), "", "", "", key)
+        for keys, (kind, x, y) in NUDGES.items()
+        for key, sign in zip(keys, (-1.0, 1.0), strict=True)
+    },
+}
+"""All that buttons and keys request."""
+KEYS = {code: action for action in ACTIONS.values() for code in action.codes}
+"""The action of each key, some with "shift " before."""
+GESTURES = {
+    "drag": "Move the model; a pin, if you hit one",
+    "shift + drag": "Turn it as a ball about its centre",
+    "ctrl + drag": "Roll it, and make it larger or smaller",
+    "double-click": "Pin the surface there, or take the pin away",
+    "wheel, right drag, F": "Zoom at the pointer, pan, whole photo",
+    "arrows": "Move by 1 px",
+    "J L, I K, U O": "Turn, tilt, roll by 1 degree",
+    "page up / down": "1 % larger, smaller",
+    "shift / ctrl": "With one of these: a tenth, ten times as much",
+    "1 2 3 4 5, 0": "Outline, solid, relit, normals, residual, nothing",
+    "A, X, N, P": "In a review: accept, reject, next, previous",
+}
+"""Rows of the help dialog for gestures of the mouse, and for keys that share a row."""
+
+
+def help_table() -> str:
+    """All that mouse and keys do, and the step that it belongs to (markdown)."""
+    keyed = [(own.keys, own.tooltip, own.step) for own in ACTIONS.values() if own.keys]
+    rows = [*((keys, does, "") for keys, does in GESTURES.items()), *filter(lambda r: r[1], keyed)]
+    head = "| | | |\n|---|---|---|\n"
+    return head + "".join(
+        f"| **{keys.replace(', ', '**, **')}** | {does} | {step} |\n" for keys, does, step in rows
+    )
+
+
+def client_keys() -> dict[str, dict[str, object]]:
+    """All that the page's script knows of each key, by its code, as ``client.js`` says."""
+    return {
+        code.split()[-1]: {
+            "call": action.request if action.request == "showAll" else "",
+            "step": action.step,
+            "opens": action.opens,
+            "leave": action.keys in LEFT_WITH_CTRL,
+        }
+        for code, action in KEYS.items()
+    }

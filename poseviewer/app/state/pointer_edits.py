@@ -1,0 +1,150 @@
+"""Edits by the pointer on the photo: presses, drags, and the tool that they use.
+
+Points are photo px, pixel centres at i + 0.5.
+"""
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from poseviewer.app.state.dragging import (
+    draw_rectangle,
+    nearest_object,
+    nearest_place,
+    pins_in_photo,
+    shifted,
+    take_hold,
+)
+from poseviewer.app.state.edits import Px, Zoom, drag_edit, edit
+from poseviewer.app.state.hiding import HIDING, leave_out
+from poseviewer.app.state.marking import (
+    MARKING,
+    hold_mark,
+    mark_at,
+    remove_mark,
+    solved,
+    with_mark,
+)
+from poseviewer.app.state.pose_edits import put
+from poseviewer.app.state.proposal_edits import propose_starts
+from poseviewer.app.state.session import Session, is_in_sight
+from poseviewer.errors import QuickStartError
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.starts.placing import framed, surface_point
+from poseviewer.vehicle.chart import VehicleChart
+
+Tool = Literal["pose", "region", "box", "pairs", "wheels", "brush", "polygon", "scribble", "part"]
+MAX_PINS = 3
+
+
+@edit
+def press(
+    session: Session, x: Px, y: Px, zoom: Zoom = 1.0, shift: bool = False, ctrl: bool = False
+) -> Session:
+    """Take hold of what is at a point of the photo, of any object; with a marking tool, set a mark
+    where there is none; put a model that is nowhere yet there. ``zoom``: screen px per photo px.
+    """
+    session = session.stop_proposing()
+    document, point, tool = session.document, np.array([x, y]), session.tool
+    if tool == "part":
+        return leave_out(x, y)(session)
+    if tool in MARKING:
+        mark = mark_at(document, tool, point, zoom)
+        if mark is None:
+            return session.with_document(with_mark(document, tool, point))
+        drag = hold_mark(document, tool, mark, point)
+    elif tool in ("region", "box"):
+        drag = draw_rectangle(tool, point)
+    else:
+        kind = "roll" if ctrl else "turn" if shift else "move"
+        drag = take_hold(document, point, zoom, kind)
+        is_placed = document.object.is_placed
+        if is_placed and (drag is None or drag.model_from is not None):
+            session = session.with_active(nearest_object(document, point))
+            if session.document is not document:
+                drag = take_hold(session.document, point, zoom, kind)
+        if drag is None and not is_placed:
+            return _placed(session, point)
+    return session if drag is None else replace(session, drag=drag)
+
+
+def _placed(session: Session, point: FloatArray) -> Session:
+    """Session with the model's middle at a point (2,) of the photo."""
+    document, centre = session.document, session.document.mesh.centre
+    pose = shifted(document.pose, centre, point - document.pose.project(centre))
+    return session.with_document(put(document, pose))
+
+
+@drag_edit
+def drag_to(session: Session, x: Px, y: Px) -> Session:
+    """Bring what is held to the pointer; a search ends. ``release`` checks the pose."""
+    drag = session.drag
+    if drag is None:
+        return session
+    document = drag.follow(session.document, np.array([x, y]))
+    if drag.before is None:
+        drag = replace(drag, before=session.document)
+        ended = {"search": None, "search_progress": None, "anchor": session.compared}
+        session = replace(session, drag=drag, **ended)
+    return replace(session, document=document)
+
+
+@drag_edit
+def release(session: Session) -> Session:
+    """End the drag, one undoable step. A model that is nowhere yet goes where it was pressed, any
+    into the box that was drawn, where starts are looked for.
+    """
+    drag, document, tool = session.drag, session.document, session.tool
+    if drag is None:
+        return session
+    session = replace(session, drag=None, tool=tool if tool in MARKING else "pose")
+    before = drag.before
+    if before is None:
+        if drag.model_from is None or document.object.is_placed:
+            return session
+        return _placed(session, drag.model_from)
+    session = replace(session, document=before)
+    if tool == "box" and document.marks.box is not None:
+        pose = framed(document.pose, document.mesh, document.marks.box)
+        return propose_starts()(session.with_document(put(document, pose)))
+    if tool in MARKING:
+        document = solved(document, tool)
+    return session.with_document(document) if is_in_sight(document) else session
+
+
+@drag_edit
+def cancel_drag(session: Session) -> Session:
+    """Forget the drag: the pose goes back to where it was; proposals are no longer looked for."""
+    session, drag = session.stop_proposing(), session.drag
+    document = session.document if drag is None or drag.before is None else drag.before
+    return replace(session, drag=None, tool="pose", document=document)
+
+
+@edit
+def double_press(session: Session, x: Px, y: Px, zoom: Zoom = 1.0) -> Session:
+    """Pin the surface point seen there, or take the pin (with a marking tool: the mark) away."""
+    document, point, tool = session.document, np.array([x, y]), session.tool
+    if tool in HIDING:
+        return session
+    if tool in MARKING:
+        mark = mark_at(document, tool, point, zoom)
+        return session if mark is None else remove_mark(mark)(session)
+    if isinstance(document.chart, VehicleChart):
+        raise QuickStartError("A vehicle has its pins already: wheels and axle.")
+    pins = document.state.pins
+    pin = nearest_place(pins_in_photo(document), point, zoom)
+    if pin is not None:
+        return session.with_document(document.with_state(pins=(*pins[:pin], *pins[pin + 1 :])))
+    if len(pins) == MAX_PINS:
+        raise QuickStartError("Three pins fix a pose; double-click one to take it away first.")
+    surface = surface_point(document.mesh, document.pose, point)
+    if surface is None:
+        raise QuickStartError("There is no model there to pin; double-click on it.")
+    return session.with_document(document.with_state(pins=(*pins, surface)))
+
+
+@edit
+def set_tool(session: Session, tool: Tool) -> Session:
+    """Choose what a press does: move the model, draw a rectangle, set a mark, or hide."""
+    return replace(session, tool=tool)

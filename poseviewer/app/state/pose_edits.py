@@ -1,0 +1,116 @@
+"""Edits of the active object's pose by numbers, buttons and maps."""
+
+import math
+from contextlib import suppress
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from poseviewer.app.state.document import Document, scale_at
+from poseviewer.app.state.dragging import rolled, scaled_about, shifted, turned
+from poseviewer.app.state.edits import edit
+from poseviewer.app.state.session import Session
+from poseviewer.errors import SettingsError
+from poseviewer.fit.slices import Slice
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.starts.loading import scale_by_sight
+from poseviewer.starts.placing import look_from
+
+NudgeKind = Literal["move", "turn", "roll", "scale"]
+NUDGE_MOVE_PX = 1.0
+NUDGE_TURN = math.radians(1.0)
+NUDGE_SCALE = 1.01
+
+
+def put(document: Document, pose: Pose) -> Document:
+    """Document at a new pose; among views of unknown scale, at the scale by which they see it."""
+    scale = None
+    if document.scene.free_scale:
+        with suppress(SettingsError):
+            views, name = document.scene.views, document.scene.name
+            scale = 1.0 / scale_by_sight(views, document.at, document.mesh, pose, name)
+    return document.at_pose(pose, scale=scale)
+
+
+@edit
+def nudge(session: Session, kind: NudgeKind, x: float = 0.0, y: float = 0.0) -> Session:
+    """Move the pose by small steps: ``x`` to the right, about the vertical, clockwise, or larger;
+    ``y`` downwards, or about the horizontal.
+    """
+    pose, centre = session.document.pose, session.document.mesh.centre
+    match kind:
+        case "move":
+            pose = shifted(pose, centre, NUDGE_MOVE_PX * np.array([x, y]))
+        case "turn":
+            # To the right: about the downward axis, so that the near side follows.
+            pose = turned(pose, centre, NUDGE_TURN * np.array([y, -x, 0.0]))
+        case "roll":
+            pose = rolled(pose, centre, NUDGE_TURN * x)
+        case "scale":
+            pose = scaled_about(pose, centre, NUDGE_SCALE**x)
+    return session.with_pose(pose)
+
+
+@edit
+def set_parameter(session: Session, name: str, value: float) -> Session:
+    """Set a parameter of the chart by its name; what is typed in its field is one undoable step."""
+    chart, parameters = session.document.chart, np.array(session.document.parameters)
+    if name not in chart.names or not math.isfinite(value):
+        raise SettingsError(f"{name} = {value} is no parameter of the chart")
+    index = chart.names.index(name)
+    if float(parameters[index]) == value:
+        return session
+    parameters[index] = value
+    pose, scale = chart.to_pose(parameters), scale_at(chart, parameters)
+    return session.with_document(session.document.at_pose(pose, scale=scale), name)
+
+
+@edit
+def pick_in_landscape(session: Session, first: int, second: int, u: float, v: float) -> Session:
+    """Go to a point (u, v) of a map, in [0, 1] from its lower left corner."""
+    for landscape in session.results.landscapes:
+        for piece in landscape.slices:
+            if (piece.first, piece.second) == (first, second):
+                parameters = picked_parameters(piece, landscape.parameters, u, v)
+                picked = session.document.at_numbers(landscape.problem, parameters)
+                return session.with_document(picked)
+    return session
+
+
+def picked_parameters(piece: Slice, centre: FloatArray, u: float, v: float) -> FloatArray:
+    """(d,): the parameters at shares ``u``, ``v`` of a map's side, cut to [0, 1], from its left and
+    lower border; ``centre`` (d,): the map's.
+    """
+    parameters = np.array(centre, dtype=float)
+    parameters[piece.first] = np.interp(u, [0.0, 1.0], piece.first_values[[0, -1]])
+    parameters[piece.second] = np.interp(v, [0.0, 1.0], piece.second_values[[0, -1]])
+    return parameters
+
+
+@edit
+def view_from(session: Session, side: str) -> Session:
+    """Turn the model so that one of its sides is seen: where it is and as large, if it is placed,
+    else in the middle of the photo.
+    """
+    document, model, pose = session.document, session.document.model, session.document.pose
+    seen = look_from(side, model.mesh, model.keypoints, pose.camera)
+    if document.object.is_placed:
+        rotation, centre = seen.camera_from_model.rotation, model.mesh.centre
+        translation = pose.camera_from_model.apply(centre) - rotation @ centre
+        seen = replace(pose, camera_from_model=RigidTransform(rotation, translation))
+    return session.with_pose(seen)
+
+
+@edit
+def reset_to_start(session: Session) -> Session:
+    """Go back to the start pose."""
+    return session.with_document(session.document.reset)
+
+
+@edit
+def make_start(session: Session) -> Session:
+    """Make the pose at hand the start pose."""
+    return session.with_document(session.document.started)
