@@ -194,49 +194,45 @@ class _Said:
                     is_sure = name in MODEL_FIELDS or form.tools in TYPED
                     yield text, is_sure and fields is self.entries
 
+    @property
+    def sizes(self) -> dict[str, Any]:
+        """Both sides of the pictures as the mapping says them, or else those that it stands in, by
+        their keys; those of a key each come first, and are in order.
+        """
+        fields = self.entries if not self.entries.keys().isdisjoint(SIZES) else self.above
+        names = ("w", "h") if {"flx", "w", "h"} <= fields.keys() else ("width", "height")
+        sides = [fields[name] for name in names if name in fields]
+        ordered = {", ".join(key for key, _ in sides): [value for _, value in sides]}
+        return (ordered if len(sides) == 2 else {}) | dict(fields.get("imagesize", ("", ()))[1])
+
     def size(self, cx: float = 0.0, cy: float = 0.0) -> tuple[int, int]:
         """Width and height in px, as said, or else those of the photo.
 
         A list of two has either first: where they are given, ``cx`` and ``cy`` (px) tell it, as
         they lie near the middle. Raises the reading's error where two keys say different sizes.
         """
-        sizes = self.sizes
-        if len({tuple(sorted(size)) for size in sizes.values()}) > 1:
-            sizes = {key: size for key, size in sizes.items() if "calib" in key.lower()} or sizes
-        if len({tuple(sorted(size)) for size in sizes.values()}) > 1:
+        sizes = {key: self._pair(key, value) for key, value in self.sizes.items()}
+        for chosen in (sizes, {key: size for key, size in sizes.items() if "calib" in key.lower()}):
+            if len({tuple(sorted(size)) for size in (chosen or sizes).values()}) < 2:
+                key, size = next(iter((chosen or sizes).items()), ("", self.photo))
+                break
+        else:
             found = " and ".join(f"{w}x{h} px ({key})" for key, (w, h) in sizes.items())
             raise self.reading.error(f"its pictures have {found}", "leave out all but one")
-        key, (width, height) = next(iter(sizes.items()), ("", self.photo))
         self.used.update(dict.fromkeys([key] if key else []))
-        both = ((width, height), (height, width))
-        off, off_turned = (abs(cx / (w or 1) - 0.5) + abs(cy / (h or 1) - 0.5) for w, h in both)
-        is_open = key in self.pairs or (not key and self.is_turned)
-        return both[is_open and bool(cx or cy) and off_turned < off]
+        off, off_turned = (
+            abs(cx / (w or 1) - 0.5) + abs(cy / (h or 1) - 0.5) for w, h in (size, size[::-1])
+        )
+        is_open = ", " not in key if key else self.is_turned
+        return size[::-1] if is_open and (cx or cy) and off_turned < off else size
 
-    @property
-    def pairs(self) -> dict[str, Any]:
-        """Lists of both sides, by their keys."""
-        fields = self.entries if not self.entries.keys().isdisjoint(SIZES) else self.above
-        return dict(fields["imagesize"][1]) if "imagesize" in fields else {}
-
-    @property
-    def sizes(self) -> dict[str, tuple[int, int]]:
-        """Sizes that the mapping says, or else those that it stands in, by their keys."""
-        fields = self.entries if not self.entries.keys().isdisjoint(SIZES) else self.above
-        names = ("w", "h") if {"flx", "w", "h"} <= fields.keys() else ("width", "height")
-        sizes, said = {}, self.pairs
-        if all(name in fields for name in names):
-            keys = ", ".join(fields[name][0] for name in names)
-            said = {keys: [fields[name][1] for name in names]} | said
-        for key, value in said.items():
-            value = re.sub("[x,*]", " ", value) if isinstance(value, str) else value
-            values = self.reading.flat_numbers(value, key)
-            values = values[:2] if len(values) == 3 and values[2] <= 4 else values  # of channels
-            if len(values) != 2:
-                raise self.reading.error(f"{key} has {len(values)} numbers", "wanted 2 numbers")
-            width, height = (self.reading.size(side, "image_size") or 0 for side in values)
-            sizes[key] = width, height
-        return sizes
+    def _pair(self, key: str, value: Any) -> tuple[int, int]:
+        numbers = _numbers_in(value)
+        numbers = numbers[:2] if len(numbers) == 3 and numbers[2] <= 4 else numbers  # of channels
+        if len(numbers) != 2:
+            raise self.reading.error(f"{key} is {str(value)[:40]!r}", "wanted 2 numbers")
+        width, height = (self.reading.size(side, "image_size") or 0 for side in numbers)
+        return width, height
 
     def from_middle(self, fx: float, fy: float, x: float, y: float) -> tuple[float, ...]:
         """fx, fy, cx, cy of a principal point that counts from the picture's middle."""
@@ -372,11 +368,9 @@ READ = (
     ("a 3x3 matrix", ".txt .npy .json", "fx 0 cx, 0 fy cy, 0 0 1"),
     ("ROS 1 and 2", ".yaml .txt .ini", "camera_info, ost.txt"),
     ("COLMAP", "cameras.txt cameras.bin", "all models that OpenCV has, pinhole to fisheye"),
-    ("nerfstudio, instant-ngp, NeRF", "transforms.json",
-     "fl_x fl_y cx cy, is_fisheye; camera_angle_x"),
+    ("nerfstudio, NeRF", "transforms.json", "fl_x fl_y cx cy, is_fisheye; camera_angle_x"),
     ("BOP, NDDS, DOPE", ".json", "cam_K; camera.json, scene_camera.json, _camera_settings.json"),
-    ("RealSense, Open3D, Record3D, DepthAI, Zivid", ".json",
-     "ppx ppy coeffs; intrinsic_matrix and K by columns; cameraData; CameraMatrix"),
+    ("RealSense, Open3D, Record3D, DepthAI, Zivid", ".json", "coeffs; K by columns; cameraData"),
     ("Kalibr, Basalt", ".yaml .json", "camchain: radtan, equidistant; value0: pinhole, kb4"),
     ("ORB-SLAM 2 and 3", ".yaml", "Camera.fx ..., Camera1.fx ..., LEFT.K LEFT.D"),
     ("KITTI", "calib.txt calib_cam_to_cam.txt", "P0 ...; K_00 D_00 S_00 ..., P_rect_00 ..."),
@@ -384,8 +378,7 @@ READ = (
     ("MATLAB", ".json", "cameraParameters: IntrinsicMatrix or K, RadialDistortion, ImageSize"),
     ("OpenSfM, OpenDroneMap", "reconstruction.json cameras.json", "perspective, brown, fisheye"),
     ("OpenMVG", "sfm_data.json", "pinhole, radial, brown, fisheye"),
-    ("Metashape, Meshroom, RealityCapture, fSpy", ".xml .sfm .csv .json",
-     "frame cameras and fisheyes, as far as OpenCV has the lens"),
+    ("Metashape, Meshroom, RealityCapture, fSpy", ".xml .sfm .csv .json", "frames and fisheyes"),
     ("Gyroflow", ".json", "fisheye_params"),
 )  # fmt: skip
 """Tools, their files, and what of a camera is read there."""
@@ -468,11 +461,10 @@ def _photos_of(data: Any) -> dict[str, set[str]]:
     photos: dict[str, set[str]] = {}
     with suppress(KeyError, TypeError, AttributeError):
         for one in data["cameras"] if isinstance(data.get("cameras"), list) else [data]:
-            for name, shot in one.get("shots", {}).items():
-                photos.setdefault(str(shot["camera"]), set()).add(_file_name(name))
-            for view in one.get("views", []):
-                own = view["value"]["ptr_wrapper"]["data"]
-                photos.setdefault(str(own["id_intrinsic"]), set()).add(_file_name(own["filename"]))
+            views = [view["value"]["ptr_wrapper"]["data"] for view in one.get("views", [])]
+            shots = [(shot["camera"], name) for name, shot in one.get("shots", {}).items()]
+            for camera, name in [*shots, *((v["id_intrinsic"], v["filename"]) for v in views)]:
+                photos.setdefault(str(camera), set()).add(_file_name(name))
     return photos
 
 
@@ -491,13 +483,11 @@ def _undotted(data: Any) -> Any:
     tree: dict[str, Any] = {}
     for key, value in data.items() if isinstance(data, dict) else ():
         head, _, name = str(key).partition(".")
-        if name and (_is_matrix(value) or not isinstance(value, dict)):
-            if isinstance(tree.setdefault(head, {}), dict):
-                tree[head][name] = value
-                if head == "Camera" and name in ("type", "width", "height"):
-                    tree[name] = value
-        else:
-            tree[key] = value
+        is_dotted = name and (_is_matrix(value) or not isinstance(value, dict))
+        if is_dotted and isinstance(tree.setdefault(head, {}), dict):
+            tree[head][name] = value
+        if not is_dotted or (head == "Camera" and name in ("type", "width", "height")):
+            tree[name if is_dotted else key] = value
     return tree or data
 
 
@@ -520,29 +510,28 @@ def _is_matrix(value: Any) -> bool:
     return isinstance(value, list)
 
 
-def _sides(value: Any) -> tuple[int, ...]:
+def _numbers_in(value: Any) -> list[float]:
+    """The numbers in a text, a list, or OpenCV's mapping of one."""
+    value = value.get("data", "") if isinstance(value, dict) else value
+    return [float(number) for number in re.findall(r"-?\d+(?:\.\d*)?(?:e[-+]?\d+)?", str(value))]
+
+
+def _sides(value: Any) -> list[float]:
     """A side of a picture, or both, in px; none where a value is of something else."""
-    if isinstance(value, dict | list):
-        value = value.get("data", []) if isinstance(value, dict) else value
-        value = value[0] if len(value) == 1 and isinstance(value[0], list) else value
-        value = " ".join(map(str, value))
-    sides = []
-    with suppress(ValueError):
-        sides = [float(side) for side in re.sub("[x,*]", " ", str(value)).split()][:2]
-    is_size = all(side >= MIN_SIDE_PX and side.is_integer() for side in sides)
-    return tuple(map(int, sides)) if is_size else ()
+    numbers = _numbers_in(value)
+    sides = numbers[:2] if len(numbers) < 3 or (len(numbers) == 3 and numbers[2] <= 4) else []
+    return sides if all(side >= MIN_SIDE_PX and side.is_integer() for side in sides) else []
 
 
 def _size_field(plain: str, value: Any) -> str:
     """The field of a size that a key names; "" of a key of something else."""
     name, match = FIELDS.get(plain, ""), SIZE_LIKE.fullmatch(plain)
-    if name in ("width", "height", "imagesize") or not match:
-        return name if match else ""
-    is_size, side, sides = SIZED.search(plain), match["side"], _sides(value)
-    if len(sides) == 2 and is_size and side in ("", "shape"):
-        return "imagesize"
-    is_side = len(sides) == 1 and side in SIDES and (is_size or side not in ("x", "y"))
-    return SIDES[side] if is_side else ""
+    if name in SIZES or not match:
+        return name if name in SIZES else ""
+    sides, side, is_size = _sides(value), SIDES.get(match["side"], ""), SIZED.search(plain)
+    if side and len(sides) == 1 and (is_size or match["side"] not in "xy"):
+        return side
+    return "imagesize" if is_size and not side and len(sides) == 2 else ""
 
 
 def _named_sides(key: Any, value: Any) -> list[Any]:

@@ -13,7 +13,7 @@ from poseviewer.files.camera_trees import TREES, load_tree
 from poseviewer.files.checks import Reading
 from poseviewer.files.colmap_model import colmap_cameras, colmap_images
 from poseviewer.files.structs import checked_camera
-from poseviewer.geometry.lens import UPRIGHT, LensModel, Orientation
+from poseviewer.geometry.lens import UPRIGHT, LensModel, turned_camera, turned_lens
 
 KIND = "file of cameras"
 LONGEST_HEAD = 2000
@@ -80,7 +80,7 @@ def load_calibration(
     photo: str,
     width: int,
     height: int,
-    orientation: Orientation = UPRIGHT,
+    orientation: int = UPRIGHT,
 ) -> tuple[FileCamera, tuple[str, ...]]:
     """Load the camera of an upright photo, turned and scaled if need be; notes say so.
 
@@ -89,17 +89,20 @@ def load_calibration(
         photo: the photo's file name.
         width: px, of the upright photo.
         height: px, likewise.
-        orientation: EXIF's, of the photo as stored.
+        orientation: EXIF's, 1 to 8, of the photo as stored.
 
     Raises:
         PoseViewerError: the file cannot be used, or not with this photo.
     """
     reading = Reading(choice.path, error_type=CalibrationFileError)
-    is_transposed = orientation.is_transposed
-    stored = (height, width) if is_transposed else (width, height)
-    cameras = load_cameras(choice.path, choice.lens_model, stored, is_transposed)
-    chosen = _chosen(reading, choice, cameras, photo, stored)
-    chosen, notes = _turned(reading, chosen, photo, stored, orientation)
+    stored = (height, width) if orientation > 4 else (width, height)
+    cameras = load_cameras(choice.path, choice.lens_model, stored, orientation > 4)
+    taken, notes = _chosen(reading, choice, cameras, photo, stored), ()
+    chosen = taken if orientation == UPRIGHT else _upright(reading, taken, orientation, stored)
+    if orientation != UPRIGHT:
+        turned = "belongs to the stored pixels and was turned with it"
+        said = "is taken to be that of the upright photo" if chosen is taken else turned
+        notes = (f"{choice.path.name}: {photo} is stored turned (EXIF), its camera {said}.",)
     camera = chosen.camera
     size = f"{camera.width}x{camera.height} px"
     if not (0.0 <= camera.cx <= camera.width and 0.0 <= camera.cy <= camera.height):
@@ -118,37 +121,24 @@ def load_calibration(
         wanted = "calibrate on pictures of the photo's size and orientation"
         raise reading.error(said, wanted)
     scaled = replace(chosen, camera=camera.resized(width, height))
-    return scaled, (
-        *notes,
-        f"{choice.path.name}: {said}; it was scaled to the photo's size.",
-    )
+    return scaled, (*notes, f"{choice.path.name}: {said}; it was scaled to the photo's size.")
 
 
-def _turned(
-    reading: Reading,
-    chosen: FileCamera,
-    photo: str,
-    stored: tuple[int, int],
-    orientation: Orientation,
-) -> tuple[FileCamera, tuple[str, ...]]:
-    """The camera of the upright photo, and a note where EXIF turns it."""
-    width, height = chosen.camera.width, chosen.camera.height
-    is_of_stored = chosen.is_of_stored
-    if orientation.is_transposed and width != height:
-        is_of_stored = (width > height) == (stored[0] > stored[1])
-    if orientation == UPRIGHT:
-        return chosen, ()
+def _upright(
+    reading: Reading, taken: FileCamera, orientation: int, stored: tuple[int, int]
+) -> FileCamera:
+    """The camera of the upright photo; as it is where it is none of the stored pixels."""
+    own, is_of_stored = taken.camera, taken.is_of_stored
+    if orientation > 4 and own.width != own.height:
+        is_of_stored = (own.width > own.height) == (stored[0] > stored[1])
     if not is_of_stored:
-        said = "is taken to be that of the upright photo"
-    else:
-        try:
-            lens = chosen.lens and orientation.lens(chosen.lens)
-        except ValueError as error:
-            found = f"{error}, and EXIF turns {photo}"
-            raise reading.error(found, "save the photo upright, and calibrate anew") from None
-        chosen = replace(chosen, camera=orientation.camera(chosen.camera), lens=lens)
-        said = "belongs to the stored pixels and was turned with it"
-    return chosen, (f"{reading.path.name}: {photo} is stored turned (EXIF), its camera {said}.",)
+        return taken
+    try:
+        lens = taken.lens and turned_lens(taken.lens, orientation)
+    except ValueError as error:
+        found = f"{error}, and EXIF turns the photo"
+        raise reading.error(found, "save the photo upright, and calibrate anew") from None
+    return replace(taken, camera=turned_camera(own, orientation), lens=lens)
 
 
 def _chosen(

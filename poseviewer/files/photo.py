@@ -20,7 +20,7 @@ from poseviewer.files.checks import LARGEST_DATA, Reading, quiet_libraries
 from poseviewer.files.structs import Distortion
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.image import Photo
-from poseviewer.geometry.lens import LARGEST_SIDE, Orientation, Undistortion, undistort
+from poseviewer.geometry.lens import LARGEST_SIDE, UPRIGHT, Undistortion, undistort
 
 ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
 """Endings of photo files."""
@@ -68,10 +68,10 @@ def load_photo(path: str | Path) -> Photo:
     return Photo(pixels, printable(reading.path.name), sha256, focal, notes)
 
 
-def orientation_of(path: str | Path) -> Orientation:
-    """Say how a photo's EXIF turns or mirrors it; other tools may show it as it is stored."""
+def orientation_of(path: str | Path) -> int:
+    """EXIF's orientation of a photo, from 1 to 8, in which other tools may not show it."""
     number = _exif_tags(path).get(ExifTags.Base.Orientation)
-    return Orientation(number if number in range(1, 9) else 1)
+    return number if number in range(1, 9) else UPRIGHT
 
 
 def was_taken_by_a_camera(path: str | Path) -> bool:

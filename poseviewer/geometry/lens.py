@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Perspective
 from poseviewer.geometry.frames import camera_as_integer_centres
-from poseviewer.geometry.transform import RigidTransform
 
 AnyCamera = TypeVar("AnyCamera", bound=Camera)
 LensModel = Literal["opencv", "fisheye"]
@@ -80,67 +79,46 @@ class Undistortion:
         return cls(lens, taken, taken)
 
 
-@dataclass(frozen=True, slots=True)
-class Orientation:
-    """EXIF's orientation, 1 to 8: the way from the pixels as stored to the upright picture."""
-
-    number: int = 1
-
-    @property
-    def axes(self) -> FloatArray:
-        """(2, 2): upright x and y of stored x and y."""
-        swaps = np.eye(2)[::-1] if self.is_transposed else np.eye(2)
-        flipped = self.number in (2, 3, 6, 7), self.number in (3, 4, 7, 8)
-        return np.diag(np.where(flipped, -1.0, 1.0)) @ swaps
-
-    @property
-    def is_transposed(self) -> bool:
-        """Whether width and height change places."""
-        return self.number > 4
-
-    @property
-    def is_mirrored(self) -> bool:
-        """Whether no rotation does it."""
-        return float(np.linalg.det(self.axes)) < 0.0
-
-    @property
-    def inverse(self) -> Orientation:
-        """The way back."""
-        return Orientation({6: 8, 8: 6}.get(self.number, self.number))
-
-    def camera(self, camera: AnyCamera) -> AnyCamera:
-        """The camera (pixel centres at i + 0.5) of the turned picture."""
-        axes, size = self.axes, np.array([camera.width, camera.height], float)
-        cx, cy = axes @ (np.array([camera.cx, camera.cy]) - 0.5 * size) + 0.5 * np.abs(axes) @ size
-        turned = replace(camera, cx=float(cx), cy=float(cy))
-        if not self.is_transposed:
-            return turned
-        focals = {"fx": camera.fy, "fy": camera.fx} if isinstance(camera, Perspective) else {}
-        return replace(turned, width=camera.height, height=camera.width, **focals)
-
-    def lens(self, lens: Lens) -> Lens:
-        """The lens of the turned picture; raises ValueError where OpenCV's model has none: a tilted
-        sensor, turned by anything but 180 degrees.
-        """
-        k = lens.array
-        if lens.model == "fisheye" or self.number == 1:
-            return lens
-        for x, y in ((3, 2), (8, 10), (9, 11)):  # p2 and p1, s1 and s3, s2 and s4 are vectors
-            if y < len(k):
-                k[[x, y]] = self.axes @ k[[x, y]]
-        if k[12:].any() and self.number != 3:
-            raise ValueError("a tilted sensor")
-        k[12:] *= -1.0
-        return Lens(lens.model, tuple(k.tolist()))
-
-    def place(self, place: RigidTransform) -> RigidTransform:
-        """The transform to the axes of the turned picture's camera, of a picture not mirrored."""
-        turn = np.eye(3)
-        turn[:2, :2] = self.axes
-        return RigidTransform(turn @ place.rotation, turn @ place.translation)
+UPRIGHT = 1
+"""EXIF's orientation of pixels that are stored as they are shown."""
+MIRRORED = (2, 4, 5, 7)
+"""Orientations that are no rotation. Above 4, width and height change places."""
+WAY_BACK = {6: 8, 8: 6}
+"""Inverses of orientations, which are their own otherwise."""
 
 
-UPRIGHT = Orientation()
+def turn_axes(orientation: int) -> FloatArray:
+    """(3, 3): the matrix from the camera axes of stored pixels to those of the upright picture."""
+    flipped = orientation in (2, 3, 6, 7), orientation in (3, 4, 7, 8), False
+    return np.diag(np.where(flipped, -1.0, 1.0))[:, [1, 0, 2] if orientation > 4 else [0, 1, 2]]
+
+
+def turned_camera(camera: AnyCamera, orientation: int) -> AnyCamera:
+    """The camera (pixel centres at i + 0.5) of a picture turned by EXIF's orientation."""
+    axes, size = turn_axes(orientation)[:2, :2], np.array([camera.width, camera.height]) / 2.0
+    cx, cy = axes @ (np.array([camera.cx, camera.cy]) - size) + np.abs(axes) @ size
+    turned = replace(camera, cx=float(cx), cy=float(cy))
+    if orientation > 4:
+        turned = replace(turned, width=camera.height, height=camera.width)
+    if orientation > 4 and isinstance(camera, Perspective):
+        turned = replace(turned, fx=camera.fy, fy=camera.fx)
+    return turned
+
+
+def turned_lens(lens: Lens, orientation: int) -> Lens:
+    """The lens of a picture turned by EXIF's orientation; raises ValueError where OpenCV's model
+    has none: a tilted sensor, turned by anything but 180 degrees.
+    """
+    k, axes = lens.array, turn_axes(orientation)[:2, :2]
+    if lens.model == "fisheye" or orientation == UPRIGHT:
+        return lens
+    for x, y in ((3, 2), (8, 10), (9, 11)):  # p2 and p1, s1 and s3, s2 and s4 are vectors
+        if y < len(k):
+            k[[x, y]] = axes @ k[[x, y]]
+    if k[12:].any() and orientation != 3:
+        raise ValueError("a tilted sensor")
+    k[12:] *= -1.0
+    return Lens(lens.model, tuple(k.tolist()))
 
 
 def same_undistortion(first: Undistortion | None, second: Undistortion | None) -> bool:

@@ -4,8 +4,17 @@ import numpy as np
 import pytest
 
 from poseviewer.geometry.camera import Perspective
-from poseviewer.geometry.lens import Lens, Orientation, Undistortion, opencv_matrix, undistort
-from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.lens import (
+    MIRRORED,
+    WAY_BACK,
+    Lens,
+    Undistortion,
+    opencv_matrix,
+    turn_axes,
+    turned_camera,
+    turned_lens,
+    undistort,
+)
 
 TAKEN = Perspective(420.0, 430.0, 321.3, 236.8, 640, 480)
 LENSES = {
@@ -109,27 +118,24 @@ def upright(points: np.ndarray, orientation: int) -> np.ndarray:
 @pytest.mark.parametrize("orientation", range(1, 9))
 @pytest.mark.parametrize("name", LENSES)
 def test_a_turned_camera_sees_what_the_stored_one_does(name, orientation):
-    own, lens = Orientation(orientation), LENSES[name]
-    place = RigidTransform.from_rotation_vector([0.1, -0.2, 0.3], [0.1, 0.05, 2.0])
-    points = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 3))
-    turn = np.eye(3)
-    turn[:2, :2] = own.axes
+    lens, axes = LENSES[name], turn_axes(orientation)
+    in_camera = np.random.default_rng(0).uniform((-0.5, -0.5, 1.5), (0.5, 0.5, 2.5), (20, 3))
 
-    def seen(in_camera, camera, lens):
+    def seen(points, camera, lens):
         still = np.zeros(3), np.zeros(3), opencv_matrix(camera), lens.array
-        return lens.module.projectPoints(in_camera[:, None], *still)[0][:, 0] + 0.5
+        return lens.module.projectPoints(points[:, None], *still)[0][:, 0] + 0.5
 
-    camera, in_camera = own.camera(TAKEN), place.apply(points)
-    found = seen(in_camera @ turn.T, camera, own.lens(lens))
+    camera = turned_camera(TAKEN, orientation)
+    found = seen(in_camera @ axes.T, camera, turned_lens(lens, orientation))
     np.testing.assert_allclose(found, upright(seen(in_camera, TAKEN, lens), orientation), atol=1e-9)
-    np.testing.assert_allclose(own.place(place).apply(points), in_camera @ turn.T)
     assert (camera.width, camera.height) == ((480, 640) if orientation > 4 else (640, 480))
-    np.testing.assert_allclose(astuple(own.inverse.camera(camera)), astuple(TAKEN))
-    assert own.is_mirrored == (orientation in (2, 4, 5, 7))
+    back = turned_camera(camera, WAY_BACK.get(orientation, orientation))
+    np.testing.assert_allclose(astuple(back), astuple(TAKEN))
+    assert (np.linalg.det(axes) < 0.0) == (orientation in MIRRORED)
 
 
 def test_a_tilted_sensor_turns_upside_down_alone():
     tilted = Lens("opencv", (*LENSES["12"].coefficients, 0.02, -0.01))
-    assert Orientation(3).lens(tilted).coefficients[12:] == (-0.02, 0.01)
+    assert turned_lens(tilted, 3).coefficients[12:] == (-0.02, 0.01)
     with pytest.raises(ValueError, match="tilted"):
-        Orientation(6).lens(tilted)
+        turned_lens(tilted, 6)

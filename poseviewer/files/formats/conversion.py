@@ -22,7 +22,17 @@ from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
-from poseviewer.geometry.lens import SAME, UPRIGHT, LensModel, Orientation, Undistortion
+from poseviewer.geometry.lens import (
+    MIRRORED,
+    SAME,
+    UPRIGHT,
+    WAY_BACK,
+    LensModel,
+    Undistortion,
+    turn_axes,
+    turned_camera,
+    turned_lens,
+)
 from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.geometry.world_pose import WORLD
 from poseviewer.scene.types import Scene, SceneObject, View
@@ -207,8 +217,8 @@ class Format:
                         f"All numbers of {name} belong to {of_photo}; not to that as taken."
                     )
             orientation = orientation_of(view.file.location)
-            if self.is_of_stored and orientation != UPRIGHT and not orientation.is_mirrored:
-                view = turned(view, orientation.inverse)
+            if self.is_of_stored and orientation not in (UPRIGHT, *MIRRORED):
+                view = turned(view, WAY_BACK.get(orientation, orientation))
                 notes.append(f"{name} is {TURNED}; camera and pose are of the stored pixels.")
             elif not (self.is_own or self.is_upright or ready) and orientation != UPRIGHT:
                 found = f"{name} is {TURNED}, and the pose is one in the upright photo"
@@ -229,39 +239,38 @@ class Format:
         return [*files, *written], notes
 
 
-def turned(view: View, orientation: Orientation) -> View:
-    """The view in a turned picture, with camera, lens and place.
+def turned(view: View, orientation: int) -> View:
+    """The view in a picture turned by EXIF's orientation, with camera, lens and place.
 
     Raises:
         PoseFileError: no camera sees that picture.
     """
+    file, known, place = view.file, view.file.undistortion, view.camera_from_world
     try:
-        if orientation.is_mirrored:
+        if orientation in MIRRORED:
             raise ValueError("a mirror image")
-        known, camera = view.file.undistortion, orientation.camera
         if known is not None:
-            lens = orientation.lens(known.lens)
-            known = Undistortion(lens, camera(known.taken), camera(known.camera))
+            cameras = (turned_camera(one, orientation) for one in (known.taken, known.camera))
+            known = Undistortion(turned_lens(known.lens, orientation), *cameras)
     except ValueError as error:
         found = f"{view.name}: its EXIF turns it, and it has {error}"
         raise PoseFileError(f"{found}; save it upright, and find the pose anew.") from None
-    place, file = orientation.place(view.camera_from_world), view.file
-    return view_of_file(file.location, camera(view.camera), file.sha256, known, place)
+    axes, camera = turn_axes(orientation), turned_camera(view.camera, orientation)
+    place = RigidTransform(axes @ place.rotation, axes @ place.translation)
+    return view_of_file(file.location, camera, file.sha256, known, place)
 
 
 def as_shown(view: View, photo: Path, notes: list[str]) -> View:
     """The view of a tool that takes pixels as stored, in the ``photo`` as it is shown, upright."""
-    orientation = orientation_of(photo)
-    if orientation == UPRIGHT:
+    if (orientation := orientation_of(photo)) == UPRIGHT:
         return view
     shown = load_photo(photo)
-    stored = shown.width, shown.height
-    stored = stored[::-1] if orientation.is_transposed else stored
-    width, height = (view.file.width, view.file.height) if view.file.width else stored
-    if orientation.is_transposed and (width > height) != (stored[0] > stored[1]):
+    stored = (shown.height, shown.width) if orientation > 4 else (shown.width, shown.height)
+    size = (view.file.width, view.file.height) if view.file.width else stored
+    if orientation > 4 and (size[0] > size[1]) != (stored[0] > stored[1]):
         return view  # made of the upright photo
     notes.append(f"It is {TURNED}; camera and pose, of the stored pixels, were turned with it.")
-    return turned(view.resized(width, height), orientation)
+    return turned(view.resized(*size), orientation)
 
 
 def _of_undistorted(view: View, path: Path, options: ConvertOptions) -> View:

@@ -130,7 +130,7 @@ def frame_view(reading: Reading, own: dict[str, Any], options: c.ConvertOptions)
     size = reading.size(own.get("w"), "w"), reading.size(own.get("h"), "h")
     if None in size and own.get("fl_x") is None:  # NeRF's own sets have the angle of a width
         size = options.size_of(reading, *size, path)
-        size = size[::-1] if orientation_of(path).is_transposed else size
+        size = size[::-1] if orientation_of(path) > 4 else size
     width, height = size[0] or 0, size[1] or 0
     said = {key: value for key, value in own.items() if key != "frames"}
     known = cameras_in(replace(reading, numbers_as_text=True), said, photo=(width, height))[0]
