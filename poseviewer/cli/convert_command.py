@@ -79,13 +79,16 @@ def _write_masks(scene: Scene, out: Path, request: ConvertOptions) -> list[str]:
     infos, poses, notes = load_scene_file(out / INFO), load_scene_file(out / POSES), []
     for index, view in enumerate(scene.views[:1] if len(scene.objects) > 1 else scene.views):
         number = image_number(scene, request, index)
-        if len(poses[str(number)]) != len(scene.objects):
-            infos.pop(str(number), None)
-            notes.append(f"{INFO} and masks leave out image {number}, which has other objects.")
-            continue
         pictures = pictures_of_objects(replace(scene, views=(view,)), number, masks_alone=True)
-        infos |= json.loads(pictures.pop(INFO))
-        save_pictures(out, pictures, overwrite=True)
+        new = json.loads(pictures.pop(INFO))
+        is_there = str(number) in infos or any((out / name).exists() for name in pictures)
+        if len(poses[str(number)]) != len(scene.objects):
+            notes.append(f"Image {number} has other objects: {INFO} and masks stay as they are.")
+        elif is_there and not (request.overwrite or len(scene.objects) > 1):
+            notes.append(f"{INFO} and masks of image {number} are there; add --overwrite.")
+        else:
+            infos |= new
+            save_pictures(out, pictures, overwrite=True)
     save_pictures(out, {INFO: scene_text(infos).encode()}, overwrite=True)
     return notes
 

@@ -224,7 +224,8 @@ class _Said:
             abs(cx / (w or 1) - 0.5) + abs(cy / (h or 1) - 0.5) for w, h in (size, size[::-1])
         )
         is_open = ", " not in key if key else self.is_turned
-        return size[::-1] if is_open and (cx or cy) and off_turned < off else size
+        is_turned = is_open and bool(cx or cy) and off_turned < off
+        return (size[1], size[0]) if is_turned else size
 
     def _pair(self, key: str, value: Any) -> tuple[int, int]:
         numbers = _numbers_in(value)
@@ -445,8 +446,8 @@ def cameras_in(
         if TYPE_LIKE.match(plain) and OTHER_LENS.fullmatch(_plain(value)):
             raise reading.error(f"{key!r} is {str(value)[:40]!r}", "wanted it as distortion_model")
         like = LENS_LIKE.fullmatch(plain)
-        may_be = like and (is_list or not ("fish" in plain or plain == "lens"))
-        may_be = may_be and not (is_list and like["alone"])
+        is_word = "fish" in plain or plain == "lens"  # what stands for no number
+        may_be = like and not (like["alone"] if is_list else is_word)
         numbers = value[0] if isinstance(value, list) and len(value) == 1 else value
         is_flat = isinstance(numbers, list) and not any(isinstance(n, list) for n in numbers)
         has_their_count = is_flat and len(numbers) in COUNTS_OF_LENSES and "time" not in plain
@@ -561,7 +562,7 @@ def _mappings(
         is_base = key == "value0" and isinstance(value, dict) and "principal_point" in value
         if field_name != "imagesize" and len(sides := _named_sides(key, value)) == 2:
             entries[key] = sides
-        elif is_mapping and (is_base or field_name in MERGED):
+        elif isinstance(value, dict) and is_mapping and (is_base or field_name in MERGED):
             entries |= {k: v for k, v in value.items() if not isinstance(v, dict)}
             inner += [(k, v) for k, v in value.items() if isinstance(v, dict)]
         elif isinstance(value, list) and value and isinstance(value[0], dict):

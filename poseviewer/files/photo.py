@@ -70,7 +70,7 @@ def load_photo(path: str | Path) -> Photo:
 
 def orientation_of(path: str | Path) -> int:
     """EXIF's orientation of a photo, from 1 to 8, in which other tools may not show it."""
-    number = _exif_tags(path).get(ExifTags.Base.Orientation)
+    number = _exif_tags(path).get(ExifTags.Base.Orientation, UPRIGHT)
     return number if number in range(1, 9) else UPRIGHT
 
 

@@ -83,8 +83,8 @@ UPRIGHT = 1
 """EXIF's orientation of pixels that are stored as they are shown."""
 MIRRORED = (2, 4, 5, 7)
 """Orientations that are no rotation. Above 4, width and height change places."""
-WAY_BACK = {6: 8, 8: 6}
-"""Inverses of orientations, which are their own otherwise."""
+WAY_BACK = {**{number: number for number in range(1, 9)}, 6: 8, 8: 6}
+"""Inverses of orientations."""
 
 
 def turn_axes(orientation: int) -> FloatArray:

@@ -76,7 +76,7 @@ def test_masks_are_those_of_the_spheres(written, index):
     assert not np.any(shown & (drawn == 0))
 
 
-def info_of(seen: np.ndarray, beyond: int) -> list[int]:
+def box_of(seen: np.ndarray, beyond: int) -> list[Any]:
     """BOP's box of a mask with a margin."""
     y, x = np.nonzero(seen)
     return [x.min() - beyond, y.min() - beyond, np.ptp(x), np.ptp(y)]
@@ -86,8 +86,8 @@ def require_info(said: dict, whole: np.ndarray, visible: np.ndarray, beyond: int
     assert said["px_count_all"] == pytest.approx(whole.sum(), rel=0.01)
     assert said["px_count_visib"] == pytest.approx(visible.sum(), rel=0.01)
     assert said["visib_fract"] == said["px_count_visib"] / said["px_count_all"]
-    np.testing.assert_allclose(said["bbox_obj"], info_of(whole, beyond), atol=1)
-    np.testing.assert_allclose(said["bbox_visib"], info_of(visible, 0), atol=1)
+    np.testing.assert_allclose(said["bbox_obj"], box_of(whole, beyond), atol=1)
+    np.testing.assert_allclose(said["bbox_visib"], box_of(visible, 0), atol=1)
 
 
 def test_shares_and_boxes_are_those_of_the_spheres(written):
@@ -107,7 +107,7 @@ def write_pose(folder: Path, centre: list[float], **more: Any) -> Path:
     return folder / "pose.json"
 
 
-def test_a_silhouette_is_whole_beyond_the_photo(written, tmp_path):
+def test_a_silhouette_is_whole_beyond_the_photo(written, tmp_path, capsys):
     pose = write_pose(tmp_path, [3.6, 0.0, 6.0], photo={"width": WIDTH, "height": HEIGHT})
     model = ["--model", str(written / "ball.ply"), "--image", "4", "--object", "2", "--unit", "mm"]
     line = ["convert", str(pose), "--to", "bop", str(tmp_path / "bop"), *model]
@@ -119,7 +119,8 @@ def test_a_silhouette_is_whole_beyond_the_photo(written, tmp_path):
     require_info(said, whole, inside, 60)
     pose.write_text(pose.read_text().replace("3.6", "-3.6"))
     assert main(line) == 0  # a second object in the image
-    assert json.loads((tmp_path / "bop" / "scene_gt_info.json").read_text()) == {}
+    assert "has other objects" in capsys.readouterr().out
+    assert json.loads((tmp_path / "bop" / "scene_gt_info.json").read_text()) == {"4": [said]}
 
 
 def test_what_shows_nothing_is_said(written, tmp_path, capsys):

@@ -218,7 +218,7 @@ class Format:
                     )
             orientation = orientation_of(view.file.location)
             if self.is_of_stored and orientation not in (UPRIGHT, *MIRRORED):
-                view = turned(view, WAY_BACK.get(orientation, orientation))
+                view = turned(view, WAY_BACK[orientation])
                 notes.append(f"{name} is {TURNED}; camera and pose are of the stored pixels.")
             elif not (self.is_own or self.is_upright or ready) and orientation != UPRIGHT:
                 found = f"{name} is {TURNED}, and the pose is one in the upright photo"

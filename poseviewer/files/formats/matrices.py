@@ -117,25 +117,22 @@ def read_matrix(path: Path, request: c.ConvertOptions) -> Scene:
 def write_linemod(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.Contents:
     """Write rotation and translation in a file each, whichever of them ``out`` is."""
     c.perspective_of(scene.views[0].camera, "LINEMOD")
-    place, factor = scene.pose(0).camera_from_model, options.lengths_in(UNIT, scene, "LINEMOD")
     if out.suffix.lower() not in LINEMOD_ENDINGS:
         wanted = f"end in {', '.join(LINEMOD_ENDINGS)}; name one so, as rot0.rot"
         raise PoseFileError(f"{out.name}: LINEMOD's files {wanted}.")
-    parts = place.rotation, factor * place.translation[:, None]
-    texts = ["".join(" ".join(map(repr, row)) + "\n" for row in part.tolist()) for part in parts]
-    heads = ("3 3\n", "3 1\n")
-    return {
-        path: head + text
-        for path, head, text in zip(_linemod_files(out), heads, texts, strict=True)
-    }
+    place, factor = scene.pose(0).camera_from_model, options.lengths_in(UNIT, scene, "LINEMOD")
+    texts = []
+    for part in (place.rotation, factor * place.translation[:, None]):
+        rows = ([3, part.shape[1]], *part.tolist())
+        texts.append("".join(" ".join(map(repr, row)) + "\n" for row in rows))
+    return dict(zip(_linemod_files(out), texts, strict=True))
 
 
 def _linemod_files(path: Path) -> list[Path]:
     """The files of rotation and translation, of which one is named."""
     name = re.sub("^(rot|tra)", "", path.stem)
-    prefixes = ("rot", "tra") if name != path.stem else ("", "")
-    ends = zip(prefixes, LINEMOD_ENDINGS, strict=True)
-    return [path.with_name(f"{prefix}{name}{ending}") for prefix, ending in ends]
+    is_prefixed = name != path.stem
+    return [path.with_name(f"{end[1:] * is_prefixed}{name}{end}") for end in LINEMOD_ENDINGS]
 
 
 def read_linemod(path: Path, request: c.ConvertOptions) -> Scene:
