@@ -35,7 +35,8 @@ ALIASES = {
     "width": "imagewidth width imgwidth",
     "height": "imageheight height imgheight",
     "isfisheye": "fisheyemodel fisheye",
-    "model": "distortionmodel lensmodel model distortiontype",
+    "distortionmodel": "distortiontype",
+    "model": "lensmodel",
     "cameramodel": "cameramodel projectionmodel",
     "cx": "cx ppx",
     "cy": "cy ppy",
@@ -44,7 +45,9 @@ ALIASES = {
 behind a name tells the cameras of a file apart.
 """
 FIELDS = {a: name for name, aliases in ALIASES.items() for a in (name, *aliases.split())}
-NUMBERED = ("matrix", "distortion", "imagesize", "width", "height", "model", "cameramodel")
+MODEL_FIELDS = ("distortionmodel", "model", "cameramodel")
+"""Fields that name a lens model and nothing else, the surest first."""
+NUMBERED = ("matrix", "distortion", "imagesize", "width", "height", *MODEL_FIELDS)
 """Fields whose names may end in the number of a camera."""
 MERGED = ("matrix", "intrinsics", "distortion", "imagesize", "lens")
 """Mappings that say more of the camera that they stand in, if they are none themselves."""
@@ -60,7 +63,7 @@ SIZE_WORDS = (
     "original|orig|colou?r|rgb|raw|pixels?|px|resolution|res|sizes?|dimensions?|dims?)*"
 )
 SIZE_LIKE = re.compile(
-    f"{SIZE_WORDS}(?P<side>width|height|cols|columns|rows|[xywh]|shape|){SIZE_WORDS}"
+    f"{SIZE_WORDS}(?P<side>width|height|cols|columns|rows|wh|hw|[xywh]|shape|){SIZE_WORDS}"
 )
 """Names, in small letters without ``_``, of the pictures' width, height or both."""
 SIZED = re.compile("size|dim|res|shape|photo|picture|image|img|frame")
@@ -71,7 +74,7 @@ SIDES = {
 }
 """Sides by their names between the words of ``SIZE_LIKE``."""
 MAYBE_SIZE = re.compile(
-    r"(?!.*(board|square|pattern|pixel|win|marker|tile|grid|roi|crop|depth|sensor|corner|file))"
+    r"(?!.*(board|square|pattern|pixel|win|marker|tile|grid|roi|crop|depth|corner|file))"
     r".*(size|resol|dimension|width|height|shape).*"
 )
 """Names of what may be the size of the pictures."""
@@ -81,13 +84,11 @@ MIN_SIDE_PX = 40
 """Side of a picture: chessboards have fewer squares."""
 TYPED = ("Metashape", "Meshroom", "OpenSfM, OpenDroneMap")
 """Tools whose ``type`` or ``projection...`` is that of a lens."""
-MODEL_FIELDS = ("model", "cameramodel")
-"""Fields that name a lens model and nothing else."""
 TYPE_LIKE = re.compile(r".*(type|model|lens|projection)")
 """Names, in small letters without ``_``, of what may name a lens model."""
 OTHER_LENS = re.compile(
     r".*(fish|equi(dist|solid|rect)|omni|ucm|kannala|division|spher|stereographic|scaramuzza|ocam"
-    r"|ftheta|panoram|cylind).*|mei|kb\d?|ds|fov|atan"
+    r"|ftheta|panoram|cylind|superview|hyperview).*|mei|kb\d?|ds|fov|atan"
 )
 """Names, likewise, of lens models but OpenCV's standard one."""
 FISHEYE_LIKE = re.compile(r"fish|equidist|kannala")
@@ -103,13 +104,13 @@ LENS_NAMES: dict[LensModel | None, str] = {
 }
 """OpenCV's model by the names of others, in small letters without ``_``; None: a pinhole is read,
 and its coefficients have to be 0."""
-PINHOLES = ("pinhole", "simplepinhole", "perspective", "frame")
-"""Names of a projection, with which a lens of either model may come."""
+PINHOLES = ("pinhole", "simplepinhole", "perspective", "frame", "standard")
+"""Names of a projection or a mode, with which a lens of either model may come."""
 LENS_MODELS: dict[str, LensModel | None] = {
     name: model for model, names in LENS_NAMES.items() for name in names.split()
 }
 LENS_LIKE = re.compile(
-    r"(?!.*(std|error|sigma|covar|model|type|distance|corner|intrinsic))"
+    r"(?!num|estimate|.*(std|error|sigma|covar|model|type|distance|corner|intrinsic|limit))"
     r"(.*dist.*|.*coeff?(icient)?s?|kc|lens|kappa.*|(left|right)?d(left|right|\d*)|.*radial.*"
     r"|.*tangential.*|ftheta.*|latlong|equirectangular|.*fish.*|(?P<alone>[kpbs]\d|t[12]|skew|xi|alpha|beta|omega|w))"
 )
@@ -192,7 +193,8 @@ class _Said:
                 if isinstance(text, str) and text:
                     self.used[key] = None
                     is_sure = name in MODEL_FIELDS or form.tools in TYPED
-                    yield text, is_sure and fields is self.entries
+                    is_sure &= fields is self.entries or name == MODEL_FIELDS[0]
+                    yield text, is_sure
 
     @property
     def sizes(self) -> dict[str, Any]:
@@ -560,8 +562,9 @@ def _mappings(
         is_mapping, field_name = isinstance(value, dict) and not _is_matrix(value), _plain(key)
         field_name = FIELDS.get(field_name, field_name)
         is_base = key == "value0" and isinstance(value, dict) and "principal_point" in value
-        if field_name != "imagesize" and len(sides := _named_sides(key, value)) == 2:
-            entries[key] = sides
+        if len(sides := _named_sides(key, value)) == 2:
+            both = dict(zip(("width", "height"), sides, strict=True))
+            entries = (both if field_name == "imagesize" else {key: sides}) | entries
         elif isinstance(value, dict) and is_mapping and (is_base or field_name in MERGED):
             entries |= {k: v for k, v in value.items() if not isinstance(v, dict)}
             inner += [(k, v) for k, v in value.items() if isinstance(v, dict)]
@@ -594,7 +597,7 @@ def _entries_of(mapping: dict[str, Any]) -> dict[str, dict[str, tuple[str, Any]]
     of_number: dict[str, dict[str, tuple[str, Any]]] = {}
     for key, value in mapping.items():
         plain = _plain(key)
-        if value is None:
+        if value in (None, []):
             continue
         name, number = _size_field(plain, value) or FIELDS.get(plain, plain), ""
         parts = SIDED.fullmatch(plain)
@@ -670,7 +673,8 @@ def _lens(said: _Said, form: Form, asked: LensModel | None) -> Lens | None:
         values = values[:count] if any(name in said for name in order) else []
         is_clear = "k4" not in said or any(name in said for name in NOT_STANDARD)
     if any(values) and not (is_said or is_clear or form.is_of_stored):
-        raise said.reading.error("its four distortion coefficients are of no lens model", ASK_MODEL)
+        found = "nothing says of which lens model its four distortion coefficients are"
+        raise said.reading.error(found, ASK_MODEL)
     if model == "fisheye" and not any(values[4:]):
         values = values[:4] or [0.0] * 4
     elif not any(values):

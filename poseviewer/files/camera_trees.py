@@ -71,8 +71,9 @@ def _of_text(reading: Reading) -> dict[str, Any]:
             numbers = BETWEEN.sub(" ", known["numbers"] or "" if known else line).split()
             entries.setdefault(key, []).extend(numbers)
     top = tree.pop("")
-    if not (top.keys() - {""} or tree):
-        return {"matrix": top.get("", [])}
+    loose = top.pop("", [])
+    if not (top or tree):
+        return {"matrix": loose}
     for name, values in list(top.items()):
         _, _, number = name.rpartition("_")
         if len(values) == 12 and re.fullmatch(r"P\d+|P_rect_\d+", name):

@@ -136,6 +136,7 @@ FORMS: dict[str, tuple[str, Any, Lens | None]] = {
                          "Distortion": {key.upper(): value for key, value in NAMED.items()}}, LENS),
     "matlab": ("a.json", {"FocalLength": [500, 510], "PrincipalPoint": [322, 240],
                           "ImageSize": [480, 640], "RadialDistortion": [-0.3, 0.1, 0.02],
+                          "NumRadialDistortionCoefficients": 3,
                           "TangentialDistortion": [0.001, -0.001]}, LENS),
     "npz": ("a.npz", saved(mtx=np.array(K), dist=np.array([BROWN]), rvecs=np.ones((4, 3))), LENS),
     "npy": ("a.npy", array(np.array(K)), None),
@@ -278,6 +279,8 @@ HALF_SIZES: dict[str, Any] = {
     "dim": HALF | {"DIM": [320, 240]},
     "rows and columns": HALF | {"ImageSize": [240, 320]},
     "a shape": HALF | {"img_shape": [240, 320, 3]},
+    "x and y": HALF | {"resolution": {"x": 320, "y": 240}},
+    "of the photo": {"photo": {"file": "p.png", "width": 320, "height": 240}, "camera": HALF},
     "a text": HALF | {"resolution": "320x240"},
     "cols and rows": HALF | {"cols": 320, "rows": 240},
     "above": {"image_dims": [[320, 240]], "left": HALF},
@@ -312,9 +315,9 @@ LOST = {
     "a lens of one number": ({**FOCALS, "w": 0.87}, "'w'"),
     "that of a type": ({"camera_type": "fov", "intrinsics": {**FOCALS, "w": 0.87}}, "'fov'"),
     "a fisheye of another number": ({"fisheye": {"K": K, "D": BROWN}}, "5 distortion"),
-    "four numbers": ({"DIM": [640, 480], "K": K, "D": FISHEYE}, "no lens model"),
-    "four numbers of a pinhole": ({"K": K, "D": FISHEYE, "model": "pinhole"}, "no lens model"),
-    "four names": ({**FOCALS, **FOUR}, "no lens model"),
+    "four numbers": ({"DIM": [640, 480], "K": K, "D": FISHEYE}, "of which lens model"),
+    "four of a pinhole": ({"K": K, "D": FISHEYE, "model": "pinhole"}, "of which lens model"),
+    "four names": ({**FOCALS, **FOUR}, "of which lens model"),
     "coefficients of another camera": ({"K": K, "D1": BROWN}, "'D1'"),
     "a name that says nothing": ({"K": K, "v": BROWN}, "'v'"),
     "the left lens of no left camera": ({"K": K, "D_left": BROWN[:4]}, "'D_left'"),
@@ -349,8 +352,13 @@ def test_a_fisheye_is_known_by_its_names(tmp_path, case):
 
 
 def test_a_model_that_is_said_below_its_name_counts_more(tmp_path):
-    content = FISHEYES["gyroflow"] | {"distortion_model": "opencv_standard"}
-    assert load_cameras(write(tmp_path / "a.json", content))[0].lens == Lens("opencv", FISHEYE)
+    mode = FISHEYES["gyroflow"] | {"lens_model": "Standard"}  # of GoPro's and DJI's
+    assert load_cameras(write(tmp_path / "a.json", mode))[0].lens == Lens("fisheye", FISHEYE)
+    standard = mode | {"distortion_model": "opencv_standard"}
+    assert load_cameras(write(tmp_path / "a.json", standard))[0].lens == Lens("opencv", FISHEYE)
+    for more in ({"distortion_model": "poly5"}, {"digital_lens": "gopro_superview"}):
+        with pytest.raises(CalibrationFileError, match=r"its lens model is '(poly5|gopro_super)"):
+            load_cameras(write(tmp_path / "a.json", mode | more))
 
 
 def test_the_rectified_camera_and_that_of_the_photo_are_two(tmp_path):
