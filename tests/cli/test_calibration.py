@@ -10,6 +10,7 @@ from PIL import Image
 
 from poseviewer.api import load
 from poseviewer.errors import CalibrationFileError
+from poseviewer.files.camera_forms import READ
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_calibrated_photo, load_photo, save_image, undistorted
@@ -135,3 +136,21 @@ def test_the_camera_of_the_stored_pixels_is_turned_with_the_photo(folder, capsys
     (folder / "cameras.txt").write_text("1 OPENCV 160 120 300 310 83 58 -0.1 0.02 0.003 0.004\n")
     assert run("info", "turned.png", "--calibration", "cameras.txt") == 0
     assert "opencv, -0.1, 0.02, 0.004, -0.003, 0" in capsys.readouterr().out
+
+
+def test_the_help_and_a_refusal_say_whose_cameras_are_read(folder, capsys):
+    assert run("info", "--calibration", "--help") == 0
+    shown = capsys.readouterr().out
+    (folder / "c.json").write_text("{}")
+    assert run("info", "p.png", "--calibration", "c.json") == 2
+    refused = capsys.readouterr().err
+    for tools, files, keys in READ:
+        assert f"{tools} ({files}):\n    {keys}" in shown
+        assert tools in refused
+
+
+@pytest.mark.parametrize("ending", ["dae2", "iges", "fbx"])
+def test_info_of_a_model_that_is_not_read_says_so(folder, ending, capsys):
+    (folder / f"part.{ending}").write_text("ISO-10303")
+    assert run("info", f"part.{ending}") == 2
+    assert f"unknown kind of model file '.{ending}'" in capsys.readouterr().err

@@ -15,6 +15,7 @@ import numpy as np
 
 from poseviewer.errors import PhotoFileError, PoseFileError, printable
 from poseviewer.files.checks import Reading, checked_rotation
+from poseviewer.files.mesh.size import METRES
 from poseviewer.files.photo import load_photo, orientation_of, save_photo
 from poseviewer.files.scene_assets import model_file, open_view, view_of_file
 from poseviewer.files.structs import checked_camera
@@ -42,8 +43,7 @@ Contents = Mapping[Path, str | bytes]
 MOST_NAMED = 10
 """Number of images in a message."""
 TURNED = "stored turned (EXIF)"
-METRES = {"km": 1000.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-"""Length units by name, in metres."""
+"""Words of a photo in notes."""
 
 
 @dataclass(frozen=True, slots=True)
