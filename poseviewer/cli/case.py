@@ -48,8 +48,7 @@ def calibration_of(options: Namespace) -> Calibration | None:
         return None
     from poseviewer.files.cameras import Calibration
 
-    fisheye = options.calibration_fisheye
-    return Calibration(options.calibration, options.calibration_camera, fisheye)
+    return Calibration(options.calibration, options.calibration_camera, options.lens_model)
 
 
 def named_files(options: Namespace) -> FileSet:

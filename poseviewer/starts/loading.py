@@ -360,6 +360,8 @@ def _view_of(views: LoadedViews, record: PoseRecord, view: str | None) -> int:
     names = [known.name for known in views.views]
     wanted = view or (record.photo.file if record.photo else None)
     alike = [i for i, name in enumerate(names) if wanted in (name, Path(name).name)]
+    if wanted and not alike:  # a pose file may name folders above the photo
+        alike = [i for i, name in enumerate(names) if Path(name).name == Path(wanted).name]
     if len(alike) == 1:
         return alike[0]
     problem = f"there is no photo {wanted}" if wanted else "the start does not say in which photo"
