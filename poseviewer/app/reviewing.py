@@ -21,7 +21,7 @@ from poseviewer.errors import BatchError, PoseViewerError
 from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.render.renderers import RendererName
 
-MOST_SAID = 3
+MAX_NAMED = 3
 """Rows that could not be opened and are named; the list marks all that failed."""
 
 
@@ -146,9 +146,9 @@ class Reviewer:
             except PoseViewerError as error:
                 skipped.append(f"Row {row.job.row} cannot be opened: {error}")
             else:
-                return with_notes(document, skipped[:MOST_SAID])
+                return with_notes(document, skipped[:MAX_NAMED])
         end = f"This is the {'last' if by > 0 else 'first'} of {len(rows)} rows."
-        raise BatchError(" ".join(skipped[:MOST_SAID]) or end)
+        raise BatchError(" ".join(skipped[:MAX_NAMED]) or end)
 
     def _open(self, row: Row) -> Document:
         """Photo, model and pose of a row."""

@@ -91,14 +91,14 @@ class Controls:
         """HTML; hidden while it is empty."""
         self.text(read, self.gui.add_html)
 
-    def field(self, handle: Any, asked: Callable[[Any], Request | None], **options: Any) -> Any:
-        """An input; ``asked`` makes the request of a new value, bounded as the input is."""
+    def field(self, handle: Any, make: Callable[[Any], Request | None], **options: Any) -> Any:
+        """An input; ``make`` gives the request of a new value, bounded as the input is."""
 
         def bounded(_: int) -> Request | None:
             value = handle.value
             if getattr(handle, "min", None) is not None:
                 value = max(handle.min, min(handle.max, value))
-            return asked(value)
+            return make(value)
 
         self._on(handle.on_update, bounded)
         return self.add(handle, **options)
@@ -112,7 +112,7 @@ class Controls:
         self,
         label: str,
         texts: Mapping[Any, str],
-        asked: Callable[[Any], Request],
+        make: Callable[[Any], Request],
         read: Read,
         hint: str | None = None,
         **options: Any,
@@ -121,15 +121,15 @@ class Controls:
         values = {text: value for value, text in texts.items()}
         handle = self.gui.add_dropdown(label, tuple(values), hint=hint)
         own = {"value": lambda session: texts[read(session)]}
-        self.field(handle, lambda text: asked(values[text]), **options, **own)
+        self.field(handle, lambda text: make(values[text]), **options, **own)
 
     def button(
-        self, label: str | Read, asked: Request | Callable[[Session, int], Request], **options: Any
+        self, label: str | Read, of: Request | Callable[[Session, int], Request], **options: Any
     ) -> Any:
-        """A button that asks for a request, or for that of the session and the client's id."""
+        """A button of a request, or of that which session and client's id lead to."""
 
         def request(client: int) -> Request:
-            request = asked if isinstance(asked, Request) else asked(self.session, client)
+            request = of if isinstance(of, Request) else of(self.session, client)
             return ShowHelp(client) if isinstance(request, ShowHelp) else request
 
         options = {"label": label, "color": "gray", **options}
@@ -153,14 +153,14 @@ class Controls:
         self.choices(label, {own.label(): own.request for own in chosen}, hint=hint, **options)
 
     def choices(
-        self, label: str, asked: Mapping[str, Request], selected: Read | None = None, **options: Any
+        self, label: str, of: Mapping[str, Request], selected: Read | None = None, **options: Any
     ) -> None:
-        """Buttons in one line, each with what it asks for; ``selected`` reads the marked label."""
-        handle = self.gui.add_button_group(label, tuple(asked), **_fixed(options))
-        self._on(handle.on_click, lambda _: asked[handle.value.removeprefix(SELECTED)])
+        """Buttons in one line by their requests; ``selected`` reads the marked label."""
+        handle = self.gui.add_button_group(label, tuple(of), **_fixed(options))
+        self._on(handle.on_click, lambda _: of[handle.value.removeprefix(SELECTED)])
         if selected is not None:
             options["options"] = lambda session: tuple(
-                SELECTED * (option == selected(session)) + option for option in asked
+                SELECTED * (option == selected(session)) + option for option in of
             )
         self.add(handle, **options)
 
@@ -173,18 +173,18 @@ class Controls:
         accepted = "folder" if kind is None else ",".join(ACCEPTED[kind])
         handle = self.gui.add_upload_button(label, mime_type=accepted, icon=icon, color="gray")
 
-        def asked(_: int) -> Request:
+        def request(_: int) -> Request:
             file = take_upload(handle)
             return upload(kind, file.name, file.content, adds, self.lens_model())
 
-        self._on(handle.on_upload, asked)
+        self._on(handle.on_upload, request)
 
-    def _on(self, subscribe: Callable[..., Any], asked: Callable[[int], Request | None]) -> None:
-        """Post what a page asks for, by its client's id; what we write ourselves asks nothing."""
+    def _on(self, subscribe: Callable[..., Any], make: Callable[[int], Request | None]) -> None:
+        """Post the request of a page, by its client's id; what we write ourselves makes none."""
 
         @subscribe
         async def _(event: viser.GuiEvent) -> None:
-            request = None if event.client is None else asked(event.client.client_id)
+            request = None if event.client is None else make(event.client.client_id)
             if request is not None:
                 self._post(request)
 

@@ -30,7 +30,7 @@ CROSS, DIAMOND = '<path d="M2 0H8M-2 0H-8M0 2V8M0-2V-8"/>', '<path d="M5 0L0 5L-
 
 
 def handles_of(session: Session) -> str:
-    """All of them, those on top of the others last."""
+    """SVG of all handles, those on top of the others last."""
     document, alone = session.document, session.display.photo_alone
     drawn = [
         _rectangle(document.own.region, REGION_COLOUR),

@@ -36,9 +36,9 @@ PALETTE: NDArray[np.uint8] = cv2.applyColorMap(
     np.linspace(255, 0, LEVELS).round().astype(np.uint8)[:, None], cv2.COLORMAP_VIRIDIS
 )[:, 0, ::-1].astype(np.uint8)
 """(LEVELS, 3) sRGB, the lowest loss first: viridis, safe for the colour-blind, reversed."""
-LONGEST_TRAIL = 60
+MAX_TRAIL = 60
 """Points of a trail that are drawn, at most, on each map."""
-FEWEST_COLUMNS = 4
+MIN_COLUMNS = 4
 """Columns that the maps are sized for: fewer maps grow no larger, and leave room for the key."""
 _DOTS = '<g class="pv-dots"><path class="pv-halo" d="{0}"/><path d="{0}"/></g>'
 _CROSS = '<path class="pv-halo" d="M-5-5L5 5M-5 5L5-5"/><path d="M-5-5L5 5M-5 5L5-5"/>'
@@ -69,7 +69,7 @@ class LossGrid:
     what: str = "loss"
     """Name of the values."""
     whose: str = ""
-    """Whose loss it is; "" says nothing."""
+    """Name of the loss; "": none is shown."""
     large: Pair | None = None
     """The pair whose map is shown large as well."""
 
@@ -81,7 +81,7 @@ class LossGrid:
             self._cell(pieces.get(pair), f"{free.index(pair[1])}/{free.index(pair[0]) + 2}")
             for pair in combinations(free, 2)
         )
-        columns = max(len(free) - 1, FEWEST_COLUMNS)
+        columns = max(len(free) - 1, MIN_COLUMNS)
         large = pieces.get(self.large) if self.large is not None else None
         return (
             f'<div class="pv-with">{"" if large is None else self._large(large)}'
@@ -139,7 +139,7 @@ class LossGrid:
         drawn = ""
         if self.trail is not None and len(self.trail) > 1:
             count = len(self.trail)
-            kept = np.linspace(0, count - 1, min(count, LONGEST_TRAIL)).round().astype(int)
+            kept = np.linspace(0, count - 1, min(count, MAX_TRAIL)).round().astype(int)
             points = _points(piece, self.trail[kept])
             drawn += f'<polyline points="{points}"/><polyline class="pv-trail" points="{points}"/>'
         if self.candidates is not None and len(self.candidates):

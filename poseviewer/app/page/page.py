@@ -45,7 +45,7 @@ PAGE_CONFIG = {
 
 
 class Page:
-    """All that pages show; what is shown is shared by all of them."""
+    """Everything that pages show; all of them show the same."""
 
     def __init__(
         self,
@@ -127,7 +127,7 @@ class Page:
                 self._post(request)
 
     def _tabs(self, client: int | None = None) -> list[viser.ClientHandle]:
-        """All pages that are open, or (by its client's id) one of them while it is."""
+        """Pages that are open: all, or the one of a client's id."""
         clients = self._server.get_clients()
         return [handle for number, handle in clients.items() if client in (None, number)]
 

@@ -24,7 +24,7 @@ from poseviewer.app.page.texts import (
     verdict_text,
 )
 from poseviewer.app.state import hiding as h
-from poseviewer.app.state.camera_change import NARROWEST_DEG, WIDEST_DEG
+from poseviewer.app.state.camera_change import MAX_FIELD_DEG, MIN_FIELD_DEG
 from poseviewer.app.state.camera_edits import set_camera, set_field_of_view, set_projection
 from poseviewer.app.state.display_edits import show_style
 from poseviewer.app.state.document import is_alone
@@ -199,7 +199,7 @@ def _add_camera(controls: Controls) -> None:
         value=lambda s: "parallel" if _is_parallel(s) else "perspective",
     )
     controls.field(
-        gui.add_number("Field of view °", 50.0, min=NARROWEST_DEG, max=WIDEST_DEG, step=0.1),
+        gui.add_number("Field of view °", 50.0, min=MIN_FIELD_DEG, max=MAX_FIELD_DEG, step=0.1),
         set_field_of_view,
         value=_field_of_view,
         visible=lambda s: not _is_parallel(s),

@@ -41,7 +41,7 @@ HIDDEN_COLOUR, FOUND_COLOUR = (255, 64, 64), (170, 90, 255)
 """RGB of the tint over what was painted, and over what a search took for an occluder."""
 HIDDEN_OPACITY, HIDDEN_OPACITY_WHILE_PAINTED = 0.25, 0.5
 """Opacities of these tints."""
-LARGEST_TINT = 1_000_000
+MAX_TINT_PIXELS = 1_000_000
 """Pixels of the tint; it is drawn smaller where it has more."""
 OUTLINE_NAME = "/model/outline"
 
@@ -179,7 +179,7 @@ def _tint(hidden: NDArray[Any] | None, colour: Colour, opacity: float) -> Pictur
     rows, columns = bounding_slices(hidden)
     hidden = hidden[rows, columns].astype(np.float32)
     height, width = hidden.shape
-    share = min(1.0, (LARGEST_TINT / (width * height)) ** 0.5)
+    share = min(1.0, (MAX_TINT_PIXELS / (width * height)) ** 0.5)
     size = scaled_size(width, height, share)
     shown = cv2.resize(hidden, size, interpolation=cv2.INTER_AREA)
     pixels = np.empty((*shown.shape, 4), np.uint8)

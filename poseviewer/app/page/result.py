@@ -20,7 +20,7 @@ from poseviewer.geometry.transform import Similarity
 
 DIGITS = 5
 """Digits that are shown of a number whose deviation is not known."""
-LEAST_SURE_DEG = 90.0
+MAX_DEVIATION_DEG = 90.0
 """Above this deviation an angle's is linear no more, as where two axes coincide: none is shown."""
 ABOUT = (
     "Camera axes: X to the right, Y down, Z forward, of the model's origin. Turns: about the "
@@ -36,7 +36,7 @@ SOURCES = {
 """Sources of a focal length, and the tooltip of each."""
 
 
-def numbers_of(pose: Pose) -> dict[str, float]:
+def pose_numbers(pose: Pose) -> dict[str, float]:
     """X, Y, Z and distance of the model's origin in the camera's frame, in the model's unit; turns
     about the camera's x, y and z axes, in this order, in degrees; focal length in px. Under
     parallel projection there is a scale, px per unit, and neither Z nor distance.
@@ -57,15 +57,15 @@ def numbers_of(pose: Pose) -> dict[str, float]:
 
 
 def deviations_of(session: Session) -> dict[str, float]:
-    """Standard deviations of ``numbers_of`` by their names, to first order; only of those known."""
+    """Known standard deviations of ``pose_numbers`` by their names, to first order."""
     covariance, pose = session.covariance_in(session.document.at), session.document.pose
     if covariance is None:
         return {}
-    at = numbers_of(pose)
+    at = pose_numbers(pose)
 
     def off(moved: Pose) -> FloatArray:
         """The numbers' differences from the pose, those of angles by the short way."""
-        now = numbers_of(moved)
+        now = pose_numbers(moved)
         return np.array(
             [math.remainder(now[n] - at[n], 360.0) if "turn" in n else now[n] - at[n] for n in at]
         )
@@ -74,7 +74,7 @@ def deviations_of(session: Session) -> dict[str, float]:
     return {
         name: value
         for name, value in deviations.items()
-        if value > 0.0 and not ("turn" in name and value > LEAST_SURE_DEG)
+        if value > 0.0 and not ("turn" in name and value > MAX_DEVIATION_DEG)
     }
 
 
@@ -83,7 +83,7 @@ def result_html(session: Session) -> str:
     document = session.document
     if not document.object.is_placed:
         return ""
-    numbers, deviations = numbers_of(document.pose), deviations_of(session)
+    numbers, deviations = pose_numbers(document.pose), deviations_of(session)
     source = source_of(document.photo, document.pose.camera)
     left, right = [], []
     for name, value in numbers.items():

@@ -18,7 +18,7 @@ from poseviewer.fit.progress import Status
 
 QUALITY = 75
 """JPEG quality of the thumbnails."""
-MOST_BEFORE, MOST_AFTER = 50, 150
+MAX_BEFORE, MAX_AFTER = 50, 150
 """Rows in the list about the one that is open; all of a batch would be megabytes."""
 DOT = "data:image/gif;base64,R0lGODlhAQABAIAAAAAAAP///yH5BAEAAAAALAAAAAABAAEAAAIBRAA7"
 TO_ROW = "let r=this.parentNode,l=r.parentNode;l.scrollTop=r.offsetTop-l.clientHeight/3"
@@ -61,7 +61,7 @@ def add_rows(controls: Controls, review: Reviewer) -> None:
 def rows_list(queue: ReviewQueue, at: int | None) -> str:
     """A row for each photo with its object, and what is said of it (HTML)."""
     rows, middle = queue.rows, at or 0
-    first, end = max(middle - MOST_BEFORE, 0), min(middle + MOST_AFTER, len(rows))
+    first, end = max(middle - MAX_BEFORE, 0), min(middle + MAX_AFTER, len(rows))
     drawn = "".join(_row(queue.batch.folder, rows[i], i, i == at) for i in range(first, end))
     rejected = sum(row.result.review == REJECTED for row in rows)
     accepted = sum(bool(row.result.review) for row in rows) - rejected

@@ -70,14 +70,14 @@ def _cell(session: Session, index: int) -> str:
 
 def proposals_row(session: Session) -> str:
     """HTML of the proposed starts with their odds, each a piece of the photo; a press takes it."""
-    asked = session.proposals
-    if asked is None or not asked.starts:
+    proposals = session.proposals
+    if proposals is None or not proposals.starts:
         return ""
     photo, cells = session.document.photo, ""
-    for index, (start, lines) in enumerate(zip(asked.starts, asked.outlines, strict=True)):
+    for index, (start, lines) in enumerate(zip(proposals.starts, proposals.outlines, strict=True)):
         url, part = _piece(photo, lines)
         left, top, width, height = part
-        at = ' class="pv-at"' if index == asked.index else ""
+        at = ' class="pv-at"' if index == proposals.index else ""
         cells += (
             f'<button type="button"{at} title="proposal {index + 1}: press to start from it" '
             f'{on_press("start", index=index)}><svg viewBox="{left} {top} {width} {height}">'

@@ -101,9 +101,9 @@ def hint_of(session: Session) -> str:
         case _ if session.is_looking:
             return LOOKING_HINT
         case _ if not session.document.object.is_placed:
-            asked = session.proposals
-            not_found = "Not found by itself: " if asked else ""
-            return UNSURE_HINT if asked and asked.starts else f"{not_found}{PLACE_HINT}"
+            proposals = session.proposals
+            not_found = "Not found by itself: " if proposals else ""
+            return UNSURE_HINT if proposals and proposals.starts else f"{not_found}{PLACE_HINT}"
         case _ if session.display.style == "residual":
             return ""  # it would lie over the colours' legend
         case _:
@@ -130,21 +130,21 @@ def marks_text(session: Session) -> str:
 
 def proposals_text(session: Session) -> str:
     """Say how far the proposals are (markdown)."""
-    asked = session.proposals
+    proposals = session.proposals
     if session.is_proposing and session.preparation is not None:
         return "Waiting to begin."
-    if asked is None:
+    if proposals is None:
         return ""
-    if not asked.starts:
-        return "" if asked.is_over else "Looking for the object ... (Esc stops)"
-    if not asked.is_over:
+    if not proposals.starts:
+        return "" if proposals.is_over else "Looking for the object ... (Esc stops)"
+    if not proposals.is_over:
         return "Fitting the likeliest ... (Esc stops)"
-    count = len(asked.starts)
-    if asked.index < 0:
+    count = len(proposals.starts)
+    if proposals.index < 0:
         return f"**{_counted(count, 'proposal')}**, none of them sure: press the right one"
     others = "press another one, or " if count > 1 else ""
     what = "fitted" if session.search else f"{others}space to search from here"
-    return f"**proposal {asked.index + 1} of {count}**: {what}"
+    return f"**proposal {proposals.index + 1} of {count}**: {what}"
 
 
 def focal_note(session: Session) -> str:

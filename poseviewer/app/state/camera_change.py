@@ -9,12 +9,12 @@ from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import camera_from_integer_centres
 from poseviewer.starts.placing import with_point_at
 
-LEAST_FOCAL_PX = 1.0
-LARGEST_FOCAL = 1000.0
+MIN_FOCAL_PX = 1.0
+MAX_FOCAL = 1000.0
 """Times the photo's longer side: a telescope's."""
 FARTHEST_CENTRE = 10.0
 """From the photo's middle, times its longer side: more than any crop of a photo leaves."""
-NARROWEST_DEG, WIDEST_DEG = 0.5, 170.0
+MIN_FIELD_DEG, MAX_FIELD_DEG = 0.5, 170.0
 """Fields of view."""
 
 
@@ -32,16 +32,16 @@ def with_camera(pose: Pose, camera: Camera, centre: FloatArray) -> Pose:
 def camera_from_numbers(fx: float, fy: float, cx: float, cy: float, now: Camera) -> Camera:
     """A camera of typed intrinsics in px (pixel centres at integers) for the photo of ``now``."""
     longer = max(now.width, now.height)
-    reach, largest = FARTHEST_CENTRE * longer, LARGEST_FOCAL * longer
+    reach, largest = FARTHEST_CENTRE * longer, MAX_FOCAL * longer
     if not math.hypot(cx - now.width / 2.0, cy - now.height / 2.0) <= reach:
         raise SettingsError(
             f"cx, cy = {cx:g}, {cy:g}: wanted a centre within {reach:g} px of the photo's middle; "
             "nothing was changed"
         )
     parallel = isinstance(now, Parallel)
-    if not parallel and not all(LEAST_FOCAL_PX <= value <= largest for value in (fx, fy)):
+    if not parallel and not all(MIN_FOCAL_PX <= value <= largest for value in (fx, fy)):
         raise SettingsError(
-            f"fx, fy = {fx:g}, {fy:g}: wanted focal lengths of {LEAST_FOCAL_PX:g} to "
+            f"fx, fy = {fx:g}, {fy:g}: wanted focal lengths of {MIN_FOCAL_PX:g} to "
             f"{largest:g} px; nothing was changed"
         )
     camera = camera_from_integer_centres(Perspective(fx, fy, cx, cy, now.width, now.height))

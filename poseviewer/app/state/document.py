@@ -79,7 +79,7 @@ class ObjectState:
     pins: tuple[FloatArray, ...] = ()
     """Points (3,) on the model's surface, in its frame, that the user has pinned."""
     marks: Mapping[int, Marks] = field(default_factory=dict)
-    """By the views' indices."""
+    """Marks by the indices of the views."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -414,7 +414,7 @@ def reference_view(scene: Scene, index: int, view: int) -> int:
 
 
 def compared(scene: Scene, index: int) -> tuple[object, ...]:
-    """All that the loss of an object about its place in a scene depends on; equal for one loss."""
+    """Everything that the loss of an object about its pose depends on; equal for equal losses."""
     one, objects = scene.objects[index], enumerate(scene.objects)
     firm = ((o.mesh, o.world_from_model) for i, o in objects if i != index and o.stands_firm)
     return scene.views, one.mesh, one.world_from_model, one.in_views, one.settings, *firm

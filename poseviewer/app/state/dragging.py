@@ -26,13 +26,13 @@ REACH = 14.0
 """A pin or a mark is taken within this distance (px of the screen)."""
 MODEL_REACH = 12.0
 """The model is taken also this far (px of the screen) beside its convex outline."""
-LEAST_LEVER = 8.0
+MIN_LEVER = 8.0
 """Rolls and scales are taken as if grabbed at least this far (px) from the centre."""
-LARGEST_ZOOM = 20.0
-"""One drag makes the model no more than this many times larger or smaller."""
+MAX_ZOOM = 20.0
+"""Largest factor by which one drag scales the model, up or down."""
 STIFFNESS = 1e-2
 """px per unit of the free-body chart: what pins do not determine is kept."""
-LEAST_SIDE = 2
+MIN_SIDE = 2
 """px: a smaller rectangle is none."""
 
 
@@ -86,7 +86,7 @@ def draw_rectangle(tool: str, start: FloatArray) -> Drag:
         low, high = np.sort(np.clip([start, point], 0, size), axis=0)
         corners = (*map(int, np.floor(low)), *map(int, np.ceil(high)))
         rectangle = Rectangle.from_corners(*corners)
-        shown = None if min(rectangle.width, rectangle.height) < LEAST_SIDE else rectangle
+        shown = None if min(rectangle.width, rectangle.height) < MIN_SIDE else rectangle
         if tool == "region":
             return document.with_own(region=shown)
         return document.with_marks(box=shown)
@@ -180,11 +180,11 @@ def rolled_and_scaled(pose: Pose, centre: ArrayLike, start: ArrayLike, end: Arra
     """Rolled about the line of sight, and scaled, so that ``start`` is seen at ``end``."""
     middle = pose.project(centre)
     before, after = np.asarray(start) - middle, np.asarray(end) - middle
-    lever, reach = (max(float(np.linalg.norm(v)), LEAST_LEVER) for v in (before, after))
+    lever, reach = (max(float(np.linalg.norm(v)), MIN_LEVER) for v in (before, after))
     angle = math.atan2(after[1], after[0]) - math.atan2(before[1], before[0])
-    if float(np.linalg.norm(before)) < LEAST_LEVER:
+    if float(np.linalg.norm(before)) < MIN_LEVER:
         angle = 0.0  # no direction to speak of
-    zoom = min(max(reach / lever, 1.0 / LARGEST_ZOOM), LARGEST_ZOOM)
+    zoom = min(max(reach / lever, 1.0 / MAX_ZOOM), MAX_ZOOM)
     return scaled_about(rolled(pose, centre, angle), centre, zoom)
 
 

@@ -130,7 +130,7 @@ ACTIONS: Mapping[str, Action] = {
         for key, sign in zip(keys, (-1.0, 1.0), strict=True)
     },
 }
-"""All that buttons and keys request."""
+"""Every button and key by its name."""
 KEYS = {code: action for action in ACTIONS.values() for code in action.codes}
 """The action of each key, some with "shift " before."""
 GESTURES = {
@@ -150,7 +150,7 @@ GESTURES = {
 
 
 def help_table() -> str:
-    """All that mouse and keys do, and the step that it belongs to (markdown)."""
+    """Make the table of gestures and keys, with the step of each (markdown)."""
     keyed = [(own.keys, own.tooltip, own.step) for own in ACTIONS.values() if own.keys]
     rows = [*((keys, does, "") for keys, does in GESTURES.items()), *filter(lambda r: r[1], keyed)]
     head = "| | | |\n|---|---|---|\n"
@@ -160,7 +160,7 @@ def help_table() -> str:
 
 
 def client_keys() -> dict[str, dict[str, object]]:
-    """All that the page's script knows of each key, by its code, as ``client.js`` says."""
+    """Make the table of keys for the page's script, by their codes, as ``client.js`` says."""
     return {
         code.split()[-1]: {
             "call": action.request if action.request == "showAll" else "",

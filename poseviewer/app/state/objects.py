@@ -11,8 +11,8 @@ from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.types import InView, SceneObject
 from poseviewer.starts.placing import look_from
 
-MOST_OBJECTS = 30
-"""All of them are kept in memory, and drawn."""
+MAX_OBJECTS = 30
+"""Number of objects, each of which is kept in memory and drawn."""
 MAX_LETTERS = {"name": 60, "note": 1000}
 """Letters of an object's texts: a line of the list, and a paragraph."""
 
@@ -37,8 +37,8 @@ def with_added(document: Document, model: ModelFile) -> Document:
 
     Raises ``SettingsError``: too many, different units, or an unknown scale of several views.
     """
-    if len(document.scene.objects) >= MOST_OBJECTS:
-        raise SettingsError(f"{MOST_OBJECTS} objects are the most in one scene; remove one first")
+    if len(document.scene.objects) >= MAX_OBJECTS:
+        raise SettingsError(f"{MAX_OBJECTS} objects are the most in one scene; remove one first")
     like, unit = document.object, model.unit
     if unit and like.model.unit not in (None, unit):
         raise SettingsError(

@@ -1,4 +1,4 @@
-"""What workers have drawn and computed for a session."""
+"""Results of workers: all that they have drawn and computed for a session."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class LossReading:
     start: float | None = None
     """The loss at the start pose."""
     of_views: Mapping[int, Unexplained] = field(default_factory=dict)
-    """By the indices of the views that are compared."""
+    """Unexplained shares by the indices of the views that are compared."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +95,7 @@ class Preparation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Results:
-    """All that is known by now for the document at hand, or for one a moment ago."""
+    """Newest results for the document at hand, or for one a moment ago."""
 
     overlay: Overlay | None = None
     alone: tuple[Pose, NDArray[np.uint8]] | None = None

@@ -60,7 +60,7 @@ class Display:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
-    """All that the page shows."""
+    """Everything that the page shows."""
 
     document: Document
     history: History = field(default_factory=History)
@@ -241,7 +241,7 @@ class Session:
         return self if document is self.document else self.at(self.history, document)
 
     def with_document(self, document: Document, key: object = None) -> Session:
-        """One undoable step to another document; steps in a row with one ``key`` are one.
+        """Take an undoable step to another document; steps in a row with one ``key`` are one.
 
         Raises:
             FloatingPointError: the model would be out of sight.
@@ -255,7 +255,7 @@ class Session:
         return self.at(self.history.with_step(self.document, document, key), document)
 
     def with_pose(self, pose: Pose) -> Session:
-        """One undoable step to another pose; raises as ``with_document``."""
+        """Take an undoable step to another pose; raises as ``with_document``."""
         return self.with_document(self.document.at_pose(pose))
 
 

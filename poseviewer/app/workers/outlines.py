@@ -11,7 +11,7 @@ import numpy as np
 from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import stands
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.objects import MOST_OBJECTS
+from poseviewer.app.state.objects import MAX_OBJECTS
 from poseviewer.app.state.results import Outlines
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import renderer_of
@@ -23,7 +23,7 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.overlay.contour import quick_silhouette, seen_lines
 from poseviewer.scene.types import PlacedModel
 
-MOST_SAMPLES = 400_000
+MAX_SAMPLES = 400_000
 """Most samples of the picture that tells which object hides which."""
 DRAWN_PX = 320
 """Pixels of the longer side of the picture that a small photo's outline is found on."""
@@ -43,7 +43,7 @@ class OutlineRequest:
     front: tuple[tuple[Mesh, Pose], ...]
     """Active object where it is at rest: it hides what is behind it."""
     small: tuple[Numbered, ...]
-    """All objects in each of several views, by their numbers."""
+    """Objects in each of several views, by their numbers."""
 
     @classmethod
     def of(cls, session: Session) -> OutlineRequest:
@@ -67,7 +67,7 @@ class OutlineRequest:
 
 def outlining(notify: Callable[[], None]) -> Worker[OutlineRequest, Edit]:
     """Draw outlines beside that of the active object, one drawing at a time."""
-    renderer = lru_cache(maxsize=MOST_OBJECTS)(lambda mesh: renderer_of(mesh).clone())
+    renderer = lru_cache(maxsize=MAX_OBJECTS)(lambda mesh: renderer_of(mesh).clone())
 
     @lru_cache(maxsize=LINES_KEPT)
     def outline(mesh: Mesh, pose: Pose) -> FloatArray:
@@ -89,7 +89,7 @@ def outlining(notify: Callable[[], None]) -> Worker[OutlineRequest, Edit]:
         models = [*request.large.values(), *request.front]
         if lines and len(models) > 1:
             camera = models[0][1].camera
-            samples = min(1.0, (MOST_SAMPLES / (camera.width * camera.height)) ** 0.5)
+            samples = min(1.0, (MAX_SAMPLES / (camera.width * camera.height)) ** 0.5)
             depths = [renderer(mesh).depth(pose.scaled(samples)) for mesh, pose in models]
             visible = visibility_of_depths(depths)
             for index, number in enumerate(request.large):

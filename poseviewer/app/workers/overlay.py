@@ -34,7 +34,7 @@ from poseviewer.starts.placing import framed
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer
 
-LARGEST_PICTURE = 2_000_000
+MAX_PICTURE_PIXELS = 2_000_000
 """Pixels of a drawn picture; of larger photos it is drawn smaller."""
 SEARCH_DRAW_S = 0.1
 """A search is drawn no oftener: the processor is for the search."""
@@ -115,7 +115,7 @@ class OverlayDrawer:
 
     def _picture(self, request: Session) -> Overlay:
         own, photo, display = request.document, request.document.photo, request.display
-        factor = min(1.0, (LARGEST_PICTURE / (photo.width * photo.height)) ** 0.5)
+        factor = min(1.0, (MAX_PICTURE_PIXELS / (photo.width * photo.height)) ** 0.5)
         pose = own.pose.scaled(factor)
         pixels = _shown_pixels(photo, pose.camera.width, pose.camera.height)
         relight: Relight | None = None

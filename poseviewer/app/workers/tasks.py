@@ -65,7 +65,7 @@ class Restore:
 
 
 Request = Edit | QueuedTask | SavePose | ShowHelp | ReviewRow | Restore
-"""All that a page asks of the main loop."""
+"""Requests of pages to the main loop."""
 
 
 class TaskQueue(Worker[tuple[QueuedTask, Session], TaskResult]):
@@ -178,7 +178,7 @@ def find_wheels_in_region() -> QueuedTask:
 
 REACH = 1.0
 """Reach of the neighbourhood beyond the scribble's box, in its longer side."""
-LEAST_REACH = 0.05
+MIN_REACH = 0.05
 """Least reach, in the photo's longer side: a thing that was merely tapped."""
 SIDE_PX = 320
 """Longer side of the picture that is cut: GrabCut takes half a second there."""
@@ -207,7 +207,7 @@ def grown(photo: Photo, stroke: Stroke) -> NDArray[np.bool_]:
     if not drawn.any():
         raise QuickStartError("That scribble is beside the photo; draw it on the thing in front.")
     low, high = stroke.points.min(axis=0), stroke.points.max(axis=0)
-    reach = max(REACH * max(high - low), LEAST_REACH * max(photo.width, photo.height))
+    reach = max(REACH * max(high - low), MIN_REACH * max(photo.width, photo.height))
     (left, top), (right, bottom) = (low - reach).astype(int), (high + reach).astype(int) + 1
     part = slice(max(top, 0), bottom), slice(max(left, 0), right)
     height, width = drawn[part].shape

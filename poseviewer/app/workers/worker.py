@@ -41,7 +41,7 @@ class Mailbox(Generic[T]):
         self._items.put(None)
 
     def take(self, timeout: float) -> list[T]:
-        """All items, at once if there are any; else after ``notify``, or ``timeout`` seconds."""
+        """Take all items, at once if there are any, else after ``notify`` or ``timeout`` s."""
         items: list[T | None] = []
         with suppress(Empty):
             items.append(self._items.get(timeout=timeout))
@@ -51,7 +51,7 @@ class Mailbox(Generic[T]):
 
 
 class Worker(Generic[A, T]):
-    """One background thread for what the session asks for; the newest request wins."""
+    """A background thread for requests of the session; the newest request wins."""
 
     def __init__(
         self,

@@ -9,7 +9,7 @@ import pytest
 from lxml import html as lxml_html
 from scipy.spatial.transform import Rotation
 
-from poseviewer.app.page.result import copies_of, deviations_of, numbers_of, result_html
+from poseviewer.app.page.result import copies_of, deviations_of, pose_numbers, result_html
 from poseviewer.app.page.texts import opened_text
 from poseviewer.app.state.session import Session
 from poseviewer.confidence.pose_covariance import PoseCovariance
@@ -37,7 +37,7 @@ def rows_of(session: Session) -> dict[str, str]:
 @pytest.mark.parametrize("camera", [PERSPECTIVE, PARALLEL])
 def test_the_page_says_where_the_model_is_and_how_it_is_turned(camera) -> None:
     session = make_session(camera)
-    numbers, place = numbers_of(session.document.pose), session.document.pose.camera_from_model
+    numbers, place = pose_numbers(session.document.pose), session.document.pose.camera_from_model
     turns = [numbers[f"turn {axis}"] for axis in "xyz"]
     turned = Rotation.from_euler("xyz", turns, degrees=True).as_matrix()
     np.testing.assert_allclose(turned, place.rotation, atol=1e-12)
@@ -57,9 +57,9 @@ def test_each_number_has_the_deviation_of_poses_drawn_by_the_covariance() -> Non
     covariance = session.covariance_in(0)
     assert covariance is not None
     draws = np.random.default_rng(1).multivariate_normal(np.zeros(7), covariance.matrix, 4000)
-    drawn = [list(numbers_of(covariance.moved(draw)).values()) for draw in draws]
+    drawn = [list(pose_numbers(covariance.moved(draw)).values()) for draw in draws]
     said = deviations_of(session)
-    assert list(said) == list(numbers_of(session.document.pose))
+    assert list(said) == list(pose_numbers(session.document.pose))
     np.testing.assert_allclose(list(said.values()), np.std(drawn, axis=0), rtol=0.05)
     assert all("±" in text for text in rows_of(session).values())
     moved = after(session, c.nudge("move", 1.0))  # it was the other pose's

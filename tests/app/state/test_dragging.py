@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from poseviewer.app.state.dragging import (
-    LARGEST_ZOOM,
+    MAX_ZOOM,
     pinned,
     radius_in_photo,
     rolled,
@@ -114,7 +114,7 @@ def test_a_drag_across_the_centre_cannot_blow_the_model_up(camera):
     middle = pose.project(CENTRE)
     far = rolled_and_scaled(pose, CENTRE, middle, middle + np.array([1e6, 0.0]))
     before, after = (radius_in_photo(p, MESH) for p in (pose, far))
-    assert after <= before * LARGEST_ZOOM * (1.0 + 1e-9)
+    assert after <= before * MAX_ZOOM * (1.0 + 1e-9)
     back = rolled_and_scaled(pose, CENTRE, middle + np.array([100.0, 0.0]), middle)
     assert radius_in_photo(back, MESH) > 0.0
 

@@ -9,7 +9,7 @@ import pytest
 from poseviewer.app.state.document import compared, label_of, verdict_of
 from poseviewer.app.state.dragging import nearest_object
 from poseviewer.app.state.objects import (
-    MOST_OBJECTS,
+    MAX_OBJECTS,
     add_object,
     alter_object,
     pick_object,
@@ -201,8 +201,8 @@ def test_what_cannot_be_added_is_refused():
     session = after(make_session(), add_object(in_unit(BOX, "mm")))
     refusal = refused(session, add_object(in_unit(TAXI, "m")))
     assert refusal.startswith("Taxi.glb is in m, box.ply in mm")
-    session = after(session, *[add_object()] * (MOST_OBJECTS - 2))
-    assert refused(session, add_object()).startswith(f"{MOST_OBJECTS} objects are the most")
+    session = after(session, *[add_object()] * (MAX_OBJECTS - 2))
+    assert refused(session, add_object()).startswith(f"{MAX_OBJECTS} objects are the most")
 
 
 def test_undo_reaches_back_over_all_objects_at_hand():
