@@ -107,7 +107,7 @@ def load(
 
     Args:
         photo: JPEG, PNG, TIFF, WebP or BMP file; or, alone, a scene file.
-        model: OBJ, PLY, STL, OFF, GLB, glTF or 3DS file; or a loaded one
+        model: OBJ, PLY, STL, OFF, GLB, glTF, 3MF, DAE, 3DS or STEP file; or a loaded one
             (``files.scene_assets.load_model``), for many photos of one thing.
         start: a pose file or a pose; ``"auto"``: searched for in some seconds; or a function that
             finds one, such as ``starts.point_pairs.start_from_pairs``.

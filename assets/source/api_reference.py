@@ -37,7 +37,7 @@ CONTENT: tuple[tuple[ModuleType, str], ...] = (
     (search, "Search SearchProgress"),
     (visibility, "Visibility visibility"),
     (settings, "FitSettings Limits"),
-    (progress, "FitProgress Status"),
+    (progress, "FitProgress SearchProgress Status"),
     (slices, "Slice"),
     (camera, "Pose Perspective Parallel"),
     (transform, "RigidTransform Similarity"),

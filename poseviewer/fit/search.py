@@ -28,7 +28,7 @@ from poseviewer.confidence.verdict import (
     SURE_FROM,
     TURNED_THRESHOLD,
 )
-from poseviewer.fit.compared import ComparedView, enlarged
+from poseviewer.fit.compared_pixels import ComparedView, enlarged
 from poseviewer.fit.judge import better_turn, judge_end
 from poseviewer.fit.occlusion import Hidden, find_hidden
 from poseviewer.fit.problem import (

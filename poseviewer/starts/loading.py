@@ -104,7 +104,7 @@ def open_photo(
     is_loaded = isinstance(photo, Photo)
     opened = photo if is_loaded else load_calibrated_photo(photo, calibration)
     model = model if isinstance(model, ModelFile) else load_model(model)
-    without, notes = tuple(settings.without or ()), tuple[str, ...]()
+    without, notes, note = tuple(settings.without or ()), tuple[str, ...](), ""
     if isinstance(start, str | Path):
         record = load_pose(start, opened.width, opened.height)
         opened, record, of_camera = _matched(opened, record)
@@ -116,7 +116,7 @@ def open_photo(
         if mask is None:
             mask, of_mask = mask_beside(start, record, opened.width, opened.height)
             notes += of_mask
-        start = record.pose
+        start, note = record.pose, record.note
         notes += distance_notes(model.content.mesh_without(without), start)
     if mask is not None and not isinstance(mask, Mask):
         mask = load_mask(mask, (opened.width, opened.height))
@@ -132,7 +132,8 @@ def open_photo(
         )
     file = PhotoFile.of(opened, None if is_loaded else Path(photo))
     left_out = model.content.mesh_without(without).left_out
-    scene = scene_at(View(file, camera, mask=mask), model, start, settings, without=left_out)
+    fields = {"without": left_out, "note": note}
+    scene = scene_at(View(file, camera, mask=mask), model, start, settings, **fields)
     notes = (*notes_of(opened), *notes_of(model), *notes)
     return replace(scene, name=opened.name, notes=notes)
 
@@ -265,7 +266,12 @@ def open_views(
     of_files = [note for file in (*(v.photo for v in ordered), own) for note in notes_of(file)]
     notes = tuple(dict.fromkeys([*of_files, *notes, *of_camera]))
     item = SceneObject(
-        id="1", model=own, world_from_model=place, settings=settings, without=mesh.left_out
+        id="1",
+        model=own,
+        world_from_model=place,
+        settings=settings,
+        without=mesh.left_out,
+        note=record.note,
     )
     return Scene(
         views=ordered,

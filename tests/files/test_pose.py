@@ -12,7 +12,7 @@ from msgspec import structs
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import PoseFileError
 from poseviewer.files.pose import PoseRecord, check_against, load_pose, save_pose
-from poseviewer.files.structs import ChartParameters, ModelReference, PhotoReference, Uncertainty
+from poseviewer.files.structs import ChartJson, ModelReference, PhotoReference, Uncertainty
 from poseviewer.files.symmetry import SymmetryTurns
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.symmetry_group import Symmetry, Turn
@@ -35,7 +35,7 @@ def full_record(camera: Perspective | Parallel = PERSPECTIVE) -> PoseRecord:
         pose=Pose(camera, TRANSFORM),
         photo=PhotoReference("Straße 道.jpg", WIDTH, HEIGHT, SHA),
         model=ModelReference("car.glb", SHA[::-1], "m"),
-        chart=ChartParameters("vehicle", ("x", "y"), (1.0 / 7.0, -2e-17)),
+        chart=ChartJson("vehicle", ("x", "y"), (1.0 / 7.0, -2e-17)),
         loss=np.float64(0.1 + 0.2),  # as the losses of some renderers are
         settings={"restarts": 8, "clipped": True},
         software={"name": "poseviewer", "version": "0.1.0"},

@@ -64,6 +64,7 @@ def told(path: Path) -> Scene:
             notes=("It was quick.",),
         ),
         notes=("It is round.",),
+        note="the left one",
     )
     objects = (first, *scene.objects[1:])
     return replace(scene, views=(*scene.views, second), objects=objects, unit="m")

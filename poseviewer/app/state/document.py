@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from poseviewer.app.state.camera_change import with_camera
 from poseviewer.errors import SingularChartError
-from poseviewer.fit.compared import box_near
+from poseviewer.fit.compared_pixels import box_near
 from poseviewer.fit.problem import FitProblem, moved, numbers_of
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
@@ -370,11 +370,11 @@ class Document:
 
     @property
     def placement(self) -> tuple[object, ...]:
-        """Places that files keep; equal where none of them has changed."""
+        """Poses and notes that files keep; equal where none of them has changed."""
         views = ((view.photo, view.camera, view.mask) for view in self.scene.views)
         objects = self.scene.objects
-        models = ((o.mesh, o.model.keypoints, o.world_from_model, o.in_views) for o in objects)
-        return *views, *models
+        models = ((o.mesh, o.model.keypoints, o.in_views) for o in objects)
+        return *views, *models, *((o.world_from_model, o.note) for o in objects)
 
 
 def is_alone(document: Document) -> bool:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from poseviewer.app.state.edits import drag_edit, edit
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
-from poseviewer.fit.compared import enlarged
+from poseviewer.fit.compared_pixels import enlarged
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
@@ -67,9 +67,7 @@ def paint(session: Session, stroke: Stroke) -> Session:
 def paint_found(
     session: Session, photo: Photo, where: NDArray[np.bool_], erase: bool = False
 ) -> Session:
-    """Hide the pixels ``where`` (height, width) that were found for a photo, for all objects or the
-    active one alone; or bring them back, whatever hides them from it.
-    """
+    """Hide pixels ``where`` (height, width) that were found for a photo, or bring them back."""
     document, is_own = session.document, is_for_one(session)
     if document.photo is not photo:  # another one by now
         return session
