@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import poseviewer
+from poseviewer.scene.types import SceneObject
 
 PACKAGE = Path(poseviewer.__file__).parent
 REPOSITORY = PACKAGE.parent
@@ -40,3 +41,34 @@ def test_no_thread_outside_the_workers():
         assert is_worker or path == PACKAGE / "processes.py" or "Thread(" not in path.read_text(), (
             path
         )
+
+
+def listed(node: ast.AST) -> set[object]:
+    """Names that a call has as keywords, a dict as keys, or a class as fields."""
+    if isinstance(node, ast.Call):
+        return {keyword.arg for keyword in node.keywords}
+    if isinstance(node, ast.Dict):
+        return {key.value for key in node.keys if isinstance(key, ast.Constant)}
+    declared = node.body if isinstance(node, ast.ClassDef) else ()
+    return {part.target.id for part in declared if isinstance(part, ast.AnnAssign)}  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_fields_of_an_object_are_listed_in_few_places():
+    """A field such as ``note`` is declared once, and in the pose file that shares it; a place that
+    lists many fields by hand is one more to edit for each new field.
+    """
+    fields = set(SceneObject.__dataclass_fields__)
+    places = {
+        f"{path.relative_to(PACKAGE).as_posix()}: {getattr(whole, 'name', '')}"
+        for path in PACKAGE.rglob("*.py")
+        for whole in ast.parse(path.read_text()).body
+        for node in ast.walk(whole)
+        if len(fields & listed(node)) >= 6
+    }
+    assert places == {
+        "scene/types.py: SceneObject",  # the declaration
+        "files/scene_json.py: _object_as_saved",  # what files have otherwise than a session
+        "files/scene_json.py: scene_of_record",  # what a pose file says
+        "starts/loading.py: open_views",  # what a pose file says of several photos
+        "app/state/objects.py: with_added",  # another object like the active one
+    }

@@ -44,7 +44,7 @@ CONTENT: tuple[tuple[ModuleType, str], ...] = (
     (state, "State"),
     (visibility, "Visibility visibility"),
     (settings, "FitSettings Limits"),
-    (progress, "FitProgress Status"),
+    (progress, "FitProgress SearchProgress Status"),
     (slices, "Slice"),
     (camera, "Pose Perspective Parallel"),
     (transform, "RigidTransform Similarity"),

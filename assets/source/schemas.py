@@ -29,6 +29,7 @@ TITLES = {
     "ViewJson": "ViewRecord",
     "InViewJson": "InViewRecord",
     "SearchResultJson": "Result",
+    "ChartJson": "ChartParameters",
     "PhotoPath": "PhotoFile",
     "ModelPath": "ModelFile",
 }

@@ -13,7 +13,7 @@ from pathlib import Path
 from poseviewer.files.camera_forms import FORMS, LENS_NAMES, TREES
 from poseviewer.files.colmap_model import MODELS
 from poseviewer.files.formats.known_formats import FORMATS
-from poseviewer.files.mesh.gltf import HARMLESS, LOST, UNDERSTOOD
+from poseviewer.files.mesh.gltf import HARMLESS, SPARED, UNDERSTOOD
 from poseviewer.files.mesh.load import ELSEWHERE, READERS
 from poseviewer.files.photo import ENDINGS, RAW_ENDINGS
 
@@ -35,16 +35,18 @@ def files() -> list[tuple[str, ...]]:
         ("photos", _codes(ENDINGS), "transparency", f"raw: {_codes(RAW_ENDINGS)}"),
         (
             "models", f"{_codes(plain)}; polygons, strips, textures of 8 and 16 bits",
-            "missing textures, faces without area", f"{_codes(ELSEWHERE)}, point clouds",
+            "missing textures, faces without area; 3MF: textures, beams; DAE: animations",
+            f"{_codes(ELSEWHERE)}, point clouds; 3MF: objects in several files, other extensions; "
+            "DAE: skins, morphs, holes",
         ),
         (
             "glTF",
             "sparse, normalised and quantised accessors, texture coordinates, alpha masks, skins "
             f"at rest, morph weights, strips and fans; {_codes(UNDERSTOOD)}; without need: "
             f"{_codes(f'{name}...' for name in HARMLESS)}",
-            _codes(name for name, lost in LOST.items() if lost) + " and unknown extensions; lines, "
-            "points; triangles cut out in part",
-            "any other extension in `extensionsRequired`, as " + _codes(LOST),
+            "unknown extensions; lines, points; what is invisible by its alpha, hidden or in no "
+            "scene; triangles cut out in part; textures that are clamped or mirrored",
+            "any other extension in `extensionsRequired`, as " + _codes(SPARED),
         ),
         (
             "cameras", f"{_codes(TREES)}: {tools}",

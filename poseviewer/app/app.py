@@ -18,11 +18,10 @@ from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.edits import Edit, ReviewRow, SavePose, ShowHelp
 from poseviewer.app.state.hiding import forget_strokes
-from poseviewer.app.state.pointer_edits import cancel_drag
+from poseviewer.app.state.pointer_edits import cancel_drag, update
 from poseviewer.app.state.results import Preparation
 from poseviewer.app.state.search_edits import preparation_advanced
 from poseviewer.app.state.session import Session
-from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import has_renderer, preparing, proposing, searching
 from poseviewer.app.workers.maps import mapping
@@ -43,8 +42,6 @@ _log = logging.getLogger(__name__)
 
 IDLE_S, BUSY_S = 0.25, 0.03
 """The loop looks for updates of search and maps at least this often."""
-STOPPED_BY = "Esc stops it"
-"""Said of tasks."""
 INTERPRETER_SHARE_S = 0.001
 """A thread that computes in Python lets others in after so long (Python's own: 5 ms)."""
 
@@ -104,7 +101,9 @@ class App:
                 self._handle(request)
         try:
             self._work()
-            self._page.show(self.session, self._where())
+            document, review = self.session.document, self._review
+            row = "" if review is None else review.where(document)
+            self._page.show(self.session, row or self._autosaver.where(self.session))
             self._failed = False
         except Exception:  # noqa: BLE001 - the loop must not end
             if not self._failed:
@@ -122,8 +121,6 @@ class App:
                 _log.exception("step")
             self._page.show_error(sentence_of(error))
 
-    # --- requests --------------------------------------------------------------------------------
-
     def _handle(self, request: Request) -> None:
         match request:
             case Edit():
@@ -133,7 +130,7 @@ class App:
             case QueuedTask():
                 self._tasks.add(request)
                 if request.working:
-                    self._page.working(request.working, STOPPED_BY)
+                    self._page.working(request.working, "Esc stops it")
             case SavePose(on_taken):
                 self._save(on_taken)
             case ShowHelp(client):
@@ -149,11 +146,6 @@ class App:
     def _edit(self, edit: Edit) -> None:
         self.session = update(self.session, edit)
 
-    def _where(self) -> str:
-        """Say where the pose will be saved."""
-        row = "" if self._review is None else self._review.where(self.session.document)
-        return row or self._autosaver.where(self.session)
-
     def _save(self, on_taken: str) -> None:
         if self._review is not None and self._review.row_at(self.session.document) is not None:
             self._tasks.add(self._review.decide("accepted", goes_on=False))
@@ -168,8 +160,6 @@ class App:
         path = self._autosaver.save(self.session, on_taken == "beside")
         self._page.tell(f"Saved {path.name}", str(path))
         self._edit(set_fields(saved=self.session.document))
-
-    # --- workers ---------------------------------------------------------------------------------
 
     def _work(self) -> None:
         """Take what the workers have found out, and let them begin what is asked for by now."""

@@ -1,6 +1,4 @@
-"""The rows of a batch in the app, each an ordinary document. What is asked of the review is done by
-tasks, one after the other; their results are taken into the queue by the main loop.
-"""
+"""The rows of a batch in the app, each an ordinary document; tasks do what is requested."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -100,9 +98,7 @@ class Reviewer:
     def decide(
         self, review: Literal["accepted", "rejected", ""], goes_on: bool = True
     ) -> QueuedTask:
-        """Keep a person's verdict on the row that is open ("": none), with its pose where that is
-        changed and accepted; the next row follows.
-        """
+        """Keep a decision on the open row ("": none), and a pose that was corrected; go on."""
 
         def run(now: Session) -> TaskResult:
             document, at, done = now.document, self.row_at(now.document), tuple[Edit, ...]()

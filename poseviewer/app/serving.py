@@ -72,9 +72,7 @@ def serve_app(
 
 
 def return_freed_memory() -> None:
-    """Have large blocks given back to the system as soon as they are freed. glibc would keep those
-    that lie between others; other C libraries are left as they are.
-    """
+    """Have glibc give large blocks back to the system as soon as they are freed."""
     if sys.platform.startswith("linux"):
         mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
         if mallopt is not None:

@@ -27,7 +27,8 @@ class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     explained, to 1, nothing; seen: the share of the model's pixels that count, that nothing in
     front hides; mask: name of a picture beside this file, in the photo's size, whose white pixels
     count; without: names of the model's parts that are left out; symmetry: what maps the model onto
-    itself: the pose is one of several that show the same, always the same one of them.
+    itself: the pose is one of several that show the same, always the same one of them; note: the
+    user's.
     """
 
     format: Literal["poseviewer-pose"] = FORMAT
@@ -45,7 +46,8 @@ class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     seen: s.Number | None = None
     notes: tuple[str, ...] = ()
     turns: SymmetryTurns | None = field(name="symmetry", default=None)
-    chart: s.ChartParameters | None = None
+    chart: s.ChartJson | None = None
+    note: str = ""
     warnings: tuple[str, ...] = ()
     """Sentences on how the file was read; not written."""
 

@@ -132,7 +132,7 @@ class ViewJson(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
         return self.photo.width, self.photo.height
 
 
-class Form(NamedTuple):
+class JsonForm(NamedTuple):
     """The form of a type in files."""
 
     kind: Any
@@ -145,42 +145,42 @@ def _same(value: Any) -> Any:
     return value
 
 
-FORMS: dict[Any, Form] = {
-    float: Form(s.Number, _same, _same),
+FORMS: dict[Any, JsonForm] = {
+    float: JsonForm(s.Number, _same, _same),
     # A camera is one of a photo, whose size ``_whole`` gives it.
-    Camera: Form(
+    Camera: JsonForm(
         s.CameraNumbers,
         s.CameraNumbers.of,
         lambda form: form.camera("perspective" if form.scale is None else "parallel", 0, 0),
     ),
-    ChartParameters: Form(
-        s.ChartParameters,
-        lambda chart: s.ChartParameters(chart.name, chart.names, chart.parameters),
+    ChartParameters: JsonForm(
+        s.ChartJson,
+        lambda chart: s.ChartJson(chart.name, chart.names, chart.parameters),
         lambda form: ChartParameters(form.name, form.names, form.parameters),
     ),
-    FitSettings: Form(
+    FitSettings: JsonForm(
         dict[str, Any] | None,
         lambda settings: None if settings is DEFAULTS else settings_as_json(settings),
         lambda data: DEFAULTS if data is None else settings_from_json(data),
     ),
-    Mask: Form(str, mask_text, load_mask),
-    ModelFile: Form(ModelPath, ModelPath.of, attrgetter("model")),
+    Mask: JsonForm(str, mask_text, load_mask),
+    ModelFile: JsonForm(ModelPath, ModelPath.of, attrgetter("model")),
     # A covariance is one about a pose, which ``_whole`` gives it.
-    PoseCovariance: Form(s.Uncertainty, s.Uncertainty.of, _same),
-    Rectangle: Form(
+    PoseCovariance: JsonForm(s.Uncertainty, s.Uncertainty.of, _same),
+    Rectangle: JsonForm(
         Region, lambda region: tuple(map(float, region)), lambda form: Rectangle(*form)
     ),
-    Similarity: Form(
+    Similarity: JsonForm(
         Place,
         lambda place: Place.of(place.rigid, scale=float(place.scale)),
         attrgetter("similarity"),
     ),
-    Symmetry: Form(
+    Symmetry: JsonForm(
         SymmetryTurns | None,
         SymmetryTurns.of,
         lambda form: NO_SYMMETRY if form is None else form.symmetry,
     ),
-    View: Form(
+    View: JsonForm(
         Annotated[ViewJson, Meta(extra_json_schema=s.PROJECTIONS)], ViewJson.of, attrgetter("view")
     ),
 }
@@ -195,7 +195,8 @@ DESCRIPTIONS: dict[type, str] = {
         several times; name: for people; start: where the last search began; in_views: one for each
         view, or none; start_cameras: the views' then, where a focal length was another; locked:
         placed by the user, searches leave it; placed: whether anybody has said where it is;
-        without: names of the model's parts that are left out; symmetry: as in pose files.""",
+        without: names of the model's parts that are left out; symmetry: as in pose files; note: the
+        user's.""",
     Scene: """Views times objects; without objects, a set of photos. Camera axes are OpenCV's (x
         right, y down, z forward); pixel centres are at integers; paths start from the scene's
         folder. unit: of the world; free_scale: nothing tells the world's unit in the model's, it is
@@ -209,7 +210,7 @@ HEADS: dict[type, list[tuple[str, Any, Any]]] = {
 
 
 @cache
-def form_of(kind: Any) -> Form:
+def form_of(kind: Any) -> JsonForm:
     """The form of a type: in ``FORMS``, or made of its parts."""
     if kind in FORMS:
         return FORMS[kind]
@@ -225,18 +226,18 @@ def form_of(kind: Any) -> Form:
         def each(change: Callable[[Any], Any]) -> Callable[[Any], Any]:
             return lambda values: tuple(map(change, values))
 
-        return Form(tuple[inner.kind, ...], each(inner.encode), each(inner.decode))
+        return JsonForm(tuple[inner.kind, ...], each(inner.encode), each(inner.decode))
     if origin in (Union, UnionType) and NoneType in parts:
         inner = form_of(reduce(or_, (part for part in parts if part is not NoneType)))
 
         def unless_none(change: Callable[[Any], Any]) -> Callable[[Any], Any]:
             return lambda value: None if value is None else change(value)
 
-        return Form(inner.kind | None, unless_none(inner.encode), unless_none(inner.decode))
-    return Form(kind, _same, _same)
+        return JsonForm(inner.kind | None, unless_none(inner.encode), unless_none(inner.decode))
+    return JsonForm(kind, _same, _same)
 
 
-def _form_of_fields(kind: Any) -> Form:
+def _form_of_fields(kind: Any) -> JsonForm:
     """The form of a dataclass: a struct of the forms of its fields."""
     hints, forms, made = get_type_hints(kind, include_extras=True), {}, []
     for item in fields(kind):
@@ -261,13 +262,15 @@ def _form_of_fields(kind: Any) -> Form:
     def decode(value: Any) -> Any:
         return kind(**{name: form.decode(getattr(value, name)) for name, form in forms.items()})
 
-    return Form(struct, encode, decode)
+    return JsonForm(struct, encode, decode)
 
 
 SceneJson: Any = form_of(Scene).kind
 """Struct of a scene file."""
 SearchResultJson: Any = form_of(SearchResult).kind
 """Struct of the result of a search."""
+OF_OBJECT = ("without", "note")
+"""Fields that objects share with pose files."""
 AS_IN_POSE = ("loss", "unexplained", "verdict", "settings", "notes")
 """Fields that results share with pose files, which are of one view."""
 
@@ -471,7 +474,7 @@ def pose_json(scene: Scene, index: int = 0, view: int = 0) -> PoseRecord:
         uncertainty=form.covariance if is_of_view else None,
         software=scene.software,
         distortion=None if undistortion is None else s.Distortion.of(undistortion),
-        without=item.without,
+        **{name: getattr(item, name) for name in OF_OBJECT},
         seen=result.seen[view] if view < len(result.seen) else None,
         turns=SymmetryTurns.of(item.said_symmetry),
         warnings=scene.notes,
@@ -511,7 +514,7 @@ def scene_of_record(
         name=name,
         model=model_file(model, known.sha256, known.unit),
         world_from_model=view.world_from_model(record.pose),
-        without=record.without,
+        **{name: getattr(record, name) for name in OF_OBJECT},
         said_symmetry=NO_SYMMETRY if record.turns is None else record.turns.symmetry,
         result=None if result == SearchResultJson() else form_of(SearchResult).decode(result),
     )

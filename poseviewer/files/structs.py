@@ -59,7 +59,7 @@ class ModelReference(Struct, frozen=True, omit_defaults=True):
     unit: str | None = None
 
 
-class ChartParameters(Struct, frozen=True):
+class ChartJson(Struct, frozen=True):
     """The pose as the numbers of a chart, which were searched over."""
 
     name: str

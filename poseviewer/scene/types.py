@@ -187,6 +187,8 @@ class SceneObject:
     result: SearchResult | None = None
     notes: tuple[str, ...] = ()
     """Notes for the user on how the object's files were read."""
+    note: str = ""
+    """Note of the user on the object."""
 
     @property
     def mesh(self) -> Mesh:

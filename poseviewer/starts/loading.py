@@ -115,7 +115,7 @@ def open_photo(
         calibration = Calibration(Path(calibration))
     opened = photo if is_loaded else load_calibrated_photo(photo, calibration)
     model = model if isinstance(model, ModelFile) else load_model(model)
-    without, notes = tuple(settings.without or ()), tuple[str, ...]()
+    without, notes, note = tuple(settings.without or ()), tuple[str, ...](), ""
     if isinstance(start, str | Path):
         record = load_pose(start, opened.width, opened.height)
         opened, record, of_camera = _matched(opened, record)
@@ -127,7 +127,7 @@ def open_photo(
         if mask is None:
             mask, of_mask = mask_beside(start, record, opened.width, opened.height)
             notes += of_mask
-        start = record.pose
+        start, note = record.pose, record.note
         notes += distance_notes(model.content.mesh_without(without), start)
     if mask is not None and not isinstance(mask, Mask):
         settings = replace(settings, mask=Path(mask).name)
@@ -145,7 +145,8 @@ def open_photo(
         )
     file = PhotoFile.of(opened, None if is_loaded else Path(photo))
     left_out = model.content.mesh_without(without).left_out
-    scene = scene_at(View(file, camera, mask=mask), model, start, settings, without=left_out)
+    fields = {"without": left_out, "note": note}
+    scene = scene_at(View(file, camera, mask=mask), model, start, settings, **fields)
     notes = (*notes_of(opened), *notes_of(model), *notes)
     return with_instances(replace(scene, name=opened.name, notes=notes), others)
 
@@ -296,7 +297,12 @@ def open_views(
     of_files = [note for file in (*(v.photo for v in ordered), own) for note in notes_of(file)]
     notes = tuple(dict.fromkeys([*of_files, *notes, *of_camera]))
     item = SceneObject(
-        id="1", model=own, world_from_model=place, settings=settings, without=mesh.left_out
+        id="1",
+        model=own,
+        world_from_model=place,
+        settings=settings,
+        without=mesh.left_out,
+        note=record.note,
     )
     return Scene(
         views=ordered,

@@ -114,10 +114,7 @@ def test_two_things_in_three_photos_are_placed_in_one_fitted_in_all_saved_and_op
     browser: Browser, tmp_path: Path
 ):
     cameras, ball, box = write_two(tmp_path)
-    with (
-        AppProcess(tmp_path, "--views", cameras, ball) as app,
-        AppPage(browser, app.url) as tab,
-    ):
+    with AppProcess(tmp_path, "--views", cameras, ball) as app, AppPage(browser, app.url) as tab:
         tab.wait_for_text("mean of")
         tab.fit_to_box(TRUTH[0].project(MESH.vertices), SIZE)
         tab.add_object(box)
@@ -138,9 +135,6 @@ def test_two_things_in_three_photos_are_placed_in_one_fitted_in_all_saved_and_op
         off = pose_error(BOX, scene.pose(1, view), BOX_TRUTH[view], BOX_SYMMETRY)
         assert off.percent < 1.5
     (tmp_path / "again").mkdir()
-    with (
-        AppProcess(tmp_path / "again", tmp_path / SAVED) as app,
-        AppPage(browser, app.url) as tab,
-    ):
+    with AppProcess(tmp_path / "again", tmp_path / SAVED) as app, AppPage(browser, app.url) as tab:
         tab.until(lambda: tab.verdicts() == {"ball.ply": "found", "box.ply": "found"})
         tab.until(lambda: lines_in(tab) == [2, 2, 2])

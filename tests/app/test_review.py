@@ -14,9 +14,9 @@ from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.document_edits import undo
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.hiding import Stroke, paint
+from poseviewer.app.state.pointer_edits import update
 from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
-from poseviewer.app.state.update import update
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import prepare
 from poseviewer.app.workers.opening import open_autosaved
@@ -119,11 +119,7 @@ def test_a_changed_pose_is_kept_or_the_row_is_not_left(review: Review, out: Path
     picture = out / review.queue.rows[1].result.picture
     fitted, drawn = path.read_bytes(), picture.read_bytes()
     review.do(nudge("move", 9.0))
-    for leaving in (
-        review.step(1),
-        review.open_row(2),
-        review.decide("rejected"),
-    ):
+    for leaving in (review.step(1), review.open_row(2), review.decide("rejected")):
         with pytest.raises(BatchError, match="pose is changed"):
             review.do(leaving)
     moved = review.session.document.pose.camera_from_model.translation

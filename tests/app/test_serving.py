@@ -44,10 +44,7 @@ def test_memory_of_large_blocks_goes_back_to_the_system() -> None:
 
 
 def test_a_failure_while_showing_is_told_once_and_ends_nothing(
-    scene: Scene,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     with running_app(scene, tmp_path) as running, SocketPage(running.url) as page:
         show, failures = running.app._page.show, [1, 2]

@@ -57,7 +57,7 @@ def test_pictures_are_small_and_shown():
 def test_buttons_and_steps_in_the_docs_are_on_the_page():
     sources = (
         *(ROOT / "poseviewer/app/page").glob("*.py"),
-        ROOT / "poseviewer/app/state/actions.py",
+        ROOT / "poseviewer/app/state/keys_and_buttons.py",
     )
     shown = "".join(path.read_text(encoding="utf-8") for path in sources)
     told = "".join(page.read_text(encoding="utf-8") for page in (*PAGES, ROOT / "README.md"))

@@ -71,7 +71,7 @@ def test_the_features_speak_for_the_true_pose(case, truth):
 
 def test_a_pose_at_the_border_of_its_chart_has_motions(case):
     """The axle lies as flat as the vehicle's numbers allow: one more step leads to no pose."""
-    problem, mesh = case[0], case[0].model.mesh
+    problem, mesh = case[0], case[0].mesh
     camera = Parallel(60.0, 100.0, 80.0, 200, 160)
     chart = VehicleChart(make_keypoints(np.random.default_rng(3)).left, camera)
     flattest = np.sqrt(1.0 - LEAST_AXLE_COMPONENT**2) - 1e-9

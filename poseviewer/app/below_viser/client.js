@@ -43,7 +43,6 @@ function send(message) {
 }
 
 // --- the view -----------------------------------------------------------------------------------
-
 // CSS px per photo px: with the whole photo in the canvas, and as it is shown.
 const fitted = () => Math.min(state.size[0] / state.photo[0], state.size[1] / state.photo[1]);
 const scale = () => fitted() * state.zoom;
@@ -98,7 +97,6 @@ function showAll() {
 }
 
 // --- mouse --------------------------------------------------------------------------------------
-
 function place(event) {
   const box = vm().canvas.getBoundingClientRect();
   return [event.clientX - box.left, event.clientY - box.top];
@@ -181,7 +179,6 @@ addEventListener("wheel", (event) => {
 }, { capture: true, passive: false });
 
 // --- strokes ------------------------------------------------------------------------------------
-
 // On a sheet over the photo lie pins and marks, as the server draws them, and strokes: where a tool
 // draws, the main button leaves one. It is drawn here at once, and sent when it is done; it stays on
 // the sheet until the server has taken it.
@@ -292,7 +289,6 @@ function pathOf(stroke) {
 }
 
 // --- keys ---------------------------------------------------------------------------------------
-
 function typing(event) {
   const element = event.target;
   // viser's dropdowns are text fields: they take keys only while their list is open.
@@ -356,7 +352,6 @@ function noteModifiers(event) {
 }
 
 // --- files --------------------------------------------------------------------------------------
-
 // All that is chosen or dropped at once is one set, sent as one file: a line of JSON, a list of
 // [path, bytes], then the bytes of all files. The browser reads them only as they are sent.
 const packed = new WeakSet();
@@ -438,7 +433,6 @@ addEventListener("drop", async (event) => {
 }, true);
 
 // --- the panels ---------------------------------------------------------------------------------
-
 // Docked tabs are opened by Enter, those of a narrow page by a click.
 const tabOf = (step) =>
   [...document.querySelectorAll("[role=tab]")].find((tab) => tab.textContent === step);
@@ -492,7 +486,6 @@ const sendTheme = () => send({ kind: "theme", light: light.matches, text: textSi
 light.addEventListener("change", sendTheme);
 
 // --- what lies over the photo -------------------------------------------------------------------
-
 const bar = document.createElement("div");
 bar.className = "pv-hint";
 bar.dataset.held = "plain";
@@ -519,7 +512,6 @@ function setStrip(cells) {
 }
 
 // --- life ---------------------------------------------------------------------------------------
-
 function watch() {
   const viewer = vm();
   if (viewer && viewer.canvas && viewer.cameraControl && viewer.camera) {

@@ -53,9 +53,7 @@ class ClientScript:
         server.on_client_connect(self._greet)
 
     def show(self, function: str, *arguments: Any) -> None:
-        """Call a function of ``window.poseviewer`` on all pages, unless its last call was the same;
-        a page that connects later gets the last call of each function.
-        """
+        """Call a function of all pages, and of later ones, unless its last call was the same."""
         with self._telling:
             if self._told.get(function) != arguments:
                 self._told[function] = arguments

@@ -59,9 +59,7 @@ _log = logging.getLogger(__name__)
 
 
 def _in_a_line(record: logging.LogRecord) -> bool:
-    """Drop the record of a connection closed before its first line; shorten that of an unreadable
-    message to a line.
-    """
+    """Drop records of connections closed before their first line; shorten unreadable messages."""
     if record.msg == "connection handler failed" and record.exc_info:
         error = record.exc_info[1]
         words = printable(f"{type(error).__name__}: {error}", 100)
@@ -91,19 +89,16 @@ class AccessPolicy:
         """The address for the user's browser, with a token."""
         # 0.0.0.0 and :: mean every address of this machine, and are none themselves.
         name = socket.gethostname() if self.host in ("", "0.0.0.0", "::") else self.host
-        return f"http://{_in_brackets(name)}:{self.port}/?token={token}"
+        name = f"[{name}]" if ":" in name else name
+        return f"http://{name}:{self.port}/?token={token}"
 
     @property
     def cookie_name(self) -> str:
-        """Browsers share cookies between the ports of a machine, and tunnels lead to others' ports;
-        the name keeps tokens apart.
-        """
+        """Name that keeps tokens apart: browsers share cookies between a machine's ports."""
         return f"poseviewer_{hashlib.sha256(self.token.encode()).hexdigest()[:8]}"
 
     def refusal(self, target: str, headers: Headers) -> str | None:
-        """Say in one sentence why a request for a path and query is refused; None where it may
-        pass.
-        """
+        """Say in one sentence why a request for a path and query is refused; None: it may pass."""
         # Without the token: a refusal is read by strangers.
         instead = f"open {self.url('').partition('?')[0]} instead."
         hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
@@ -164,9 +159,7 @@ class GuardedServer:
         return self.policy.url(self.policy.token)
 
     def url_to_hand_on(self) -> str:
-        """The address to open at once: other users read the arguments of a browser's process, and
-        its token is good only until a page is connected.
-        """
+        """The address to open at once: others may read it, and it is good for one page only."""
         self.policy.tickets.add(ticket := secrets.token_urlsafe())
         return self.policy.url(ticket)
 
@@ -296,10 +289,6 @@ def _name_in(host: str) -> str:
     """The name in a lower-case Host header, without its port; empty where it is none."""
     match = re.fullmatch(r"\[([0-9a-f:]+)\](:\d+)?|([^:@]+)(:\d+)?", host)
     return "" if match is None else match[1] or match[3]
-
-
-def _in_brackets(host: str) -> str:
-    return f"[{host}]" if ":" in host else host
 
 
 def _query(target: str) -> dict[str, list[str]]:

@@ -23,8 +23,7 @@ from viser.infra import ClientId
 from poseviewer.files.state.uploads import LARGEST_UPLOAD, display_name, why_unfit
 
 SMALLEST_PART = 65_536
-"""viser's page sends parts of 512 KiB; a page that announces far more and smaller ones is not
-ours."""
+"""Least bytes of a part: viser's page sends 512 KiB."""
 LARGEST_WHOLE = 2.0**53
 """Largest whole number that a page's script counts exactly."""
 
@@ -33,9 +32,7 @@ Refuse = Callable[[int, str], None]
 
 
 def check_incoming(server: viser.ViserServer, refuse: Refuse) -> None:
-    """Let pages upload no more than ``LARGEST_UPLOAD`` bytes at a time, all uploads together, and
-    take from them only values that an input can have; else all are told which it has.
-    """
+    """Let pages upload ``LARGEST_UPLOAD`` bytes at a time, and send values an input can have."""
     gui, checks = server.gui, _Checks(server, refuse)
     handlers: Any = {
         m.FileTransferStartUpload: (gui._handle_file_transfer_start, checks.start),
@@ -110,9 +107,7 @@ class _Checks:
         return why_unfit(name, size)
 
     def _end(self, client: ClientId, message: Any, problem: str) -> None:
-        """Let the button take files again, end the page's notice, which would call it done, and say
-        why.
-        """
+        """Let the button take files again, end the page's notice, and say why."""
         source, transfer = message.source_component_uuid, message.transfer_uuid
         self._tell_one(client, m.FileTransferPartAck(source, transfer, 0, total_bytes=0))
         self._tell_one(client, m.RemoveNotificationMessage(f"upload-{transfer}"))

@@ -1,6 +1,4 @@
-"""HTML of the left panel: list of objects, parts that are left out, bar of the loss; and the bar
-while kernels are compiled.
-"""
+"""HTML of the left panel: list of objects, parts left out, bars of loss and of compiling."""
 
 from html import escape
 

@@ -45,11 +45,9 @@ SELECTED = "● "
 
 
 class Controls:
-    """Makes the controls of ``gui``: their requests go to ``post``, and what they show is read from
-    the session.
+    """Controls of ``gui``: their requests go to ``post``, they show what is read from the session.
 
-    Options of a control that are functions of the session are its properties whenever ``show`` is
-    called; all others stay as they are.
+    Options of a control that are functions of the session are brought to it by ``show``.
     """
 
     def __init__(
@@ -67,9 +65,7 @@ class Controls:
         self._period, self._next = period, 0.0
 
     def show(self, session: Session) -> None:
-        """Bring all controls to the session, or leave that to a later call; the start and the end
-        of a search are seen at once.
-        """
+        """Bring all controls to the session, at once or (unless a search ends) in a while."""
         now, is_urgent = time.monotonic(), session.is_searching is not self.session.is_searching
         self.session = session
         if session is self._shown or (now < self._next and not is_urgent):
@@ -93,9 +89,7 @@ class Controls:
         self.text(read, self.gui.add_html)
 
     def field(self, handle: Any, asked: Callable[[Any], Request | None], **options: Any) -> Any:
-        """An input; ``asked`` makes what a new value, bounded as the input is once what is typed
-        there is left, asks for (None: nothing).
-        """
+        """An input; ``asked`` makes the request of a new value, bounded as the input is."""
 
         def bounded(_: int) -> Request | None:
             value = handle.value
@@ -129,9 +123,7 @@ class Controls:
     def button(
         self, label: str | Read, asked: Request | Callable[[Session, int], Request], **options: Any
     ) -> Any:
-        """A button that asks for a request, or for what the session and the client's id lead to;
-        ``color`` None: the page's own.
-        """
+        """A button that asks for a request, or for that of the session and the client's id."""
 
         def request(client: int) -> Request:
             request = asked if isinstance(asked, Request) else asked(self.session, client)
@@ -148,14 +140,14 @@ class Controls:
         """The button of an action; ``ends``: whether it would end by now what it began."""
         own: Any = ACTIONS[name]
         if ends is not None:
-            label = lambda s: own.end_label if ends(s) else own.label  # noqa: E731
-        self.button(label or own.label, own.request, **{"hint": own.tooltip or None, **options})
+            label = lambda s: own.label(ends(s))  # noqa: E731
+        self.button(label or own.label(), own.request, **{"hint": own.tooltip or None, **options})
 
     def actions(self, label: str, *names: str, **options: Any) -> None:
         """The buttons of actions in one line."""
         chosen: list[Any] = [ACTIONS[name] for name in names]
         hint = "; ".join(f"{own.name}: {own.tooltip}" for own in chosen if own.tooltip) or None
-        self.choices(label, {own.label: own.request for own in chosen}, hint=hint, **options)
+        self.choices(label, {own.label(): own.request for own in chosen}, hint=hint, **options)
 
     def choices(
         self, label: str, asked: Mapping[str, Request], selected: Read | None = None, **options: Any

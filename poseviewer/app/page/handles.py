@@ -17,8 +17,7 @@ from poseviewer.vehicle.chart import VehicleChart
 
 PIN_COLOURS = ("#ffb03b", "#78e66e", "#ff6ec8")
 PIN_LABELS = (("rear wheel", -4), ("front wheel", -4), ("axle", 16))
-"""Text of each pin's label and its base line, px below the pin: the axle's tip may be close to the
-rear wheel."""
+"""Text of each pin's label, and its base line, px below the pin."""
 LINK_COLOUR, REGION_COLOUR, BOX_COLOUR = "#e6e6e6", "#ffe278", "#96ffa0"
 OTHER_END_COLOUR = "#ff78dc"
 QUALITY = 85
@@ -59,9 +58,7 @@ def _pins(session: Session) -> Iterator[str]:
 
 
 def _marks(session: Session) -> Iterator[str]:
-    """Crosses where the photo was clicked, diamonds where the pose shows the model's points, lines
-    between the two, and the wheels' ellipses.
-    """
+    """Crosses at the clicks, diamonds at the model's points, lines between, and wheels."""
     marks, pose = session.document.marks, session.document.pose
     photo = marks_in_photo(marks, session.tool)
     if session.tool == "wheels":

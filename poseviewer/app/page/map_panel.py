@@ -35,8 +35,7 @@ LEVELS = 128
 PALETTE: NDArray[np.uint8] = cv2.applyColorMap(
     np.linspace(255, 0, LEVELS).round().astype(np.uint8)[:, None], cv2.COLORMAP_VIRIDIS
 )[:, 0, ::-1].astype(np.uint8)
-"""(LEVELS, 3) sRGB, the colour of the lowest loss first: viridis, perceptually even and safe for
-the colour-blind, reversed so that basins stand out of a dark page."""
+"""(LEVELS, 3) sRGB, the lowest loss first: viridis, safe for the colour-blind, reversed."""
 LONGEST_TRAIL = 60
 """Points of a trail that are drawn, at most, on each map."""
 FEWEST_COLUMNS = 4
@@ -50,8 +49,7 @@ class LossGrid:
     """Maps of a loss, and marks on them, in the space of the chart's d parameters."""
 
     slices: Sequence[Slice]
-    """At most one for each pair, in any order; unfinished ones are drawn as far as known, those of
-    parameters without a place are left out, and missing ones leave an empty place."""
+    """At most one for each pair of parameters, in any order, drawn as far as known."""
     names: Sequence[str]
     """(d,) of the chart's parameters."""
     pose: FloatArray
@@ -196,9 +194,7 @@ class LossGrid:
 
 
 def on_map(piece: Slice, parameters: FloatArray) -> FloatArray:
-    """(..., 2): where parameters (..., d) lie on a slice's map, from its left and lower border, as
-    shares of its width and height; beyond 0 and 1 they lie beside it.
-    """
+    """(..., 2): places of parameters (..., d) on a map, in shares from left and below."""
     parameters = np.asarray(parameters, dtype=float)
     x, y = piece.first_values, piece.second_values
     u = (parameters[..., piece.first] - x[0]) / (x[-1] - x[0])
@@ -207,9 +203,7 @@ def on_map(piece: Slice, parameters: FloatArray) -> FloatArray:
 
 
 def _png_url(piece: Slice) -> str:
-    """URL of an 8-bit palette PNG of a map, the last row at the top: values grow to the right and
-    upwards. The known losses span the colours; points between them take the nearest colour.
-    """
+    """URL of an 8-bit palette PNG of a map, the last row at the top, over the known losses."""
     known = piece.losses[np.isfinite(piece.losses)]
     low, high = known.min(), known.max()
     shares = np.clip((piece.filled() - low) / max(high - low, 1e-12), 0.0, 1.0)
@@ -288,7 +282,7 @@ def grid_of(session: Session, latest: Landscape) -> LossGrid:
             candidates = search.progress.candidates if session.is_searching else None
     is_moving = session.is_searching or session.drag is not None
     return LossGrid(
-        latest.shown,
+        [piece.shown(problem.scale) for piece in latest.slices],
         chart.names,
         pose,
         candidates,

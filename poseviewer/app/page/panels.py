@@ -107,11 +107,7 @@ def add_opening(controls: Controls) -> None:
     with controls.gui.add_folder("Several objects", expand_by_default=False):
         controls.upload("Add another object ...", "model", "cube-plus", adds=True)
         controls.action("add same", icon="copy")
-        controls.field(
-            controls.gui.add_text("Name", ""),
-            lambda name: alter_object(controls.session.document.number, name=name),
-            value=lambda s: s.document.object.name,
-        )
+        _add_object_text(controls, "name")
     controls.action("help", icon="help")
 
 
@@ -140,7 +136,7 @@ def _add_quick_start(controls: Controls) -> None:
 
     def label(session: Session) -> str:
         own = ACTIONS["box"]
-        drawing = own.end if session.tool == "box" else own.label
+        drawing = own.end if session.tool == "box" else own.label()
         is_asked_for = session.is_proposing and not session.is_looking
         return ACTIONS["propose"].end if is_asked_for else drawing
 
@@ -250,7 +246,10 @@ def add_fitting(controls: Controls) -> None:
     controls.action("revert", visible=_has_ended, icon="x")
     _add_hiding(controls)
     _add_curve(controls)
-    _add_comparison(controls)
+    controls.action("compare", icon="arrows-diff", disabled=lambda s: s.is_searching)
+    controls.text(kept(lambda s: (s.comparison,), lambda s: ends_table(s.comparison)))
+    takes = {name.capitalize(): take_end(index) for index, name in enumerate(LOSSES)}
+    controls.choices("Take", takes, visible=lambda s: s.comparison is not None)
     with controls.gui.add_folder("Settings", expand_by_default=False):
         _add_settings(controls)
 
@@ -319,14 +318,6 @@ def _add_hiding(controls: Controls) -> None:
     controls.html(lambda s: parts_left_out(s.document.mesh))
 
 
-def _add_comparison(controls: Controls) -> None:
-    """A button that compares the losses, their ends, and which of them to take."""
-    controls.action("compare", icon="arrows-diff", disabled=lambda s: s.is_searching)
-    controls.text(kept(lambda s: (s.comparison,), lambda s: ends_table(s.comparison)))
-    takes = {name.capitalize(): take_end(index) for index, name in enumerate(LOSSES)}
-    controls.choices("Take", takes, visible=lambda s: s.comparison is not None)
-
-
 def _add_settings(controls: Controls) -> None:
     gui = controls.gui
 
@@ -351,6 +342,15 @@ def _add_settings(controls: Controls) -> None:
             _add_parameter(controls, index, is_lock=True)
 
 
+def _add_object_text(controls: Controls, name: str) -> None:
+    """A field for a text of the active object."""
+    controls.field(
+        controls.gui.add_text(name.capitalize(), ""),
+        lambda text: alter_object(controls.session.document.number, **{name: text}),
+        value=attrgetter(f"document.object.{name}"),
+    )
+
+
 def add_judging(controls: Controls) -> None:
     """Step "Judge": the verdict with its reasons, and how the model is shown."""
     gui = controls.gui
@@ -359,19 +359,20 @@ def add_judging(controls: Controls) -> None:
     controls.field(style, show_style, value=attrgetter("display.style"))
     opacity = gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8)
     controls.bind(opacity, "display", "opacity", visible=lambda s: s.display.style == "solid")
-    controls.bind(gui.add_checkbox(ACTIONS["blink"].label, False), "display", "photo_alone")
+    controls.bind(gui.add_checkbox(ACTIONS["blink"].label(), False), "display", "photo_alone")
 
 
 def add_saving(controls: Controls) -> None:
     """Step "Save": whether the pose stands in a file, and where it was or will be written."""
+    _add_object_text(controls, "note")
 
     def state(session: Session) -> str:
         text = "● unsaved changes" if session.is_unsaved else "no unsaved changes"
         return "  \n".join(filter(None, (text, plain(controls.where), focal_note(session))))
 
     controls.text(state)
-    scene = ACTIONS["save"].label.replace("pose", "scene")
-    label = {"label": lambda s: ACTIONS["save"].label if is_alone(s.document) else scene}
+    scene = ACTIONS["save"].label().replace("pose", "scene")
+    label = {"label": lambda s: ACTIONS["save"].label() if is_alone(s.document) else scene}
     controls.action("save", **label, color="cyan", icon="device-floppy")
     controls.download("Download pose", "pose")
     controls.download("Download overlay", "overlay", icon="photo-down")
@@ -404,9 +405,7 @@ def _set(name: str, value: Any) -> Request:
 
 
 def curve_of(progress: SearchProgress) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(n,) each: evaluations, the best loss by then as it is shown, and whether a restart began: 1,
-    else 0. About each restart there are three evaluations, so that it is a line.
-    """
+    """(n,) each: evaluations, the best loss by then, and 1 in the middle of three at a restart."""
     steps = progress.improvements[-CURVE_POINTS:]
     counts, losses = ([getattr(p, name) for p in steps] for name in ("evaluations", "loss"))
     begun = np.array([p.evaluations for p in progress.restarts if p.evaluations > counts[0]], float)

@@ -116,9 +116,6 @@ def meaning_of(report: object, client: int = 0) -> Meaning:
 
 def newest_drags(requests: list[Request]) -> list[Request]:
     """The requests without those drags that another one follows at once."""
-    following = [*requests[1:], None]
-    return [a for a, b in zip(requests, following, strict=False) if not _are_drags(a, b)]
-
-
-def _are_drags(*requests: Request | None) -> bool:
-    return all(isinstance(request, Edit) and request.calls(drag_to) for request in requests)
+    is_drag = [isinstance(request, Edit) and request.calls(drag_to) for request in requests]
+    pairs = zip(requests, is_drag, [*is_drag[1:], False], strict=False)
+    return [request for request, now, next_one in pairs if not (now and next_one)]

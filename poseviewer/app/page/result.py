@@ -1,6 +1,4 @@
-"""The answer: place, angles and focal length at the pose at hand, each with its standard deviation;
-to be copied as matrix, quaternion or JSON.
-"""
+"""The answer: place, angles and focal length, each with its deviation; to be copied."""
 
 import math
 from html import escape
@@ -129,9 +127,7 @@ def _unit_of(session: Session, name: str, value: float) -> str:
 
 
 def copies_of(session: Session) -> dict[str, str]:
-    """Texts of the pose by their names: 4 x 4 ``camera_from_model``; quaternion w x y z and
-    translation; what a pose file needs.
-    """
+    """Texts of the pose: 4 x 4 matrix; quaternion w x y z and translation; pose file."""
     document, pose = session.document, session.document.pose
     rigid, model = pose.camera_from_model, document.model
     quaternion = Rotation.from_matrix(rigid.rotation).as_quat(canonical=True, scalar_first=True)

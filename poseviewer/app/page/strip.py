@@ -1,6 +1,4 @@
-"""Small pictures with outlines: the strip of several photos, with what each says of the active
-object's pose and whether it is compared, and the row of proposed starts.
-"""
+"""Small pictures with outlines: the strip of several photos, and the row of proposed starts."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -71,9 +69,7 @@ def _cell(session: Session, index: int) -> str:
 
 
 def proposals_row(session: Session) -> str:
-    """HTML of the proposed starts with their odds, each a piece of the photo with its outline; a
-    press takes it.
-    """
+    """HTML of the proposed starts with their odds, each a piece of the photo; a press takes it."""
     asked = session.proposals
     if asked is None or not asked.starts:
         return ""

@@ -114,15 +114,11 @@ def hint_of(session: Session) -> str:
 def marks_text(session: Session) -> str:
     """Say what is marked, and how well the pose shows it (markdown)."""
     document = session.document
-    marks, fewest = document.marks, fewest_pairs(document.pose.camera)
-    lines = []
-    if session.tool == "wheels" and document.model.keypoints is None:
-        lines.append("the model's wheels first: one side's rear and front one")
-    elif session.tool == "wheels":
-        lines.append(f"{len(marks.rims)} of {WHEELS * FEWEST_RIM_POINTS} points on the rims")
-    elif marks.points and len(marks.pixels) < fewest:
+    marks, fewest, lines = document.marks, fewest_pairs(document.pose.camera), list[str]()
+    points = () if session.tool == "wheels" else marks.points
+    if points and len(marks.pixels) < fewest:
         lines.append(f"{_counted(fewest - len(marks.pixels), 'more pair')} needed")
-    elif marks.points:
+    elif points:
         lines.append("**error per pair**")
         lines += [f"pair {i}: {px:.1f} px" for i, px in enumerate(pair_errors(document), 1)]
     elif session.tool == "pairs":
@@ -152,9 +148,7 @@ def proposals_text(session: Session) -> str:
 
 
 def focal_note(session: Session) -> str:
-    """Warn of a focal length that is a guess (markdown); "" where it is none. A button beside says
-    what to do.
-    """
+    """Warn of a focal length that is a guess (markdown); "": it is none."""
     document = session.document
     note = document.photo.focal_note(document.pose.camera).partition(":")[0]
     return note and f"⚠ {note}."

@@ -30,9 +30,7 @@ def with_camera(pose: Pose, camera: Camera, centre: FloatArray) -> Pose:
 
 
 def camera_from_numbers(fx: float, fy: float, cx: float, cy: float, now: Camera) -> Camera:
-    """A camera of typed intrinsics in px (pixel centres at integers) for the photo of ``now``;
-    under parallel projection only its centre counts. Raises ``SettingsError``.
-    """
+    """A camera of typed intrinsics in px (pixel centres at integers) for the photo of ``now``."""
     longer = max(now.width, now.height)
     reach, largest = FARTHEST_CENTRE * longer, LARGEST_FOCAL * longer
     if not math.hypot(cx - now.width / 2.0, cy - now.height / 2.0) <= reach:

@@ -370,11 +370,11 @@ class Document:
 
     @property
     def placement(self) -> tuple[object, ...]:
-        """Places that files keep; equal where none of them has changed."""
+        """Poses and notes that files keep; equal where none of them has changed."""
         views = ((view.photo, view.camera, view.mask) for view in self.scene.views)
         objects = self.scene.objects
-        models = ((o.mesh, o.model.keypoints, o.world_from_model, o.in_views) for o in objects)
-        return *views, *models
+        models = ((o.mesh, o.model.keypoints, o.in_views) for o in objects)
+        return *views, *models, *((o.world_from_model, o.note) for o in objects)
 
 
 def is_alone(document: Document) -> bool:

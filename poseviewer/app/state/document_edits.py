@@ -24,9 +24,8 @@ def redo(session: Session) -> Session:
 def open_document(
     session: Session, document: Document, unsaved: bool = False, is_first: bool = False
 ) -> Session:
-    """Open another photo, model or both, by the renderer that is chosen. ``unsaved``: its pose
-    stands in no file, and a model without one is not looked for; ``is_first``: undo does not lead
-    back before it.
+    """Open another photo, model or both. ``unsaved``: its pose stands in no file, and a model
+    without one is not looked for; ``is_first``: undo does not lead back before it.
     """
     document = document.with_renderer(session.document.settings.renderer)
     opened = session.with_document(document)

@@ -1,8 +1,4 @@
-"""Drags become poses: what the pointer takes hold of, and how the pose follows it.
-
-All points are in photo px with pixel centres at i + 0.5. The model's centre stays where it is in
-the photo under every rotation.
-"""
+"""Drags become poses: what the pointer takes hold of, and how the pose follows it, in photo px."""
 
 import math
 from collections.abc import Callable
@@ -38,9 +34,6 @@ STIFFNESS = 1e-2
 """px per unit of the free-body chart: what pins do not determine is kept."""
 LEAST_SIDE = 2
 """px: a smaller rectangle is none."""
-
-
-# --- what the pointer holds ---------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,9 +141,6 @@ def pins_in_photo(document: Document) -> FloatArray:
     return np.zeros((0, 2))
 
 
-# --- motions of a pose --------------------------------------------------------------------------
-
-
 def shifted(pose: Pose, centre: ArrayLike, delta: ArrayLike) -> Pose:
     """The pose whose model ``centre`` (3,) lies ``delta`` (2,) px further, at the same depth."""
     return with_point_at(pose, centre, pose.project(centre) + np.asarray(delta, dtype=float))
@@ -168,9 +158,7 @@ def turned(pose: Pose, centre: ArrayLike, rotation_vector: ArrayLike) -> Pose:
 def trackball(
     pose: Pose, centre: ArrayLike, radius: float, start: ArrayLike, end: ArrayLike
 ) -> Pose:
-    """The pose rotated as if a ball of ``radius`` px about ``centre`` were dragged; beyond its rim
-    the ball goes over into a hyperbola (G. Bell's trackball), without a jump.
-    """
+    """The pose rotated as a ball of ``radius`` px about ``centre`` that is dragged (G. Bell)."""
     middle = pose.project(centre)
     first, second = (_on_trackball((np.asarray(p) - middle) / radius) for p in (start, end))
     axis = np.cross(first, second)
@@ -225,9 +213,7 @@ def radius_in_photo(pose: Pose, mesh: Mesh) -> float:
 
 
 def pinned(mesh: Mesh, pose: Pose, points: ArrayLike, pixels: ArrayLike) -> Pose:
-    """The pose nearest to ``pose`` that shows model ``points`` (k, 3) at ``pixels`` (k, 2): one
-    pin moves the model, two turn and scale it as well, three fix it.
-    """
+    """The pose nearest to ``pose`` that shows model ``points`` (k, 3) at ``pixels`` (k, 2)."""
     points, pixels = np.atleast_2d(points), np.atleast_2d(pixels)
     if len(points) == 1:
         return with_point_at(pose, points[0], pixels[0])
@@ -257,9 +243,7 @@ def vehicle_pins(chart: VehicleChart, parameters: FloatArray) -> FloatArray:
 def with_vehicle_pin(
     chart: VehicleChart, parameters: FloatArray, pin: int, pixel: ArrayLike
 ) -> FloatArray:
-    """The chart's parameters with one pin (0 rear, 1 front, 2 tip) at ``pixel``, the others held;
-    an axle that would point away from the camera stays at the chart's rim.
-    """
+    """The parameters with one pin (0 rear, 1 front, 2 tip) at ``pixel``, the others held."""
     pins = vehicle_pins(chart, parameters)
     pins[pin] = pixel
     size = np.array([chart.camera.width, chart.camera.height])

@@ -27,9 +27,7 @@ class Edit:
     """Whether a drag under way goes on; all others end it first, so that steps stay in order."""
 
     def __call__(self, session: Session) -> Session:
-        """The session after the edit; the same object where nothing changes. Raises
-        ``PoseViewerError``, and errors of charts and arithmetic: the edit cannot be made.
-        """
+        """The session after the edit; the same object where nothing changes."""
         return self.change(session, *self.arguments, **self.named)
 
     def calls(self, function: Callable[..., "Edit"]) -> bool:

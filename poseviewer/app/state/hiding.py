@@ -67,9 +67,7 @@ def paint(session: Session, stroke: Stroke) -> Session:
 def paint_found(
     session: Session, photo: Photo, where: NDArray[np.bool_], erase: bool = False
 ) -> Session:
-    """Hide the pixels ``where`` (height, width) that were found for a photo, for all objects or the
-    active one alone; or bring them back, whatever hides them from it.
-    """
+    """Hide pixels ``where`` (height, width) that were found for a photo, or bring them back."""
     document, is_own = session.document, is_for_one(session)
     if document.photo is not photo:  # another one by now
         return session

@@ -24,9 +24,7 @@ class History:
     def with_step(
         self, before: Document, after: Document | None = None, key: object = None
     ) -> History:
-        """Add a step, and forget what was undone. Steps in a row with one ``key`` are one: what is
-        typed letter by letter.
-        """
+        """Add a step, and forget what was undone; steps in a row with one ``key`` are one."""
         is_same = key is not None and self.last_step == (key, before) and not self.future
         past = self.past if is_same else _bounded((*self.past, before))
         return History(past, last_step=(key, after))

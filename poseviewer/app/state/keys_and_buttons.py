@@ -33,15 +33,8 @@ NUDGES: Mapping[tuple[str, str], tuple[NudgeKind, float, float]] = {
     ("page down", "page up"): ("scale", 1.0, 0.0),
 }
 """Small step of the pose, by the keys for it backwards and forwards."""
-CODES = {
-    "space": "Space",
-    "Esc": "Escape",
-    "?": "?",
-    "page up": "PageUp",
-    "page down": "PageDown",
-    **{side: f"Arrow{side.capitalize()}" for side in ("left", "right", "up", "down")},
-}
-"""``event.code`` (of ``?`` ``event.key``) of the keys that are neither letters nor digits."""
+CODES = {"space": "Space", "Esc": "Escape", "?": "?", "page up": "PageUp", "page down": "PageDown"}
+"""``event.code`` (of ``?`` ``event.key``) of keys that are neither letters, digits nor arrows."""
 
 LEFT_WITH_CTRL = tuple("FRBHAXNP123450")
 """Keys that the browser has while ctrl is held: find, reload, and so on."""
@@ -75,17 +68,9 @@ class Action:
     opens: Literal["", "forward", "always"] = ""
     """Whether its keys open its step: unless a later step is open, or always."""
 
-    @property
-    def label(self) -> str:
-        """Label of the button, with its first key."""
-        return self._with_key(self.name)
-
-    @property
-    def end_label(self) -> str:
-        """Label of the button while it would end what it began."""
-        return self._with_key(self.end)
-
-    def _with_key(self, text: str) -> str:
+    def label(self, ends: bool = False) -> str:
+        """Label of the button, with its first key; ``ends``: while it would end what it began."""
+        text = self.end if ends else self.name
         return f"{text} ({self.keys.split(', ')[0]})" if self.keys else text
 
     @property
@@ -96,7 +81,8 @@ class Action:
 
 def _code(key: str) -> str:
     held, last = "shift " * ("shift " in key), key.removeprefix("ctrl ").removeprefix("shift ")
-    return held + CODES.get(last, f"{'Digit' if last.isdigit() else 'Key'}{last}")
+    kind = "Digit" if last.isdigit() else "Key" if len(last) == 1 else "Arrow"
+    return held + CODES.get(last, kind + last.capitalize())
 
 
 ACTIONS: Mapping[str, Action] = {

@@ -32,9 +32,7 @@ def marks_in_photo(marks: Marks, tool: str) -> FloatArray:
 
 
 def mark_at(document: Document, tool: str, point: FloatArray, zoom: float) -> int | None:
-    """Index of the mark within reach of ``point``; ``zoom``: screen px per photo px. While a pair
-    waits for its place in the photo there is none: marks may lie close together.
-    """
+    """Index of the mark at ``point``; none while a pair waits for its place in the photo."""
     if tool == "pairs" and document.marks.waits_for_pixel:
         return None
     return nearest_place(marks_in_photo(document.marks, tool), point, zoom)
@@ -55,9 +53,7 @@ def hold_mark(held: Document, tool: str, mark: int, start: FloatArray) -> Drag:
 
 @edit
 def mark_model(session: Session, u: float, v: float) -> Session:
-    """Mark the point of the model at shares of its own picture's sides, from left and below; one
-    that waits for its place in the photo goes there.
-    """
+    """Mark, or mark anew, the model's point at shares of its picture, from left and below."""
     if session.results.alone is None or not session.marks_model:
         return session
     document, (pose, _) = session.document, session.results.alone
@@ -68,12 +64,7 @@ def mark_model(session: Session, u: float, v: float) -> Session:
 
 
 def with_mark(document: Document, tool: str, point: FloatArray) -> Document:
-    """The document with one more mark at ``point`` (2,) of the photo, and the pose that follows, if
-    one does; a pair begins with the point of the model that is drawn there.
-
-    Raises:
-        QuickStartError: there are marks enough, or a point of the model comes first.
-    """
+    """The document with a mark more at ``point`` (2,) of the photo, and the pose that follows."""
     marks = document.marks
     if tool == "wheels" and document.model.keypoints is None:
         raise QuickStartError("Press the middle of the model's wheels at the right first.")

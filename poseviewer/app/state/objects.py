@@ -13,8 +13,8 @@ from poseviewer.starts.placing import look_from
 
 MOST_OBJECTS = 30
 """All of them are kept in memory, and drawn."""
-LONGEST_NAME = 60
-"""Letters."""
+MAX_LETTERS = {"name": 60, "note": 1000}
+"""Letters of an object's texts: a line of the list, and a paragraph."""
 
 
 @edit
@@ -77,14 +77,14 @@ def remove_object(session: Session, number: int) -> Session:
 
 @edit
 def alter_object(session: Session, number: int, **changes: Any) -> Session:
-    """Change ``hidden``, ``locked`` or ``name`` of an object."""
+    """Change ``hidden``, ``locked`` or a text of an object."""
     index = session.document.scene.index(str(number))
     one = session.document.scene.objects[index]
-    if "name" in changes:
-        changes["name"] = changes["name"][:LONGEST_NAME]
+    texts = changes.keys() & MAX_LETTERS.keys()
+    changes |= {key: changes[key][: MAX_LETTERS[key]] for key in texts}
     if all(getattr(one, key) == value for key, value in changes.items()):
         return session
-    key = f"name {number}" if "name" in changes else None
+    key = f"{min(texts)} {number}" if texts else None
     return session.with_document(session.document.with_object(index, **changes), key)
 
 

@@ -1,7 +1,4 @@
-"""Edits by the pointer on the photo: presses, drags, and the tool that they use.
-
-Points are photo px, pixel centres at i + 0.5.
-"""
+"""Edits by the pointer on the photo, in its px; and the update by any edit, which ends a drag."""
 
 from dataclasses import replace
 from typing import Literal
@@ -16,26 +13,22 @@ from poseviewer.app.state.dragging import (
     shifted,
     take_hold,
 )
-from poseviewer.app.state.edits import Px, Zoom, drag_edit, edit
+from poseviewer.app.state.edits import Edit, Px, Zoom, drag_edit, edit
 from poseviewer.app.state.hiding import HIDING, leave_out
-from poseviewer.app.state.marking import (
-    MARKING,
-    hold_mark,
-    mark_at,
-    remove_mark,
-    solved,
-    with_mark,
-)
+from poseviewer.app.state.marking import MARKING, hold_mark, mark_at, remove_mark, solved, with_mark
 from poseviewer.app.state.pose_edits import put
 from poseviewer.app.state.proposal_edits import propose_starts
 from poseviewer.app.state.session import Session, is_in_sight
-from poseviewer.errors import QuickStartError
+from poseviewer.errors import PoseViewerError, QuickStartError, SettingsError
 from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.starts.placing import framed, surface_point
 from poseviewer.vehicle.chart import VehicleChart
 
 Tool = Literal["pose", "region", "box", "pairs", "wheels", "brush", "polygon", "scribble", "part"]
 MAX_PINS = 3
+MAX_INPUT = 1e9
+"""Largest number (px, steps, parameters) that is no mistake; larger ones would overflow."""
 
 
 @edit
@@ -85,8 +78,7 @@ def drag_to(session: Session, x: Px, y: Px) -> Session:
     document = drag.follow(session.document, np.array([x, y]))
     if drag.before is None:
         drag = replace(drag, before=session.document)
-        ended = {"search": None, "search_progress": None, "anchor": session.compared}
-        session = replace(session, drag=drag, **ended)
+        session = replace(session.without_search(session.compared), drag=drag)
     return replace(session, document=document)
 
 
@@ -148,3 +140,21 @@ def double_press(session: Session, x: Px, y: Px, zoom: Zoom = 1.0) -> Session:
 def set_tool(session: Session, tool: Tool) -> Session:
     """Choose what a press does: move the model, draw a rectangle, set a mark, or hide."""
     return replace(session, tool=tool)
+
+
+def update(session: Session, asked: Edit) -> Session:
+    """The session after an edit; the same object where nothing changes.
+
+    Raises:
+        PoseViewerError: the edit cannot be made; a sentence for the user.
+    """
+    for value in (*asked.arguments, *asked.named.values()):
+        if isinstance(value, int | float) and not abs(value) <= MAX_INPUT:
+            wanted = f"wanted one within {MAX_INPUT:g} of zero; nothing was changed."
+            raise SettingsError(f"A number is {value}: {wanted}")
+    try:
+        return asked(session if asked.keeps_drag or session.drag is None else release()(session))
+    except (PoseViewerError, OutsideChartError, ArithmeticError) as error:
+        text = str(error)
+        end = "" if text.endswith((".", "!", "?")) else "."
+        raise SettingsError(f"{text[:1].upper()}{text[1:]}{end}") from error

@@ -37,9 +37,7 @@ def put(document: Document, pose: Pose) -> Document:
 
 @edit
 def nudge(session: Session, kind: NudgeKind, x: float = 0.0, y: float = 0.0) -> Session:
-    """Move the pose by small steps: ``x`` to the right, about the vertical, clockwise, or larger;
-    ``y`` downwards, or about the horizontal.
-    """
+    """Move the pose by small steps to the right and down; or turn, roll, scale it by ``x``."""
     pose, centre = session.document.pose, session.document.mesh.centre
     match kind:
         case "move":
@@ -81,9 +79,7 @@ def pick_in_landscape(session: Session, first: int, second: int, u: float, v: fl
 
 
 def picked_parameters(piece: Slice, centre: FloatArray, u: float, v: float) -> FloatArray:
-    """(d,): the parameters at shares ``u``, ``v`` of a map's side, cut to [0, 1], from its left and
-    lower border; ``centre`` (d,): the map's.
-    """
+    """(d,): parameters at shares ``u``, ``v``, cut to [0, 1], of a map about ``centre`` (d,)."""
     parameters = np.array(centre, dtype=float)
     parameters[piece.first] = np.interp(u, [0.0, 1.0], piece.first_values[[0, -1]])
     parameters[piece.second] = np.interp(v, [0.0, 1.0], piece.second_values[[0, -1]])
@@ -92,9 +88,7 @@ def picked_parameters(piece: Slice, centre: FloatArray, u: float, v: float) -> F
 
 @edit
 def view_from(session: Session, side: str) -> Session:
-    """Turn the model so that one of its sides is seen: where it is and as large, if it is placed,
-    else in the middle of the photo.
-    """
+    """Turn the model so that a side is seen: where it is, or in the middle of the photo."""
     document, model, pose = session.document, session.document.model, session.document.pose
     seen = look_from(side, model.mesh, model.keypoints, pose.camera)
     if document.object.is_placed:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from poseviewer.app.state.document import Document, compared
 from poseviewer.app.state.edits import drag_edit, edit
 from poseviewer.app.state.pose_edits import put
-from poseviewer.app.state.search_edits import with_ended_search, with_progress
+from poseviewer.app.state.search_edits import with_progress, with_search
 from poseviewer.app.state.searches import ProposedStarts, SearchRequest
 from poseviewer.app.state.session import Session
 from poseviewer.fit.progress import SearchProgress
@@ -42,9 +42,7 @@ def starts_proposed(
     starts: tuple[Proposal, ...],
     outlines: tuple[FloatArray, ...],
 ) -> Session:
-    """List the starts that were requested at ``document``; take the likeliest, unless the model
-    was nowhere: then its fit follows.
-    """
+    """List the starts that were requested; take the likeliest for a model that is placed."""
     proposals = session.proposals
     if proposals is None or proposals.document is not document or proposals.starts:
         return session
@@ -61,9 +59,7 @@ def start_fitted(
     progress: SearchProgress,
     index: int,
 ) -> Session:
-    """Put a model that was looked for at ``document`` where a search from a proposal has ended, if
-    that is found. ``index``: the proposal nearest to that end.
-    """
+    """Put a model that was nowhere where a search from proposal ``index`` has found it."""
     proposals, result = session.proposals, progress.results[document.active]
     if proposals is None or proposals.document is not document or proposals.is_over:
         return session
@@ -73,7 +69,7 @@ def start_fitted(
         return session.stop_proposing()
     session = take_start(index)(session)
     session = replace(session, document=with_progress(session.document, progress))
-    return with_ended_search(session, request, progress)
+    return with_search(session, request, progress)
 
 
 @edit

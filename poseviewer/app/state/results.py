@@ -58,8 +58,7 @@ class Outlines:
     lines: Mapping[int, FloatArray]
     """Other objects in the large view, (n, 2, 2) by their numbers: line segments in px."""
     small: tuple[Mapping[int, FloatArray], ...] = ()
-    """For each of several views all objects, (n, 2, 2) in shares of the photo's width and
-    height."""
+    """For each of several views all objects, (n, 2, 2) in shares of the photo's sides."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,11 +75,6 @@ class Landscape:
     half_width: float
     slices: tuple[Slice, ...] = ()
     """A slice for each pair, as soon as there is one."""
-
-    @property
-    def shown(self) -> tuple[Slice, ...]:
-        """The slices with the losses as a person is shown them."""
-        return tuple(piece.shown(self.problem.scale) for piece in self.slices)
 
     @property
     def maps(self) -> LossMaps:

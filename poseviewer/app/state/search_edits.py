@@ -13,8 +13,6 @@ from poseviewer.errors import SettingsError
 from poseviewer.fit.progress import SearchProgress
 from poseviewer.scene.settings import LOSSES, FitSettings, LossName
 
-# --- settings -----------------------------------------------------------------------------------
-
 
 @edit
 def alter_settings(session: Session, alter: Callable[[FitSettings], FitSettings]) -> Session:
@@ -39,9 +37,6 @@ def set_loss(session: Session, loss: LossName) -> Session:
         return session
     document = session.document.with_object(settings=session.settings_by(loss))
     return replace(session.with_document(document), other_settings=before)
-
-
-# --- searches -----------------------------------------------------------------------------------
 
 
 @edit
@@ -93,14 +88,8 @@ def _begun(
     session, document = session.stop_proposing(), session.document
     if document.object.locked and indices == (document.active,):
         raise SettingsError(f"{label_of(document.object)} is locked: {UNLOCK} to search")
-    return replace(
-        session,
-        search=SearchRequest(start, methods, indices),
-        search_progress=None,
-        history=session.history.with_step(document),
-        anchor=start.scene,
-        drag=None,
-    )
+    session = with_search(session, SearchRequest(start, methods, indices))
+    return replace(session, history=session.history.with_step(document), drag=None)
 
 
 @edit
@@ -114,7 +103,7 @@ def take_end(session: Session, index: int) -> Session:
     if end.settings.loss != before.settings.loss:
         taken = replace(taken, other_settings=before.settings)
     request = SearchRequest(before.reset, (end.settings,), (before.active,))
-    return with_ended_search(taken, request, end)
+    return with_search(taken, request, end)
 
 
 @edit
@@ -137,17 +126,13 @@ def toggle_search(session: Session) -> Session:
 @edit
 def accept_search(session: Session) -> Session:
     """Keep what the search found, and put the search and the proposed starts away."""
-    kept = replace(session, search=None, search_progress=None, anchor=session.document.scene)
-    return kept.with_proposals(None)
+    return session.without_search(session.document.scene).with_proposals(None)
 
 
 @edit
 def revert_search(session: Session) -> Session:
     """Go back to the pose before the search; one that runs is stopped."""
     return session if session.search is None else undo()(session)
-
-
-# --- reports of workers -------------------------------------------------------------------------
 
 
 @drag_edit
@@ -175,9 +160,12 @@ def with_progress(document: Document, progress: SearchProgress) -> Document:
     return document if is_seen else document.with_view(progress.problem.views[0].index)
 
 
-def with_ended_search(session: Session, request: SearchRequest, end: SearchProgress) -> Session:
-    """Session whose last search ended as ``end`` says."""
-    return replace(session, search=request, search_progress=end, anchor=request.start.scene)
+def with_search(
+    session: Session, request: SearchRequest, progress: SearchProgress | None = None
+) -> Session:
+    """Session with a search at its begin, or as far as its ``progress`` says."""
+    anchor = request.start.scene
+    return replace(session, search=request, search_progress=progress, anchor=anchor)
 
 
 @drag_edit

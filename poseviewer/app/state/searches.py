@@ -1,7 +1,5 @@
 """Searches and proposals: what was requested, and what has come of it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 from poseviewer.app.state.document import Document
@@ -50,11 +48,6 @@ class ProposedStarts:
     """The start that is taken; -1: none yet."""
     is_over: bool = False
     """Whether nothing is looked for, or fitted, any more."""
-
-    @property
-    def stopped(self) -> ProposedStarts | None:
-        """Proposals made so far, when nothing more is looked for."""
-        return replace(self, is_over=True) if self.starts else None
 
 
 def start_query(document: Document) -> StartQuery:

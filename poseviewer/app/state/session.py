@@ -82,8 +82,7 @@ class Session:
     proposals_by_object: Mapping[int, ProposedStarts | None] = field(default_factory=dict)
     """Proposed starts by the objects' numbers."""
     anchor: Scene | None = None
-    """Scene about which pixels are compared: fixed while the model moves, so that losses on the way
-    can be compared; None: the document's."""
+    """Scene about which pixels are compared, fixed while the model moves; None: the document's."""
     results: Results = field(default_factory=Results)
     preparation: Preparation | None = None
     """None: all is ready. Until then a search waits, and outlines are sketched."""
@@ -120,14 +119,11 @@ class Session:
         if result is None or result.covariance is None or result.view == view_index:
             return None if result is None else result.covariance
         views = own.scene.views
-        motion = (
-            views[view_index].camera_from_world @ views[result.view].camera_from_world.inverse()
-        )
-        translation = motion.translation / own.object.world_from_model.scale
-        motion = RigidTransform(motion.rotation, translation)
-        return result.covariance.seen_from(motion, own.scene.pose(own.active, view_index), own.mesh)
-
-    # --- searches --------------------------------------------------------------------------------
+        motion = views[view_index].camera_from_world
+        motion = motion @ views[result.view].camera_from_world.inverse()
+        shift = motion.translation / own.object.world_from_model.scale
+        pose = own.scene.pose(own.active, view_index)
+        return result.covariance.seen_from(RigidTransform(motion.rotation, shift), pose, own.mesh)
 
     @property
     def is_searching(self) -> bool:
@@ -170,8 +166,6 @@ class Session:
             return tuple(map(self.settings_by, LOSSES))
         return (own if loss == "chosen" else self.settings_by(loss),)
 
-    # --- proposals -------------------------------------------------------------------------------
-
     @property
     def proposals(self) -> ProposedStarts | None:
         """Proposed starts of the active object in the large photo."""
@@ -204,9 +198,7 @@ class Session:
         proposals = self.proposals
         if proposals is None or proposals.is_over:
             return self
-        return self.with_proposals(proposals.stopped)
-
-    # --- marks -----------------------------------------------------------------------------------
+        return self.with_proposals(replace(proposals, is_over=True) if proposals.starts else None)
 
     @property
     def marks_model(self) -> bool:
@@ -220,8 +212,6 @@ class Session:
         is_used = self.proposals is not None and self.search is None
         return self.document.marks.box if is_used or self.tool == "box" else None
 
-    # --- steps -----------------------------------------------------------------------------------
-
     @property
     def is_unsaved(self) -> bool:
         """Whether a pose at hand, or what is compared there, stands in no file."""
@@ -234,8 +224,12 @@ class Session:
         session = self.stop_proposing() if is_placed else self
         if document.shown != self.document.shown:
             session = replace(session.with_new_view(), comparison=None)
-        ended = {"search": None, "search_progress": None, "anchor": document.scene}
-        return replace(session, history=history, document=document, **ended)
+        session = session.without_search(document.scene)
+        return replace(session, history=history, document=document)
+
+    def without_search(self, anchor: Scene) -> Session:
+        """The session without a search; pixels are compared about ``anchor``."""
+        return replace(self, search=None, search_progress=None, anchor=anchor)
 
     def with_new_view(self) -> Session:
         """The session without results for the photo and the model that were shown."""

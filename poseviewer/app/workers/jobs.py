@@ -130,13 +130,10 @@ def proposing(notify: Callable[[], None]) -> Worker[Document, Edit]:
         wanted = session.proposals if session.preparation is None else None
         return wanted.document if wanted is not None and not wanted.is_over else None
 
-    def make(document: Document) -> Iterator[Edit]:
-        return proposed(document, lambda: job.require_asked(document))
-
     job = Worker(
         "proposals",
         asked,
-        make,
+        lambda document: proposed(document, lambda: job.require_asked(document)),
         notify,
         failed=lambda *_: stop_proposing(),
         low_priority=True,
@@ -145,9 +142,7 @@ def proposing(notify: Callable[[], None]) -> Worker[Document, Edit]:
 
 
 def proposed(document: Document, watch: Callable[[], None]) -> Iterator[Edit]:
-    """Propose start poses, and fit the best of them for a model that is nowhere yet; that it is not
-    seen is an error for a model that is placed alone. ``watch`` may raise to stop it.
-    """
+    """Propose start poses, and fit the best for a model that is nowhere; ``watch`` may raise."""
     query = start_query(document)
     renderer = renderer_of(document.mesh, document.settings.renderer).clone()
     try:
@@ -172,9 +167,7 @@ def proposed(document: Document, watch: Callable[[], None]) -> Iterator[Edit]:
 
 
 def search_edits(request: SearchRequest) -> Iterator[Edit]:
-    """Search by each method in turn: an edit after every evaluation. With several losses, the last
-    edit holds the comparison of their ends. Raises as ``run_search``.
-    """
+    """Search by each method in turn; the last edit holds the comparison of several ends."""
     ends: list[SearchProgress] = []
     for settings in request.methods:
         for progress in run_search(request, settings):

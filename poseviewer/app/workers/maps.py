@@ -49,9 +49,7 @@ def _losses_of(request: Session) -> tuple[object, ...]:
 
 
 def mapping() -> Worker[Session, Edit]:
-    """Make the maps of the losses that the session asks for, coarse ones while the pose moves; the
-    loop looks for what is known.
-    """
+    """Make the maps that the session asks for, coarse ones while the pose moves."""
     maker = for_one_thread(MapMaker)
 
     def make(request: Session) -> Iterator[Edit]:
@@ -152,9 +150,7 @@ def _pool(renderer: Renderer) -> RendererPool:
 def maps(
     landscape: Landscape, problem: FitProblem, pool: RendererPool, size: int
 ) -> Iterator[Landscape]:
-    """The landscape by a problem, its own or on coarser photos, whenever a row of a map is known.
-    Maps that are there already stay until the first grid of the new one is known.
-    """
+    """The landscape, after every row of a map, by a problem on its own or on coarser photos."""
     newest = {(piece.first, piece.second): piece for piece in landscape.slices}
     first = strides(size)[0]
     options = {"half_width": landscape.half_width, "size": size, "smooth": True}

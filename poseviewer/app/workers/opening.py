@@ -24,12 +24,7 @@ from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import InView, View
 from poseviewer.starts import loading
-from poseviewer.starts.loading import (
-    Start,
-    StartInputs,
-    known_scale,
-    notes_of,
-)
+from poseviewer.starts.loading import Start, StartInputs, known_scale, notes_of
 from poseviewer.starts.placing import look_from
 
 
@@ -213,6 +208,7 @@ def open_pose(now: Document, path: Path) -> Document:
     document = document if without == now.object.without else document.without_parts(without)
     document = document.with_view(names.index(opened.views[0].name))
     document = document.at_pose(opened.pose(0), scale=scale).started
+    document = document.with_object(note=opened.objects[0].note or now.object.note)
     files = (*(view.photo for view in opened.views), now.model)
     of_files = {note for file in files for note in notes_of(file)}
     return with_notes(document, [note for note in opened.notes if note not in of_files])

@@ -26,8 +26,7 @@ from poseviewer.scene.types import PlacedModel
 MOST_SAMPLES = 400_000
 """Most samples of the picture that tells which object hides which."""
 DRAWN_PX = 320
-"""Pixels of the longer side of the picture that a small photo's outline is found on: twice a
-thumbnail's."""
+"""Pixels of the longer side of the picture that a small photo's outline is found on."""
 
 LINES_KEPT = 512
 """Outlines that are kept: those of 30 objects in as many photos as a strip shows."""

@@ -8,7 +8,6 @@ from functools import lru_cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poseviewer.app.state.display_edits import show_results
 from poseviewer.app.state.document import Document, reference_view
@@ -45,8 +44,7 @@ SETTLED_S = 0.15
 
 ALONE_PX, ALONE_MARGIN, ALONE_GROUND = 760, 0.08, (22, 24, 29)
 """The model alone: px of the picture's longer side, share of its sides left free, RGB behind it."""
-LINES = "outline", "edges"
-"""Looks that draw lines alone."""
+_shown_pixels, _sketch_of = lru_cache(maxsize=1)(Photo.as_rgb8), lru_cache(maxsize=1)(Sketch)
 
 
 class LossReader:
@@ -111,7 +109,7 @@ class OverlayDrawer:
     def draw(self, request: Session) -> Overlay:
         """Draw lines quickly, or a picture."""
         own, style = request.document, request.display.style
-        if style in LINES:
+        if style == "outline":
             return Overlay(request, quick_silhouette(own.mesh, self._quick, own.pose))
         return Overlay(request, NO_LINES) if style == "none" else self._picture(request)
 
@@ -137,11 +135,6 @@ class OverlayDrawer:
 
 
 @lru_cache(maxsize=1)
-def _shown_pixels(photo: Photo, width: int, height: int) -> NDArray[np.uint8]:
-    return photo.as_rgb8(width, height)
-
-
-@lru_cache(maxsize=1)
 def _depth_of(others: tuple[tuple[Mesh, Pose], ...], factor: float) -> DepthImage:
     """Depth of the nearest object in a photo drawn ``factor`` as large."""
     placed = [PlacedModel(mesh, pose.scaled(factor)) for mesh, pose in others]
@@ -158,12 +151,6 @@ def draw_fine_lines(request: Session, renderer: SoftwareRenderer) -> Overlay:
     return Overlay(request, silhouette(lines.covered, lines.window), lines.edge_segments())
 
 
-@lru_cache(maxsize=1)
-def sketch_of(mesh: Mesh) -> Sketch:
-    """The sketch of a model that has no renderer yet."""
-    return Sketch(mesh)
-
-
 def drawing(notify: Callable[[], None]) -> Worker[Session, Edit]:
     """Draw the model at once, one picture after another: none is displaced before it is shown."""
     drawer = for_one_thread(OverlayDrawer)
@@ -171,7 +158,7 @@ def drawing(notify: Callable[[], None]) -> Worker[Session, Edit]:
     def make(request: Session) -> Iterator[Edit]:
         mesh, pose = request.document.mesh, request.document.pose
         if request.preparation is not None:
-            overlay = Overlay(request, quick_silhouette(mesh, sketch_of(mesh), pose))
+            overlay = Overlay(request, quick_silhouette(mesh, _sketch_of(mesh), pose))
         else:
             overlay = drawer(mesh).draw(request)
         yield show_results(request.document, overlay=overlay)
@@ -194,7 +181,7 @@ def refining(notify: Callable[[], None]) -> Worker[Session, Edit]:
         overlay = session.results.overlay
         if overlay is None or session.is_moving or overlay.request.drawn != session.drawn:
             return None
-        is_asked = session.preparation is None and session.display.style in LINES
+        is_asked = session.preparation is None and session.display.style == "outline"
         return overlay.request if is_asked else None
 
     def make(request: Session) -> Iterator[Edit]:

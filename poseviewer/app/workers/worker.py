@@ -20,17 +20,14 @@ from poseviewer.app.state.session import Session
 _log = logging.getLogger(__name__)
 
 LET_GO_S = 0.005
-"""After so long a job lets others use the interpreter. That takes a tenth of a millisecond: after
-each evaluation of a search it would be a fifth of its time."""
+"""After so long, s, a job lets others use the interpreter, which costs it 0.1 ms."""
 
 T = TypeVar("T")
 A = TypeVar("A")
 
 
 class Mailbox(Generic[T]):
-    """Requests of the main loop, in the order in which they came. A signal's handler may
-    come in the middle of it: a ``SimpleQueue`` bears that, an ``Event`` would wait for itself.
-    """
+    """Requests of the main loop in their order, by a queue that bears a signal's handler."""
 
     def __init__(self) -> None:
         self._items: SimpleQueue[T | None] = SimpleQueue()

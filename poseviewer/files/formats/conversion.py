@@ -15,6 +15,7 @@ import numpy as np
 
 from poseviewer.errors import PhotoFileError, PoseFileError, printable
 from poseviewer.files.checks import Reading, checked_rotation
+from poseviewer.files.mesh.size import METRES
 from poseviewer.files.photo import is_stored_turned, load_photo, save_photo
 from poseviewer.files.scene_assets import model_file, open_view, view_of_file
 from poseviewer.files.structs import checked_camera
@@ -31,8 +32,6 @@ Entry = TypeVar("Entry")
 Contents = Mapping[Path, str | bytes]
 MOST_NAMED = 10
 """Number of images in a message."""
-METRES = {"km": 1000.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-"""Length units by name, in metres."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from poseviewer.errors import PoseFileError
 from poseviewer.files.checks import LARGEST_DATA, Reading
 from poseviewer.files.formats import conversion as c
-from poseviewer.files.mesh.gltf import gltf_header, parents_of, world_matrix
+from poseviewer.files.mesh.gltf import gltf_header, world_matrices
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.scene_assets import open_view, view_of_file
 from poseviewer.geometry.arrays import FloatArray
@@ -231,7 +231,7 @@ def read_gltf(path: Path, request: c.ConvertOptions) -> Scene:
         nodes = document.get("nodes", [])
         known = [(str(node.get("name")), i) for i, node in enumerate(nodes) if "camera" in node]
         index = request.the_one(reading, "cameras", known)
-        world_from_camera = world_matrix(nodes, index, parents_of(nodes))
+        world_from_camera = world_matrices(nodes)[index]
         entry = document["cameras"][nodes[index]["camera"]]
         metres = c.metres_per_unit(request.unit or "m")
         camera = _camera(reading, entry, request, metres)

@@ -24,8 +24,9 @@ from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import MeshFileError
 from poseviewer.files.checks import LARGEST_DATA, Reading
+from poseviewer.files.mesh import parts as p
 from poseviewer.files.mesh.named import find_named
-from poseviewer.files.mesh.parts import MOST_TEXELS, Part, noted, textures_from_images
+from poseviewer.files.mesh.parts import ModelParts, Part
 from poseviewer.files.mesh.polygons import strip_corners
 from poseviewer.geometry.image import srgb_from_linear
 
@@ -34,24 +35,26 @@ GLB_HEADER, GLB_CHUNK = 20, 8
 """Bytes of the headers of a GLB file with its first chunk, JSON, and of its second."""
 UNDERSTOOD = (
     "KHR_mesh_quantization", "KHR_texture_transform", "EXT_mesh_gpu_instancing",
-    "KHR_materials_pbrSpecularGlossiness", "EXT_texture_webp",
+    "KHR_materials_pbrSpecularGlossiness", "EXT_texture_webp", "KHR_node_visibility",
 )  # fmt: skip
 """Extensions that change shape or colour, and are read."""
-LOST = {
-    "KHR_draco_mesh_compression": "",
-    "EXT_meshopt_compression": "",
-    "KHR_meshopt_compression": "",
-    "KHR_texture_basisu": "",
-    "EXT_texture_avif": "",
-    "KHR_node_visibility": "what is hidden",
-}
-"""Extensions that change shape or colour, and are not read: what is lost where a file does not
-require them ("": nothing, it holds the same without)."""
+SPARED = (
+    "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression",
+    "KHR_texture_basisu", "EXT_texture_avif",
+)  # fmt: skip
+"""Extensions that are not read, and without which a file that does not require them holds the same.
+"""
 HARMLESS = ("KHR_materials_", "KHR_lights_", "KHR_xmp", "KHR_animation_", "EXT_lights_", "MSFT_lod")
 """Beginnings of extensions that change neither shape nor base colour."""
 TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 STRIP, FAN, TRIANGLES = 5, 6, 4
+REPEAT = 10497
+"""Of a sampler: the texture is wrapped around."""
+CUT = ("MASK", "BLEND")
+"""Modes in which alpha makes something invisible."""
+LEAST_ALPHA = 0.05
+"""What is blended with less is hardly to be seen: invisible."""
 ALPHA_SAMPLES = np.array([(a, b, 1.0 - a - b) for a in (0.05, 0.35, 0.65) for b in (0.05, 0.3)])
 """Barycentric coordinates at which a triangle is asked whether its texture's alpha cuts it away."""
 
@@ -70,10 +73,10 @@ def gltf_header(path: Path) -> Any:
         return json.loads(file.read(min(text, path.stat().st_size)))
 
 
-def read_gltf(path: Path) -> tuple[list[Part], list[str]]:
+def read_gltf(path: Path) -> ModelParts:
     """The parts of a glTF or GLB file, one for each primitive of each node, and notes."""
     header = gltf_header(path)
-    document = _Document(path, header, parents_of(header.get("nodes", [])))
+    document = _Document(path, header, world_matrices(header.get("nodes", [])))
     required, used = (
         sorted({n for n in header.get(key, []) if not n.startswith(HARMLESS)} - set(UNDERSTOOD))
         for key in ("extensionsRequired", "extensionsUsed")
@@ -81,28 +84,28 @@ def read_gltf(path: Path) -> tuple[list[Part], list[str]]:
     if required:
         wanted = "not read here; export it without (compression, KTX2 pictures ...)"
         raise MeshFileError(f"{path.name}: needs {', '.join(required)[:120]}, {wanted}.")
-    lost = filter(None, (LOST.get(name, name) for name in used))
-    document.notes += [f"Not read, left out: {name[:80]}." for name in lost]
+    document.notes += [f"Not read, left out: {name[:80]}." for name in used if name not in SPARED]
     parts = [part for node in document.placed() for part in document.parts_of(*node)]
-    return parts, document.notes
+    document.notes += [f"{what}: {count:,}." for what, count in document.counts.items() if count]
+    return ModelParts(parts, document.notes, 1.0, y_up=True)
 
 
 @dataclass(eq=False)
 class _Document:
     path: Path
     data: dict[str, Any]
-    parents: dict[int, int]
+    worlds: dict[int, Matrix]
     notes: list[str] = field(default_factory=list)
     _buffers: dict[int, bytes] = field(default_factory=dict)
     alphas: dict[int | None, NDArray[np.uint8]] = field(default_factory=dict)
     """Alpha of pictures that cut, by their indices."""
+    counts: Counter[str] = field(default_factory=Counter)
+    """Numbers of what is left out, for notes."""
 
     def placed(self) -> Iterator[tuple[int, str, Matrix]]:
         """Each node of the scene that has a mesh: its index, name, and world from node."""
         nodes, scenes = self.data.get("nodes", []), self.data.get("scenes")
-        roots = [i for i in range(len(nodes)) if i not in self.parents]
-        if scenes:
-            roots = scenes[self.data.get("scene", 0)].get("nodes", [])
+        roots = scenes[self.data.get("scene", 0)].get("nodes", []) if scenes else roots_of(nodes)
         names, taken = [], Counter[str]()
         for i, node in enumerate(nodes):
             name = node.get("name") or str(i)
@@ -113,11 +116,13 @@ class _Document:
             index = waiting.pop()
             if index in visited:
                 raise ValueError(f"node {index} is there twice")
-            visited.add(index)
-            node = nodes[index]
-            waiting += node.get("children", [])
-            if "mesh" in node:
-                yield index, names[index], world_matrix(nodes, index, self.parents)
+            if (_extension(nodes[index], "KHR_node_visibility") or {}).get("visible", True):
+                visited.add(index)
+                waiting += nodes[index].get("children", [])
+                if "mesh" in nodes[index]:
+                    yield index, names[index], self.worlds[index]
+        others = sum("mesh" in node and i not in visited for i, node in enumerate(nodes))
+        self.counts["Nodes that the file's scene does not show, left out"] = others
 
     def parts_of(self, index: int, name: str, world: Matrix) -> Iterator[Part]:
         """The parts of a node's mesh, wherever the node, its instances or its skin put them."""
@@ -155,15 +160,20 @@ class _Document:
         if "indices" in primitive:
             order = self.array(primitive["indices"]).reshape(-1).astype(np.int64)
         part = Part(name, vertices, _triangles(order, mode), normals)
-        colours = self.array(attributes["COLOR_0"])[:, :3] if "COLOR_0" in attributes else None
+        rgba, has_colours = np.ones(4), "COLOR_0" in attributes
+        if has_colours:
+            colours = self.array(attributes["COLOR_0"])
+            rgba = np.ones((len(colours), 4))
+            rgba[:, :3] = p.colours_from_numbers(colours[:, :3], self.notes)
+            rgba[:, 3 : colours.shape[1]] = colours[:, 3:]
         if "material" in primitive:
-            part, factor = self._dressed(
-                part, self.data["materials"][primitive["material"]], attributes
-            )
-            colours = factor if colours is None else factor * colours
-        if colours is not None and not self.is_encoded:
-            colours = srgb_from_linear(colours)
-        return replace(part, colours=colours)
+            material = self.data["materials"][primitive["material"]]
+            rgba = _look(material)[0] * rgba
+            part = self._dressed(part, material, attributes, rgba[..., 3])
+        elif not has_colours:
+            return part
+        rgb = np.ascontiguousarray(rgba[..., :3])
+        return replace(part, colours=rgb if self.is_encoded else srgb_from_linear(rgb))
 
     @cached_property
     def is_encoded(self) -> bool:
@@ -171,33 +181,41 @@ class _Document:
         return "trimesh" in str(self.data.get("asset", {}).get("generator", ""))
 
     def _dressed(
-        self, part: Part, material: dict[str, Any], attributes: dict[str, int]
-    ) -> tuple[Part, NDArray]:
-        factor, info = _look(material)
-        transform = _extension(info or {}, "KHR_texture_transform") or {}
-        coordinates = f"TEXCOORD_{transform.get('texCoord', (info or {}).get('texCoord', 0))}"
+        self, part: Part, material: dict[str, Any], attributes: dict[str, int], alpha: NDArray
+    ) -> Part:
+        """The part with its texture, without triangles that are invisible: by alpha, of vertices
+        (V,) or of all (), times the texture's.
+        """
+        info = _look(material)[1] or {}
+        transform = _extension(info, "KHR_texture_transform") or {}
+        coordinates = f"TEXCOORD_{transform.get('texCoord', info.get('texCoord', 0))}"
         image = self._image_of(info) if info else None
-        texture = self.textures.get(image)
-        if texture is None or coordinates not in attributes:
-            return part, factor[:3]
-        uvs = _transformed(self.array(attributes[coordinates]), transform)
-        uvs = np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)
-        part, alpha = replace(part, uvs=uvs, texture=texture), self.alphas.get(image)
-        if material.get("alphaMode") == "MASK" and alpha is not None:
-            cutoff = material.get("alphaCutoff", 0.5) / max(factor[3], 1e-9)
-            part = self._cut(part, uvs, alpha, cutoff)
-        return part, factor[:3]
-
-    def _cut(self, part: Part, uvs: NDArray, alpha: NDArray[np.uint8], cutoff: float) -> Part:
-        """The part without the triangles that are cut away wholly; a note of those in part."""
-        uvs = np.einsum("sk,fkd->fsd", ALPHA_SAMPLES, uvs[part.faces]) % 1.0
-        rows = ((1.0 - uvs[..., 1]) * alpha.shape[0]).astype(int).clip(0, alpha.shape[0] - 1)
-        columns = (uvs[..., 0] * alpha.shape[1]).astype(int).clip(0, alpha.shape[1] - 1)
-        shown = alpha[rows, columns] / 255.0 >= cutoff
-        partly = int(np.sum(shown.any(axis=1) & ~shown.all(axis=1)))
-        if partly:
-            self.notes.append(f"Triangles cut out in part by a texture, shown whole: {partly:,}.")
-        return replace(part, faces=part.faces[shown.any(axis=1)])
+        texture, mode = self.textures.get(image), material.get("alphaMode", "OPAQUE")
+        shown = np.broadcast_to(alpha, len(part.vertices))[part.faces] @ ALPHA_SAMPLES.T
+        if texture is not None and coordinates in attributes:
+            uvs = _transformed(self.array(attributes[coordinates]), transform)
+            uvs = np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)
+            part = replace(part, uvs=uvs, texture=texture)
+            number = self.data["textures"][info["index"]].get("sampler")
+            wraps = {} if number is None else self.data["samplers"][number]
+            is_wrapped = [wraps.get(name, REPEAT) == REPEAT for name in ("wrapS", "wrapT")]
+            p.note_edges(uvs, is_wrapped, self.notes)
+            if mode in CUT and (picture := self.alphas.get(image)) is not None:
+                uvs = np.einsum("sk,fkd->fsd", ALPHA_SAMPLES, uvs[part.faces]) % 1.0
+                height, width = picture.shape
+                rows = ((1.0 - uvs[..., 1]) * height).astype(int).clip(0, height - 1)
+                columns = (uvs[..., 0] * width).astype(int).clip(0, width - 1)
+                shown = shown * picture[rows, columns] / 255.0
+        if mode not in CUT:
+            return part
+        shown = (
+            shown >= (material.get("alphaCutoff", 0.5) if mode == "MASK" else LEAST_ALPHA) - 1e-6
+        )
+        whole, partly = shown.all(axis=1), shown.any(axis=1)
+        self.counts["Invisible triangles, left out"] += int(np.sum(~partly))
+        note = "Triangles cut out in part by a texture, shown whole"
+        self.counts[note] += int(np.sum(partly & ~whole))
+        return replace(part, faces=part.faces[partly])
 
     def _image_of(self, info: dict[str, Any]) -> int | None:
         texture = self.data["textures"][info["index"]]
@@ -215,24 +233,23 @@ class _Document:
         for material in self.data.get("materials", []):
             if (info := _look(material)[1]) is not None:
                 index = self._image_of(info)
-                used[index] = used.get(index, False) or material.get("alphaMode") == "MASK"
+                used[index] = used.get(index, False) or material.get("alphaMode") in CUT
         opened: dict[int | None, tuple[str, Image.Image]] = {}
         for index, entry in enumerate(self.data.get("images", [])):
             uri, view = entry.get("uri", "data:"), entry.get("bufferView")
             name = "a picture" if uri.startswith("data:") else unquote(uri)[:80]
             if index not in used:
                 continue
-            with noted(name, self.notes):
+            with p.noted(name, self.notes):
                 content = self.fetch(uri) if view is None else self.view(view)
                 image = Image.open(BytesIO(content))
-                if used[index] and image.width * image.height <= MOST_TEXELS:
+                if used[index] and image.width * image.height <= p.MOST_TEXELS:
                     self.alphas[index] = np.asarray(image.convert("RGBA").getchannel("A"))
                 opened[index] = name, image
-        return textures_from_images(opened, self.notes)
+        return p.textures_from_images(opened, self.notes)
 
     def _skinned(self, part: Part, attributes: dict[str, int], skin: dict[str, Any]) -> Part:
-        nodes, parents = self.data["nodes"], self.parents
-        matrices = np.array([world_matrix(nodes, joint, parents) for joint in skin["joints"]])
+        matrices = np.array([self.worlds[joint] for joint in skin["joints"]])
         if "inverseBindMatrices" in skin:
             inverse = self.array(skin["inverseBindMatrices"]).reshape(-1, 4, 4)
             matrices = matrices @ inverse[: len(matrices)].swapaxes(1, 2).astype(float)
@@ -331,20 +348,23 @@ def _triangles(order: NDArray, mode: int) -> NDArray:
     return order.reshape(-1, 3)
 
 
-def parents_of(nodes: list[dict[str, Any]]) -> dict[int, int]:
-    """The parent of each node that has one."""
-    return {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
+def roots_of(nodes: list[dict[str, Any]]) -> list[int]:
+    """Indices of the nodes that have no parent."""
+    below = {child for node in nodes for child in node.get("children", [])}
+    return [index for index in range(len(nodes)) if index not in below]
 
 
-def world_matrix(nodes: list[dict[str, Any]], index: int, parents: dict[int, int]) -> Matrix:
-    """``world_from_node`` (4, 4): the product of the matrices of all above."""
-    matrix = np.eye(4)
-    for _ in nodes:
-        matrix = node_matrix(nodes[index]) @ matrix
-        if index not in parents:
-            return matrix
-        index = parents[index]
-    raise ValueError("a node is above itself")
+def world_matrices(nodes: list[dict[str, Any]]) -> dict[int, Matrix]:
+    """``world_from_node`` (4, 4) by the index of each node that is not below itself."""
+    waiting = [(index, np.eye(4)) for index in roots_of(nodes)]
+    worlds: dict[int, Matrix] = {}
+    while waiting:
+        index, above = waiting.pop()
+        if index in worlds:
+            raise ValueError(f"node {index} is there twice")
+        worlds[index] = above @ node_matrix(nodes[index])
+        waiting += [(child, worlds[index]) for child in nodes[index].get("children", [])]
+    return worlds
 
 
 def node_matrix(node: dict[str, Any]) -> Matrix:

@@ -5,26 +5,26 @@ from collections.abc import Callable
 from pathlib import Path
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.mesh.parts import Part
+from poseviewer.files.checks import Reading, quiet_libraries
+from poseviewer.files.mesh.parts import ModelParts
 from poseviewer.processes import call_alone
 
-Read = tuple[list[Part], list[str]]
 DEADLINE_S, BYTES_PER_S = 20.0, 250_000
 """Time that a reader may take, and longer by a second for so many bytes of the file."""
 MOST_MEMORY, PER_BYTE = 4_000_000_000, 40
 """Bytes that a reader may take, and more for each byte of the file."""
 
 
-def guarded(reader: Callable[[Path], Read]) -> Callable[[Path], Read]:
+def guarded(reader: Callable[[Path], ModelParts]) -> Callable[[Path], ModelParts]:
     """Return the reader with a deadline and a bound of memory, in a process of its own: what ends
     that process is a MeshFileError here.
     """
 
-    def read(path: Path) -> Read:
+    def read(path: Path) -> ModelParts:
         size = path.stat().st_size
         seconds, memory = DEADLINE_S + size / BYTES_PER_S, MOST_MEMORY + PER_BYTE * size
         try:
-            return call_alone(reader, path, seconds=seconds, memory=memory)
+            return call_alone(_read, reader, path, seconds=seconds, memory=memory)
         except subprocess.TimeoutExpired:
             found = f"its reader was not done after {seconds:.0f} s and was stopped"
         except subprocess.CalledProcessError:
@@ -32,3 +32,9 @@ def guarded(reader: Callable[[Path], Read]) -> Callable[[Path], Read]:
         raise MeshFileError(f"{path.name}: {found}; export it again, or as GLB.") from None
 
     return read
+
+
+def _read(reader: Callable[[Path], ModelParts], path: Path) -> ModelParts:
+    kind = f"{path.suffix[1:].upper()} file"
+    with Reading(path, [], MeshFileError, kind).naming_errors(), quiet_libraries():
+        return reader(path)

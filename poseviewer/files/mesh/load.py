@@ -1,5 +1,6 @@
-"""Load a model file as a Mesh. The only importer of assimp and cascadio."""
+"""Load a model file as a Mesh."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,23 +11,26 @@ import numpy as np
 
 from poseviewer.errors import MeshFileError, printable
 from poseviewer.files.checks import LARGEST_DATA, Reading, quiet_libraries
-from poseviewer.files.mesh.gltf import GLTF, read_gltf
+from poseviewer.files.mesh.dae import read_dae
+from poseviewer.files.mesh.gltf import read_gltf
 from poseviewer.files.mesh.guarded import guarded
 from poseviewer.files.mesh.obj import read_obj
-from poseviewer.files.mesh.parts import Part, load_textures
-from poseviewer.files.mesh.plain import read_off, read_stl
+from poseviewer.files.mesh.off import read_off
+from poseviewer.files.mesh.parts import ModelParts, Part, load_textures
 from poseviewer.files.mesh.ply import read_ply
+from poseviewer.files.mesh.size import METRES
+from poseviewer.files.mesh.stl import read_stl
 from poseviewer.files.mesh.surface import as_mesh
+from poseviewer.files.mesh.three_mf import read_3mf
 from poseviewer.geometry.mesh import Mesh
 
-Read = tuple[list[Part], list[str]]
 STEP = (".step", ".stp")
 FINE_ANGLE = 0.2
 """Largest angle (rad) between triangles of a curved face."""
 
 
 def load_mesh(path: str | Path) -> Mesh:
-    """The model in an OBJ, PLY, STL, OFF, GLB, glTF, STEP or 3DS file.
+    """The model in a file of one of the formats of ``READERS``.
 
     Reflectance comes from textures, vertex colours or material colours, whichever the file has.
     Normals are the file's where they make sense, else computed. What had to be mended or left
@@ -42,12 +46,17 @@ def load_mesh(path: str | Path) -> Mesh:
             found = f"unknown kind of model file {path.suffix!r}"
             wanted = "export it as GLB" if ending in ELSEWHERE else f"wanted one of {known}"
             raise reading.error(found, wanted)
-        parts, notes = READERS[ending](path)
-        mesh = as_mesh(printable(path.name), parts, notes, ending in GLTF)
-        return replace(mesh, unit="m") if ending in STEP else mesh
+        parts, notes, metres, y_up = READERS[ending](path)
+        units = {round(math.log(length), 4): name for name, length in METRES.items()}
+        unit = None
+        if metres is not None and (unit := units.get(round(math.log(metres), 4))) is None:
+            parts = [part.moved(np.diag([metres, metres, metres, 1.0])) for part in parts]
+            notes.append(f"Lengths in units of {metres:g} m were made lengths in m.")
+            unit = "m"
+        return replace(as_mesh(printable(path.name), parts, notes), unit=unit, y_up=y_up)
 
 
-def _read_3ds(path: Path) -> Read:
+def _read_3ds(path: Path) -> ModelParts:
     """Read by assimp (an extra: ``pip install 'poseviewer[3ds]'``), in the file's own axes."""
     try:
         import assimp_py
@@ -77,10 +86,10 @@ def _read_3ds(path: Path) -> Read:
             elif diffuse is not None:
                 part = replace(part, colours=np.asarray(diffuse)[:3])
             parts.append(part.moved(matrix))
-    return parts, notes
+    return ModelParts(parts, notes)
 
 
-def _read_step(path: Path) -> Read:
+def _read_step(path: Path) -> ModelParts:
     """Read by cascadio (an extra: ``pip install 'poseviewer[step]'``): OpenCASCADE, in m."""
     try:
         import cascadio  # pyright: ignore[reportMissingImports]
@@ -92,10 +101,10 @@ def _read_step(path: Path) -> Read:
         cascadio.step_to_glb(str(path), str(out), tol_relative=True, tol_angular=FINE_ANGLE)
         if not out.exists():
             raise MeshFileError(f"{path.name}: not a readable STEP file; export it again.")
-        return read_gltf(out)
+        return read_gltf(out)._replace(y_up=False)
 
 
-READERS: dict[str, Callable[[Path], Read]] = {
+READERS: dict[str, Callable[[Path], ModelParts]] = {
     ".obj": read_obj,
     ".ply": read_ply,
     ".stl": read_stl,
@@ -103,7 +112,9 @@ READERS: dict[str, Callable[[Path], Read]] = {
     ".glb": read_gltf,
     ".gltf": read_gltf,
     ".3ds": guarded(_read_3ds),
+    ".3mf": guarded(read_3mf),
+    ".dae": guarded(read_dae),
     **dict.fromkeys(STEP, guarded(_read_step)),
 }
-ELSEWHERE = (".dae", ".fbx", ".usd", ".usda", ".usdc", ".usdz", ".blend", ".ifc", ".x", ".wrl")
+ELSEWHERE = (".fbx", ".usd", ".usda", ".usdc", ".usdz", ".blend", ".ifc", ".x", ".wrl")
 """Endings of models that other programs make GLB of."""

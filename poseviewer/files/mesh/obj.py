@@ -25,20 +25,26 @@ Relative = dict[int, tuple[int, ...]]
 """Numbers of ``v``, ``vt`` and ``vn`` before each face whose indices count backwards."""
 Changes = list[tuple[int, tuple[str, str]]]
 """Faces so far, then names of part and material."""
-KINDS = ("v", "vt", "vn", "f", "mtllib")
+KINDS = ("v", "vt", "vn", "f", "mtllib", "#MRGB")
+"""Words of lines that are read; ``#MRGB`` is ZBrush's: mask, red, green and blue of vertices."""
+IDLE = ("", "s", "mg", "lod", "bevel", "c_interp", "d_interp", "usemap", "maplib", "shadow_obj")
+"""Words that say nothing of shape and colour."""
 MOST_LIBRARIES = 1000
 """Material files of a model: each that is missing is sought in several folders."""
 OPTIONS = re.compile(r"(-\S* ((-?(\d+\.?\d*|\.\d+)|on|off)? )*)*")
 """Options before a picture's name, which may hold spaces: ``-s 1 1 1`` or ``-clamp on``."""
+NOT_NEUTRAL = re.compile(r" -?(?![01](\.0*)? )[\d.]+ ")
+"""A number in them that moves or scales the picture: neither 0 nor 1."""
+INVISIBLE = re.compile(r"d\s+(-halo\s+)?0(\.0*)?|Tr\s+1(\.0*)?", re.IGNORECASE)
 
 
-def read_obj(path: Path) -> tuple[list[p.Part], list[str]]:
+def read_obj(path: Path) -> p.ModelParts:
     """The parts of an OBJ file, one for each part name and material, and notes for the user."""
-    lines, relative, changes = _sort_lines(path.read_text("utf-8-sig", "surrogateescape"))
-    vertices, colours = _read_vertices(lines["v"])
+    notes: list[str] = []
+    lines, relative, changes = _sort_lines(path.read_text("utf-8-sig", "surrogateescape"), notes)
+    vertices, colours = _read_vertices(lines["v"], "".join(lines["#MRGB"]), notes)
     uvs = read_table([f"{line} 0" for line in lines["vt"]], 2)  # the second may be left out
     normals = read_table(lines["vn"], 3)
-    notes: list[str] = []
     counts, corners = _read_faces(lines["f"], relative)
     for kind, column, table in zip(KINDS, corners.T, (vertices, uvs, normals), strict=False):
         p.check_indices(column if kind == "v" else column[column != -1], len(table), kind)
@@ -62,15 +68,16 @@ def read_obj(path: Path) -> tuple[list[p.Part], list[str]]:
         if len(own):
             paint, of_faces = materials.get(material, (None, None)), corners[triangles[own]]
             parts.append(_as_part(name, of_faces, vertices, colours, uvs, normals, paint))
-    return parts or [p.Part("", vertices)], notes
+    return p.ModelParts(parts or [p.Part("", vertices)], notes)
 
 
-def _sort_lines(text: str) -> tuple[dict[str, list[str]], Relative, Changes]:
+def _sort_lines(text: str, notes: list[str]) -> tuple[dict[str, list[str]], Relative, Changes]:
     """Gather what follows each word of ``KINDS``, and where in the file indices and names count."""
     lines: dict[str, list[str]] = {kind: [] for kind in KINDS}
     relative: Relative = {}
     changes: Changes = [(0, ("", ""))]
     faces, thing, group, material = lines["f"], "", "", ""
+    others = set[str]()
     for line in text.replace("\t", " ").replace("\\\n", " ").replace("\\\r\n", " ").splitlines():
         word, _, rest = line.strip().partition(" ")
         if word in lines:
@@ -83,6 +90,10 @@ def _sort_lines(text: str) -> tuple[dict[str, list[str]], Relative, Changes]:
             material = rest if word == "usemtl" else material
             name = " ".join(dict.fromkeys(n for n in (thing, group) if n))
             changes.append((len(faces), (name, material)))
+        elif word not in IDLE and not word.startswith("#"):
+            others.add(word)
+    if others:
+        notes.append(f"Lines not read: {', '.join(sorted(others))[:120]}.")
     return lines, relative, changes
 
 
@@ -102,12 +113,24 @@ def read_table(lines: list[str], columns: int) -> NDArray:
     return table
 
 
-def _read_vertices(lines: list[str]) -> tuple[NDArray, NDArray | None]:
-    if lines and len(lines[0].split()) >= 6:
-        with suppress(ValueError):
-            table = read_table(lines, 6)
-            return table[:, :3], p.colours_from_numbers(table[:, 3:])
-    return read_table(lines, 3), None
+def _read_vertices(
+    lines: list[str], polypaint: str, notes: list[str]
+) -> tuple[NDArray, NDArray | None]:
+    """Vertices (V, 3) and their colours (V, 3), NaN where a vertex has none, or None."""
+    vertices = read_table(lines, 3)
+    with suppress(ValueError):
+        rgb = np.frombuffer(bytes.fromhex(polypaint), np.uint8).reshape(-1, 4)[:, 1:]
+        if polypaint and len(rgb) == len(vertices):
+            return vertices, rgb / 255.0
+    if polypaint:
+        notes.append("Colours by #MRGB, left out: they are not 8 digits for each vertex.")
+    has_some = np.array([len(line.partition("#")[0].split()) >= 6 for line in lines], bool)
+    if has_some.any():
+        colours = np.full(vertices.shape, np.nan)
+        table = read_table([lines[i] for i in np.flatnonzero(has_some)], 6)[:, 3:]
+        colours[has_some] = p.colours_from_numbers(table, notes)
+        return vertices, colours
+    return vertices, None
 
 
 def _read_faces(faces: list[str], relative: Relative) -> tuple[NDArray, NDArray]:
@@ -148,7 +171,10 @@ def _as_part(
     part = p.Part(name, vertices[v], faces.reshape(-1, 3), normals[vn] if has_normals else None)
     if texture is not None:
         return replace(part, uvs=uvs[vt], texture=texture)
-    return replace(part, colours=diffuse if colours is None else colours[v])
+    if colours is None or np.all(np.isnan(colours[v])):
+        return replace(part, colours=diffuse)
+    other = p.GREY if diffuse is None else diffuse
+    return replace(part, colours=np.where(np.isnan(colours[v]), other, colours[v]))
 
 
 def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[str, Material]:
@@ -176,6 +202,11 @@ def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[
                 diffuse[name] = None
             elif word.lower() == "map_kd":
                 files[name] = OPTIONS.sub("", rest.strip(), 1)
+                options = rest.strip()[: -len(files[name])] if files[name] else ""
+                if "-clamp on" in options or NOT_NEUTRAL.search(options):
+                    notes.append(f"Options of a texture, left out: {options.strip()}.")
+            elif INVISIBLE.fullmatch(f"{word} {rest}".strip()):
+                notes.append(f"Material {name} is said to be invisible, and is shown.")
             elif word.lower() == "kd" and name in diffuse:
                 with suppress(ValueError):
                     values = [float(value) for value in rest.split()[:3]]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,10 @@ LARGEST_SIDE = 8192
 MOST_TEXELS = 100_000_000
 """Limit of a model's textures together, and of one before it is shrunk: no photo shows more."""
 MOST_TEXTURES = 2000
+LARGEST_FACTOR = 10.0
+"""Of colours from 0 to 1; more than a picture's range above 1, and nearly black from 0 to 255."""
+GREY = 0.8
+"""Reflectance where a file says nothing about colour."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,6 +71,16 @@ class Part:
         return replace(self, faces=np.arange(len(source)).reshape(-1, 3), **own)
 
 
+class ModelParts(NamedTuple):
+    """What a reader gives of a model file."""
+
+    parts: list[Part]
+    notes: list[str]
+    metres: float | None = None
+    """Length of the file's unit, where the file says it."""
+    y_up: bool = False
+
+
 def check_indices(indices: NDArray, size: int, kind: str = "vertex") -> None:
     """Raise ValueError unless all indices in faces are from 0 to below ``size``."""
     wrong = indices[(indices < 0) | (indices >= size)]
@@ -74,12 +88,27 @@ def check_indices(indices: NDArray, size: int, kind: str = "vertex") -> None:
         raise ValueError(f"a face asks for {kind} number {wrong[0]} (counted from 0) of {size:,}")
 
 
-def colours_from_numbers(values: NDArray) -> NDArray[np.float64]:
-    """Colours in [0, 1] from whole numbers (their type's range) or floats (0-1, or 0-255)."""
-    if np.issubdtype(values.dtype, np.integer):
-        return values / float(np.iinfo(values.dtype).max)
-    scale = 255.0 if values.max(initial=0.0) > 1.0 else 1.0
-    return np.clip(np.nan_to_num(values) / scale, 0.0, 1.0)
+def colours_from_numbers(values: NDArray, notes: list[str]) -> NDArray[np.float64]:
+    """Colours in [0, 1] from numbers of 0 to 1, 255, 65,535 or more, as their largest says.
+
+    Bytes count to 255, and so does what has a fraction and is far above 1; a little above, as by
+    light that is baked in, it is cut to 1 with a note.
+    """
+    if values.dtype.kind in "iu" and values.itemsize == 1:
+        return values.astype(np.uint8) / 255.0
+    numbers = np.nan_to_num(values.astype(float), posinf=0.0, neginf=0.0)
+    largest, is_whole = numbers.max(initial=0.0), np.array_equal(numbers, np.rint(numbers))
+    if not is_whole and 1.0 < largest < LARGEST_FACTOR:
+        notes.append(f"Colours above 1, cut to 1: {np.sum((numbers > 1.0).any(axis=1)):,}.")
+        largest = 1.0
+    scale = next((top for top in (1.0, 255.0, 65535.0) if largest <= top), 2.0**32 - 1.0)
+    return np.clip(numbers / scale, 0.0, 1.0)
+
+
+def note_edges(uvs: NDArray, is_wrapped: Sequence[bool], notes: list[str]) -> None:
+    """Note coordinates (V, 2) beyond a texture that does not go on there as ours do, wrapped."""
+    if np.any(np.abs(uvs - 0.5).max(axis=0, initial=0.0)[~np.array(is_wrapped)] > 0.51):
+        notes.append("A texture that is clamped or mirrored, repeated instead.")
 
 
 def split_by(which: NDArray, count: int) -> list[NDArray[np.int64]]:

@@ -3,6 +3,7 @@
 Read here rather than by ``plyfile``, which takes two to ten times as long on models in text.
 """
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from struct import Struct, calcsize, unpack_from
@@ -22,9 +23,14 @@ TYPES = {
 """Letters of both ``struct`` and NumPy."""
 ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 UV_NAMES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
-COLOUR_NAMES = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+COLOUR_NAMES = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"),
+                ("r", "g", "b"), ("gray",) * 3, ("grey",) * 3)  # fmt: skip
+COLOUR = re.compile("red|green|blue|colou?r|rgb|gr[ae]y|intensity|reflect")
+"""In names of columns that may be colours."""
 LONGEST_HEADER = 1_000_000
 """Bytes."""
+ELEMENTS = ("vertex", "face", "tristrips", "edge", "camera")
+"""Those that are read, and those that say nothing of the surface."""
 INDEX_NAMES = ("vertex_indices", "vertex_index")
 
 Kind = tuple[str | None, str]
@@ -35,7 +41,7 @@ Columns = dict[str, Any]
 """By name: numbers (N,), or of lists the counts (N,) and all the values one after another."""
 
 
-def read_ply(path: Path) -> tuple[list[p.Part], list[str]]:
+def read_ply(path: Path) -> p.ModelParts:
     """The parts (one for each texture) of a PLY file, and notes for the user."""
     data = path.read_bytes()
     elements, encoding, textures, at = _read_header(data)
@@ -59,7 +65,10 @@ def read_ply(path: Path) -> tuple[list[p.Part], list[str]]:
         raise ValueError("rows are longer than the header says")
     strips = tables.get("tristrips", {})
     strips = next((strips[k] for k in INDEX_NAMES if k in strips), None)
-    return _parts(path, tables.get("vertex", {}), tables.get("face", {}), strips, textures)
+    parts = _parts(path, tables.get("vertex", {}), tables.get("face", {}), strips, textures)
+    if others := [name for name, rows, _ in elements if rows and name not in ELEMENTS]:
+        parts.notes.append(f"Elements of the PLY, left out: {', '.join(others)[:120]}.")
+    return parts
 
 
 def _read_header(data: bytes) -> tuple[list[Element], str, list[str], int]:
@@ -82,7 +91,7 @@ def _read_header(data: bytes) -> tuple[list[Element], str, list[str], int]:
                 case ["property"] if words[1] == "list":
                     elements[-1][2].append((words[4], (TYPES[words[2]], TYPES[words[3]])))
                 case ["property"]:
-                    elements[-1][2].append((words[2], (None, TYPES[words[1]])))
+                    elements[-1][2].append((words[2].lower(), (None, TYPES[words[1]])))
         except (IndexError, KeyError, ValueError):
             raise ValueError(f"the header's line {line.strip()[:60]!r} makes no sense") from None
     if encoding not in ORDERS or any(rows < 0 for _, rows, _ in elements):
@@ -148,7 +157,7 @@ def _stack(columns: Columns, *choices: tuple[str, ...]) -> NDArray | None:
 
 def _parts(
     path: Path, vertex: Columns, face: Columns, strips: Any, textures: list[str]
-) -> tuple[list[p.Part], list[str]]:
+) -> p.ModelParts:
     vertices = _stack(vertex, ("x", "y", "z"))
     if vertices is None:
         raise ValueError("no vertices x, y, z in the header")
@@ -171,18 +180,21 @@ def _parts(
         part = replace(part, uvs=texcoord[1].reshape(-1, 2)[corners.ravel()])
     if of_faces is not None:
         part = replace(part, colours=np.repeat(np.repeat(of_faces, triangles, axis=0), 3, axis=0))
-    if part.colours is not None:
-        part = replace(part, colours=p.colours_from_numbers(part.colours))
     notes: list[str] = []
+    if part.colours is not None:
+        part = replace(part, colours=p.colours_from_numbers(part.colours, notes))
+    elif unread := [name for name in (*vertex, *face) if COLOUR.search(name)]:
+        notes.append(f"Columns of the PLY that may be colours, left out: {', '.join(unread)}.")
     if not textures or part.uvs is None:
-        return [part], notes
+        return p.ModelParts([part], notes)
     pictures, number = p.load_textures(path.parent, textures, notes), face.get("texnumber")
     if number is None or len(textures) == 1:
-        return [replace(part, texture=pictures.get(textures[0]))], notes
+        return p.ModelParts([replace(part, texture=pictures.get(textures[0]))], notes)
     which, end = np.repeat(number, triangles).astype(np.int64), len(textures)
     of_texture = p.split_by(np.where((which < 0) | (which > end), end, which), end + 1)
-    return [
+    parts = [
         replace(part.corners_of(own), texture=pictures.get(name))
         for name, own in zip([*textures, "?"], of_texture, strict=True)
         if len(own)
-    ], notes
+    ]
+    return p.ModelParts(parts, notes)

@@ -19,6 +19,7 @@ WORDS = {
 READ = (b"mtllib", b"map_kd", b"texturefile")
 PICTURE_3DS = re.compile(rb"\x00\xa3(.{4})([^\x00]{1,255})\x00", re.DOTALL)
 """The chunk 0xA300, the file name of a material's picture: its id, its length, the name."""
+IMAGE_DAE = re.compile(rb"<image\b[^>]*>.*?<init_from>(?:\s*<ref>)?\s*([^<]+?)\s*<", re.DOTALL)
 CHUNK_HEADER = 6
 """Bytes of a 3DS chunk's id and length."""
 
@@ -41,6 +42,8 @@ def names_in(path: Path) -> dict[str, bool]:
         for length, name in PICTURE_3DS.findall(data):
             if struct.unpack("<I", length)[0] == CHUNK_HEADER + len(name) + 1:
                 names[name.decode("latin-1")] = True
+    elif suffix == ".dae":
+        return {unquote(name.decode("utf-8", "replace")): True for name in IMAGE_DAE.findall(data)}
     elif suffix in WORDS:
         pattern = rb"^(?:\xef\xbb\xbf)?[ \t]*%b[ \t]+([^\r\n]*[^\s])" % WORDS[suffix]
         for word, rest in re.findall(pattern, data, re.MULTILINE):

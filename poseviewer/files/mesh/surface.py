@@ -8,15 +8,13 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError, printable
 from poseviewer.files.checks import LARGEST_NUMBER as LARGEST_COORDINATE
-from poseviewer.files.mesh.parts import Part, check_indices
+from poseviewer.files.mesh.parts import GREY, Part, check_indices
 from poseviewer.geometry import normals as n
 from poseviewer.geometry.mesh import Mesh
 
 MOST_FACES = 20_000_000
 MOST_PARTS = 50_000
 """Each is cut out and mended by itself: this number of them takes half a minute."""
-GREY = 0.8
-"""Reflectance where a file says nothing about colour."""
 LEAST_COSINE = 0.25
 """A normal contradicts a face when it is further off (75 degrees); on a smooth cube it is 55."""
 BAD_NORMALS_SHARE = 0.1
@@ -25,8 +23,8 @@ LONGEST_NOTE = 300
 """Characters."""
 
 
-def as_mesh(name: str, parts: list[Part], notes: list[str], gltf: bool = False) -> Mesh:
-    """One Mesh of the parts of the file ``name``, mended, with notes; glTF is in m and y up."""
+def as_mesh(name: str, parts: list[Part], notes: list[str]) -> Mesh:
+    """One Mesh of the parts of the file ``name``, mended, with notes."""
     _check(name, parts)
     parts = [replace(part, name=printable(part.name)) for part in parts if len(part.faces)]
     mesh = _without_useless_faces(_merged(parts, notes))
@@ -34,8 +32,7 @@ def as_mesh(name: str, parts: list[Part], notes: list[str], gltf: bool = False) 
         mesh = _turned_to_normals(mesh)
     if not np.any(mesh.normals):
         mesh = _with_computed_normals(mesh)
-    mesh = _tinted_evenly(mesh).of_faces(slice(None))
-    return replace(mesh, unit="m" if gltf else None, y_up=gltf)
+    return _tinted_evenly(mesh).of_faces(slice(None))
 
 
 def _check(name: str, parts: list[Part]) -> None:

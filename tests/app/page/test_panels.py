@@ -12,13 +12,6 @@ from poseviewer.app.page.controls import Controls
 from poseviewer.app.page.handles import handles_of, path_of
 from poseviewer.app.page.panels import STEPS, curve_of
 from poseviewer.app.page.texts import ends_table
-from poseviewer.app.state.pose_edits import nudge
-from poseviewer.app.state.search_edits import (
-    alter_settings,
-    compare_losses,
-    search_advanced,
-    take_end,
-)
 from poseviewer.app.state.searches import LossComparison, SearchRequest
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import search_edits
@@ -26,6 +19,7 @@ from poseviewer.app.workers.opening import open_files
 from poseviewer.geometry.charts import short_name
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.scene.settings import FitSettings, Limits
+from tests.app.state import edits as c
 from tests.app.state.documents import after
 from tests.app.state.sets import make_set_session
 
@@ -43,7 +37,7 @@ def comparison(scene) -> LossComparison:
 def test_every_parameter_of_a_chart_has_a_field_and_a_lock():
     """Most have charts of several photos, where size and focal length are searched for."""
     session = make_set_session(free_scale=True)
-    session = after(session, alter_settings(lambda now: replace(now, free_focal=True)))
+    session = after(session, c.alter_settings(lambda now: replace(now, free_focal=True)))
     names = [short_name(name) for name in session.document.chart.names]
     assert names[-2:] == ["log focal", "log size"]
     guarded = serve("127.0.0.1", 0)
@@ -94,10 +88,10 @@ def test_both_ends_are_drawn_until_the_pose_is_another(scene, comparison):
     def drawn(session: Session) -> list[bool]:
         return [path_of(outline) in handles_of(session) for outline in comparison.outlines]
 
-    session = compare_losses()(Session(open_files(scene.photo, scene.model, scene.start)))
+    session = c.compare_losses()(Session(open_files(scene.photo, scene.model, scene.start)))
     assert session.search is not None
-    compared = search_advanced(session.search, comparison.ends[1], comparison)(session)
+    compared = c.search_advanced(session.search, comparison.ends[1], comparison)(session)
     assert drawn(compared) == [True, False]  # the one that is not at hand
-    other = take_end(0)(compared)
+    other = c.take_end(0)(compared)
     assert drawn(other) == [False, True]
-    assert drawn(nudge("move", 1.0)(other)) == [False, False]
+    assert drawn(c.nudge("move", 1.0)(other)) == [False, False]

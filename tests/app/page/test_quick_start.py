@@ -56,10 +56,7 @@ def test_four_point_pairs_place_the_model(browser: Browser, tmp_path: Path):
     camera = load_photo(case.photo).default_camera()
     now = look_from("three-quarter", model.mesh, model.keypoints, camera)
     drawn = framed(now, model.mesh, Rectangle(0, 0, *PHOTO).grown(-ALONE_MARGIN))
-    with (
-        AppProcess(tmp_path, case.photo, case.model) as app,
-        AppPage(browser, app.url) as page,
-    ):
+    with AppProcess(tmp_path, case.photo, case.model) as app, AppPage(browser, app.url) as page:
         page.wait_for_text("at this pose")
         page.page.get_by_text("Quick start", exact=True).click()
         page.page.get_by_role("button", name="Point pairs").click()

@@ -11,14 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from poseviewer.app.page.result import copies_of, deviations_of, numbers_of, result_html
 from poseviewer.app.page.texts import opened_text
-from poseviewer.app.state.camera_edits import set_field_of_view
-from poseviewer.app.state.display_edits import set_fields
-from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.files.pose import load_pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.types import SearchResult
+from tests.app.state import edits as c
 from tests.app.state.documents import BUMPY, PARALLEL, PERSPECTIVE, after, make_photo, make_session
 
 
@@ -64,7 +62,7 @@ def test_each_number_has_the_deviation_of_poses_drawn_by_the_covariance() -> Non
     assert list(said) == list(numbers_of(session.document.pose))
     np.testing.assert_allclose(list(said.values()), np.std(drawn, axis=0), rtol=0.05)
     assert all("±" in text for text in rows_of(session).values())
-    moved = after(session, nudge("move", 1.0))  # it was the other pose's
+    moved = after(session, c.nudge("move", 1.0))  # it was the other pose's
     assert not any("±" in text for text in rows_of(moved).values())
 
 
@@ -72,7 +70,7 @@ def test_an_angle_at_half_a_turn_has_its_deviation() -> None:
     turned = RigidTransform.from_rotation_vector([0.0, 0.0, np.pi], [0.0, 0.0, 8.0])
     session = make_session()
     pose = replace(session.document.pose, camera_from_model=turned)
-    session = searched(after(session, set_fields(document=session.document.at_pose(pose))))
+    session = searched(after(session, c.set_fields(document=session.document.at_pose(pose))))
     assert deviations_of(session)["turn z"] < 1.0
 
 
@@ -94,7 +92,7 @@ def test_a_calibration_and_exif_are_named() -> None:
             rows_of(session)["focal"]
         ]
         assert (f"{word} camera" in opened_text(session)) == (word == "calibrated")
-        changed = after(session, set_field_of_view(20.0))
+        changed = after(session, c.set_field_of_view(20.0))
         assert word not in rows_of(changed)["focal"]
 
 

@@ -21,14 +21,12 @@ from poseviewer.app.page.texts import (
     verdict_text,
 )
 from poseviewer.app.state import hiding as h
-from poseviewer.app.state.display_edits import show_style
-from poseviewer.app.state.pointer_edits import set_tool
 from poseviewer.app.state.results import LossReading, Results
-from poseviewer.app.state.search_edits import start_search, stop_search
 from poseviewer.app.workers.exporting import saved_scene
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.scene.types import SearchResult
+from tests.app.state import edits as c
 from tests.app.state.documents import PERSPECTIVE, after, make_photo, make_session
 from tests.meshes import make_two_boxes
 
@@ -75,11 +73,11 @@ def test_reasons_of_a_file_are_no_markup_to_the_page():
 def test_the_line_over_the_photo_says_what_space_does_next():
     session = make_session()
     assert hint_of(session) == USUAL_HINT  # it searches
-    searching = after(session, start_search())
+    searching = after(session, c.start_search())
     assert hint_of(searching) == SEARCHING_HINT
-    assert hint_of(after(searching, stop_search())) == USUAL_HINT
-    assert hint_of(after(searching, set_tool("brush"))) != SEARCHING_HINT
-    assert hint_of(after(session, show_style("residual"))) == ""  # its legend is there
+    assert hint_of(after(searching, c.stop_search())) == USUAL_HINT
+    assert hint_of(after(searching, c.set_tool("brush"))) != SEARCHING_HINT
+    assert hint_of(after(session, c.show_style("residual"))) == ""  # its legend is there
 
 
 def test_the_share_that_is_hidden_is_said():

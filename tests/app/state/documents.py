@@ -8,8 +8,8 @@ import pytest
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.dragging import Drag
 from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.pointer_edits import update
 from poseviewer.app.state.session import SearchRequest, Session
-from poseviewer.app.state.update import update
 from poseviewer.errors import PoseViewerError
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.image import Photo
@@ -25,6 +25,7 @@ from tests.meshes import make_box, make_bumpy
 WIDTH, HEIGHT = 160, 120
 PERSPECTIVE = Perspective(300.0, 240.0, 83.0, 58.0, WIDTH, HEIGHT)
 PARALLEL = Parallel(25.0, 83.0, 58.0, WIDTH, HEIGHT)
+CAMERAS = pytest.mark.parametrize("camera", [PARALLEL, PERSPECTIVE], ids=["parallel", "pinhole"])
 BUMPY = make_bumpy(2)
 CAR = make_box((4.0, 1.7, 1.3))
 

@@ -6,20 +6,9 @@ import numpy as np
 import pytest
 
 from poseviewer.app.state import hiding as h
-from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import Document, verdict_of
-from poseviewer.app.state.document_edits import undo
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.objects import add_object, pick_object
-from poseviewer.app.state.pointer_edits import double_press, press, set_tool
-from poseviewer.app.state.pose_edits import nudge
-from poseviewer.app.state.search_edits import (
-    accept_search,
-    alter_settings,
-    search_advanced,
-    start_search,
-    with_progress,
-)
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import run_search
 from poseviewer.app.workers.opening import open_files
@@ -29,6 +18,7 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.settings import FitSettings, Limits
 from poseviewer.scene.types import SearchResult
+from tests.app.state import edits as c
 from tests.app.state.documents import (
     HEIGHT,
     PERSPECTIVE,
@@ -91,14 +81,14 @@ def test_the_part_that_is_pressed_is_left_out_and_comes_back():
     session = with_two_parts()
     mesh, pose = session.document.mesh, session.document.pose
     body, mirror = (pose.project(mesh.part_vertices(name).mean(axis=0)) for name in mesh.part_names)
-    without = after(session, set_tool("part"), press(*mirror))
-    assert after(without, double_press(*mirror)) is without
+    without = after(session, c.set_tool("part"), c.press(*mirror))
+    assert after(without, c.double_press(*mirror)) is without
     assert "nothing would be left" in refused(without, h.leave_out(*body)).lower()
     assert refused(session, h.leave_out(1.0, 1.0)).startswith("There is no model there")
     assert without.document.mesh.left_out == ("mirror",)
     assert without.document.pose is pose
     assert after(without, h.bring_back(0)).document.mesh is mesh
-    assert after(without, undo()).document.mesh is mesh
+    assert after(without, c.undo()).document.mesh is mesh
     assert after(without, h.bring_back(5)).document is without.document
 
 
@@ -109,7 +99,7 @@ def test_undo_reaches_over_many_parts():
     start = session.document
     for _ in range(6):  # each a mesh of its own, all of one model
         session = after(session, h.leave_out(*mirror), h.bring_back(0))
-    assert after(session, *[undo()] * 12).document is start
+    assert after(session, *[c.undo()] * 12).document is start
 
 
 def ended_search(scene, columns: int = WIDTH // 2) -> Session:
@@ -118,9 +108,9 @@ def ended_search(scene, columns: int = WIDTH // 2) -> Session:
     """
     opened = open_files(scene.photo, scene.model, scene.start)
     settings = FitSettings(limits=Limits(5))
-    session = after(Session(opened.with_object(settings=settings)), start_search())
+    session = after(Session(opened.with_object(settings=settings)), c.start_search())
     *_, last = run_search(asked_of(session))
-    document = with_progress(session.document, last)
+    document = c.with_progress(session.document, last)
     result = document.object.result
     assert result is not None
     hidden = np.zeros((HEIGHT, WIDTH), bool)
@@ -128,7 +118,7 @@ def ended_search(scene, columns: int = WIDTH // 2) -> Session:
     seen = share_seen(document, Mask.of(~hidden))
     result = replace(result, hidden=(hidden,), seen=(seen,))
     found = replace(last, scene=last.scene.with_object(0, result=result))
-    return after(session, search_advanced(asked_of(session), found))
+    return after(session, c.search_advanced(asked_of(session), found))
 
 
 def share_seen(document: Document, mask: Mask | None) -> float:
@@ -150,7 +140,7 @@ def test_what_a_search_found_is_hidden_and_can_be_corrected(scene):
     assert h.found_hidden(taken) is None  # it is painted now: erase corrects it
     corrected = after(taken, brush((0.0, 0.0), radius=300.0, erase=True))
     assert h.masks_of(corrected) == (None, None)
-    assert h.masks_of(after(taken, undo())) == (None, None)
+    assert h.masks_of(after(taken, c.undo())) == (None, None)
 
 
 def test_what_is_painted_is_hidden_from_every_object_or_from_one_alone():
@@ -158,21 +148,21 @@ def test_what_is_painted_is_hidden_from_every_object_or_from_one_alone():
     assert np.sum(counts(session) == 0.0) > 50  # of the object that came later, too
     result = SearchResult(loss=0.1, unexplained=0.1)
     searched = replace(session, document=session.document.with_object(0, result=result))
-    alone = after(searched, set_fields("pen", for_one=True), brush((90.5, 60.5)))
+    alone = after(searched, c.set_fields("pen", for_one=True), brush((90.5, 60.5)))
     assert counts(alone)[60, 90] == 0.0
     other = after(alone, pick_object(1))
     assert counts(other)[60, 90] == 1.0
     assert other.document.object.result is result  # its pixels are as they were
-    painted = after(other, set_fields("pen", for_one=False), brush((60.5, 90.5)))
+    painted = after(other, c.set_fields("pen", for_one=False), brush((60.5, 90.5)))
     assert [one.result for one in painted.document.scene.objects] == [None, None]
     # Erasing shows what is seen to be hidden, whatever hides it; a part is undone alone.
     erased = after(
-        alone, set_fields("pen", for_one=False), brush((90.5, 60.5), radius=9.0, erase=True)
+        alone, c.set_fields("pen", for_one=False), brush((90.5, 60.5), radius=9.0, erase=True)
     )
     assert counts(erased)[60, 90] == 1.0
     assert counts(erased)[30, 40] == 0.0
     assert counts(after(alone, h.unhide()))[30, 40] == 0.0
-    assert h.masks_of(after(alone, set_fields("pen", for_one=False), h.unhide())) == (None, None)
+    assert h.masks_of(after(alone, c.set_fields("pen", for_one=False), h.unhide())) == (None, None)
 
 
 def test_an_object_keeps_its_verdict_where_strokes_change_none_of_its_pixels():
@@ -182,12 +172,12 @@ def test_an_object_keeps_its_verdict_where_strokes_change_none_of_its_pixels():
     beside = after(session, at_edge)
     assert beside.document.object.result is result
     assert after(beside, brush((80.5, 60.5))).document.object.result is None
-    whole = after(session, alter_settings(lambda now: replace(now, pixels="whole")), at_edge)
+    whole = after(session, c.alter_settings(lambda now: replace(now, pixels="whole")), at_edge)
     assert whole.document.object.result is None
 
 
 def test_nothing_is_hidden_where_the_user_says_so_until_more_is_painted():
-    nothing = alter_settings(lambda now: replace(now, in_front="nothing"))
+    nothing = c.alter_settings(lambda now: replace(now, in_front="nothing"))
     session = after(make_session(PERSPECTIVE), brush((40.5, 30.5)), nothing)
     assert np.all(counts(session) == 1.0)
     assert any(h.masks_of(session))  # it is kept
@@ -204,11 +194,11 @@ def test_what_is_saved_as_seen_is_what_the_mask_leaves(scene):
     session = ended_search(scene)
     for now in (
         session,
-        after(session, accept_search()),
+        after(session, c.accept_search()),
         after(session, h.hide_found()),
-        after(session, accept_search(), h.hide_found()),
-        after(session, add_object(), nudge("move", 9.0), pick_object(1)),
-        after(session, h.hide_found(), add_object(), nudge("move", 9.0), pick_object(1)),
+        after(session, c.accept_search(), h.hide_found()),
+        after(session, add_object(), c.nudge("move", 9.0), pick_object(1)),
+        after(session, h.hide_found(), add_object(), c.nudge("move", 9.0), pick_object(1)),
     ):
         record, mask = record_of(now), now.document.scene.mask(now.document.active)
         assert record.verdict is not None
@@ -217,6 +207,6 @@ def test_what_is_saved_as_seen_is_what_the_mask_leaves(scene):
         assert record.seen == pytest.approx(share_seen(now.document, mask), abs=0.03)
         assert verdict_of(now.document.object) == record.verdict.word
     # Painting asks for another search, and takes its word from the one before.
-    painted = after(session, accept_search(), brush((150.0, 10.0)))
+    painted = after(session, c.accept_search(), brush((150.0, 10.0)))
     assert record_of(painted).seen is None
     assert verdict_of(painted.document.object) == "not searched"

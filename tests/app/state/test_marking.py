@@ -5,8 +5,6 @@ import pytest
 
 from poseviewer.app.page.handles import model_html
 from poseviewer.app.page.texts import hint_of
-from poseviewer.app.state.display_edits import set_fields
-from poseviewer.app.state.document_edits import redo, undo
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.marking import (
     clear_marks,
@@ -15,22 +13,15 @@ from poseviewer.app.state.marking import (
     pair_errors,
     remove_mark,
 )
-from poseviewer.app.state.pointer_edits import (
-    cancel_drag,
-    double_press,
-    drag_to,
-    press,
-    release,
-    set_tool,
-)
-from poseviewer.app.state.pose_edits import view_from
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
 from poseviewer.starts.placing import look_from
 from poseviewer.vehicle.chart import visible_side
 from poseviewer.vehicle.wheel_pose import ellipse_through, wheel_rims
+from tests.app.state import edits as c
 from tests.app.state.documents import (
+    CAMERAS,
     CAR,
     PARALLEL,
     PERSPECTIVE,
@@ -52,10 +43,10 @@ def with_pair(session: Session, spot: np.ndarray, target: Pose) -> Session:
     document = session.document
     middle = document.pose.project(document.mesh.centre)
     radius = 0.8 * np.abs(document.pose.project(document.mesh.vertices) - middle).max()
-    picked = after(session, press(*(middle + radius * spot), zoom=30.0), release())
+    picked = after(session, c.press(*(middle + radius * spot), zoom=30.0), c.release())
     assert picked.document.marks.waits_for_pixel
     pixel = target.project(picked.document.marks.points[-1])
-    return after(picked, press(*pixel), release())
+    return after(picked, c.press(*pixel), c.release())
 
 
 def off(session: Session, target: Pose) -> float:
@@ -65,7 +56,7 @@ def off(session: Session, target: Pose) -> float:
 
 @pytest.mark.parametrize(("camera", "needed"), [(PERSPECTIVE, 4), (PARALLEL, 3)])
 def test_enough_pairs_place_the_model(camera, needed: int):
-    session = after(make_session(camera), set_tool("pairs"))
+    session = after(make_session(camera), c.set_tool("pairs"))
     start, target = session.document.pose, Pose(camera, TARGET)
     for count, spot in enumerate(SPOTS[:needed]):
         assert session.document.pose is start or count == 0
@@ -74,43 +65,45 @@ def test_enough_pairs_place_the_model(camera, needed: int):
     assert pair_errors(session.document).max() < 1e-3
     if needed == 4:
         assert off(session, target) < 1e-4
-    undone = after(session, undo())
+    undone = after(session, c.undo())
     assert undone.document.pose is start
     assert undone.document.marks.waits_for_pixel
-    assert after(undone, redo()).document is session.document
+    assert after(undone, c.redo()).document is session.document
 
 
 def test_a_dragged_mark_takes_the_pose_along_in_one_step():
-    session = after(make_session(), set_tool("pairs"))
+    session = after(make_session(), c.set_tool("pairs"))
     target = Pose(PERSPECTIVE, TARGET)
     for spot in SPOTS[:4]:
         session = with_pair(session, spot, target)
     x, y = session.document.marks.correspondences[1][2]
-    dragged = after(session, press(x + 1, y), drag_to(x + 6, y), drag_to(x + 9, y), release())
+    dragged = after(
+        session, c.press(x + 1, y), c.drag_to(x + 6, y), c.drag_to(x + 9, y), c.release()
+    )
     np.testing.assert_allclose(dragged.document.marks.correspondences[1][2], [x + 8, y])
     assert dragged.tool == "pairs"
     assert off(dragged, target) > 0.01
-    assert after(dragged, undo()).document is session.document
+    assert after(dragged, c.undo()).document is session.document
     # A mark that is double-clicked goes; three pairs leave the pose as it is.
-    removed = after(session, double_press(x, y))
+    removed = after(session, c.double_press(x, y))
     assert len(removed.document.marks.pixels) == 3
     assert removed.document.pose is session.document.pose
 
 
 def test_what_cannot_be_marked_is_said():
-    session = after(make_session(), set_tool("pairs"))
-    assert "no model there" in refused(session, press(1.0, 1.0))
-    wheels = after(session, set_tool("wheels"))
-    assert "wheels at the right first" in refused(wheels, press(80.0, 60.0))
+    session = after(make_session(), c.set_tool("pairs"))
+    assert "no model there" in refused(session, c.press(1.0, 1.0))
+    wheels = after(session, c.set_tool("wheels"))
+    assert "wheels at the right first" in refused(wheels, c.press(80.0, 60.0))
 
 
 def test_escape_ends_the_mode_and_keeps_the_marks():
-    session = after(make_session(), set_tool("pairs"))
+    session = after(make_session(), c.set_tool("pairs"))
     session = with_pair(session, SPOTS[0], Pose(PERSPECTIVE, TARGET))
-    ended = after(session, cancel_drag())
+    ended = after(session, c.cancel_drag())
     assert ended.tool == "pose"
     assert len(ended.document.marks.pixels) == 1
-    cleared = after(ended, set_tool("pairs"), clear_marks())
+    cleared = after(ended, c.set_tool("pairs"), clear_marks())
     assert cleared.document.marks.points == ()
     assert after(cleared, remove_mark()).document is cleared.document
 
@@ -118,7 +111,7 @@ def test_escape_ends_the_mode_and_keeps_the_marks():
 def drawn_beside(session: Session, pose: Pose) -> Session:
     """The session with a picture of the model at a pose."""
     picture = np.zeros((60, 80, 3), np.uint8)
-    return after(session, set_fields("results", alone=(pose, picture)))
+    return after(session, c.set_fields("results", alone=(pose, picture)))
 
 
 def press_beside(pixel: np.ndarray) -> Edit:
@@ -128,7 +121,7 @@ def press_beside(pixel: np.ndarray) -> Edit:
 
 def test_points_of_the_model_are_marked_beside_the_photo():
     beside = Pose(PERSPECTIVE, TARGET)
-    session = drawn_beside(after(make_session(), set_tool("pairs")), beside)
+    session = drawn_beside(after(make_session(), c.set_tool("pairs")), beside)
     assert "1</text>" not in model_html(session)
     pixel = beside.project(session.document.mesh.centre)
     for step in (3.2, 0.0):  # one that waits for its place in the photo is marked anew
@@ -137,7 +130,7 @@ def test_points_of_the_model_are_marked_beside_the_photo():
         np.testing.assert_allclose(beside.project(point) - pixel, [step, 0.0], atol=1e-6)
         assert "1</text>" in model_html(marked)
         session = marked
-    assert model_html(after(session, set_tool("pose"))) == ""
+    assert model_html(after(session, c.set_tool("pose"))) == ""
     corner = np.array([1.0, 119.0])
     assert "no model there" in refused(after(session, clear_marks()), press_beside(corner))
 
@@ -146,7 +139,7 @@ def test_points_of_the_model_are_marked_beside_the_photo():
 def test_wheels_of_a_model_without_any_are_pressed_beside_the_photo(side):
     wanted = make_keypoints()
     seen = look_from(side, CAR, wanted, PERSPECTIVE)  # stands as the file's axes say
-    session = drawn_beside(after(make_session(mesh=CAR), set_tool("wheels")), seen)
+    session = drawn_beside(after(make_session(mesh=CAR), c.set_tool("wheels")), seen)
     rear, front = getattr(wanted, side).rear_wheel, getattr(wanted, side).front_wheel
     assert "rear wheel on the model" in hint_of(session)
     half = after(session, press_beside(seen.project(rear)))
@@ -161,47 +154,43 @@ def test_wheels_of_a_model_without_any_are_pressed_beside_the_photo(side):
             np.testing.assert_allclose(own, its, atol=1e-6)
     assert "rim: point 1" in hint_of(placed)  # on the photo, as with any other vehicle
     assert placed.is_unsaved
-    assert after(placed, undo()).document is half.document
+    assert after(placed, c.undo()).document is half.document
 
 
-@pytest.mark.parametrize("camera", [PERSPECTIVE, PARALLEL])
-def test_five_points_on_each_rim_place_the_car(camera):
-    target = look_from("three-quarter", CAR, make_keypoints(), camera)
-    session = after(make_session(camera, vehicle=True), view_from("left"), set_tool("wheels"))
-    side = visible_side(make_keypoints(), target)
-    for rim in wheel_rims(target, side, 0.35):
+@CAMERAS
+def test_five_points_on_each_rim_place_the_car_as_found_wheels_do(camera):
+    keypoints = make_keypoints()
+    target, start = look_from("three-quarter", CAR, keypoints, camera), make_session(camera, True)
+    session = begun = after(start, c.view_from("left"), c.set_tool("wheels"))
+    rims = wheel_rims(target, visible_side(keypoints, target), 0.35)
+    for rim in rims:
         for point in rim[[1, 6, 11, 16, 20]]:
-            session = after(session, press(*point, zoom=9.0), release())
+            session = after(session, c.press(*point, zoom=9.0), c.release())
     assert not session.document.marks.note
     assert len(session.document.marks.ellipses) == 2
     assert off(session, target) < 0.02
-    assert "outlined" in refused(session, press(3.0, 3.0, zoom=9.0))
+    assert "outlined" in refused(session, c.press(3.0, 3.0, zoom=9.0))
     left = after(session, remove_mark())
     assert len(left.document.marks.rims) == 9
     x, y = session.document.marks.rims[0]
-    moved = after(session, press(x, y, zoom=9.0), drag_to(x + 2.0, y + 1.0), release())
+    moved = after(session, c.press(x, y, zoom=9.0), c.drag_to(x + 2.0, y + 1.0), c.release())
     assert off(moved, target) > 1e-3
-    assert after(moved, undo()).document is session.document
-
-
-def test_found_wheels_are_marks_that_are_undone_in_one_step():
-    session = after(make_session(vehicle=True), view_from("left"), set_tool("wheels"))
-    target = look_from("three-quarter", CAR, make_keypoints(), PERSPECTIVE)
-    own, side = session.document, visible_side(make_keypoints(), target)
-    rear, front = [ellipse_through(rim) for rim in wheel_rims(target, side, 0.35)]
-    laid = after(session, lay_wheels(own, rear, front, target))
+    assert after(moved, c.undo()).document is session.document
+    # Wheels that were found are marks that are undone in one step.
+    rear, front = (ellipse_through(rim) for rim in rims)
+    laid = after(begun, lay_wheels(begun.document, rear, front, target))
     assert_same_pose(laid.document.pose, target)
     for seen, given in zip(laid.document.marks.ellipses, (rear, front), strict=True):
         np.testing.assert_allclose(seen.outline(), given.outline(), atol=0.05)
-    assert after(laid, undo()).document is session.document
+    assert after(laid, c.undo()).document is begun.document
     stale = lay_wheels(make_document(vehicle=True, photo=make_photo(1)), rear, front, target)
-    assert "another photo" in refused(session, stale)
+    assert "another photo" in refused(begun, stale)
 
 
 def test_points_on_no_ellipse_leave_the_pose_and_say_so():
-    session = after(make_session(vehicle=True), set_tool("wheels"))
+    session = after(make_session(vehicle=True), c.set_tool("wheels"))
     before, points = session.document.pose, [(20.0 + 9 * x, 30.0 + 9 * x) for x in range(5)]
     for point in points:
-        session = after(session, press(*point, zoom=5.0), release())
+        session = after(session, c.press(*point, zoom=5.0), c.release())
     assert "edge-on" in session.document.marks.note
     assert session.document.pose is before

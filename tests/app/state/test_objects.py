@@ -6,9 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poseviewer.app.state.camera_edits import set_field_of_view, set_projection
 from poseviewer.app.state.document import compared, label_of, verdict_of
-from poseviewer.app.state.document_edits import open_document, undo
 from poseviewer.app.state.dragging import nearest_object
 from poseviewer.app.state.objects import (
     MOST_OBJECTS,
@@ -17,14 +15,12 @@ from poseviewer.app.state.objects import (
     pick_object,
     remove_object,
 )
-from poseviewer.app.state.pointer_edits import double_press, drag_to, press, release
-from poseviewer.app.state.pose_edits import make_start, nudge, reset_to_start, view_from
-from poseviewer.app.state.search_edits import alter_settings, search_all, start_search
 from poseviewer.app.state.session import Session
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.types import SearchResult
+from tests.app.state import edits as c
 from tests.app.state.documents import (
     CAR,
     PERSPECTIVE,
@@ -44,8 +40,8 @@ FOUND = SearchResult(verdict=Verdict("found", 0.9), loss=0.1, unexplained=0.1)
 
 def with_two(camera=PERSPECTIVE) -> Session:
     """The ball at the left, and a box, which is active, at the right of it and behind it."""
-    session = after(make_session(camera), nudge("move", -30.0), add_object(BOX))
-    return after(session, nudge("scale", -60.0), nudge("move", 30.0))
+    session = after(make_session(camera), c.nudge("move", -30.0), add_object(BOX))
+    return after(session, c.nudge("scale", -60.0), c.nudge("move", 30.0))
 
 
 def pose_of(session: Session, number: int) -> Pose:
@@ -67,7 +63,7 @@ def numbers(session: Session) -> list[int]:
 
 
 def test_an_added_object_is_picked_and_waits_for_its_place():
-    first = after(make_session(), nudge("move", 3.0))
+    first = after(make_session(), c.nudge("move", 3.0))
     session = after(first, add_object(BOX))
     document = session.document
     assert (document.number, label_of(document.object)) == (2, "box.ply")
@@ -76,23 +72,23 @@ def test_an_added_object_is_picked_and_waits_for_its_place():
     assert pose_of(session, 1) is first.document.pose
     # The next press puts it there, also where the other one is, or it was drawn until then.
     for at in ((middle(session, 1)[0], 5.0), (middle(session, 2)[0] - 5.0, 60.0)):
-        placed = after(session, press(*at), release())
+        placed = after(session, c.press(*at), c.release())
         assert placed.document.object.is_placed
         assert middle(placed, 2) == pytest.approx(at, abs=1e-6)
         assert placed.document.scene.objects[0] is session.document.scene.objects[0]
-        assert after(placed, undo()).document is session.document
+        assert after(placed, c.undo()).document is session.document
     again = after(session, add_object())  # the same model once more
     assert again.document.mesh is BOX.mesh
     assert not again.document.object.is_placed
 
 
 def test_every_object_keeps_what_is_its_own_when_another_is_picked():
-    session = after(make_session(), nudge("move", -30.0))
+    session = after(make_session(), c.nudge("move", -30.0))
     x, y = middle(session, 1)
-    session = after(session, double_press(float(x), float(y)), make_start())
-    session = after(session, alter_settings(lambda s: replace(s, seed=7)))
+    session = after(session, c.double_press(float(x), float(y)), c.make_start())
+    session = after(session, c.alter_settings(lambda s: replace(s, seed=7)))
     ball = session.document
-    session = after(session, add_object(TAXI), nudge("roll", 5.0))
+    session = after(session, add_object(TAXI), c.nudge("roll", 5.0))
     session = after(session, alter_object(2, name="taxi"))
     car = session.document
     back = after(session, pick_object(1)).document
@@ -105,7 +101,7 @@ def test_every_object_keeps_what_is_its_own_when_another_is_picked():
 
 
 def test_picking_is_no_step_and_ends_a_search():
-    session = after(with_two(), start_search())
+    session = after(with_two(), c.start_search())
     picked = after(session, pick_object(1))
     assert picked.search is None
     assert picked.history is session.history
@@ -117,26 +113,26 @@ def test_picking_is_no_step_and_ends_a_search():
 def test_a_press_picks_what_is_nearest_there_and_holds_it():
     session = with_two()
     x, y = middle(session, 1)
-    held = after(session, press(x, y))
+    held = after(session, c.press(x, y))
     assert held.document.number == 1
     assert held.drag is not None
-    moved = after(held, drag_to(x + 6.0, y), release())
+    moved = after(held, c.drag_to(x + 6.0, y), c.release())
     assert middle(moved, 1) == pytest.approx([x + 6.0, y])
     assert middle(moved, 2) == pytest.approx(middle(session, 2))
-    assert poses_of(after(moved, undo())) == poses_of(session)
+    assert poses_of(after(moved, c.undo())) == poses_of(session)
     # Where one is in front of the other, the one in front is taken; beside both, none.
     x, y = middle(session, 1)
-    session = after(session, nudge("move", *(middle(session, 1) - middle(session, 2))))
+    session = after(session, c.nudge("move", *(middle(session, 1) - middle(session, 2))))
     assert nearest_object(session.document, np.array([x, y])) == 0
-    behind = after(session, nudge("scale", 200.0))
+    behind = after(session, c.nudge("scale", 200.0))
     assert nearest_object(behind.document, np.array([x, y])) == 1
-    assert after(session, press(1.0, 1.0)).document.number == 2
+    assert after(session, c.press(1.0, 1.0)).document.number == 2
 
 
 @pytest.mark.parametrize("change", [{"hidden": True}, {"locked": True}])
 def test_what_is_hidden_or_locked_is_left_alone_by_presses(change):
     session = after(with_two(), alter_object(1, **change))
-    at = press(*middle(session, 1))
+    at = c.press(*middle(session, 1))
     assert after(session, at) is session
     picked = after(session, pick_object(1), at)
     assert picked.drag is None
@@ -145,22 +141,22 @@ def test_what_is_hidden_or_locked_is_left_alone_by_presses(change):
 def test_a_locked_object_stays_where_it_is_in_the_photo():
     session = after(with_two(), alter_object(2, locked=True))
     for command in (
-        nudge("move", 1.0),
-        reset_to_start(),
-        view_from("left"),
-        open_document(moved_document(session.document, 0.3)),
-        start_search(),
+        c.nudge("move", 1.0),
+        c.reset_to_start(),
+        c.view_from("left"),
+        c.open_document(moved_document(session.document, 0.3)),
+        c.start_search(),
     ):
         assert refused(session, command).startswith("Box.ply is locked: unlock it")
     # Another camera is another thing, and others can be moved and searched.
-    seen = after(session, set_field_of_view(30.0))
+    seen = after(session, c.set_field_of_view(30.0))
     assert middle(seen, 2) == pytest.approx(middle(session, 2))
-    moved = after(session, pick_object(1), nudge("move", 1.0), start_search())
+    moved = after(session, pick_object(1), c.nudge("move", 1.0), c.start_search())
     assert moved.is_searching
-    assert after(session, undo(), nudge("move", 1.0)).document.number == 2
+    assert after(session, c.undo(), c.nudge("move", 1.0)).document.number == 2
 
 
-@pytest.mark.parametrize("command", [set_field_of_view(20.0), set_projection("parallel")])
+@pytest.mark.parametrize("command", [c.set_field_of_view(20.0), c.set_projection("parallel")])
 def test_one_camera_sees_all_and_each_keeps_its_place(command):
     session = with_two()
     seen = after(session, command)
@@ -170,7 +166,7 @@ def test_one_camera_sees_all_and_each_keeps_its_place(command):
     if isinstance(own, Parallel) and isinstance(its, Parallel):
         its = replace(its, scale=own.scale)
     assert own == its
-    assert poses_of(after(seen, undo())) == poses_of(session)
+    assert poses_of(after(seen, c.undo())) == poses_of(session)
 
 
 def test_the_active_one_is_compared_among_those_that_stand_firm():
@@ -216,7 +212,7 @@ def test_undo_reaches_back_over_all_objects_at_hand():
             make_box((1.0, 1.0, 1.0 + number)), None, f"{number:064d}", name="b.ply"
         )
         session = after(session, add_object(model))
-    session = after(session, pick_object(1), *[nudge("move", 1.0)] * 9, *[undo()] * 17)
+    session = after(session, pick_object(1), *[c.nudge("move", 1.0)] * 9, *[c.undo()] * 17)
     assert numbers(session) == [1]
 
 
@@ -229,15 +225,25 @@ def test_a_verdict_is_of_the_pose_that_it_was_given_to():
     found = replace(session, document=session.document.with_object(result=FOUND))
     session = after(found, add_object(BOX))
     assert verdict(session) == "found"
-    for edits in ((pick_object(1), nudge("move", 1.0)), (set_field_of_view(30.0),)):
+    for edits in ((pick_object(1), c.nudge("move", 1.0)), (c.set_field_of_view(30.0),)):
         assert verdict(after(session, *edits)) == "not searched"
 
 
 def test_a_search_is_for_the_active_one_and_all_are_searched_for_in_turn():
     session = with_two()
-    assert asked_of(after(session, start_search())).object_indices == (1,)
-    assert asked_of(after(session, search_all())).object_indices == (0, 1)
-    hidden = after(session, alter_object(1, hidden=True), search_all())
+    assert asked_of(after(session, c.start_search())).object_indices == (1,)
+    assert asked_of(after(session, c.search_all())).object_indices == (0, 1)
+    hidden = after(session, alter_object(1, hidden=True), c.search_all())
     assert asked_of(hidden).object_indices == (1,)
     locked = after(session, alter_object(2, locked=True))
-    assert "locked" in refused(locked, start_search())
+    assert "locked" in refused(locked, c.start_search())
+
+
+def test_a_note_on_an_object_is_one_step_and_unsaved_until_it_is_written():
+    session = make_session()
+    session = replace(session, saved=session.document)
+    typed = after(session, *[alter_object(1, note=text) for text in ("t", "to", "x" * 5000)])
+    assert typed.is_unsaved
+    assert typed.document.object.note == "x" * 1000
+    assert typed.document.pose is session.document.pose
+    assert after(typed, c.undo()).document is session.document

@@ -10,28 +10,9 @@ import pytest
 from poseviewer.app.page.reports import meaning_of
 from poseviewer.app.page.strip import proposals_row
 from poseviewer.app.page.texts import hint_of, proposals_text
-from poseviewer.app.state.display_edits import show_style
 from poseviewer.app.state.document import verdict_of
-from poseviewer.app.state.document_edits import open_document, undo
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.objects import add_object, pick_object
-from poseviewer.app.state.pointer_edits import cancel_drag, drag_to, press, release, set_tool
-from poseviewer.app.state.pose_edits import nudge, view_from
-from poseviewer.app.state.proposal_edits import (
-    propose_starts,
-    start_fitted,
-    starts_proposed,
-    step_proposals,
-    stop_proposing,
-    take_start,
-    toggle_box,
-)
-from poseviewer.app.state.search_edits import (
-    accept_search,
-    revert_search,
-    start_search,
-    stop_search,
-)
 from poseviewer.app.state.searches import start_query
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import proposed as made
@@ -42,6 +23,7 @@ from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.assets import ModelFile
 from poseviewer.starts.automatic import Proposal
+from tests.app.state import edits as c
 from tests.app.state.documents import (
     CAR,
     PERSPECTIVE,
@@ -65,20 +47,20 @@ OUTLINES = tuple(
 def nowhere(**more: bool) -> Session:
     """A model without a pose has been opened on a photo."""
     document = make_document().with_object(is_placed=False)
-    return after(make_session(), open_document(document, **more))
+    return after(make_session(), c.open_document(document, **more))
 
 
 def proposed(session: Session) -> Session:
-    asked = after(session, propose_starts())
+    asked = after(session, c.propose_starts())
     assert asked.proposals is not None
-    return after(asked, starts_proposed(asked.proposals.document, STARTS, OUTLINES))
+    return after(asked, c.starts_proposed(asked.proposals.document, STARTS, OUTLINES))
 
 
 def test_starts_are_looked_for_in_a_box_that_is_seen_meanwhile():
-    session = after(make_session(), set_tool("box"), press(20, 15), drag_to(90, 300))
+    session = after(make_session(), c.set_tool("box"), c.press(20, 15), c.drag_to(90, 300))
     box = session.document.marks.box
     assert box == session.shown_box == (20, 15, 70, 105)  # cut to the photo of 160 x 120
-    drawn = after(session, release())
+    drawn = after(session, c.release())
     assert (drawn.tool, drawn.shown_box) == ("pose", box)
     assert drawn.proposals is not None
     assert drawn.is_proposing
@@ -86,29 +68,29 @@ def test_starts_are_looked_for_in_a_box_that_is_seen_meanwhile():
     seen = drawn.document.pose.project(drawn.document.mesh.vertices)
     assert np.all((seen > [19, 14]) & (seen < [91, 121]))  # and the model is there already
     assert np.max(np.ptp(seen, axis=0) / [70, 105]) == pytest.approx(1.0, rel=0.01)
-    for ending in (stop_proposing(), cancel_drag()):
+    for ending in (c.stop_proposing(), c.cancel_drag()):
         assert after(drawn, ending).shown_box is after(drawn, ending).proposals is None
-    assert after(drawn, undo()).document is drawn.history.past[0]
-    found = after(drawn, starts_proposed(drawn.proposals.document, STARTS, OUTLINES))
-    searching = after(found, start_search())
+    assert after(drawn, c.undo()).document is drawn.history.past[0]
+    found = after(drawn, c.starts_proposed(drawn.proposals.document, STARTS, OUTLINES))
+    searching = after(found, c.start_search())
     assert (found.shown_box, searching.shown_box) == (box, None)
-    stopped = after(searching, stop_search())
-    assert after(stopped, revert_search()).shown_box == box  # another proposal?
-    assert after(stopped, accept_search()).proposals is None
+    stopped = after(searching, c.stop_search())
+    assert after(stopped, c.revert_search()).shown_box == box  # another proposal?
+    assert after(stopped, c.accept_search()).proposals is None
 
 
 def test_proposals_are_stepped_through_in_one_step_of_the_history():
     session = make_session()
     first = proposed(session)
     assert_same_pose(first.document.pose, POSES[0])
-    second = after(first, step_proposals(1))
+    second = after(first, c.step_proposals(1))
     assert_same_pose(second.document.pose, POSES[1])
-    assert_same_pose(after(first, step_proposals(-1)).document.pose, POSES[2])
-    assert after(second, undo()).document is session.document
+    assert_same_pose(after(first, c.step_proposals(-1)).document.pose, POSES[2])
+    assert after(second, c.undo()).document is session.document
     # What is moved by hand is a step of its own, and the proposals stay at hand.
-    moved = after(second, nudge("move", 1.0), step_proposals(1))
+    moved = after(second, c.nudge("move", 1.0), c.step_proposals(1))
     assert_same_pose(moved.document.pose, POSES[2])
-    assert_same_pose(after(moved, undo(), undo()).document.pose, POSES[1])
+    assert_same_pose(after(moved, c.undo(), c.undo()).document.pose, POSES[1])
 
 
 def test_the_one_that_is_pressed_becomes_the_start():
@@ -125,8 +107,8 @@ def test_the_one_that_is_pressed_becomes_the_start():
     assert_same_pose(taken.document.start, POSES[2])
     marked = [button.split(">")[0] for button in proposals_row(taken).split("<button")[1:]]
     assert ["pv-at" in button for button in marked] == [False, False, True]
-    assert after(taken, undo()).document is session.document
-    assert after(taken, take_start(3)) is taken
+    assert after(taken, c.undo()).document is session.document
+    assert after(taken, c.take_start(3)) is taken
     assert proposals_row(session) == ""
 
 
@@ -134,7 +116,7 @@ def test_proposals_for_an_object_wait_while_another_one_is_active():
     first = proposed(after(make_session(), add_object(), pick_object(1)))
     other = after(first, pick_object(2))
     assert other.is_looking  # it was just added
-    again = after(other, pick_object(1), step_proposals(1))
+    again = after(other, pick_object(1), c.step_proposals(1))
     assert_same_pose(again.document.pose, POSES[1])
     assert after(again, pick_object(2)).is_proposing  # these are still looked for
     # Another model, or photo, is another matter.
@@ -144,12 +126,12 @@ def test_proposals_for_an_object_wait_while_another_one_is_active():
 
 
 def test_old_news_and_other_photos_change_nothing():
-    session = after(make_session(), propose_starts())
+    session = after(make_session(), c.propose_starts())
     assert session.proposals is not None
-    assert after(session, propose_starts()).proposals is None  # its button ends it
+    assert after(session, c.propose_starts()).proposals is None  # its button ends it
     asked, other = session.proposals.document, make_document(photo=make_photo(1))
-    assert after(session, starts_proposed(other, STARTS, OUTLINES)) is session
-    opened = after(session, open_document(other), starts_proposed(asked, STARTS, OUTLINES))
+    assert after(session, c.starts_proposed(other, STARTS, OUTLINES)) is session
+    opened = after(session, c.open_document(other), c.starts_proposed(asked, STARTS, OUTLINES))
     assert opened.document is other
     assert opened.proposals is None
 
@@ -157,37 +139,37 @@ def test_old_news_and_other_photos_change_nothing():
 def test_a_model_without_a_pose_is_looked_for_until_somebody_places_it():
     session = nowhere()
     assert session.is_looking
-    for edit in (press(80, 60), cancel_drag(), view_from("front"), start_search()):
+    for edit in (c.press(80, 60), c.cancel_drag(), c.view_from("front"), c.start_search()):
         assert not after(session, edit).is_proposing
-    assert after(session, set_tool("box"), show_style("solid")).is_looking  # a press will end it
-    assert after(session, toggle_box()).tool == "box"
-    assert after(session, press(80, 60), release()).document.object.is_placed
+    assert after(session, c.set_tool("box"), c.show_style("solid")).is_looking
+    assert after(session, c.toggle_box()).tool == "box"
+    assert after(session, c.press(80, 60), c.release()).document.object.is_placed
     assert after(make_session(), add_object()).is_looking
     # A pose, and a session that is restored, are the user's.
     for known in (make_session(), nowhere(unsaved=True)):
         assert not known.is_proposing
-    assert not after(make_session(), open_document(make_document())).is_proposing
+    assert not after(make_session(), c.open_document(make_document())).is_proposing
 
 
 def test_what_is_only_proposed_places_nothing():
     session = nowhere()
     assert session.proposals is not None
     document = session.proposals.document
-    listed = after(session, starts_proposed(document, STARTS, OUTLINES))
+    listed = after(session, c.starts_proposed(document, STARTS, OUTLINES))
     assert listed.is_looking  # the best of them is fitted now
     assert not listed.document.object.is_placed
     assert "pv-at" not in proposals_row(listed)
     for by, index in ((1, 0), (-1, 2)):
-        taken = after(listed, step_proposals(by))
+        taken = after(listed, c.step_proposals(by))
         assert_same_pose(taken.document.pose, POSES[index])
         assert not taken.is_proposing
-        assert after(taken, undo()).document is document
-    nothing = after(session, starts_proposed(document, (), ()))
+        assert after(taken, c.undo()).document is document
+    nothing = after(session, c.starts_proposed(document, (), ()))
     assert not nothing.is_proposing
     assert hint_of(nothing).startswith("Not found by itself")
-    pressed = after(listed, press(80, 60), release())
+    pressed = after(listed, c.press(80, 60), c.release())
     assert proposals_row(pressed).count("<image") == 3
-    assert_same_pose(after(pressed, take_start(1)).document.pose, POSES[1])
+    assert_same_pose(after(pressed, c.take_start(1)).document.pose, POSES[1])
 
 
 @pytest.fixture(scope="module")
@@ -208,7 +190,7 @@ def test_a_model_that_is_found_is_placed_in_one_step(edits):
     assert_same_pose(found.document.pose, fitting.arguments[2].progress.pose)
     assert found.search is not None
     assert not found.is_searching
-    for back in (undo(), revert_search()):
+    for back in (c.undo(), c.revert_search()):
         assert after(found, back).document is session.document
 
 
@@ -219,10 +201,10 @@ def test_a_fit_that_is_not_sure_or_not_asked_for_any_more_places_nothing(edits):
     result = replace(latest.results[0], verdict=Verdict("doubtful", 0.5))
     unsure = replace(latest, scene=latest.scene.with_object(0, result=result))
     listed = after(session, listing)
-    left = after(listed, start_fitted(document, asked, unsure, index))
+    left = after(listed, c.start_fitted(document, asked, unsure, index))
     assert (left.document, left.is_proposing) == (session.document, False)
     assert "none of them sure" in proposals_text(left)
-    for edit in (press(80, 60), cancel_drag()):
+    for edit in (c.press(80, 60), c.cancel_drag()):
         by_hand = after(listed, edit)
         assert after(by_hand, fitting).document is by_hand.document
     # It was fitted on other pixels.

@@ -14,35 +14,10 @@ import pytest
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state import marking as m
 from poseviewer.app.state import objects as o
-from poseviewer.app.state.camera_edits import set_camera, set_field_of_view, set_projection
-from poseviewer.app.state.document_edits import redo, undo
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.pointer_edits import (
-    cancel_drag,
-    double_press,
-    drag_to,
-    press,
-    release,
-    set_tool,
-)
-from poseviewer.app.state.pose_edits import (
-    make_start,
-    nudge,
-    reset_to_start,
-    set_parameter,
-    view_from,
-)
-from poseviewer.app.state.search_edits import (
-    accept_search,
-    alter_settings,
-    revert_search,
-    search_all,
-    set_loss,
-    start_search,
-    stop_search,
-)
-from poseviewer.app.state.update import update
+from poseviewer.app.state.pointer_edits import update
 from poseviewer.errors import PoseViewerError
+from tests.app.state import edits as c
 from tests.app.state.documents import HEIGHT, WIDTH, make_session
 
 COMMANDS = 80
@@ -64,24 +39,24 @@ def make_command(chance: random.Random) -> Edit:
     number = chance.randint(1, 4)
     stroke = h.Stroke("brush", np.array([point(), point()]), 5.0, some() < 0.3)
     kinds: tuple[Callable[[], Edit], ...] = (
-        lambda: press(*point(), 1.0, some() < 0.2, some() < 0.2),
-        lambda: drag_to(*point()),
-        lambda: drag_to(*point()),
-        release,
-        cancel_drag,
-        lambda: double_press(*point()),
-        lambda: set_tool(pick(TOOLS)),
-        lambda: nudge(pick(("move", "turn", "roll", "scale")), some(), 10.0 * some()),
-        lambda: set_parameter(pick(NUMBERS), pick((0.0, 1e308, chance.gauss(0, 1)))),
-        reset_to_start,
-        make_start,
-        lambda: view_from(pick(("front", "left", "top"))),
-        undo,
-        redo,
-        lambda: set_loss(pick(("default", "paper"))),
-        lambda: set_projection(pick(("perspective", "parallel"))),
-        lambda: set_camera(focal(), focal(), focal(), focal()),
-        lambda: set_field_of_view(chance.uniform(-5.0, 190.0)),
+        lambda: c.press(*point(), 1.0, some() < 0.2, some() < 0.2),
+        lambda: c.drag_to(*point()),
+        lambda: c.drag_to(*point()),
+        c.release,
+        c.cancel_drag,
+        lambda: c.double_press(*point()),
+        lambda: c.set_tool(pick(TOOLS)),
+        lambda: c.nudge(pick(("move", "turn", "roll", "scale")), some(), 10.0 * some()),
+        lambda: c.set_parameter(pick(NUMBERS), pick((0.0, 1e308, chance.gauss(0, 1)))),
+        c.reset_to_start,
+        c.make_start,
+        lambda: c.view_from(pick(("front", "left", "top"))),
+        c.undo,
+        c.redo,
+        lambda: c.set_loss(pick(("default", "paper"))),
+        lambda: c.set_projection(pick(("perspective", "parallel"))),
+        lambda: c.set_camera(focal(), focal(), focal(), focal()),
+        lambda: c.set_field_of_view(chance.uniform(-5.0, 190.0)),
         m.remove_mark,
         m.clear_marks,
         lambda: o.pick_object(number),
@@ -91,12 +66,12 @@ def make_command(chance: random.Random) -> Edit:
         lambda: o.alter_object(number, hidden=some() < 0.5),
         lambda: o.alter_object(number, locked=some() < 0.7),
         lambda: o.alter_object(number, name=pick("ab")),
-        lambda: alter_settings(lambda s: replace(s, free_focal=not s.free_focal)),
-        start_search,
-        stop_search,
-        search_all,
-        revert_search,
-        accept_search,
+        lambda: c.alter_settings(lambda s: replace(s, free_focal=not s.free_focal)),
+        c.start_search,
+        c.stop_search,
+        c.search_all,
+        c.revert_search,
+        c.accept_search,
         lambda: h.paint(stroke),
         h.unhide,
     )
@@ -111,9 +86,9 @@ def test_undo_leads_all_the_way_back_whatever_was_done(seed: int) -> None:
     for _ in range(COMMANDS):
         with suppress(PoseViewerError):
             session = update(session, make_command(chance))
-    session = update(session, cancel_drag())
+    session = update(session, c.cancel_drag())
     while session.history.past:
         steps = len(session.history.past)
-        session = update(session, undo())
+        session = update(session, c.undo())
         assert len(session.history.past) == steps - 1
     assert session.document is start

@@ -1,26 +1,15 @@
-"""Searches and maps in the session, with real updates; and what waits until all is ready."""
+"""Searches, by one loss and by both, and maps in the session; and what waits until all is ready."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
-from poseviewer.app.state.display_edits import show_results
-from poseviewer.app.state.document_edits import open_document, redo, undo
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.pointer_edits import drag_to, press, release
-from poseviewer.app.state.pose_edits import nudge, pick_in_landscape, picked_parameters
-from poseviewer.app.state.proposal_edits import propose_starts
 from poseviewer.app.state.results import Landscape, Preparation
-from poseviewer.app.state.search_edits import (
-    accept_search,
-    find_focal_length,
-    preparation_advanced,
-    revert_search,
-    search_advanced,
-    search_failed,
-    start_search,
-    stop_search,
-)
+from poseviewer.app.state.searches import LossComparison
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.jobs import run_search
+from poseviewer.app.workers.jobs import run_search, search_edits
 from poseviewer.app.workers.maps import maps
 from poseviewer.app.workers.opening import open_files
 from poseviewer.fit.problem import make_problem
@@ -28,6 +17,7 @@ from poseviewer.fit.progress import SearchProgress
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.settings import FitSettings, Limits
+from tests.app.state import edits as c
 from tests.app.state.documents import (
     after,
     asked_of,
@@ -38,28 +28,30 @@ from tests.app.state.documents import (
     refused,
 )
 
-SETTINGS = FitSettings(limits=Limits(evaluations=60))
+SETTINGS = FitSettings(grey=True, seed=3, limits=Limits(evaluations=60))
+Step = tuple[SearchProgress, LossComparison | None]
 
 
 @pytest.fixture(scope="module")
 def session(scene) -> Session:
-    """The small scene at its start."""
+    """The small scene, moved a little from its start."""
     document = open_files(scene.photo, scene.model, scene.start)
-    return Session(document.with_object(settings=SETTINGS))
+    moved = after(Session(document.with_object(settings=SETTINGS)), c.nudge("move", 2.0))
+    return Session(moved.document)
 
 
 @pytest.fixture(scope="module")
 def updates(session) -> list[SearchProgress]:
     """All updates of a short search from the start."""
-    return list(run_search(asked_of(after(session, start_search()))))
+    return list(run_search(asked_of(after(session, c.start_search()))))
 
 
 @pytest.fixture(scope="module")
 def landscape(session) -> tuple[Landscape, ...]:
     """The whole of small maps about the start."""
     document = session.document
-    problem, _ = make_problem(document.scene)
-    about = Landscape(document, problem, document.pose, problem.start, 0.2)
+    problem, _ = make_problem(document.reset.scene)
+    about = Landscape(document, problem, document.start, document.numbers_in(problem), 0.2)
     with RendererPool(SoftwareRenderer(document.mesh)) as pool:
         *_, last = maps(about, problem, pool, 5)
     return (last,)
@@ -67,22 +59,22 @@ def landscape(session) -> tuple[Landscape, ...]:
 
 def searched(session: Session, updates, count: int) -> Session:
     """After the start of a search and its first updates."""
-    session = after(session, start_search())
+    session = after(session, c.start_search())
     asked = asked_of(session)
-    return after(session, *(search_advanced(asked, item) for item in updates[:count]))
+    return after(session, *(c.search_advanced(asked, item) for item in updates[:count]))
 
 
 def shown(maps: tuple[Landscape, ...]) -> Edit:
-    return show_results(maps[0].document, landscapes=maps)
+    return c.show_results(maps[0].document, landscapes=maps)
 
 
 def test_the_focal_length_is_searched_for_by_one_press():
     session = make_session(make_photo().default_camera())
-    asked = after(session, find_focal_length())
+    asked = after(session, c.find_focal_length())
     assert asked.is_searching
     assert asked_of(asked).methods[0].free_focal
     assert asked_of(asked).start.settings.free_focal
-    assert not after(asked, revert_search(), undo()).document.settings.free_focal
+    assert not after(asked, c.revert_search(), c.undo()).document.settings.free_focal
 
 
 def test_a_search_is_one_step_to_its_best_pose(session, updates):
@@ -90,73 +82,73 @@ def test_a_search_is_one_step_to_its_best_pose(session, updates):
     assert not done.is_searching
     assert_same_pose(done.document.pose, updates[-1].progress.pose)
     assert done.history.past == (session.document,)
-    accepted = after(done, accept_search())
+    accepted = after(done, c.accept_search())
     assert accepted.search is None
     assert accepted.document is done.document
-    assert after(accepted, undo()).document is session.document
+    assert after(accepted, c.undo()).document is session.document
 
 
 def test_a_stopped_search_keeps_its_best(session, updates):
     running = searched(session, updates, 40)
-    assert after(running, start_search()) is running
-    stopped = after(running, stop_search())
+    assert after(running, c.start_search()) is running
+    stopped = after(running, c.stop_search())
     assert not stopped.is_searching
     assert stopped.document is running.document
     # Updates on their way come too late, also for one that is begun anew.
-    late, failed = search_advanced(asked_of(running), updates[-1]), asked_of(running)
-    for now in (stopped, after(stopped, start_search())):
+    late, failed = c.search_advanced(asked_of(running), updates[-1]), asked_of(running)
+    for now in (stopped, after(stopped, c.start_search())):
         assert after(now, late) is now
-    again = after(stopped, start_search())
-    assert after(again, search_failed(failed)) is again
-    assert after(again, search_advanced(asked_of(again), updates[30])) is not again
+    again = after(stopped, c.start_search())
+    assert after(again, c.search_failed(failed)) is again
+    assert after(again, c.search_advanced(asked_of(again), updates[30])) is not again
 
 
-@pytest.mark.parametrize("back", [undo(), revert_search(), None])
+@pytest.mark.parametrize("back", [c.undo(), c.revert_search(), None])
 def test_back_in_the_midst_of_a_search_is_before_it(session, updates, back):
     running = searched(session, updates, 40)
-    reverted = after(running, back or search_failed(asked_of(running)))
+    reverted = after(running, back or c.search_failed(asked_of(running)))
     assert reverted.document is session.document
     assert reverted.search is None
-    assert after(reverted, redo()).document is running.document
+    assert after(reverted, c.redo()).document is running.document
 
 
 def test_a_drag_stops_a_search_and_is_kept(session, updates):
     running = searched(session, updates, 40)
     centre = session.document.mesh.centre
     x, y = running.document.pose.project(centre)
-    dragged = after(running, press(x, y))
+    dragged = after(running, c.press(x, y))
     assert dragged.is_searching  # a click alone does not stop it
-    dragged = after(dragged, drag_to(x + 6.0, y - 2.0))
+    dragged = after(dragged, c.drag_to(x + 6.0, y - 2.0))
     assert not dragged.is_searching
-    assert after(dragged, search_advanced(asked_of(running), updates[-1])) is dragged
-    done = after(dragged, drag_to(x + 7.0, y - 3.0), release())
+    assert after(dragged, c.search_advanced(asked_of(running), updates[-1])) is dragged
+    done = after(dragged, c.drag_to(x + 7.0, y - 3.0), c.release())
     assert done.document.pose.project(centre) == pytest.approx([x + 7.0, y - 3.0], abs=1e-9)
-    back = after(done, undo())
+    back = after(done, c.undo())
     assert back.document is running.document
-    assert after(back, undo()).document is session.document
+    assert after(back, c.undo()).document is session.document
 
 
 def test_a_picked_point_of_a_map_is_the_pose(session, landscape):
     with_maps = after(session, shown(landscape))
     (about,) = landscape
     piece = about.slices[0]
-    picked = after(with_maps, pick_in_landscape(piece.first, piece.second, 1.0, 0.25))
-    wanted = picked_parameters(piece, about.parameters, 1.0, 0.25)
+    picked = after(with_maps, c.pick_in_landscape(piece.first, piece.second, 1.0, 0.25))
+    wanted = c.picked_parameters(piece, about.parameters, 1.0, 0.25)
     assert picked.document.parameters == pytest.approx(wanted, abs=1e-9)
     assert picked.history.past == (session.document,)
-    assert after(with_maps, pick_in_landscape(0, 99, 0.5, 0.5)) is with_maps
-    assert after(session, pick_in_landscape(0, 1, 0.5, 0.5)) is session
+    assert after(with_maps, c.pick_in_landscape(0, 99, 0.5, 0.5)) is with_maps
+    assert after(session, c.pick_in_landscape(0, 1, 0.5, 0.5)) is session
 
 
 def test_maps_of_another_photo_are_not_kept(session, landscape):
     with_maps = after(session, shown(landscape))
     other = make_document(photo=make_photo(1))
-    opened = after(with_maps, open_document(other))
+    opened = after(with_maps, c.open_document(other))
     assert opened.results.landscapes == ()
-    again = after(opened, shown(landscape), undo())
+    again = after(opened, shown(landscape), c.undo())
     assert again.document is session.document
     assert again.results.landscapes == ()
-    same = after(with_maps, nudge("move", 2.0), undo())
+    same = after(with_maps, c.nudge("move", 2.0), c.undo())
     assert same.results.landscapes is landscape
 
 
@@ -169,24 +161,103 @@ def compiling() -> Session:
 
 
 def test_a_search_that_waits_is_there_when_all_is_ready(compiling: Session):
-    waiting = after(compiling, start_search(), preparation_advanced(Preparation(0.9)))
+    waiting = after(compiling, c.start_search(), c.preparation_advanced(Preparation(0.9)))
     assert waiting.is_searching
-    ready = after(waiting, preparation_advanced(None))
+    ready = after(waiting, c.preparation_advanced(None))
     assert ready.is_searching
     assert ready.preparation is None
 
 
 def test_a_search_that_waits_can_be_stopped_as_if_it_were_never_asked_for(compiling: Session):
-    stopped = after(compiling, start_search(), stop_search())
+    stopped = after(compiling, c.start_search(), c.stop_search())
     assert stopped.search is None
     assert stopped.document is compiling.document
     assert stopped.history.past == compiling.history.past
 
 
 def test_trouble_ends_what_waits_and_refuses_more(compiling: Session):
-    waiting = after(compiling, start_search(), propose_starts())
-    failed = after(waiting, preparation_advanced(Preparation(trouble=TROUBLE)))
+    waiting = after(compiling, c.start_search(), c.propose_starts())
+    failed = after(waiting, c.preparation_advanced(Preparation(trouble=TROUBLE)))
     assert failed.search is None
     assert failed.proposals is None
-    assert refused(failed, start_search()) == TROUBLE
-    assert after(failed, nudge("move", 3.0)).document is not failed.document
+    assert refused(failed, c.start_search()) == TROUBLE
+    assert after(failed, c.nudge("move", 3.0)).document is not failed.document
+
+
+@pytest.fixture(scope="module")
+def steps(session) -> list[Step]:
+    """All steps of a comparison of the methods."""
+    edits = search_edits(asked_of(after(session, c.compare_losses())))
+    return [(edit.arguments[1], *edit.arguments[2:]) for edit in edits]
+
+
+def compared(session: Session, steps: list[Step]) -> tuple[Session, LossComparison]:
+    """After the whole of a comparison, and the comparison."""
+    session = after(session, c.compare_losses())
+    asked = asked_of(session)
+    done = after(session, *(c.search_advanced(asked, *step) for step in steps))
+    assert done.comparison is not None
+    return done, done.comparison
+
+
+def test_each_method_keeps_what_it_compares(session):
+    paper = after(session, c.set_loss("paper"))
+    settings = paper.document.settings
+    assert (settings.loss, settings.pixels, settings.grey) == ("paper", "clip", True)
+    assert (settings.seed, settings.limits) == (SETTINGS.seed, SETTINGS.limits)
+    whole = after(paper, c.alter_settings(lambda s: replace(s, pixels="whole")))
+    ours = after(whole, c.set_loss("default"))
+    assert ours.document.settings == SETTINGS
+    assert after(ours, c.set_loss("paper")).document.settings == whole.document.settings
+    assert after(ours, c.set_loss("default")) is ours
+    assert after(ours, c.undo(), c.undo(), c.undo()).document is session.document
+
+
+def test_the_maps_are_of_the_loss_that_is_asked_for(session):
+    paper = after(session, c.set_loss("paper"))
+    for at_hand in (session, paper):
+        own = at_hand.document.settings
+        assert at_hand.mapped == (own,)
+        both = after(at_hand, c.set_fields("display", mapped_loss="both")).mapped
+        assert [settings.loss for settings in both] == ["default", "paper"]
+        assert own in both
+        assert after(at_hand, c.set_fields("display", mapped_loss="default")).mapped == (SETTINGS,)
+
+
+def test_a_comparison_searches_from_the_start_by_both_methods(session, steps):
+    centre = session.document.mesh.centre
+    methods = [progress.settings.loss for progress, *_ in steps]
+    assert sorted(set(methods)) == ["default", "paper"]
+    assert methods == sorted(methods, reverse=True)  # the chosen one last
+    for progress, *_ in steps:
+        first = progress.problem.chart.to_pose(progress.problem.start)
+        assert first.project(centre) == pytest.approx(session.document.start.project(centre))
+    done, comparison = compared(session, steps)
+    assert not done.is_searching
+    assert done.history.past == (*session.history.past, session.document)
+    assert [end.settings.loss for end in comparison.ends] == ["default", "paper"]
+    assert_same_pose(done.document.pose, comparison.ends[0].progress.pose)
+    own = [end.progress.loss for end in comparison.ends]
+    assert comparison.losses.diagonal() == pytest.approx(own, rel=1e-9)
+    assert np.all(comparison.losses[0] != comparison.losses[1])  # each judged by each loss
+    stopped = after(done, c.compare_losses())
+    stopped = after(stopped, c.search_advanced(asked_of(stopped), steps[5][0]), c.stop_search())
+    assert stopped.comparison is comparison
+    assert after(done, c.open_document(make_document())).comparison is None
+
+
+@pytest.mark.parametrize("index", [0, 1])
+def test_each_end_can_be_taken_with_its_method_and_undone(session, steps, index):
+    done, comparison = compared(session, steps)
+    end = comparison.ends[index]
+    taken = after(done, c.take_end(index))
+    assert_same_pose(taken.document.pose, end.progress.pose)
+    assert taken.document.settings == end.settings
+    assert taken.search_progress is end
+    assert not taken.is_searching
+    assert taken.comparison is comparison
+    assert after(taken, c.undo()).document is done.document
+    other = after(taken, c.take_end(1 - index))
+    assert_same_pose(other.document.pose, comparison.ends[1 - index].progress.pose)
+    assert after(other, c.set_loss("default")).document.settings == SETTINGS
+    assert after(done, c.take_end(2)) is done

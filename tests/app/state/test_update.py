@@ -1,4 +1,4 @@
-"""What commands do to a session: one step for a drag, exact undo, refusals that change nothing."""
+"""What edits do to a document: one step for a drag, exact undo, refusals that change nothing."""
 
 import math
 from dataclasses import replace
@@ -6,39 +6,32 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.app.state.camera_edits import set_camera, set_field_of_view, set_projection
-from poseviewer.app.state.display_edits import set_fields
-from poseviewer.app.state.document_edits import open_document, redo, undo
+from poseviewer.app.state.camera_change import with_camera
 from poseviewer.app.state.dragging import pins_in_photo, radius_in_photo
-from poseviewer.app.state.pointer_edits import (
-    cancel_drag,
-    double_press,
-    drag_to,
-    press,
-    release,
-    set_tool,
-)
-from poseviewer.app.state.pose_edits import (
-    make_start,
-    nudge,
-    reset_to_start,
-    set_parameter,
-    view_from,
-)
-from poseviewer.app.state.search_edits import start_search
+from poseviewer.app.state.history import MAX_OPENED, History
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.camera import Parallel, Perspective
+from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import rotation_angle
+from poseviewer.scene.settings import FitSettings
+from poseviewer.starts.placing import look_from
+from poseviewer.vehicle.chart import VehicleChart
+from tests.app.state import edits as c
 from tests.app.state.documents import (
     BUMPY,
+    CAMERAS,
+    CAR,
     PARALLEL,
     PERSPECTIVE,
     after,
+    assert_same_pose,
+    make_document,
+    make_photo,
     make_session,
+    moved_document,
     refused,
 )
-
-CAMERAS = pytest.mark.parametrize("camera", [PARALLEL, PERSPECTIVE], ids=["parallel", "pinhole"])
+from tests.meshes import make_box
 
 
 def centre_of(session: Session):
@@ -56,9 +49,11 @@ def point(session: Session, offset=(0.0, 0.0)) -> tuple[float, float]:
 def test_a_drag_is_one_step(camera, keys):
     session = make_session(camera)
     x, y = point(session, (8.0, 3.0))
-    held = after(session, press(x, y, **keys), drag_to(x + 2.0, y), drag_to(x + 9.0, y + 18.0))
+    held = after(
+        session, c.press(x, y, **keys), c.drag_to(x + 2.0, y), c.drag_to(x + 9.0, y + 18.0)
+    )
     assert held.history is session.history
-    done = after(held, release())
+    done = after(held, c.release())
     assert done.document is held.document
     assert done.drag is None
     assert done.history.past == (session.document,)
@@ -66,34 +61,34 @@ def test_a_drag_is_one_step(camera, keys):
     assert centre_of(done) - centre_of(session) == pytest.approx(kept, abs=1e-9)
     rotations = [s.document.pose.camera_from_model.rotation for s in (session, done)]
     assert np.allclose(*rotations, atol=0.01) is (not keys)
-    forgotten = after(held, cancel_drag())
+    forgotten = after(held, c.cancel_drag())
     assert forgotten.document is session.document
     assert forgotten.drag is None
-    back = after(done, undo())
+    back = after(done, c.undo())
     assert back.document is session.document
-    assert after(back, redo()).document is done.document
+    assert after(back, c.redo()).document is done.document
 
 
 def test_a_press_alone_or_beside_the_model_is_no_step():
     session = make_session()
-    pressed = after(session, press(*point(session)), release())
+    pressed = after(session, c.press(*point(session)), c.release())
     assert pressed.history is session.history
     assert pressed.document is session.document
-    assert after(session, press(1.0, 1.0), drag_to(30.0, 30.0), release()) is session
+    assert after(session, c.press(1.0, 1.0), c.drag_to(30.0, 30.0), c.release()) is session
 
 
 def test_what_comes_amid_a_drag_ends_it_in_order():
     session = make_session()
     x, y = point(session)
-    held = after(session, press(x, y), drag_to(x + 9.0, y))
-    for command in (nudge("roll", 5.0), start_search(), make_start()):
+    held = after(session, c.press(x, y), c.drag_to(x + 9.0, y))
+    for command in (c.nudge("roll", 5.0), c.start_search(), c.make_start()):
         found = after(held, command)
         assert found.drag is None
         assert found.history.past == (session.document, held.document)
     # What only looks, lets it go on; so does what makes no sense.
-    assert after(held, set_fields("display", opacity=0.5)).drag is held.drag
-    refused(held, drag_to(math.nan, 0.0))
-    assert after(held, drag_to(x, y + 3.0), release()).history.past == (session.document,)
+    assert after(held, c.set_fields("display", opacity=0.5)).drag is held.drag
+    refused(held, c.drag_to(math.nan, 0.0))
+    assert after(held, c.drag_to(x, y + 3.0), c.release()).history.past == (session.document,)
 
 
 def test_a_vehicles_pins_are_dragged():
@@ -101,7 +96,7 @@ def test_a_vehicles_pins_are_dragged():
     pins = pins_in_photo(session.document)
     for pin in range(3):
         x, y = pins[pin] + 1.0
-        dragged = after(session, press(x, y, zoom=3.0), drag_to(x + 3.0, y - 2.0), release())
+        dragged = after(session, c.press(x, y, zoom=3.0), c.drag_to(x + 3.0, y - 2.0), c.release())
         pins_moved = pins_in_photo(dragged.document) - pins
         wanted = np.zeros((3, 2))
         wanted[pin] = [3.0, -2.0]
@@ -113,25 +108,27 @@ def test_surface_pins_are_set_dragged_and_taken_away(camera):
     session = make_session(camera)
     x, y = centre_of(session)
     places = [(x - 10.0, y - 6.0), (x + 12.0, y), (x, y + 11.0)]
-    pinned = after(session, *(double_press(*place, zoom=5.0) for place in places))
+    pinned = after(session, *(c.double_press(*place, zoom=5.0) for place in places))
     assert pinned.document.pose is session.document.pose
     assert pins_in_photo(pinned.document) == pytest.approx(np.array(places), abs=1e-6)
-    assert "Three pins" in refused(pinned, double_press(x, y - 12.0, zoom=5.0))
-    dragged = after(pinned, press(*places[1], zoom=5.0), drag_to(x + 15.0, y - 2.0), release())
+    assert "Three pins" in refused(pinned, c.double_press(x, y - 12.0, zoom=5.0))
+    dragged = after(
+        pinned, c.press(*places[1], zoom=5.0), c.drag_to(x + 15.0, y - 2.0), c.release()
+    )
     wanted = [places[0], (x + 15.0, y - 2.0), places[2]]
     assert pins_in_photo(dragged.document) == pytest.approx(np.array(wanted), abs=0.05)
-    fewer, pins = after(dragged, double_press(*wanted[1], zoom=5.0)), dragged.document.state.pins
+    fewer, pins = after(dragged, c.double_press(*wanted[1], zoom=5.0)), dragged.document.state.pins
     assert fewer.document.state.pins == (pins[0], pins[2])
 
 
 def test_a_region_is_drawn_cut_to_the_photo_and_taken_away():
-    session = after(make_session(), set_tool("region"))
-    drawn = after(session, press(150.2, 20.7), drag_to(300.0, 5.5), drag_to(170.0, 60.1))
+    session = after(make_session(), c.set_tool("region"))
+    drawn = after(session, c.press(150.2, 20.7), c.drag_to(300.0, 5.5), c.drag_to(170.0, 60.1))
     assert drawn.document.own.region == (150, 20, 10, 41)
-    done = after(drawn, release())
+    done = after(drawn, c.release())
     assert done.tool == "pose"
     assert done.history.past == (session.document,)
-    again = set_tool("region"), press(20.0, 20.0), drag_to(20.5, 60.0), release()
+    again = c.set_tool("region"), c.press(20.0, 20.0), c.drag_to(20.5, 60.0), c.release()
     assert after(done, *again).document.own.region is None
 
 
@@ -139,10 +136,10 @@ def test_a_region_is_drawn_cut_to_the_photo_and_taken_away():
 @CAMERAS
 def test_a_nudge_and_its_opposite_cancel(camera, kind):
     session = make_session(camera)
-    there = after(session, nudge(kind, 3.0))
+    there = after(session, c.nudge(kind, 3.0))
     seen = [s.document.pose.project(BUMPY.vertices) for s in (session, there)]
     assert np.abs(seen[0] - seen[1]).max() > 0.5
-    back = after(there, nudge(kind, -3.0))
+    back = after(there, c.nudge(kind, -3.0))
     assert back.document.pose.project(BUMPY.vertices) == pytest.approx(seen[0], abs=1e-8)
 
 
@@ -152,31 +149,31 @@ def test_a_nudge_and_its_opposite_cancel(camera, kind):
 def test_setting_a_number_changes_that_number_alone(camera, vehicle, moved):
     session = make_session(camera, vehicle)
     if moved and isinstance(camera, Perspective):
-        session = after(session, set_camera(400.0, 330.0, 80.0, 55.0), nudge("move", 5.0))
+        session = after(session, c.set_camera(400.0, 330.0, 80.0, 55.0), c.nudge("move", 5.0))
     elif moved:
-        session = after(session, set_projection("perspective"), nudge("move", 5.0))
+        session = after(session, c.set_projection("perspective"), c.nudge("move", 5.0))
     parameters = session.document.parameters
     for index, name in enumerate(session.document.chart.names):
         wanted = np.array(parameters)
         wanted[index] += 0.03
-        found = after(session, set_parameter(name, float(wanted[index])))
+        found = after(session, c.set_parameter(name, float(wanted[index])))
         assert found.document.parameters == pytest.approx(wanted, abs=1e-9)
         if not isinstance(camera, Parallel):
             assert found.document.pose.camera == session.document.pose.camera
-        assert after(session, set_parameter(name, float(parameters[index]))) is session
+        assert after(session, c.set_parameter(name, float(parameters[index]))) is session
 
 
 def test_what_is_typed_digit_by_digit_is_one_step():
     session = make_session()
     name, other = session.document.chart.names[:2]
-    typed = after(session, *(set_parameter(name, value) for value in (0.1, 0.12, 0.125)))
+    typed = after(session, *(c.set_parameter(name, value) for value in (0.1, 0.12, 0.125)))
     assert typed.document.parameters[0] == pytest.approx(0.125)
-    assert after(typed, undo()).document is session.document
-    both = after(typed, set_parameter(other, 0.2), set_parameter(name, 0.3))
-    assert after(both, undo(), undo()).document is typed.document
-    again = after(typed, nudge("move", 5.0), undo(), set_parameter(name, 0.2))
+    assert after(typed, c.undo()).document is session.document
+    both = after(typed, c.set_parameter(other, 0.2), c.set_parameter(name, 0.3))
+    assert after(both, c.undo(), c.undo()).document is typed.document
+    again = after(typed, c.nudge("move", 5.0), c.undo(), c.set_parameter(name, 0.2))
     assert not again.history.future
-    assert after(again, undo()).document is typed.document
+    assert after(again, c.undo()).document is typed.document
 
 
 SENSELESS_CAMERAS = {
@@ -189,7 +186,7 @@ SENSELESS_CAMERAS = {
 
 @pytest.mark.parametrize("start", SENSELESS_CAMERAS)
 def test_a_camera_that_makes_no_sense_is_refused_in_one_sentence(start):
-    text = refused(make_session(), set_camera(*SENSELESS_CAMERAS[start]))
+    text = refused(make_session(), c.set_camera(*SENSELESS_CAMERAS[start]))
     assert text.lower().startswith(start)
     assert text.endswith("; nothing was changed.")
 
@@ -198,8 +195,8 @@ def test_a_camera_that_makes_no_sense_is_refused_in_one_sentence(start):
 def test_a_field_of_view_gives_its_focal_length(camera):
     session = make_session(camera)
     radius = radius_in_photo(session.document.pose, BUMPY)
-    refused(session, set_field_of_view(math.nan))
-    found = after(session, set_field_of_view(90.0)).document.pose
+    refused(session, c.set_field_of_view(math.nan))
+    found = after(session, c.set_field_of_view(90.0)).document.pose
     assert radius_in_photo(found, BUMPY) == pytest.approx(radius)
     assert (found.camera.cx, found.camera.cy) == (camera.cx, camera.cy)
     if isinstance(found.camera, Perspective):
@@ -208,15 +205,15 @@ def test_a_field_of_view_gives_its_focal_length(camera):
 
 def test_a_parallel_camera_takes_its_centre_alone():
     session = make_session(PARALLEL)
-    found = after(session, set_camera(0.01, 0.01, 70.0, 66.0)).document.pose.camera
+    found = after(session, c.set_camera(0.01, 0.01, 70.0, 66.0)).document.pose.camera
     assert found == replace(PARALLEL, cx=70.5, cy=66.5)
 
 
 def test_start_reset_and_poses_set():
     session = make_session()
-    there = after(session, nudge("move", 9.0, 4.0), nudge("turn", 5.0, 1.0))
-    assert after(there, reset_to_start()).document.pose is session.document.pose
-    started = after(there, make_start(), nudge("roll", 5.0), reset_to_start())
+    there = after(session, c.nudge("move", 9.0, 4.0), c.nudge("turn", 5.0, 1.0))
+    assert after(there, c.reset_to_start()).document.pose is session.document.pose
+    started = after(there, c.make_start(), c.nudge("roll", 5.0), c.reset_to_start())
     assert started.document.pose is there.document.pose
     assert started.document.parameters == pytest.approx(np.zeros(6), abs=1e-9)
 
@@ -224,32 +221,32 @@ def test_start_reset_and_poses_set():
 def test_unsaved_is_told():
     session = make_session()
     assert session.is_unsaved
-    saved = after(session, set_fields(saved=session.document))
+    saved = after(session, c.set_fields(saved=session.document))
     assert not saved.is_unsaved
-    assert after(saved, nudge("move", 1.0)).is_unsaved
-    assert not after(saved, nudge("move", 1.0), undo()).is_unsaved
+    assert after(saved, c.nudge("move", 1.0)).is_unsaved
+    assert not after(saved, c.nudge("move", 1.0), c.undo()).is_unsaved
 
 
 @pytest.mark.parametrize(
     "command",
     [
-        set_parameter("no_such_number", 1.0),
-        set_parameter("log_depth", 500.0),
-        nudge("scale", math.inf),
-        view_from("below"),
-        press(math.nan, 10.0),
-        double_press(1.0, 1.0),
+        c.set_parameter("no_such_number", 1.0),
+        c.set_parameter("log_depth", 500.0),
+        c.nudge("scale", math.inf),
+        c.view_from("below"),
+        c.press(math.nan, 10.0),
+        c.double_press(1.0, 1.0),
     ],
 )
 def test_bad_input_is_refused_with_a_sentence(command):
     refused(make_session(), command)
 
 
-@pytest.mark.parametrize("camera", [PERSPECTIVE, PARALLEL])
+@CAMERAS
 def test_a_view_turns_the_model_where_it_is(camera):
     session = make_session(camera)
     before, centre = session.document.pose, BUMPY.centre
-    left, right = (after(session, view_from(side)).document.pose for side in ("left", "right"))
+    left, right = (after(session, c.view_from(side)).document.pose for side in ("left", "right"))
     for pose in (left, right):
         there = pose.camera_from_model.apply(centre)
         np.testing.assert_allclose(there, before.camera_from_model.apply(centre), atol=1e-12)
@@ -263,4 +260,79 @@ def test_a_pose_behind_the_camera_is_refused():
     turned = session.document.pose.camera_from_model
     behind = replace(turned, translation=turned.translation * -1.0)
     away = replace(session.document.pose, camera_from_model=behind)
-    refused(session, open_document(session.document.at_pose(away)))
+    refused(session, c.open_document(session.document.at_pose(away)))
+
+
+@pytest.mark.parametrize("other", ["photo", "model", "both"])
+def test_history_keeps_few_photos_and_models(other):
+    photo, history = make_photo(), History()
+    documents = []
+    for i in range(MAX_OPENED + 3):
+        photo_now = photo if other == "model" else make_photo(i)
+        mesh = BUMPY if other == "photo" else make_box((1.0, 1.0, 1.0 + i))
+        opened = make_document(photo=photo_now, mesh=mesh)
+        documents += [opened, moved_document(opened, 0.1)]
+    for document in documents:
+        history = history.with_step(document)
+    assert history.past == tuple(documents[-2 * MAX_OPENED :])
+
+
+@CAMERAS
+def test_another_camera_keeps_the_centres_pixel_and_size(camera):
+    pose = make_document(camera).pose
+    for new in (
+        Perspective(500.0, 400.0, 70.0, 66.0, 160, 120),
+        Parallel(1.0, 70.0, 66.0, 160, 120),
+    ):
+        seen = with_camera(pose, new, BUMPY.centre)
+        assert type(seen.camera) is type(new)
+        assert seen.project(BUMPY.centre) == pytest.approx(pose.project(BUMPY.centre), abs=1e-9)
+        assert radius_in_photo(seen, BUMPY) == pytest.approx(radius_in_photo(pose, BUMPY))
+        assert np.array_equal(seen.camera_from_model.rotation, pose.camera_from_model.rotation)
+
+
+def test_there_and_back_between_projections_is_the_same_pose():
+    session = make_session(PERSPECTIVE)
+    flat = after(session, c.set_projection("parallel"))
+    assert isinstance(flat.document.pose.camera, Parallel)
+    back = after(flat, c.set_projection("perspective"))
+    assert_same_pose(back.document.pose, session.document.pose)
+    assert after(session, c.set_projection("perspective")) is session
+    assert after(flat, c.set_projection("parallel")) is flat
+
+
+@pytest.mark.parametrize("free_focal", [False, True])
+@pytest.mark.parametrize(
+    "camera",
+    [
+        PARALLEL,
+        Parallel(31.0, 70.0, 66.0, 160, 120),
+        Perspective(500.0, 410.0, 70.0, 66.0, 160, 120),
+    ],
+    ids=["parallel", "shifted parallel", "longer pinhole"],
+)
+@pytest.mark.parametrize("start", [PARALLEL, PERSPECTIVE], ids=["from parallel", "from pinhole"])
+def test_the_chart_gives_the_pose_back_whatever_the_camera_has_become(start, camera, free_focal):
+    document = make_document(start, settings=FitSettings(free_focal=free_focal))
+    pose = with_camera(moved_document(document, 0.3).pose, camera, BUMPY.centre)
+    document = document.at_pose(pose)
+    again = document.chart.to_pose(document.parameters)
+    assert type(again.camera) is type(camera)
+    assert again.project(BUMPY.vertices) == pytest.approx(pose.project(BUMPY.vertices), abs=1e-7)
+    if isinstance(camera, Perspective) and isinstance(again.camera, Perspective):
+        assert again.camera.fx == pytest.approx(camera.fx)
+        assert again.camera.fy == pytest.approx(camera.fy)
+        assert again.camera.cx == camera.cx
+    # Not all zero: they are told from the start, not from the pose itself.
+    assert abs(document.parameters[3]) > 0.05
+
+
+@CAMERAS
+def test_a_vehicle_seen_head_on_has_the_other_chart(camera):
+    document = make_document(camera, vehicle=True)
+    assert isinstance(document.chart, VehicleChart)
+    front = look_from("front", CAR, document.model.keypoints, camera)
+    document = document.at_pose(front)
+    assert isinstance(document.chart, FreeBodyChart)
+    again = document.chart.to_pose(document.parameters)
+    assert again.project(CAR.vertices) == pytest.approx(front.project(CAR.vertices), abs=1e-6)

@@ -9,11 +9,11 @@ import pytest
 
 from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import Document
+from poseviewer.app.state.pointer_edits import update
 from poseviewer.app.state.pose_edits import make_start, nudge
 from poseviewer.app.state.results import Landscape, LossReading
 from poseviewer.app.state.searches import SearchRequest
 from poseviewer.app.state.session import Display, Session
-from poseviewer.app.state.update import update
 from poseviewer.app.workers.jobs import renderer_of, run_search
 from poseviewer.app.workers.maps import MapMaker, maps, will_do
 from poseviewer.app.workers.opening import open_files

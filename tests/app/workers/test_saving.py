@@ -12,7 +12,7 @@ from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import export
-from poseviewer.app.workers.opening import open_files
+from poseviewer.app.workers.opening import open_files, open_pose
 from poseviewer.errors import PoseFileError
 from poseviewer.files.pose import load_pose
 from poseviewer.files.state.uploads import keep_set, pack
@@ -138,3 +138,12 @@ def test_a_folder_that_is_read_only_is_said_in_a_sentence(
             saver.save(session)
     assert sorted(scene.photo.parent.iterdir()) == before
     assert saver.save(session).exists()
+
+
+def test_a_note_comes_back_from_the_pose_file(scene: Scene, session: Session, saver: Autosaver):
+    noted = replace(session, document=session.document.with_object(note="scratched at the left"))
+    path = saver.save(noted)
+    assert load_pose(path).note == "scratched at the left"
+    again = open_files(scene.photo, scene.model, path)
+    assert again.object.note == "scratched at the left"
+    assert open_pose(session.document, path).object.note == "scratched at the left"

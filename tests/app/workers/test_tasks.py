@@ -9,18 +9,14 @@ from typing import Any
 
 import pytest
 
-from poseviewer.app.state.display_edits import show_style
-from poseviewer.app.state.document_edits import redo, undo
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.pose_edits import nudge
-from poseviewer.app.state.proposal_edits import propose_starts, stop_proposing
-from poseviewer.app.state.search_edits import toggle_search
 from poseviewer.app.workers import jobs
 from poseviewer.app.workers.maps import MapMaker
 from poseviewer.app.workers.tasks import QueuedTask, TaskQueue, TaskResult, upload
 from poseviewer.errors import FileSetError
 from tests.app.below_viser.socket_page import SocketPage
 from tests.app.running_app import running_app
+from tests.app.state import edits as c
 from tests.app.state.documents import make_session
 from tests.scene import Scene
 
@@ -34,7 +30,7 @@ def test_a_task_that_is_dropped_brings_nothing(tmp_path: Path):
     def slow(*_: object) -> TaskResult:
         begun.set()
         ended.wait(PATIENCE_S)
-        return TaskResult((undo(),))
+        return TaskResult((c.undo(),))
 
     assert not tasks.drop()
     tasks.add(QueuedTask(slow))
@@ -44,14 +40,14 @@ def test_a_task_that_is_dropped_brings_nothing(tmp_path: Path):
     assert tasks.drop()
     assert not tasks.drop()
     ended.set()
-    tasks.add(QueuedTask(lambda *_: TaskResult((redo(),))))
+    tasks.add(QueuedTask(lambda *_: TaskResult((c.redo(),))))
     tasks.follow(session)
     results: list[TaskResult] = []
     while not results:
         assert told.wait(PATIENCE_S)
         told.clear()
         results = [*tasks.take()]
-    assert [result.edits for result in results] == [(redo(),)]
+    assert [result.edits for result in results] == [(c.redo(),)]
     tasks.close()
 
 
@@ -92,7 +88,7 @@ def test_maps_and_a_search_wait_for_what_was_asked_for(
 
     def proposed(*_: object) -> Iterator[Edit]:
         task()
-        yield stop_proposing()
+        yield c.stop_proposing()
 
     with running_app(scene, tmp_path) as running, SocketPage(running.url) as page:
         app = running.app
@@ -100,22 +96,18 @@ def test_maps_and_a_search_wait_for_what_was_asked_for(
         monkeypatch.setattr(MapMaker, "run", telling("maps", MapMaker.run))
         monkeypatch.setattr(jobs, "run_search", telling("search", jobs.run_search))
         monkeypatch.setattr(jobs, "proposed", proposed)
-        app._mailbox.post(QueuedTask(task) if asked == "task" else propose_starts())
+        app._mailbox.post(QueuedTask(task) if asked == "task" else c.propose_starts())
         page.wait_until(lambda: app._tasks.busy or app._proposer.busy)
         before = app.session.results.losses
-        app._mailbox.post(nudge("move", 3.0))
+        app._mailbox.post(c.nudge("move", 3.0))
         page.wait_until(lambda: app._mapper.busy)
-        page.wait_until(
-            lambda: app.session.results.losses is not before
-        )  # they would long be at it
+        page.wait_until(lambda: app.session.results.losses is not before)  # long at it, else
         if asked == "task":  # a search ends proposals
-            app._mailbox.post(toggle_search())
+            app._mailbox.post(c.toggle_search())
             page.wait_until(lambda: app._searcher.busy)
         overlay = app.session.results.overlay
-        app._mailbox.post(show_style("solid"))
-        page.wait_until(
-            lambda: app.session.results.overlay is not overlay
-        )  # drawings wait for nobody
+        app._mailbox.post(c.show_style("solid"))
+        page.wait_until(lambda: app.session.results.overlay is not overlay)  # they never wait
         assert not done
         go.set()
         begun = {"maps", "search"} if asked == "task" else {"maps"}

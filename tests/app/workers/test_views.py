@@ -9,10 +9,7 @@ import pytest
 
 from poseviewer.app.state.hiding import Stroke, paint
 from poseviewer.app.state.objects import add_object, compare_view, pick_object, show_view
-from poseviewer.app.state.pointer_edits import press, release
-from poseviewer.app.state.pose_edits import nudge, pick_in_landscape
 from poseviewer.app.state.results import LossReading, Results
-from poseviewer.app.state.search_edits import search_advanced, start_search
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import filed_view, saved_scene
@@ -26,6 +23,7 @@ from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.files.state.autosave import load_autosave
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.software.software_renderer import SoftwareRenderer
+from tests.app.state import edits as c
 from tests.app.state.documents import after, asked_of, assert_same_pose, held
 from tests.view_sets import MESH, NAMES, TRUTH, write_views
 
@@ -72,19 +70,19 @@ def test_maps_are_of_the_mean_loss_and_a_press_moves_all(session: Session):
     *_, (latest,) = maker.run(held(session))
     assert len(latest.problem.views) == 3
     mapped = replace(session, results=Results(landscapes=(latest,)))
-    picked = after(mapped, pick_in_landscape(0, 3, 1.0, 0.5))
+    picked = after(mapped, c.pick_in_landscape(0, 3, 1.0, 0.5))
     np.testing.assert_allclose(picked.document.parameters, [0.2, 0, 0, 0, 0, 0], atol=1e-9)
     assert picked.document.scene.pose(0, 2) is not session.document.scene.pose(0, 2)
 
 
 @pytest.mark.slow
 def test_a_search_finds_the_pose_in_all_photos_and_says_of_each(session: Session):
-    asked = after(session, start_search())
+    asked = after(session, c.start_search())
     request = asked_of(asked)
     for update in run_search(request):
         # Another photo may be looked at meanwhile.
         asked = after(
-            asked, search_advanced(request, update), show_view(update.progress.evaluations % 3)
+            asked, c.search_advanced(request, update), show_view(update.progress.evaluations % 3)
         )
     result = asked.document.object.result
     assert result is not None
@@ -105,7 +103,7 @@ def test_a_search_finds_the_pose_in_all_photos_and_says_of_each(session: Session
 
 
 def test_a_pose_file_opens_in_its_photo_of_the_set(session: Session, files):
-    looked = after(session, show_view(2), nudge("move", 30.0))
+    looked = after(session, show_view(2), c.nudge("move", 30.0))
     opened = open_pose(looked.document, files[2])
     assert opened.photo.name == "a.png"
     for index in range(3):
@@ -116,13 +114,13 @@ def test_a_pose_file_opens_in_its_photo_of_the_set(session: Session, files):
 def test_a_set_opens_without_a_pose_and_waits_for_a_press(files):
     document = open_set(files[0], files[1], None)
     assert not document.object.is_placed
-    placed = after(Session(document), press(100.0, 80.0), release())
+    placed = after(Session(document), c.press(100.0, 80.0), c.release())
     assert placed.document.object.is_placed
 
 
 def test_a_model_that_no_photo_shows_is_said(session: Session):
-    away = after(session, nudge("move", 3000.0))
-    asked = after(away, start_search())
+    away = after(session, c.nudge("move", 3000.0))
+    asked = after(away, c.start_search())
     assert asked.search is not None
     with pytest.raises(SettingsError, match="bring the start onto the photo"):
         next(iter(run_search(asked_of(asked))))
@@ -131,8 +129,10 @@ def test_a_model_that_no_photo_shows_is_said(session: Session):
 def test_objects_in_several_photos_come_back_from_scene_and_session(
     session: Session, tmp_path: Path
 ):
-    added = after(session, add_object(), press(250.0, 60.0), release(), show_view(1), paint(STROKE))
-    changed = after(added, pick_object(1), compare_view(2, False), nudge("roll", 3.0))
+    added = after(
+        session, add_object(), c.press(250.0, 60.0), c.release(), show_view(1), paint(STROKE)
+    )
+    changed = after(added, pick_object(1), compare_view(2, False), c.nudge("roll", 3.0))
     saver = Autosaver(tmp_path)
     path = saver.save(changed)
     assert path.name == "b.scene.json"

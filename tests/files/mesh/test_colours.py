@@ -9,6 +9,7 @@ from PIL import Image
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
+from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.geometry.image import srgb_from_linear
 from poseviewer.geometry.mesh import Mesh
@@ -147,6 +148,149 @@ def test_colours_of_faces_and_mixed_polygons_of_a_ply(tmp_path: Path) -> None:
     mesh = load_mesh(tmp_path / "mixed.ply")
     assert {tuple(c) for c in mesh.colours.tolist()} <= {(1.0, 0.0, 0.0), (0.0, 0.0, 1.0)}
     assert len(mesh.faces) == 2  # the triangle doubles half of the quad
+
+
+SQUARE = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+RGB = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0.6, 0.2]])
+
+
+def load_square(folder: Path, name: str, head: str, rows: list[str], face: str) -> Mesh:
+    """Load a text file of a square with a row for each corner, and its one face."""
+    (folder / name).write_text(head + "".join(f"{row}\n" for row in rows) + f"{face}\n")
+    return load_mesh(folder / name)
+
+
+def rows_of(colours: np.ndarray, *more: str) -> list[str]:
+    """Rows x y z r g b of the square's corners, with more behind."""
+    numbers = np.concatenate([SQUARE, colours], axis=1)
+    return [" ".join([*(f"{value:.6g}" for value in row), *more]) for row in numbers]
+
+
+def colours_of(mesh: Mesh) -> np.ndarray:
+    """RGB of the square's corners, (4, 3)."""
+    return np.array([mesh.colours[(mesh.vertices == c).all(axis=1)][0] for c in SQUARE])
+
+
+@pytest.mark.parametrize("names", ["red green blue", "r g b", "R G B", "diffuse_red diffuse_green "
+                                   "diffuse_blue"])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "top"),
+    [("uchar", 255), ("int", 255), ("uint", 255), ("ushort", 65535), ("ushort", 255),
+     ("short", 255), ("float", 1), ("double", 255), ("int", 65535)],
+)  # fmt: skip
+def test_colours_of_a_ply_under_all_names_and_types(tmp_path, names, kind, top):
+    head = "ply\nformat ascii 1.0\nelement vertex 4\n"
+    head += "".join(f"property float {axis}\n" for axis in "xyz")
+    head += "".join(f"property {kind} {name}\n" for name in names.split())
+    head += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    values = RGB * top if top == 1 else np.rint(RGB * top)
+    mesh = load_square(tmp_path, "m.ply", head, rows_of(values), "4 0 1 2 3")
+    np.testing.assert_allclose(colours_of(mesh), RGB, atol=1e-3)
+    assert mesh.notes == ()
+
+
+def test_columns_of_a_ply_that_may_be_colours_and_other_elements_are_noted(tmp_path):
+    head = "ply\nformat ascii 1.0\nelement vertex 4\n"
+    head += "".join(f"property float {name}\n" for name in ("x", "y", "z", "intensity", "q", "w"))
+    head += "element face 1\nproperty list uchar int vertex_indices\n"
+    head += "element material 1\nproperty int red\nend_header\n"
+    mesh = load_square(tmp_path, "m.ply", head, rows_of(RGB), "4 0 1 2 3\n7")
+    assert mesh.notes == (
+        "Columns of the PLY that may be colours, left out: intensity.",
+        "Elements of the PLY, left out: material.",
+    )
+
+
+@pytest.mark.parametrize(
+    ("factor", "wanted"), [(1.002, 1.002), (3.0, 3.0), (255.0, 1.0), (40.5, 40.5 / 255)]
+)
+def test_numbers_above_one_are_bytes_only_where_they_are_far_above(tmp_path, factor, wanted):
+    rows = [f"v {row}" for row in rows_of(RGB * factor)]
+    mesh = load_square(tmp_path, "m.obj", "", rows, "f 1 2 3 4")
+    np.testing.assert_allclose(colours_of(mesh), np.minimum(RGB * wanted, 1.0), atol=1e-5)
+    assert bool(mesh.notes) == (factor < 10)
+
+
+def test_colours_of_one_object_of_an_obj(tmp_path):
+    rows = [f"v {row}" for row in rows_of(RGB)] + ["f 1 2 3 4", "o b"]
+    rows += [f"v {x} {y} 5 # no colour here" for x, y, _ in SQUARE]
+    mesh = load_square(tmp_path, "m.obj", "o a\n", rows, "f 5 6 7 8")
+    np.testing.assert_allclose(colours_of(mesh), RGB, atol=1e-6)
+    np.testing.assert_allclose(mesh.colours[mesh.vertices[:, 2] == 5.0], 0.8)
+    assert mesh.notes == ()
+
+
+@pytest.mark.parametrize("lines", [1, 2, 4])
+def test_polypaint_of_zbrush(tmp_path, lines):
+    digits = ["ff" + bytes(np.rint(255 * rgb).astype(np.uint8)).hex() for rgb in RGB]
+    blocks = [digits[i::1][: 4 // lines] for i in range(0, 4, 4 // lines)]
+    rows = [f"v {x} {y} {z}" for x, y, z in SQUARE] + [f"#MRGB {''.join(b)}" for b in blocks]
+    mesh = load_square(tmp_path, "m.obj", "# ZBrush\n", rows, "f 1 2 3 4")
+    np.testing.assert_allclose(colours_of(mesh), RGB, atol=1e-6)
+    mesh = load_square(tmp_path, "m.obj", "# ZBrush\n", [*rows[:-1], "#MRGB ffx"], "f 1 2 3 4")
+    assert not mesh.has_reflectance
+    assert mesh.notes == ("Colours by #MRGB, left out: they are not 8 digits for each vertex.",)
+
+
+@pytest.mark.parametrize(
+    ("line", "note"),
+    [
+        ("map_Kd -s 2 2 1 a picture.png", "Options of a texture, left out: -s 2 2 1."),
+        ("map_Kd -o 0.5 0 0 a picture.png", "Options of a texture, left out: -o 0.5 0 0."),
+        ("map_Kd -clamp on a picture.png", "Options of a texture, left out: -clamp on."),
+        ("map_Kd -s 1 1.0 1 -o 0 0 0 a picture.png", None),
+        ("d 0.0", "Material paint is said to be invisible, and is shown."),
+        ("Tr 1", "Material paint is said to be invisible, and is shown."),
+        ("d 1.0", None),
+    ],
+)
+def test_lines_of_an_mtl_that_are_not_followed_are_noted(folder, line, note):
+    path = write_obj(folder, PICTURE)
+    (folder / "quad.mtl").write_text(f"newmtl paint\n{line}\n")
+    assert load_mesh(path).notes == ((note,) if note else ())
+
+
+def test_lines_of_an_obj_that_are_not_read_are_noted(tmp_path):
+    rows = [f"v {x} {y} {z}" for x, y, z in SQUARE] + ["s off", "l 1 2", "curv 0 1 1 2", "# l"]
+    mesh = load_square(tmp_path, "m.obj", "", rows, "f 1 2 3 4")
+    assert mesh.notes == ("Lines not read: curv, l.",)
+
+
+BYTES = np.rint(RGB * 255)
+PLAIN = [f"{x} {y} {z}" for x, y, z in SQUARE]
+OFFS = {
+    "COFF, bytes": ("COFF\n4 1 0\n", rows_of(BYTES, "255"), "4 0 1 2 3", RGB),
+    "COFF, numbers to 1": ("COFF 4 1 0\n", rows_of(RGB, "1"), "4 0 1 2 3", RGB),
+    "COFF without alpha": ("COFF\n4 1\n", rows_of(BYTES), "4 0 1 2 3", RGB),
+    "OFF with more columns": ("OFF\n4 1 0\n", rows_of(BYTES, "255"), "4 0 1 2 3", RGB),
+    "CNOFF": ("CNOFF\n4 1 0\n", [f"{row} 0 0 1 {r} {g} {b} 1" for row, (r, g, b) in
+                                zip(PLAIN, RGB, strict=True)], "4 0 1 2 3", RGB),
+    "NOFF": ("NOFF\n4 1 0\n", [f"{row} 0 0 1" for row in PLAIN], "4 0 1 2 3", None),
+    "counts on its line": ("OFF4 1 0\n", PLAIN, "4 0 1 2 3", None),
+    "counts behind a blank": ("OFF 4 1 0\n", PLAIN, "4 0 1 2 3", None),
+    "no word": ("4 1 0\n", PLAIN, "4 0 1 2 3", None),
+    "a face's colour in bytes": ("OFF\n4 1 0\n", PLAIN, "4 0 1 2 3 255 153 51 255", RGB[3]),
+    "a face's colour to 1": ("OFF\n4 1 0\n", PLAIN, "4 0 1 2 3 1.0 0.6 0.2", RGB[3]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", OFFS)
+def test_headers_and_colours_of_off(tmp_path, name):
+    head, rows, face, wanted = OFFS[name]
+    mesh = load_square(tmp_path, "m.off", head, rows, face)
+    assert (len(mesh.faces), mesh.notes) == (2, ())
+    np.testing.assert_allclose(np.abs(mesh.normals), [[0, 0, 1]] * len(mesh.normals), atol=1e-6)
+    assert mesh.has_reflectance == (wanted is not None)
+    if wanted is not None:
+        np.testing.assert_allclose(colours_of(mesh), np.broadcast_to(wanted, (4, 3)), atol=1e-6)
+
+
+def test_colours_of_faces_of_off_by_number_are_noted_and_other_headers_refused(tmp_path):
+    notes = load_square(tmp_path, "m.off", "OFF\n4 1 0\n", PLAIN, "4 0 1 2 3 7").notes
+    assert notes == ("Colours of some faces, or by their number in a colour map, left out.",)
+    for head in ("4OFF\n4 1 0\n", "nOFF\n3\n4 1 0\n", "OFF BINARY\n4 1 0\n"):
+        with pytest.raises(MeshFileError, match=r"m\.off: .*no OFF header of three"):
+            load_square(tmp_path, "m.off", head, PLAIN, "4 0 1 2 3")
 
 
 def test_gltf_is_linear_but_what_trimesh_writes_is_not(tmp_path: Path) -> None:

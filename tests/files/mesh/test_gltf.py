@@ -2,6 +2,7 @@
 
 import json
 import struct
+import time
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -218,7 +219,77 @@ def test_alpha_cuts(tmp_path, cutoff, right):
     plate.material |= {"alphaMode": "MASK"} | ({} if cutoff is None else {"alphaCutoff": cutoff})
     mesh = plate.load(tmp_path)
     assert mesh.bounds[1, 0] == right
-    assert mesh.notes == ()
+    assert mesh.notes == (("Invisible triangles, left out: 16.",) if right == 0.0 else ())
+
+
+HALF, NOTHING = np.full((4, 4), 0.5, "<f4"), np.zeros((4, 4), "<f4")
+HITBOXES = {
+    "alpha 0": ({"alphaMode": "BLEND"}, 0.0, None, True),
+    "alpha a half": ({"alphaMode": "BLEND"}, 0.5, None, False),
+    "below the cutoff": ({"alphaMode": "MASK"}, 0.4, None, True),
+    "at the cutoff": ({"alphaMode": "MASK", "alphaCutoff": 0.1}, 0.1, None, False),
+    "opaque": ({}, 0.0, NOTHING, False),
+    "alpha 0 of corners": ({"alphaMode": "BLEND"}, 1.0, NOTHING, True),
+    "alpha of both": ({"alphaMode": "MASK", "alphaCutoff": 0.3}, 0.5, HALF, True),
+}
+
+
+@pytest.mark.parametrize("name", HITBOXES)
+def test_what_alpha_makes_invisible_is_left_out(tmp_path, name):
+    material, alpha, colours, is_invisible = HITBOXES[name]
+    plate = Plate()
+    box = {"POSITION": plate.array((3.0 * CORNERS + (0, 0, 1)).astype("<f4"))}
+    box |= {} if colours is None else {"COLOR_0": plate.array(colours)}
+    primitive = {"attributes": box, "indices": plate.array(FACES), "material": 1}
+    plate.mesh["primitives"].append(primitive)
+    look = {"pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, alpha]}}
+    mesh = plate.load(tmp_path, materials=[plate.material, {**material, **look}])
+    assert mesh.bounds[1, 0] == (1.0 if is_invisible else 3.0)
+    assert mesh.notes == (("Invisible triangles, left out: 2.",) if is_invisible else ())
+
+
+@pytest.mark.parametrize("way", ["another scene", "hidden", "below what is hidden"])
+def test_nodes_that_the_scene_does_not_show_are_left_out(tmp_path, way):
+    plate = Plate()
+    hidden = {"extensions": {"KHR_node_visibility": {"visible": False}}}
+    box = {"mesh": 0, "scale": [3, 3, 3]}
+    plate.nodes += [{"name": "other", "children": [2]}, box]
+    plate.nodes[1 if way.startswith("below") else 2] |= {} if way == "another scene" else hidden
+    scenes = [{"nodes": [1]}, {"nodes": [0] if way == "another scene" else [0, 1]}]
+    mesh = plate.load(tmp_path, scene=1, scenes=scenes, extensionsUsed=["KHR_node_visibility"])
+    assert mesh.bounds[1, 0] == 1.0
+    assert mesh.notes == ("Nodes that the file's scene does not show, left out: 1.",)
+
+
+@pytest.mark.parametrize(("wrap", "is_noted"), [("wrapS", True), ("wrapT", False)])
+def test_textures_that_are_clamped_or_mirrored_are_noted_where_it_matters(tmp_path, wrap, is_noted):
+    plate = Plate()
+    plate.attributes["TEXCOORD_0"] = plate.array((UVS * (2, 1)).astype("<f4"))
+    textures, samplers = [{"source": 0, "sampler": 0}], [{wrap: 33071}]
+    mesh = plate.load(tmp_path, textures=textures, samplers=samplers)
+    note = "A texture that is clamped or mirrored, repeated instead."
+    assert mesh.notes == ((note,) if is_noted else ())
+
+
+def test_colours_of_corners_a_hair_above_one_are_cut(tmp_path):
+    plate = Plate()
+    plate.material = {}
+    plate.attributes["COLOR_0"] = plate.array(np.full((4, 3), (1.002, 1.0, 0.0), "<f4"))
+    mesh = plate.load(tmp_path)
+    assert mesh.colours[0].tolist() == [1.0, 1.0, 0.0]
+    assert mesh.notes == ("Colours above 1, cut to 1: 4.",)
+
+
+def test_a_chain_of_thousands_of_nodes_is_read_at_once(tmp_path):
+    plate, length = Plate(), 3000
+    plate.nodes = [
+        {"mesh": 0, "children": [i + 1], "translation": [0, 0, 1]} for i in range(length)
+    ]
+    plate.nodes[-1].pop("children")
+    begun = time.process_time()
+    mesh = plate.load(tmp_path)
+    assert mesh.bounds[1, 2] == length
+    assert time.process_time() - begun < 20.0
 
 
 def test_strips_and_fans(tmp_path):
@@ -252,6 +323,7 @@ def test_an_extension_that_is_not_read_is_refused_where_it_is_required(tmp_path,
     [
         ("KHR_texture_basisu", ""),
         ("ACME_unknown", "ACME_unknown"),
+        ("KHR_node_visibility", ""),
         ("KHR_materials_clearcoat", ""),
         ("KHR_draco_mesh_compression", ""),
     ],

@@ -1,0 +1,51 @@
+"""STL, binary or text, by trimesh, once what trimesh refuses or passes over is mended: a header of
+another length, words before and within ``solid``.
+"""
+
+import re
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+
+from poseviewer.files.mesh.parts import ModelParts, Part
+
+HEADER, ROW = 84, 50
+"""Bytes of a binary file before its triangles, and of each triangle."""
+SOLID = re.compile(r"^[ \t]*(end)?[ \t]*solid\b", re.MULTILINE | re.IGNORECASE)
+VERTEX = re.compile(r"^[ \t]*vertex\b[^\n]*", re.MULTILINE | re.IGNORECASE)
+
+
+def read_stl(path: Path) -> ModelParts:
+    """The one part of an STL file, and notes on a header of another length, and on colours.
+
+    Raises:
+        ValueError: The file holds less than it promises.
+    """
+    import trimesh
+
+    data, notes, text = path.read_bytes(), [], ""
+    count = promised = int.from_bytes(data[HEADER - 4 : HEADER], "little")
+    held = max(len(data) - HEADER, 0) // ROW
+    if len(data) != HEADER + promised * ROW:
+        text = data.decode("ascii", "replace").replace("\r", "\n")
+    if lines := VERTEX.findall(text):
+        ends = [bool(end) for end in SOLID.findall(text)]
+        count = len(lines) / 3 if 2 * sum(ends) >= len(ends) else -1
+        data = "\n".join(["solid", *lines, "endsolid"]).encode()
+    elif promised > held:
+        raise ValueError(f"it holds {held:,} of the {promised:,} triangles that it promises")
+    else:
+        if promised != held:
+            notes.append(f"The file promises {promised:,} triangles, and holds {held:,}.")
+        count = promised or held
+        data = data[: HEADER - 4] + count.to_bytes(4, "little") + data[HEADER:][: count * ROW]
+    scene = trimesh.load_scene(BytesIO(data), file_type="stl", process=False)
+    corners = np.zeros((0, 3))
+    for mesh in scene.geometry.values():
+        corners = mesh.triangles.reshape(-1, 3)
+        if np.any(mesh.face_attributes.get("stl", 0)):
+            notes.append("Attributes of triangles (colours, with some programs), left out.")
+    if len(corners) != 3 * count:
+        raise ValueError("it is cut short")
+    return ModelParts([Part("", corners, np.arange(len(corners)).reshape(-1, 3))], notes)
