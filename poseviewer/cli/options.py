@@ -208,7 +208,7 @@ SETS = option(
 )
 VIEWS: Options = {"several photos, one pose": (SETS, *OF_VIEWS)}
 SCENE: Options = {**CAMERA, **VIEWS, "comparison": COMPARED}
-"""Options that ``case.open_scene`` reads besides ``FILES`` and a pose."""
+"""Options that ``case.load_named`` reads besides ``FILES`` and a pose."""
 ADDRESS = "listen here, at 0.0.0.0 for other machines, too (default: %(default)s)"
 SERVER = (
     option("--port PORT", "serve the page at this port (default: the first free from 8080 on)"),

@@ -41,7 +41,7 @@ class LoadedViews:
 
 @dataclass(frozen=True, slots=True)
 class SetChoice:
-    """Choices that a set's file leaves open."""
+    """Choices that a set's file leaves open, and how a model stands in the set."""
 
     photos: tuple[str, ...] = ()
     """Which of its photos, by their files' names, with or without ending; empty: all."""
@@ -50,6 +50,10 @@ class SetChoice:
     rig_object: int | None = None
     """The object of a BOP scene whose annotations tell how the cameras moved, where the scene does
     not say it."""
+    view: str | None = None
+    """Name of the photo that the start is a pose in; None: the one that the pose file names."""
+    scale: float | None = None
+    """Lengths of the model's unit in one of the set's; None: as the set says, or searched for."""
 
 
 def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.api import load, make_scene
+from poseviewer.api import load, make_registration
 from poseviewer.app.state.camera_change import with_camera
 from poseviewer.evaluation.photos import demo_photo
 from poseviewer.evaluation.synthetic import photograph, random_lighting
@@ -44,7 +44,7 @@ def test_demo_car_is_found_from_8_per_cent_off(projection):
     for _ in range(2):
         start = chart.to_pose(THETA * (1.0 + 0.08 * random.choice([-1.0, 1.0], 6)))
         scene = by(scene_of(photo, mesh, start, keypoints=keypoints), chart="vehicle")
-        found = make_scene(scene).fit()
+        found = make_registration(scene).fit()
         assert pose_error(mesh, found.pose, truth).reprojection_px < 1.0
 
 

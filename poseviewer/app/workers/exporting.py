@@ -144,5 +144,6 @@ def picture_of(
     meshes = {one.mesh for one in objects if not one.hidden}
     renderers = {mesh: renderer_of(mesh).clone() for mesh in meshes}
     index = 0 if len(objects) == 1 else None
-    scene = api.Scene(replace(document.scene, objects=objects), renderers, index, document.at)
-    return scene.picture(look, opacity=opacity)
+    scene = replace(document.scene, objects=objects)
+    shown = api.Registration(scene, renderers, index, document.at)
+    return shown.picture(look, opacity=opacity)
