@@ -252,7 +252,7 @@ def test_a_number_that_is_none_is_said(capsys, number: str) -> None:
         assert run(*named.split(), option, number) == 2
         assert "went wrong" not in one_line(capsys.readouterr().err)
     shutil.copy("p.png", "²²².png")
-    cameras = {str(key): {"cam_K": [9, 0, 1, 0, 9, 1, 0, 0, 1]} for key in (1, 2)}
+    cameras = {str(key): {"cam_K": [9 * key, 0, 1, 0, 9, 1, 0, 0, 1]} for key in (1, 2)}
     Path("scene_camera.json").write_text(json.dumps(cameras))
     assert run(*"info ²²².png --calibration scene_camera.json".split()) == 2  # noqa: SIM905
     assert "choose one by" in one_line(capsys.readouterr().err)
