@@ -9,7 +9,7 @@ import math
 import re
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -425,13 +425,11 @@ def cameras_in(
                 size = own.size(cx, cy)
                 is_sized &= bool(own.sizes)
                 camera = Perspective(fx, fy, cx + form.shift, cy + form.shift, *size)
-                lens, photos = _lens(own, form, lens_model), {_file_name(name)} - {""}
+                lens, photos = _lens(own, form, lens_model), {re.split(r"[/\\]", name)[-1]} - {""}
                 read = f"{', '.join(own.used)} (as {form.tools})"
                 more = frozenset(photos), read, form.is_of_stored
                 cameras.append(FileCamera(name, camera, lens, *more))
                 used |= own.used.keys()
-    of_cameras = _photos_of(data)
-    cameras = [replace(c, photos=c.photos | of_cameras.get(c.name, set())) for c in cameras]
     if not cameras:
         keys = ", ".join(str(key)[:20] for key in data) if isinstance(data, dict) else ""
         wanted = f"read are those of {', '.join(tools for tools, *_ in READ)}"
@@ -457,22 +455,6 @@ def cameras_in(
             wanted = "wanted distortion_coefficients, or k1, k2, p1, p2, k3 ..."
             raise reading.error(f"{key!r} may be a lens, and is not known here", wanted)
     return cameras
-
-
-def _photos_of(data: Any) -> dict[str, set[str]]:
-    """Names of the photos of OpenSfM's and OpenMVG's cameras, by the cameras' names."""
-    photos: dict[str, set[str]] = {}
-    with suppress(KeyError, TypeError, AttributeError):
-        for one in data["cameras"] if isinstance(data.get("cameras"), list) else [data]:
-            views = [view["value"]["ptr_wrapper"]["data"] for view in one.get("views", [])]
-            shots = [(shot["camera"], name) for name, shot in one.get("shots", {}).items()]
-            for camera, name in [*shots, *((v["id_intrinsic"], v["filename"]) for v in views)]:
-                photos.setdefault(str(camera), set()).add(_file_name(name))
-    return photos
-
-
-def _file_name(written: Any) -> str:
-    return re.split(r"[/\\]", str(written))[-1]
 
 
 def _plain(key: Any) -> str:
@@ -564,7 +546,7 @@ def _mappings(
         is_base = key == "value0" and isinstance(value, dict) and "principal_point" in value
         if len(sides := _named_sides(key, value)) == 2:
             both = dict(zip(("width", "height"), sides, strict=True))
-            entries = (both if field_name == "imagesize" else {key: sides}) | entries
+            entries |= both | entries if field_name == "imagesize" else {key: sides}
         elif isinstance(value, dict) and is_mapping and (is_base or field_name in MERGED):
             entries |= {k: v for k, v in value.items() if not isinstance(v, dict)}
             inner += [(k, v) for k, v in value.items() if isinstance(v, dict)]

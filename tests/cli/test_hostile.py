@@ -231,7 +231,7 @@ def test_a_number_that_is_none_is_said(capsys, number):
     for option in ("--object", "--image"):
         assert "went wrong" not in refusal(capsys, named, option, number)
     shutil.copy("p.png", "²²².png")
-    cameras = {str(key): {"cam_K": [9, 0, 1, 0, 9, 1, 0, 0, 1]} for key in (1, 2)}
+    cameras = {str(key): {"cam_K": [9 * key, 0, 1, 0, 9, 1, 0, 0, 1]} for key in (1, 2)}
     Path("scene_camera.json").write_text(json.dumps(cameras))
     line = "info ²²².png --calibration scene_camera.json"
     assert "choose one by" in refusal(capsys, line)

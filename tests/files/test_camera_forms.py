@@ -198,10 +198,9 @@ FROM_THE_MIDDLE: dict[str, tuple[str, Any, Lens | None]] = {
                        "-0.3,0.1,0.02,0,0,0\nq.png,1,2,3,4,5,6,9,0,0,0,0,0,0,0,0\n",
                        Lens("opencv", (-0.3, 0.1, 0.0, 0.0, 0.02))),
     "opensfm": ("a.json", [{"cameras": {
-        "a": {"projection_type": "perspective", "width": 9, "height": 8, "focal": 1.0},
         "b c": {"projection_type": "brown", "width": 640, "height": 480, "focal_x": 500 / 640,
                 "focal_y": 500 / 640, "c_x": 10 / 640, "c_y": -5 / 640, **NAMED}},
-        "shots": {"p.png": {"camera": "b c"}, "q.png": {"camera": "a"}}}], LENS),
+        "shots": {"p.png": {"camera": "b c"}}}], LENS),
     "opensfm, fisheye": ("a.json", {"v2": {
         "projection_type": "fisheye", "width": 640, "height": 480, "focal": 0.5, "k1": 0.02,
         "k2": -0.01}}, Lens("fisheye", (0.02, -0.01, 0.0, 0.0))),
@@ -222,16 +221,6 @@ def test_a_principal_point_may_count_from_the_middle(tmp_path, form):
     assert_reads(tmp_path / name, content, matrix, lens)
 
 
-def openmvg(**lens: Any) -> dict[str, Any]:
-    """Cameras 0 and 1 as OpenMVG writes them; ``p.png`` was taken by the second."""
-    numbers = {**SIZE, "focal_length": 500.0, "principal_point": [321.0, 239.0]}
-    wrapped = {"polymorphic_name": "a", "ptr_wrapper": {"id": 7, "data": {**numbers, **lens}}}
-    other = {"ptr_wrapper": {"data": {"value0": {**numbers, "focal_length": 9.0}, **lens}}}
-    view = {"filename": "p.png", **SIZE, "id_intrinsic": 1, "id_pose": 0}
-    return {"views": [{"key": 0, "value": {"ptr_wrapper": {"data": view}}}],
-            "intrinsics": [{"key": 0, "value": other}, {"key": 1, "value": wrapped}]}  # fmt: skip
-
-
 @pytest.mark.parametrize(
     ("said", "lens"),
     [
@@ -242,9 +231,16 @@ def openmvg(**lens: Any) -> dict[str, Any]:
         ({"fisheye": FISHEYE}, Lens("fisheye", FISHEYE)),
     ],
 )
-def test_openmvgs_lenses_are_in_its_order(tmp_path, said, lens):
+@pytest.mark.parametrize("is_based", [False, True])
+def test_openmvgs_lenses_are_in_its_order(tmp_path, said, lens, is_based):
+    """Some versions write the pinhole as ``value0`` beside the lens."""
+    numbers = {**SIZE, "focal_length": 500.0, "principal_point": [321.0, 239.0]}
+    wrapped = {"id": 7, "data": {**({"value0": numbers} if is_based else numbers), **said}}
+    camera = {"key": 0, "value": {"polymorphic_name": "a", "ptr_wrapper": wrapped}}
+    view = {"ptr_wrapper": {"data": {"filename": "p.png", **SIZE, "id_intrinsic": 0}}}
+    data = {"views": [{"key": 0, "value": view}], "intrinsics": [camera]}
     matrix = [[500.0, 0.0, 321.0], [0.0, 500.0, 239.0], [0.0, 0.0, 1.0]]
-    assert_reads(tmp_path / "sfm_data.json", openmvg(**said), matrix, lens)
+    assert_reads(tmp_path / "sfm_data.json", data, matrix, lens)
 
 
 def test_nerfs_angle_is_that_of_the_width(tmp_path):
