@@ -4,9 +4,8 @@ As a library (``poseviewer.api``)::
 
     import poseviewer
 
-    case = poseviewer.load("photo.jpg", "car.glb", "start.json")
-    found = case.fit()
-    found.save("pose.json")
+    result = poseviewer.load("photo.jpg", "car.glb", "start.json").fit()
+    result.save("pose.json")
 
 The names below are imported at their first use, so that ``import poseviewer`` alone is quick.
 """
@@ -15,22 +14,32 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from poseviewer.api import (
+        AutoStart,
+        FitResult,
         FitSettings,
         LossMaps,
+        Mask,
         PoseViewerError,
+        Registration,
         Scene,
         SetChoice,
+        StartCamera,
         load,
     )
 
 __version__ = "0.2.0.dev0"
 
 __all__ = [
+    "AutoStart",
+    "FitResult",
     "FitSettings",
     "LossMaps",
+    "Mask",
     "PoseViewerError",
+    "Registration",
     "Scene",
     "SetChoice",
+    "StartCamera",
     "load",
 ]
 

@@ -3,15 +3,28 @@
 import csv
 from pathlib import Path
 
+import pytest
+
 from poseviewer.cli import main as cli
 
 
-def run(*arguments: object) -> int:
-    """Run ``poseviewer`` in this process; returns its exit code, argparse's as well."""
+def run(line: object, *words: object) -> int:
+    """Run ``poseviewer`` with the words of a line, and more; returns its exit code."""
     try:
-        return cli.main([str(argument) for argument in arguments])
-    except SystemExit as stop:
+        return cli.main([*str(line).split(), *map(str, words)])
+    except SystemExit as stop:  # argparse's
         return int(stop.code or 0)
+
+
+def refusal(capsys: pytest.CaptureFixture[str], line: object, *words: object) -> str:
+    """Return the one line, harmless to a terminal, by which a command refuses."""
+    assert run(line, *words) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    (said,) = printed.err.splitlines()
+    assert said.isprintable()
+    assert len(said) < 1200
+    return said
 
 
 def read_rows(path: Path) -> list[dict[str, str]]:

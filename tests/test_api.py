@@ -4,7 +4,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -126,7 +125,7 @@ def test_the_lines_of_the_docs_start_from_point_pairs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = {"poseviewer": poseviewer}
     exec(compile(lines, "library.md", "exec"), names)
-    start = names["case"].pose
+    start = names["placed"].pose
     assert pose_error(load_model(case.model).mesh, start, truth).percent < 0.5
 
 
@@ -145,8 +144,10 @@ def test_settings_are_given_by_name_and_kept_in_the_record(scene):
         ({"gray": True}, "no setting 'gray'"),
         ({"photo": "no.jpg"}, "no such file"),
         ({"pixels": "some"}, "take one of near, whole, clip"),
-        ({"box": (0, 0, 5, 5)}, 'start="auto"'),
-        ({"start": "auto", "box": (0, 0, 5)}, "left, top, width, height"),
+        ({"model": None}, "with a model and a start"),
+        ({"model": None, "start": None, "mask": "m.png"}, "mask= with a scene file"),
+        ({"photo": "set.json", "calibration": "cam.yml"}, "calibration= with a set of photos"),
+        ({"photo": "set.json", "start": "auto"}, "searched for with a set of photos"),
         ({"calibration": "cam.yml"}, "cam.yml: no such file"),
         ({"start": "small"}, "80x60 px, and p.png has 160x120"),
     ],
@@ -168,9 +169,8 @@ def test_a_camera_that_contradicts_the_others_is_named_and_does_no_harm():
         replace(good, views=(*good.views[:2], wrong)),
         ModelFile.of(MESH, None, "", name="m"),
     )
-    found = poseviewer.load(
-        views=views, model=model, start=START, view="a.png", limits=Limits(1500)
-    ).fit()
+    choice = poseviewer.SetChoice(view="a.png")
+    found = poseviewer.load(views, model, START, choice=choice, limits=Limits(1500)).fit()
     assert found.verdict is not None
     assert found.verdict.word != "found"
     assert found.record.notes[0].startswith("c.png goes least with the others")

@@ -53,6 +53,13 @@ def listed(node: ast.AST) -> set[object]:
     return {part.target.id for part in declared if isinstance(part, ast.AnnAssign)}  # pyright: ignore[reportAttributeAccessIssue]
 
 
+def test_no_class_name_stands_twice():
+    trees = [ast.parse(path.read_text()) for path in PACKAGE.rglob("*.py")]
+    nodes = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+    names = [node.name for node in nodes]
+    assert [name for name in names if names.count(name) > 1] == []
+
+
 def test_fields_of_an_object_are_listed_in_few_places():
     """A field such as ``note`` is declared once, and in the pose file that shares it; a place that
     lists many fields by hand is one more to edit for each new field.

@@ -15,9 +15,11 @@ from typing import Any
 from poseviewer import api, errors
 from poseviewer.files import photo_sets, scene_assets, scene_json
 from poseviewer.files import pose as pose_file
-from poseviewer.fit import progress, search, slices, visibility
+from poseviewer.fit import progress, search, slices, stages, view_results, visibility
 from poseviewer.geometry import camera, transform
+from poseviewer.optimise import state
 from poseviewer.scene import assets, settings, types
+from poseviewer.starts import instances, loading
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "api.md"
 HEAD = """# API reference
@@ -30,11 +32,16 @@ the program pixel centres are at i + 0.5; in files they are at integers. Lengths
 unit, angles in radians unless a name ends in `_deg`.
 """
 CONTENT: tuple[tuple[ModuleType, str], ...] = (
-    (api, "load make_scene Scene ViewResult LossMaps"),
+    (api, "load make_registration PosedScene Registration FitResult LossMaps"),
+    (view_results, "ViewResult"),
+    (instances, "AutoStart"),
+    (loading, "StartCamera StartInputs Start"),
     (scene_assets, "load_model view_of_file"),
     (assets, "PhotoFile ModelFile"),
     (types, "Scene View SceneObject InView SearchResult"),
     (search, "Search SearchProgress"),
+    (stages, "Stage make_stages"),
+    (state, "State"),
     (visibility, "Visibility visibility"),
     (settings, "FitSettings Limits"),
     (progress, "FitProgress SearchProgress Status"),
@@ -47,6 +54,7 @@ CONTENT: tuple[tuple[ModuleType, str], ...] = (
     (errors, "PoseViewerError"),
 )
 """Modules and their public names, in the page's order."""
+LISTED = {name for _, names in CONTENT for name in names.split()}
 
 
 def api_as_markdown() -> str:
@@ -67,13 +75,16 @@ def _entry(thing: Any) -> str:
 def _class(thing: type) -> str:
     text = f"\n### `{thing.__name__}`\n\n{_doc(thing)}"
     bases = [base for base in thing.__bases__ if base.__module__.startswith("poseviewer.")]
+    for base in (base for base in bases if base.__name__ in LISTED):
+        text += f"Beside what [`{base.__name__}`](#{base.__name__.lower()}) has:\n\n"
+    bases = [base for base in bases if base.__name__ not in LISTED]
     text += "".join(f"- {row}\n" for owner in (*bases, thing) for row in _fields(owner))
     for name, value in ChainMap(*(dict(vars(owner)) for owner in (thing, *bases))).items():
         found = value.__func__ if isinstance(value, classmethod | staticmethod) else value
         if name.startswith("_"):
             continue
-        if isinstance(found, property) and found.fget is not None and found.fget.__doc__:
-            text += f"\n**`{name}`** (property): {_flat(found.fget.__doc__)}\n"
+        if isinstance(found, property) and found.__doc__:
+            text += f"\n**`{name}`** (property): {_flat(found.__doc__)}\n"
         elif inspect.isfunction(found) and found.__doc__:
             text += f"\n#### `{thing.__name__}.{name}`\n\n{_signature(found)}{_doc(found)}"
     return text
@@ -91,7 +102,7 @@ def _fields(thing: type) -> list[str]:
             name, kind, value = node.targets[0].id, "", node.value
         else:
             continue
-        if name.startswith("_"):
+        if name.startswith("_") or isinstance(vars(thing).get(name), property):
             continue
         below = body.body[index + 1] if index + 1 < len(body.body) else None
         said = ""

@@ -126,12 +126,13 @@ def press(tab: AppPage, button: str) -> None:
 
 def make_search(_folder: Path) -> None:
     """The README's animation: the outline wherever the search finds a better pose."""
-    case, frames, best = load(DEMO.photo, DEMO.model, DEMO.start), [], np.inf
-    for step in case.search():
+    registration, frames, best = load(DEMO.photo, DEMO.model, DEMO.start), [], np.inf
+    for step in registration.search():
         progress = step.progress
         if progress.loss < best:
             best = progress.loss
-            frames.append(Image.fromarray(case.at(progress.pose).picture()).resize((800, 600)))
+            picture = registration.at(progress.pose).picture()
+            frames.append(Image.fromarray(picture).resize((800, 600)))
     frames[0].save(
         README / "search.webp",
         save_all=True,
@@ -144,12 +145,11 @@ def make_search(_folder: Path) -> None:
 
 def make_demo(folder: Path) -> None:
     """Start and end of the demo's fit, relit model, residual, and the loss about the end."""
-    case = load(DEMO.photo, DEMO.model, DEMO.start)
-    found = case.fit()
-    drawn = [found.picture(look) for look in ("outline", "relit", "residual")]
-    save_sheet(README / "demo.jpg", case.start.picture(), *drawn)
-    save_sheet(DOCS / "library.jpg", case.start.picture(), drawn[2])
-    found.landscape(size=21).save(folder / "maps.png")
+    result = load(DEMO.photo, DEMO.model, DEMO.start).fit()
+    drawn = [result.picture(look) for look in ("outline", "relit", "residual")]
+    save_sheet(README / "demo.jpg", result.start.picture(), *drawn)
+    save_sheet(DOCS / "library.jpg", result.start.picture(), drawn[2])
+    result.landscape(size=21).save(folder / "maps.png")
     maps = Image.open(folder / "maps.png").convert("RGB")
     maps.quantize(256).save(README / "landscape.png", optimize=True)
 
@@ -214,13 +214,13 @@ def make_pairs(_folder: Path) -> None:
     model, truth = load_model(DEMO.model), load_pose(DEMO.truth, *PHOTO).pose
     points = np.array([surface_point(model.mesh, truth, spot) for spot in SPOTS], float)
     pairs, focal = PointPairs(points, np.rint(truth.project(points))), StartCamera(focal_px=1333.0)
-    case = load(DEMO.photo, model, lambda on: start_from_pairs(on, pairs, focal))
+    placed = load(DEMO.photo, model, lambda on: start_from_pairs(on, pairs, focal))
     marked = np.array(Image.open(DEMO.photo).convert("RGB"))
     yellow, font = (255, 220, 0), cv2.FONT_HERSHEY_SIMPLEX
     for number, (x, y) in enumerate(pairs.pixels.astype(int).tolist(), 1):
         cv2.drawMarker(marked, (x, y), yellow, cv2.MARKER_CROSS, 34, 4)
         cv2.putText(marked, str(number), (x + 14, y - 12), font, 1.3, yellow, 4)
-    save_sheet(DOCS / "pairs.jpg", marked, case.start.picture())
+    save_sheet(DOCS / "pairs.jpg", marked, placed.picture())
 
 
 def make_report(folder: Path) -> None:

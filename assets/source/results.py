@@ -19,9 +19,9 @@ import msgspec
 import numpy as np
 from PIL import Image
 
-from poseviewer.api import make_scene
+from poseviewer.api import make_registration
 from poseviewer.cli import main as cli
-from poseviewer.evaluation.cases import visibility
+from poseviewer.evaluation.cases import visibility_label
 from poseviewer.evaluation.photos import make_photos
 from poseviewer.evaluation.plan import DRAWN, Plan
 from poseviewer.evaluation.report import (
@@ -143,8 +143,8 @@ def landscapes(folder: Path, size: int) -> dict[str, LossMaps]:
         (case,) = make_photos(plan, kind, print)
         for settings in plan.settings(kind):
             task = Task(case, case.truth, replace(settings, lock=HELD))
-            scene = make_scene(*task.open(), 0)
-            maps[f"{LABELS[kind]}, {settings.pixels}"] = scene.landscape(size=size)
+            registration = make_registration(*task.open(), 0)
+            maps[f"{LABELS[kind]}, {settings.pixels}"] = registration.landscape(size=size)
     return maps
 
 
@@ -174,7 +174,7 @@ def error_table(studies: Mapping[str, Sequence[Trial]]) -> Table:
     """Tabulate errors by set and deviation, and on tabletops by how much is seen."""
     groups = grouped(studies["real"], lambda trial: (SETS[trial.set], trial.degrees))
     for name, words in (("clutter", "tabletops"), ("among", "tabletops, others given")):
-        seen = grouped(studies[name], lambda trial: visibility(trial.visible))
+        seen = grouped(studies[name], lambda trial: visibility_label(trial.visible))
         groups |= {(f"{words}, {label}", 15): some for label, some in seen.items()}
     rows = []
     for (name, degrees), some in groups.items():
@@ -200,7 +200,7 @@ def search_table(studies: Mapping[str, Sequence[Trial]]) -> Table:
         return trial.method.partition(" by ")[0], *named
 
     def line(trial: Trial) -> tuple[str, str]:
-        photos = "real" if trial.set in SETS else f"tabletops, {visibility(trial.visible)}"
+        photos = "real" if trial.set in SETS else f"tabletops, {visibility_label(trial.visible)}"
         return "the study's" if trial.percent else photos, trial.method
 
     every = [t for name in ("paper", "real", "clutter", *SEARCHES) for t in studies[name]]
@@ -232,7 +232,7 @@ def calibration_panel(trials: Iterable[Trial]) -> Panel:
     """True share against the stated probability, by how much is seen."""
     judged = sorted((t for t in trials if t.probability >= 0.0), key=lambda t: t.probability)
     lines: dict[str, list[Point]] = {"true as stated": [(0.0,) * 4, (100.0,) * 4]}
-    for label, some in sorted(grouped(judged, lambda t: visibility(t.visible)).items()):
+    for label, some in sorted(grouped(judged, lambda t: visibility_label(t.visible)).items()):
         if len(some) < FEWEST:
             continue
         pieces = np.array_split(range(len(some)), min(4, len(some) // FEWEST))
@@ -320,7 +320,7 @@ def readme_table(studies: Mapping[str, Sequence[Trial]], day: date) -> str:
     """Rows for the README, with method and day of the last measurement."""
     real = [trial for trial in studies["real"] if SETS[trial.set] != SINGLE]
     groups, rows = grouped(real, lambda trial: SETS[trial.set]), []
-    groups |= grouped(studies["clutter"], lambda t: f"tabletops, {visibility(t.visible)}")
+    groups |= grouped(studies["clutter"], lambda t: f"tabletops, {visibility_label(t.visible)}")
     for name, some in groups.items():
         shares = (str(_within(some, limit)) for limit in (1.0, 5.0))
         rows.append((name, str(len(some)), COLUMNS["end"](some), *shares))

@@ -1,5 +1,6 @@
-"""Tables in the docs: what is understood, noted and refused (``files.md``), from the readers' own
-lists; the packages (``architecture.md``), from their import contract.
+"""Tables in the docs: what is understood, noted and refused (``files.md``), and whose cameras are
+read (``cameras.md``), from the readers' own lists; the packages (``architecture.md``), from their
+import contract.
 
 Run from the repository's root: ``python -m assets.source.tables`` writes them.
 """
@@ -10,7 +11,8 @@ import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 
-from poseviewer.files.camera_forms import FORMS, LENS_NAMES, TREES
+from poseviewer.files.camera_forms import LENS_NAMES, READ
+from poseviewer.files.camera_trees import TREES
 from poseviewer.files.colmap_model import MODELS
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.mesh.gltf import HARMLESS, SPARED, UNDERSTOOD
@@ -28,7 +30,7 @@ def files() -> list[tuple[str, ...]]:
     colmap = {True: [], False: []}
     for name, (*_, lens) in MODELS.items():
         colmap[lens is not None].append(name)
-    tools = ", ".join(dict.fromkeys(form.tools for form in FORMS))
+    tools = ", ".join(tools for tools, *_ in READ)
     return [
         ("format", "understood", "noted", "refused"),
         (RULE,) * 4,
@@ -50,8 +52,9 @@ def files() -> list[tuple[str, ...]]:
         ),
         (
             "cameras", f"{_codes(TREES)}: {tools}",
-            "another size in the same ratio",
-            "skew; a principal point outside the photo; keys that may be a lens and are not known",
+            "another size in the same ratio; a photo that EXIF turns",
+            "skew; a principal point outside the photo; keys that may be a lens or a size and are "
+            "not known; four coefficients of which nothing says the model",
         ),
         (
             "lenses", "; ".join(f"as OpenCV's {model}: {_codes(names.split())}"
@@ -61,6 +64,12 @@ def files() -> list[tuple[str, ...]]:
         ("COLMAP", _codes(colmap[True]), "", _codes(colmap[False])),
         ("poses", _codes(FORMATS), "a rotation that is not quite one; another photo or model", ""),
     ]  # fmt: skip
+
+
+def cameras() -> list[tuple[str, ...]]:
+    """Rows of the tools whose cameras are read."""
+    rows = [(tools, _codes(files.split()), keys) for tools, files, keys in READ]
+    return [("of", "file", "what is read"), (RULE,) * 3, *rows]
 
 
 def architecture() -> list[tuple[str, ...]]:
@@ -81,7 +90,10 @@ def _purpose(name: str) -> str:
     return " ".join(text.split("\n\n")[0].split()).rstrip(".:")
 
 
-PAGES = {ROOT / "assets" / "docs" / f"{make.__name__}.md": make for make in (files, architecture)}
+PAGES = {
+    ROOT / "assets" / "docs" / f"{make.__name__}.md": make
+    for make in (files, cameras, architecture)
+}
 """Functions that make the rows of the table of each page."""
 
 

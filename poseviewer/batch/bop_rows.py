@@ -71,7 +71,7 @@ def _save_start(out: Path, image: BopImage, posed: BopObject, instance: int) -> 
     return path
 
 
-def save_scene(batch: Batch, rows: Sequence[Row]) -> None:
+def save_bop_poses(batch: Batch, rows: Sequence[Row]) -> None:
     """Write the poses of a BOP scene's rows (mm) and the scene's cameras as a BOP scene."""
     if batch.scene is None:
         return

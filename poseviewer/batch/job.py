@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from poseviewer.api import Scene, load
+from poseviewer.api import AutoStart, FitResult, load
 from poseviewer.batch.job_table import COLUMNS, Job, file_stamp
 from poseviewer.batch.results import (
     PICTURES,
@@ -44,7 +44,7 @@ def run_job(job: Job, plan: Batch) -> JobResult:
         return known
     try:
         fitted = _fit(job, plan)
-        picture = smaller(fitted.picture())
+        picture = shrink_picture(fitted.picture())
     except PoseViewerError as error:
         return save_failure(plan.folder, job, str(error))
     except Exception as error:  # noqa: BLE001 - one row's trouble is not the others'
@@ -53,28 +53,22 @@ def run_job(job: Job, plan: Batch) -> JobResult:
     return _keep(job, plan, fitted, picture)
 
 
-def _fit(job: Job, plan: Batch) -> Scene:
+def _fit(job: Job, plan: Batch) -> FitResult:
     for column in COLUMNS:
         if not getattr(job, column):
             raise SettingsError(f"the row has no {column}; name a file in the column {column!r}.")
-    path = job.path(job.model)
-    model, renderer = _open_model(path, file_stamp(path), plan.settings)
-    photo, start = job.path(job.photo), job.start if job.start == AUTOMATIC else job.path(job.start)
-    if photo.is_dir() or photo.suffix.lower() == ".json":
-        if start == AUTOMATIC or plan.mask is not None:
-            what = "the start 'auto'" if start == AUTOMATIC else "--mask"
-            raise SettingsError(
-                f"{photo.name}: {what} with a set of photos; name a pose file; masks are the set's."
-            )
-        return load(views=photo, model=model, start=start, settings=plan.settings).fit()
+    path, box = job.path(job.model), job.rectangle()
+    model, renderer = _load_model_once(path, file_stamp(path), plan.settings)
+    start = AutoStart(box) if job.start == AUTOMATIC else job.path(job.start)
+    if box is not None and not isinstance(start, AutoStart):
+        raise SettingsError(f"a box with the start {job.start}; it is for auto, empty the cell.")
     # A renderer is for one thread at a time, and a cluster's worker may have several.
-    own, files = None if renderer is None else renderer.clone(), (photo, model, start)
-    scene = load(*files, plan.settings, box=job.rectangle(), mask=plan.mask, renderer=own)
-    return scene.fit()
+    own, files = None if renderer is None else renderer.clone(), (job.path(job.photo), model, start)
+    return load(*files, plan.settings, mask=plan.mask, renderer=own).fit()
 
 
 @lru_cache(maxsize=MODELS_KEPT)
-def _open_model(
+def _load_model_once(
     path: Path,
     stamp: tuple[int, int],  # noqa: ARG001 - of the file, which may change: workers live long
     settings: FitSettings,
@@ -87,7 +81,7 @@ def _open_model(
     return model, make_renderer(mesh, settings.renderer)
 
 
-def _keep(job: Job, plan: Batch, fitted: Scene, picture: Picture) -> JobResult:
+def _keep(job: Job, plan: Batch, fitted: FitResult, picture: Picture) -> JobResult:
     """Write the pose, the picture and, last, the result."""
     progress, verdict = fitted.progress, fitted.verdict
     assert progress is not None  # it was searched for
@@ -113,8 +107,8 @@ def result_files(job: Job) -> tuple[str, str]:
     return f"{POSES}/{name}.json", f"{PICTURES}/{name}.jpg"
 
 
-def smaller(picture: Picture) -> Picture:
-    """A picture (height, width, 3) in the size of the report's."""
+def shrink_picture(picture: Picture) -> Picture:
+    """Shrink a picture (height, width, 3) to the size of the report's."""
     height, width = picture.shape[:2]
     share = min(1.0, PICTURE_SIDE / max(height, width))
     size = max(1, round(share * width)), max(1, round(share * height))

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from poseviewer.batch.bop_rows import require_scene_camera
-from poseviewer.batch.job import result_files, smaller
+from poseviewer.batch.job import result_files, shrink_picture
 from poseviewer.batch.results import (
     ACCEPTED,
     MENDED,
@@ -71,7 +71,7 @@ def save_corrected(
     if path.is_file() and not fitted.exists():
         write_whole(fitted, path.read_bytes(), BatchError)
     save_pose_and_mask(path, record, mask)
-    save_image(queue.batch.folder / drawn, smaller(picture))
+    save_image(queue.batch.folder / drawn, shrink_picture(picture))
     return _save(
         queue,
         index,

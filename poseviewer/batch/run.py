@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from poseviewer.batch.bop_rows import load_scene_jobs, save_scene
+from poseviewer.batch.bop_rows import load_scene_jobs, save_bop_poses
 from poseviewer.batch.html_report import save_report
 from poseviewer.batch.job import run_job
 from poseviewer.batch.job_table import Job, load_jobs
@@ -89,5 +89,5 @@ def save_summaries(batch: Batch) -> list[Row]:
     rows = batch.rows()
     save_table(batch.folder, rows)
     save_report(batch.folder, rows)
-    save_scene(batch, rows)
+    save_bop_poses(batch, rows)
     return rows

@@ -12,10 +12,11 @@ from poseviewer.errors import SettingsError
 from poseviewer.scene.settings import FitSettings, Limits
 
 if TYPE_CHECKING:  # help texts come before all that
-    from poseviewer.api import Find, Scene
+    from poseviewer.api import Registration
     from poseviewer.files.cameras import Calibration
     from poseviewer.files.file_set import FileSet
-    from poseviewer.starts.loading import StartCamera
+    from poseviewer.starts.instances import AutoStart
+    from poseviewer.starts.loading import FindStart
 
 SAYS = "with {}, which says it itself; leave it out"
 
@@ -48,8 +49,7 @@ def calibration_of(options: Namespace) -> Calibration | None:
         return None
     from poseviewer.files.cameras import Calibration
 
-    fisheye = options.calibration_fisheye
-    return Calibration(options.calibration, options.calibration_camera, fisheye)
+    return Calibration(options.calibration, options.calibration_camera, options.lens_model)
 
 
 def named_files(options: Namespace) -> FileSet:
@@ -73,9 +73,9 @@ def named_files(options: Namespace) -> FileSet:
     return FileSet(photo, models=(ModelFiles(model),) if model else (), pose=options.pose)
 
 
-def open_scene(options: Namespace) -> Scene:
-    """Load the scene that the options name, with the object they choose as the active one."""
-    from poseviewer.api import SetChoice, StartCamera, load
+def load_named(options: Namespace) -> Registration:
+    """Load what the options name, about the object that they choose."""
+    from poseviewer.api import AutoStart, SetChoice, StartCamera, load
 
     settings, files, given = settings_of(options), named_files(options), vars(options)
     if settings.renderer != "opengl":
@@ -83,36 +83,33 @@ def open_scene(options: Namespace) -> Scene:
     parallel = given.get("projection") == "parallel"
     camera = StartCamera(parallel, given.get("focal"), options.free_focal)
     with progress_bar(None, options.quiet) as bar:
-        scene = load(
-            files.scene or files.photo,
+        auto = AutoStart(given.get("box"), given.get("instances") or 1, camera, bar.update)
+        start = None if files.scene else _start_of(options, auto)
+        photo = files.scene or files.views or files.photo
+        assert photo is not None  # without one there is no start
+        registration = load(
+            photo,
             files.models[0].path if files.models else None,
-            None if files.scene else _start_of(options, camera),
+            start,
             settings,
-            views=files.views,
-            view=options.view,
-            scale=options.scale,
-            choice=table.made(SetChoice, options),
+            choice=table.made(SetChoice, options) if files.views else None,
             calibration=calibration_of(options),
-            box=given.get("box"),
-            instances=given.get("instances") or 1,
-            camera=camera,
             mask=options.mask,
-            watch=bar.update,
         )
     if files.scene is not None and given.get("object"):
-        scene = scene[options.object]
-    for note in () if options.quiet else scene.notes:
+        registration = registration[options.object]
+    for note in () if options.quiet else registration.notes:
         tell(f"note: {note}")
-    return scene
+    return registration
 
 
-def _start_of(options: Namespace, camera: StartCamera) -> Path | str | Find:
-    """Return a pose file, "auto", or a function that computes a start from marks on the photo."""
+def _start_of(options: Namespace, auto: AutoStart) -> Path | FindStart:
+    """Return a pose file, or a function that finds a start: automatically, or from marks."""
     given = table.values(options, table.STARTS)
     if options.views is None and (options.photo is None or options.model is None):
         raise SettingsError("PHOTO and MODEL are wanted, or a scene file; name them")
     if given["start"] is not None and options.views is None:
-        return given["start"]
+        return auto
     table.refuse(
         options,
         (table.BOX, table.INSTANCES),
@@ -129,6 +126,7 @@ def _start_of(options: Namespace, camera: StartCamera) -> Path | str | Find:
     from poseviewer.starts.point_pairs import start_from_pairs
     from poseviewer.starts.wheels import start_from_found_wheels, start_from_wheels
 
+    camera = auto.camera
     if options.pairs is not None:
         return lambda inputs: start_from_pairs(inputs, load_pairs(options.pairs), camera)
     if options.find_wheels is not None:

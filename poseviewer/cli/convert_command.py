@@ -4,6 +4,7 @@ assets/docs/formats.md.
 
 from __future__ import annotations
 
+import json
 from argparse import Namespace
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -15,11 +16,17 @@ from poseviewer.files.formats.conversion import METRES, ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from poseviewer.scene.types import Scene
 
 SCENE = "scene"
 """Name of the format of scene files."""
 _NAMES = tuple(FORMATS)
+MATRIX_OPTIONS = (
+    table.option("--opengl", "take matrices as OpenGL's, whose camera looks along -z, y up"),
+    table.option("--inverse", "take matrices as those of the model from the camera"),
+)
 _READ = "read this format, one of those of --to (default: %(default)s)"
 _WRITE = f"write this format: {', '.join(_NAMES)} (default: %(default)s)"
 OPTIONS = {
@@ -35,7 +42,8 @@ OPTIONS = {
         table.option("--image NAME|NUMBER", "choose this image of several (default: the only one)"),
         table.option("--object ID|NUMBER", "choose this object of several (default: all)"),
         table.option("--calibration FILE", "read a bare matrix's camera here (default: none)"),
-        table.option("--opengl", "take matrices as OpenGL's, whose camera looks along -z, y up"),
+        table.LENS_MODEL,
+        *MATRIX_OPTIONS,
         table.option("--overwrite", "replace OUT if it exists"),
     )
 }
@@ -52,13 +60,8 @@ def run(options: Namespace) -> int:
     for note in scene.notes:
         say(f"note: {note}")
     files, notes = FORMATS[options.out_format].convert(scene, options.out, request)
-    if options.out_format == "bop" and len(scene.objects) > 1:
-        from poseviewer.figures.object_maps import pictures_of_objects, save_pictures
-        from poseviewer.files.formats.bop import image_number
-
-        first = replace(scene, views=scene.views[:1])
-        pictures = pictures_of_objects(first, image_number(scene, request), masks_alone=True)
-        save_pictures(options.out, pictures, overwrite=True)
+    if options.out_format == "bop":
+        notes += _write_masks(scene, options.out, request)
     for note in notes:
         say(f"note: {note}")
     for path in files:
@@ -66,11 +69,37 @@ def run(options: Namespace) -> int:
     return 0
 
 
+def _write_masks(scene: Scene, out: Path, request: ConvertOptions) -> list[str]:
+    """Write masks and ``scene_gt_info.json`` of the images of a BOP scene; notes say which not."""
+    from poseviewer.figures.object_maps import INFO, pictures_of_objects, save_pictures
+    from poseviewer.files.formats.bop import POSES, image_number, load_scene_file, scene_text
+
+    if not all(item.model.location.is_file() for item in scene.objects):
+        return [f"{INFO} and masks are not written: a model is not there; add --model FILE."]
+    infos, poses, notes = load_scene_file(out / INFO), load_scene_file(out / POSES), []
+    for index, view in enumerate(scene.views[:1] if len(scene.objects) > 1 else scene.views):
+        number = image_number(scene, request, index)
+        pictures = pictures_of_objects(replace(scene, views=(view,)), number, masks_alone=True)
+        new = json.loads(pictures.pop(INFO))
+        is_there = str(number) in infos or any((out / name).exists() for name in pictures)
+        if len(poses[str(number)]) != len(scene.objects):
+            notes.append(f"Image {number} has other objects: {INFO} and masks stay as they are.")
+        elif is_there and not (request.overwrite or len(scene.objects) > 1):
+            notes.append(f"{INFO} and masks of image {number} are there; add --overwrite.")
+        else:
+            infos |= new
+            save_pictures(out, pictures, overwrite=True)
+    save_pictures(out, {INFO: scene_text(infos).encode()}, overwrite=True)
+    return notes
+
+
 def _request(options: Namespace) -> ConvertOptions:
     """Options of the conversion, but for the object; the files that are named are there."""
     from poseviewer.files.formats.conversion import require_file
     from poseviewer.files.photo import load_photo
 
+    if "matrix" not in (options.source_format, options.out_format):
+        table.refuse(options, MATRIX_OPTIONS, "without --from matrix or --to matrix; leave it out")
     if options.photo is not None:
         require_file(options.photo, "photo", "Converted")
     if options.model is not None and not options.model.is_dir():  # that of a BOP scene's models

@@ -23,12 +23,11 @@ def run(_: Namespace) -> int:
     from poseviewer.files.demo import demo_case
 
     files = demo_case()
-    case = load(files.photo, files.model, files.start)
-    end = search(case, quiet=False)
-    end.save(FOLDER / "pose.json")
+    result = search(load(files.photo, files.model, files.start), quiet=False)
+    result.save(FOLDER / "pose.json")
     for look in LOOKS:
-        end.draw(FOLDER / f"{look}.png", look)
-    case.draw(FOLDER / "start.png")
+        result.draw(FOLDER / f"{look}.png", look)
+    result.start.draw(FOLDER / "start.png")
     names = ", ".join(f"{look}.png" for look in ("start", *LOOKS))
     say(f"The pose and pictures of it are in {FOLDER}/: pose.json, {names}.")
-    return EXIT_INTERRUPTED if end.stopped else 0
+    return EXIT_INTERRUPTED if result.stopped else 0

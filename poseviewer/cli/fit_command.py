@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from poseviewer.cli import options as table
-from poseviewer.cli.case import open_scene
+from poseviewer.cli.case import load_named
 from poseviewer.cli.terminal import progress_bar, require_writable, say
 from poseviewer.errors import EXIT_INTERRUPTED, PhotoFileError, PoseFileError
 
 if TYPE_CHECKING:
-    from poseviewer.api import Scene
+    from poseviewer.api import FitResult, Registration
     from poseviewer.fit.progress import FitProgress
 
 _PROJECTIONS = ("perspective", "parallel")
@@ -56,28 +56,27 @@ EXAMPLES = (
 def run(options: Namespace) -> int:
     """Write the pose or the scene, and an overlay of each photo if wanted."""
     _require_writable(options)
-    scene = open_scene(options)
+    registration = load_named(options)
     _require_writable(options)  # now the files that its own name are known
-    result = search(scene, options.quiet).whole
+    result = search(registration, options.quiet).whole
     if options.instances:
         result = without_lost(result, options.instances)
     result.save(options.out)
-    say(f"{'scene' if result.index is None else 'pose'}: {options.out}")
+    say(f"{'scene' if result.object_index is None else 'pose'}: {options.out}")
     for path in result.draw(options.overlay, options.look) if options.overlay else ():
         say(f"overlay: {path}")
     return EXIT_INTERRUPTED if result.stopped else 0
 
 
-def without_lost(scene: Scene, wanted: int) -> Scene:
+def without_lost(result: FitResult, wanted: int) -> FitResult:
     """Hide lost instances unless all are lost; print how many are left."""
-    words = [end.verdict.word if end.verdict else "" for end in scene.placings.values()]
-    lost = [index for index, word in zip(scene.placings, words, strict=True) if word == "lost"]
-    data = scene.data
-    for index in lost if len(lost) < len(words) else ():
-        data = data.with_object(index, hidden=True)
-    if len(words) - len(lost) < wanted:
-        say(f"{len(words) - len(lost)} of {wanted} instances are found or doubtful")
-    return replace(scene, data=data)
+    ends, scene = result.progress_by_object, result.scene
+    lost = [i for i, end in ends.items() if end.verdict and end.verdict.word == "lost"]
+    for index in lost if len(lost) < len(ends) else ():
+        scene = scene.with_object(index, hidden=True)
+    if len(ends) - len(lost) < wanted:
+        say(f"{len(ends) - len(lost)} of {wanted} instances are found or doubtful")
+    return replace(result, scene=scene)
 
 
 def _require_writable(options: Namespace) -> None:
@@ -86,7 +85,7 @@ def _require_writable(options: Namespace) -> None:
         require_writable(options.overlay, PhotoFileError)
 
 
-def search(scene: Scene, quiet: bool) -> Scene:
+def search(registration: Registration, quiet: bool) -> FitResult:
     """Search to the end, or to Ctrl-C, which keeps the best pose so far; print the result."""
     from poseviewer.render.pool import processors
 
@@ -97,50 +96,50 @@ def search(scene: Scene, quiet: bool) -> Scene:
             bar.set_description_str(text, refresh=False)
             bar.update()
 
-        result = scene.fit(watch=watch, threads=processors(), interruptible=True)
+        result = registration.fit(watch=watch, threads=processors(), interruptible=True)
     shares = result.visibility.shares if len(result.objects) > 1 else ()
     for index, each in enumerate(result.objects):
-        if result.index not in (None, index):
+        if index not in result.indices:
             continue
         if len(shares):
             say(f"{each.label} (seen to {shares[index]:.0%})")
-        if index in result.placings:
+        if index in result.progress_by_object:
             _print_end(result[each.id])
         else:
             say("Not searched for: it stands wholly behind others; its pose is as it was.")
     return result
 
 
-def _print_end(scene: Scene) -> None:
+def _print_end(result: FitResult) -> None:
     """Print how the search for an object ended."""
-    progress, verdict = scene.progress, scene.verdict
+    progress, verdict = result.progress, result.verdict
     assert progress is not None  # it was searched for
     say(
         f"{progress.status.value}\n"
         f"{progress.loss_text} (start {progress.scale.shown(progress.start_loss):.3f})\n"
         f"{progress.evaluations} evaluations, {progress.restart} restarts, {progress.seconds:.1f} s"
     )
-    if len(scene.views) > 1:
-        for view in scene.view_results:
+    if len(result.views) > 1:
+        for view in result.view_results:
             word = "" if view.verdict is None else f", {view.verdict.word} by it alone"
             share = "" if view.seen is None else f", {view.seen:.0%} of the model seen"
             say(f"{view.view.name}: {view.scale.text(view.loss)}{share}{word}")
     else:
-        if parts := scene.parts.parts_text:
+        if parts := result.parts.parts_text:
             say(f"unexplained by part: {parts}")
-        if scene.hidden is not None:
+        if result.hidden is not None:
             say(
                 "something in front was taken to hide a part of the model: "
-                f"{scene.seen:.0%} of it is seen, and the rest was left out"
+                f"{result.seen:.0%} of it is seen, and the rest was left out"
             )
-    if scene.data.free_scale:
-        scale = 1.0 / scene.object.world_from_model.scale
+    if result.scene.free_scale:
+        scale = 1.0 / result.object.world_from_model.scale
         say(f"scale: {scale:.6g} lengths of the model's unit in one of the set's")
     if verdict is None:
         return
     say(f"verdict: {verdict.word} ({verdict.share_right})")
-    notes = () if scene.object.result is None else scene.object.result.notes
+    notes = () if result.object.result is None else result.object.result.notes
     for reason in (*verdict.reasons, *notes):
         say(f"  {reason}")
-    if scene.covariance is not None:
-        say(f"how sure, as standard deviations: {scene.covariance.words(scene.mesh.unit)}")
+    if result.covariance is not None:
+        say(f"how sure, as standard deviations: {result.covariance.words(result.mesh.unit)}")

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import Action, ArgumentParser, Namespace
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from poseviewer.cli import options as table
 from poseviewer.cli.case import calibration_of
 from poseviewer.cli.terminal import say
-from poseviewer.errors import printable
+from poseviewer.errors import PhotoFileError, printable
 
 if TYPE_CHECKING:
     from poseviewer.files.cameras import Calibration
@@ -20,9 +20,27 @@ if TYPE_CHECKING:
     from poseviewer.geometry.image import Photo
 
 
+class _CamerasHelp(Action):
+    """``--calibration`` without a file: the help, and what is read of cameras."""
+
+    def __call__(
+        self, parser: ArgumentParser, namespace: Namespace, values: Any, *_: object
+    ) -> None:
+        setattr(namespace, self.dest, values)
+        if values is None:
+            from poseviewer.files.camera_forms import READ
+
+            parser.print_help()
+            say("\nwhat is read of cameras:")
+            for tools, files, keys in READ:
+                say(f"  {tools} ({files}):\n    {keys}")
+            parser.exit()
+
+
+CALIBRATION = table.option("--calibration FILE", table.CAMERAS, action=_CamerasHelp, nargs="?")
 OPTIONS = {
     "": (table.option("path PHOTO|MODEL|POSE|SCENE", "file to describe"),),
-    **table.CAMERA,
+    "the photo's camera": (CALIBRATION, *table.OF_CALIBRATION),
 }
 EXAMPLES = (
     "poseviewer info car.glb",
@@ -34,6 +52,7 @@ def run(options: Namespace) -> int:
     """Print what was understood of a file, by its ending; with a calibration it is a photo."""
     from poseviewer.files.file_set import is_scene_file
     from poseviewer.files.mesh.load import READERS
+    from poseviewer.files.photo import ENDINGS, RAW_ENDINGS
 
     path, calibration = options.path, calibration_of(options)
     suffix = path.suffix.lower() if calibration is None else ""
@@ -42,7 +61,12 @@ def run(options: Namespace) -> int:
     elif suffix in READERS:
         _print_model(path)
     else:
-        _print_photo(path, calibration)
+        try:
+            _print_photo(path, calibration)
+        except PhotoFileError:
+            if suffix not in ("", *ENDINGS, *RAW_ENDINGS) and path.is_file():
+                _print_model(path)  # raises what says how to open a model of this kind
+            raise
     return 0
 
 
@@ -59,7 +83,7 @@ def print_camera(photo: Photo) -> None:
 
 
 def _print_photo(path: Path, calibration: Calibration | None) -> None:
-    from poseviewer.files.photo import load_calibrated_photo
+    from poseviewer.files.photo import load_calibrated_photo, orientation_of
 
     photo = load_calibrated_photo(path, calibration)
     kind = "grey" if photo.pixels.shape[2] == 1 else "colour"
@@ -68,7 +92,8 @@ def _print_photo(path: Path, calibration: Calibration | None) -> None:
     if photo.camera is not None and calibration is not None:
         from poseviewer.files.cameras import load_calibration
 
-        found, _ = load_calibration(calibration, photo.name, photo.width, photo.height)
+        size = photo.width, photo.height
+        found, _ = load_calibration(calibration, photo.name, *size, orientation_of(path))
         _print(read=f"{found.read}, from {calibration.path.name}")
         print_camera(photo)
     else:

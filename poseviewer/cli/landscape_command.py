@@ -3,7 +3,7 @@
 from argparse import Namespace
 
 from poseviewer.cli import options as table
-from poseviewer.cli.case import open_scene
+from poseviewer.cli.case import load_named
 from poseviewer.cli.terminal import progress_bar, say
 from poseviewer.files.writing import make_folder
 
@@ -27,8 +27,8 @@ EXAMPLES = (
 
 def run(options: Namespace) -> int:
     """Write ``landscape.png`` and ``landscape.npz``."""
-    scene = open_scene(options)
-    _ = scene.problem  # says what cannot be mapped before there is a folder
+    registration = load_named(options)
+    _ = registration.problem  # says what cannot be mapped before there is a folder
     make_folder(options.out)
     with progress_bar(0, options.quiet) as bar:
 
@@ -36,7 +36,7 @@ def run(options: Namespace) -> int:
             bar.total = total
             bar.update(done - bar.n)
 
-        maps = scene.landscape(half_width=options.range, size=options.size, watch=watch)
+        maps = registration.landscape(half_width=options.range, size=options.size, watch=watch)
     sheet, data = options.out / "landscape.png", options.out / "landscape.npz"
     maps.save(sheet)
     maps.save(data)

@@ -186,14 +186,19 @@ OF_VIEWS = (
     option("--photo-folder FOLDER", "find COLMAP's photos here (default: images)", dest="folder"),
     option("--rig-object N", "take a BOP camera's motion from object N (default: its own poses)"),
 )
-CALIBRATION = option(
-    "--calibration FILE",
-    "read camera and lens, as of OpenCV, COLMAP or BOP, and undistort the photo (default: a "
-    "pinhole, by EXIF or with a view of 50 degrees)",
+LENS_MODELS = ("opencv", "fisheye")
+CAMERAS = (
+    "read camera and lens, as of OpenCV, COLMAP, BOP and others (poseviewer info --calibration "
+    "--help lists them), and undistort the photo (default: a pinhole, by EXIF or with a view of 50 "
+    "degrees)"
+)
+CALIBRATION = option("--calibration FILE", CAMERAS)
+LENS_MODEL = option(
+    "--lens-model", "read a lens as of this OpenCV model (default: the file's)", LENS_MODELS
 )
 OF_CALIBRATION = (
     option("--calibration-camera NAME", "choose this camera of the file (default: the photo's)"),
-    option("--calibration-fisheye", "read coefficients of an unnamed lens as OpenCV's fisheye"),
+    LENS_MODEL,
 )
 CAMERA: Options = {"the photo's camera": (CALIBRATION, *OF_CALIBRATION)}
 SETS = option(
@@ -203,7 +208,7 @@ SETS = option(
 )
 VIEWS: Options = {"several photos, one pose": (SETS, *OF_VIEWS)}
 SCENE: Options = {**CAMERA, **VIEWS, "comparison": COMPARED}
-"""Options that ``case.open_scene`` reads besides ``FILES`` and a pose."""
+"""Options that ``case.load_named`` reads besides ``FILES`` and a pose."""
 ADDRESS = "listen here, at 0.0.0.0 for other machines, too (default: %(default)s)"
 SERVER = (
     option("--port PORT", "serve the page at this port (default: the first free from 8080 on)"),

@@ -3,7 +3,7 @@
 from argparse import Namespace
 
 from poseviewer.cli import options as table
-from poseviewer.cli.case import open_scene
+from poseviewer.cli.case import load_named
 from poseviewer.cli.terminal import require_writable, say
 from poseviewer.errors import PhotoFileError
 
@@ -25,6 +25,6 @@ EXAMPLES = (
 def run(options: Namespace) -> int:
     """Write the picture, or one for each photo."""
     require_writable(options.out, PhotoFileError)
-    for path in open_scene(options).draw(options.out, options.look):
+    for path in load_named(options).draw(options.out, options.look):
         say(f"overlay: {path}")
     return 0

@@ -2,6 +2,7 @@
 form of data sets.
 """
 
+import json
 from argparse import Namespace
 
 from poseviewer.cli import options as table
@@ -11,6 +12,7 @@ OPTIONS = {
     "": (
         table.option("scene SCENE|POSE", "scene file or pose file"),
         table.option("--model MODEL", "render this model (default: the one in the pose file)"),
+        table.option("--photo-size WIDTHxHEIGHT", "set the photo's size, in px (default: POSE's)"),
         table.option("--out FOLDER", "write the pictures here", required=True),
         table.option("--overwrite", "replace existing files"),
     )
@@ -25,15 +27,20 @@ def run(options: Namespace) -> int:
     """Write the pictures, all or none."""
     from dataclasses import replace
 
-    from poseviewer.figures.object_maps import pictures_of_objects, save_pictures
+    from poseviewer.figures.object_maps import INFO, pictures_of_objects, save_pictures
+    from poseviewer.files.checks import Reading
     from poseviewer.files.file_set import is_scene_file
-    from poseviewer.files.formats.conversion import require_file
+    from poseviewer.files.formats.conversion import ConvertOptions, require_file
+    from poseviewer.files.mesh.size import distance_notes
     from poseviewer.files.pose import load_pose
     from poseviewer.files.scene_assets import model_file
     from poseviewer.files.scene_json import load_scene, scene_of_pose
 
     path = options.scene
     scene = load_scene(path) if is_scene_file(path) else scene_of_pose(path, load_pose(path))
+    request = ConvertOptions(photo_size=options.photo_size)
+    views = [request.sized(Reading(path), view) for view in scene.views]
+    scene = replace(scene, views=tuple(views))
     if options.model is not None:
         known = scene.objects[0].model
         model = model_file(options.model, known.sha256, known.unit)
@@ -44,6 +51,12 @@ def run(options: Namespace) -> int:
     save_pictures(options.out, pictures, options.overwrite)
     if any(view.file.undistortion is not None for view in scene.views):
         say("note: all pictures belong to the undistorted photo.")
+    infos = json.loads(pictures[INFO]).values()
+    for index, item in enumerate(scene.objects):
+        if not any(of_image[index]["px_count_visib"] for of_image in infos):
+            say(f"note: {item.model.name} is seen in no photo, and its masks are empty.")
+        for note in distance_notes(item.mesh, scene.pose(index)):
+            say(f"note: {item.model.name}: {note}")
     for folder in sorted({(options.out / name).parent for name in pictures}):
         say(f"render: {folder}")
     return 0

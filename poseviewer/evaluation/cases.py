@@ -41,8 +41,8 @@ class Case:
     """Diameter and symmetries of the model in a BOP data set."""
 
 
-def visibility(visible: float) -> str:
-    """Label of a visible share, see ``SHARES``; empty: unknown."""
+def visibility_label(visible: float) -> str:
+    """Give the label of a visible share, see ``SHARES``; empty: unknown."""
     return next((label for least, label in SHARES.items() if visible >= least), "")
 
 
@@ -72,7 +72,7 @@ class Entry(Struct, frozen=True):
         return 100.0 * float(match[1] or 0.0) / self.image_diagonal_px
 
 
-class Start(Struct, frozen=True):
+class CaseStart(Struct, frozen=True):
     """A pose to start from; ``draw`` numbers those of one case and deviation."""
 
     case: str
@@ -97,10 +97,10 @@ def load_cases(folder: Path, pattern: str = "") -> list[Case]:
     return cases
 
 
-def load_starts(folder: Path, degrees: Sequence[int], draws: int) -> list[Start]:
+def load_starts(folder: Path, degrees: Sequence[int], draws: int) -> list[CaseStart]:
     """Load the first ``draws`` starts of every case at each of the deviations."""
     reading = Reading(folder / STARTS, kind="list of starts")
-    starts = reading.decoded(reading.load_json(), list[Start])
+    starts = reading.decoded(reading.load_json(), list[CaseStart])
     known = sorted({start.degrees for start in starts})
     for wanted in degrees:
         if wanted not in known:

@@ -15,7 +15,7 @@ from poseviewer.errors import SettingsError, SingularChartError
 from poseviewer.evaluation.cases import Case
 from poseviewer.evaluation.plan import DRAWN, Kind, Plan, Reading
 from poseviewer.evaluation.synthetic import photograph, random_lighting
-from poseviewer.evaluation.trials import open_model
+from poseviewer.evaluation.trials import fetch_model
 from poseviewer.files.demo import demo_case
 from poseviewer.files.photo import load_photo, save_image
 from poseviewer.files.pose import PoseRecord, load_pose, save_pose
@@ -56,7 +56,7 @@ def make_photos(plan: Plan, kind: Kind, tell: Callable[[str], None]) -> list[Cas
         return [demo_photo(kind)]
     folder, model = plan.out / PHOTOS, plan.model or demo_case().model
     tell(f"{kind}: drawing photos, or taking those in {folder}")
-    vehicle, _ = open_model(model)
+    vehicle, _ = fetch_model(model)
     if vehicle.keypoints is None:
         raise SettingsError(
             f"{model}: the study needs a vehicle, with MODEL.keypoints.json beside it or parts "
@@ -160,7 +160,7 @@ def _demo_without_its_car() -> NDArray[np.uint8]:
     case = demo_photo("photo-perspective")
     width, height = case.truth.camera.width, case.truth.camera.height
     picture = load_photo(case.photo).as_rgb8(width, height)
-    covered = SoftwareRenderer(open_model(case.mesh)[0].mesh).covers(case.truth).astype(np.uint8)
+    covered = SoftwareRenderer(fetch_model(case.mesh)[0].mesh).covers(case.truth).astype(np.uint8)
     covered = cv2.dilate(covered, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, MARGIN_PX))
     half = width // 2, height // 2
     small = cv2.resize(picture, half, interpolation=cv2.INTER_AREA)

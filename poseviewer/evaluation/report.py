@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import binomtest, quantile_test
 
 from poseviewer.confidence.pose_covariance import REGION, region_reach
-from poseviewer.evaluation.cases import visibility
+from poseviewer.evaluation.cases import visibility_label
 from poseviewer.evaluation.plan import KINDS
 from poseviewer.evaluation.trials import FOCAL_DEVIATIONS, Trial
 from poseviewer.figures.study_sheet import Panel
@@ -83,7 +83,7 @@ def study_table(trials: Sequence[Trial]) -> Table:
     """Tabulate fits by method, reading and photos: their kind, or set and visible share."""
 
     def line(trial: Trial) -> tuple[str, ...]:
-        label = LABELS.get(trial.set, trial.set), visibility(trial.visible)
+        label = LABELS.get(trial.set, trial.set), visibility_label(trial.visible)
         return trial.method, trial.reading or "angle", ", ".join(filter(None, label)), trial.pixels
 
     deviations, rows = sorted({_deviation(trial) for trial in trials}), []
@@ -120,7 +120,7 @@ def calibration_table(trials: Iterable[Trial]) -> Table:
     judged = [trial for trial in trials if not math.isnan(trial.probability)]
     strata: dict[str, list[Trial]] = {}
     for trial in judged:
-        for name in filter(None, (visibility(trial.visible), *trial.traits.split(", "))):
+        for name in filter(None, (visibility_label(trial.visible), *trial.traits.split(", "))):
             strata.setdefault(name, []).append(trial)
     rows = []
     for name, some in (("all", judged), *sorted(strata.items())) if judged else ():

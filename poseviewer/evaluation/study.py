@@ -24,7 +24,7 @@ from poseviewer.evaluation.report import (
     reliability_panels,
     study_table,
 )
-from poseviewer.evaluation.trials import KEY, Task, Trial, open_model, open_photo
+from poseviewer.evaluation.trials import KEY, Task, Trial, fetch_model, fetch_photo
 from poseviewer.figures.landscape_sheet import figure_bytes
 from poseviewer.figures.study_sheet import make_study_sheet
 from poseviewer.files.checks import Reading
@@ -140,7 +140,7 @@ def deviation_tasks(plan: Plan, tell: Callable[[str], None]) -> list[Task]:
         for draw in sorted(range(plan.starts), key=lambda draw: draw % len(cases)):
             index = draw % len(cases)
             case = cases[index]
-            keypoints = open_model(case.mesh)[0].keypoints
+            keypoints = fetch_model(case.mesh)[0].keypoints
             assert keypoints is not None  # it is a vehicle
             for settings, reading, percent in product(
                 plan.settings(kind), plan.readings, plan.deviations
@@ -165,7 +165,7 @@ def real_tasks(plan: Plan, folder: Path) -> list[Task]:
             if start.case == case.name:
                 pose = Pose(case.truth.camera, start.camera_from_model.rigid)
                 if plan.free_focal:
-                    pose = _zoomed(pose, open_model(case.mesh)[0].mesh, FOCAL_OFF[start.draw % 2])
+                    pose = _zoomed(pose, fetch_model(case.mesh)[0].mesh, FOCAL_OFF[start.draw % 2])
                 off = start.degrees, start.draw
                 tasks.append(Task(case, pose, settings, "", 0.0, *off, others))
     return tasks
@@ -213,7 +213,7 @@ def bop_tasks(table: Path, folder: Path, settings: FitSettings) -> tuple[list[Ta
                 if (start := best.get((scene, image.number, number))) is None:
                     continue
                 path = source / image.photo
-                photo = open_photo(path)
+                photo = fetch_photo(path)
                 camera = replace(image.camera, width=photo.width, height=photo.height)
                 name, mesh = f"object {number}", folder / "models" / MODEL_FILE.format(number)
                 case = Case(

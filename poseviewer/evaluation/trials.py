@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from poseviewer.api import Scene, make_scene
+from poseviewer.api import FitResult, make_registration
 from poseviewer.errors import PoseViewerError
 from poseviewer.evaluation.cases import Case
 from poseviewer.files.photo import load_photo
@@ -26,8 +26,7 @@ from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import Renderer
 from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.settings import FitSettings
-from poseviewer.scene.types import Scene as FitScene
-from poseviewer.scene.types import SceneObject, View, scene_at
+from poseviewer.scene.types import Scene, SceneObject, View, scene_at
 
 FOUND_PX, FOUND_PERCENT = 1.0, 1.0
 """Largest error of a pose that is found: on photos drawn by OpenGL, and beyond the truth's own."""
@@ -111,20 +110,20 @@ class Task:
         settings, own = self.settings, {name: getattr(self, name) for name in KEY[3:]}
         return {"case": self.case.name, "method": settings.method, "pixels": settings.pixels} | own
 
-    def open(self) -> tuple[FitScene, Renderer]:
+    def open(self) -> tuple[Scene, Renderer]:
         """Photo, model and start, the others locked, and a renderer of the model."""
         case = self.case
-        model, renderer = open_model(case.mesh)
+        model, renderer = fetch_model(case.mesh)
         keypoints = model.keypoints if self.settings.chart == "vehicle" else None
         symmetry = case.bop.symmetry if case.bop else model.symmetry
         model = model.with_content(keypoints=keypoints, symmetry=symmetry)
-        view = View(PhotoFile.of(open_photo(case.photo)), self.start.camera)
+        view = View(PhotoFile.of(fetch_photo(case.photo)), self.start.camera)
         scene = scene_at(view, model, self.start, self.settings)
         for other in self.others:
             truth = scene.views[0].world_from_model(other.truth)
             known = SceneObject(
                 id=other.name,
-                model=open_model(other.mesh)[0],
+                model=fetch_model(other.mesh)[0],
                 world_from_model=truth,
                 locked=True,
             )
@@ -137,7 +136,7 @@ class Task:
         model, case, truth = scene.objects[0].model, self.case, self.case.truth
         result, outcome, began = None, {}, perf_counter()
         try:
-            result = make_scene(scene, renderer, 0).fit()
+            result = make_registration(scene, renderer, 0).fit()
         except PoseViewerError as error:
             outcome["status"] = type(error).__name__
         outcome["seconds"] = round(perf_counter() - began, 3)
@@ -169,7 +168,7 @@ class Task:
             yield "symmetric"
 
 
-def _outcome(result: Scene, truth: Pose) -> dict[str, Any]:
+def _outcome(result: FitResult, truth: Pose) -> dict[str, Any]:
     """Columns of a search that ended; the truth's loss is that of the chart's nearest pose."""
     progress, problem = result.progress, result.problem
     assert progress is not None  # it was searched for
@@ -205,13 +204,13 @@ def symmetric_distances(
 
 
 @lru_cache(maxsize=MODELS_KEPT)
-def open_model(path: Path) -> tuple[ModelFile, Renderer]:
-    """LRU cache of models and their renderers; raises what ``load_model`` raises."""
+def fetch_model(path: Path) -> tuple[ModelFile, Renderer]:
+    """Load a model and make its renderer, once for each path; raises as ``load_model``."""
     model = load_model(path)
     return model, make_renderer(model.mesh)
 
 
 @lru_cache(maxsize=2)
-def open_photo(path: Path) -> Photo:
-    """LRU cache of photos; raises what ``load_photo`` raises."""
+def fetch_photo(path: Path) -> Photo:
+    """Load a photo, once for each path; raises as ``load_photo``."""
     return load_photo(path)

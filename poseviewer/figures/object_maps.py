@@ -5,13 +5,16 @@ names and in the folders of BOP.
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import PoseFileError
+from poseviewer.files.formats.bop import scene_text
 from poseviewer.files.formats.conversion import metres_per_unit
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.fit.visibility import depth_image, visibility_of_depths
@@ -21,6 +24,9 @@ from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.types import PlacedModel, Scene
 
+INFO = "scene_gt_info.json"
+NO_BOX = [-1, -1, -1, -1]
+"""BOP's box of what is not seen."""
 DEEPEST = 65535
 """Largest number of 16 bits."""
 
@@ -46,12 +52,13 @@ def object_coordinates(model: PlacedModel, depth: NDArray[np.float32]) -> FloatA
 def pictures_of_objects(
     scene: Scene, first: int = 0, masks_alone: bool = False
 ) -> dict[str, bytes]:
-    """PNG pictures, and ``scene_camera.json``, by their names in a folder: of image i and object j
+    """PNG pictures, ``scene_camera.json`` and ``scene_gt_info.json`` (shares that are seen, boxes),
+    as the BOP toolkit makes them, by their names in a folder: of image i and object j
     ``mask/i_j`` (alone), ``mask_visib/i_j`` (what the others leave to be seen), ``normal/i_j``
     (camera axes, -1 to 1 in 16 bits) and ``nocs/i_j``; and ``depth/i`` of all, whose steps are
     ``depth_scale`` mm, or of the models' unit where that is not known. ``first``: i of the first.
     """
-    contents, cameras = dict[str, bytes](), {}
+    contents, cameras, infos = dict[str, bytes](), {}, {}
     unit = next((item.model.unit for item in scene.objects if item.model.unit), None)
     mm = 1.0 if unit is None else 1000.0 * metres_per_unit(unit)
     for number, view in enumerate(scene.views, first):
@@ -60,6 +67,7 @@ def pictures_of_objects(
         shown = visibility_of_depths(depths)
         for index, (model, depth) in enumerate(zip(models, depths, strict=True)):
             masks = {"mask": shown.drawn[index], "mask_visib": shown.seen(index)}
+            infos.setdefault(str(number), []).append(_info(model, *masks.values()))
             pictures = {kind: np.where(m, 255, 0).astype(np.uint8) for kind, m in masks.items()}
             if not masks_alone:
                 normals = SoftwareRenderer(model.mesh).render(model.pose).normals
@@ -76,9 +84,36 @@ def pictures_of_objects(
         cameras[str(number)] = {"depth_scale": step}
         if isinstance(view.camera, Perspective):
             cameras[str(number)]["cam_K"] = opencv_matrix(view.camera).ravel().tolist()
+    contents[INFO] = scene_text(infos).encode()
     if cameras:
         contents["scene_camera.json"] = json.dumps(cameras, indent=2).encode() + b"\n"
     return contents
+
+
+def _info(model: PlacedModel, drawn: NDArray[np.bool_], seen: NDArray[np.bool_]) -> dict[str, Any]:
+    """What ``scene_gt_info.json`` says of an object; the whole silhouette is looked for as far as a
+    photo's side beyond the photo.
+    """
+    whole, (height, width), (top, left) = drawn, drawn.shape, (0, 0)
+    if not drawn.any() or drawn[[0, -1]].any() or drawn[:, [0, -1]].any():
+        top, left = height, width
+        camera = model.pose.camera.cropped(-left, -top, 3 * width, 3 * height)
+        whole = np.isfinite(depth_image(replace(model, pose=replace(model.pose, camera=camera))))
+    counts = {"all": whole, "valid": drawn, "visib": seen}
+    counts = {f"px_count_{name}": int(np.count_nonzero(mask)) for name, mask in counts.items()}
+    count = counts["px_count_visib"]
+    return {
+        **counts,
+        "visib_fract": count / counts["px_count_all"] if count else 0.0,
+        "bbox_obj": _box(whole, top, left) if count else NO_BOX,
+        "bbox_visib": _box(seen) if count else NO_BOX,
+    }
+
+
+def _box(mask: NDArray[np.bool_], top: int = 0, left: int = 0) -> list[int]:
+    """Least x, least y, and the differences to the largest, px."""
+    y, x = np.nonzero(mask)
+    return [int(x.min()) - left, int(y.min()) - top, int(np.ptp(x)), int(np.ptp(y))]
 
 
 def save_pictures(folder: Path, pictures: Mapping[str, bytes], overwrite: bool) -> None:

@@ -5,33 +5,24 @@ that has all keys of a form is a camera. What looks like a lens and belongs to n
 that names the key: a lens is never lost without a word.
 """
 
-import csv
+import math
 import re
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
-from io import BytesIO, StringIO
+from dataclasses import dataclass, field, replace
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
-import yaml
 
-from poseviewer.files.checks import Reading, quiet_libraries
+from poseviewer.files.checks import Reading
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import HALF_PIXEL, camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
 
 LARGEST_SKEW = 1e-6
 """Share of the focal length."""
-LARGEST_ARRAY = 10_000
-"""Bytes of an array that may say a camera."""
-LONGEST_HEAD = 2000
-"""Bytes of a text in which COLMAP names a model."""
 DEEPEST = 8
 """Mappings within mappings."""
-LOADER = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
-"""Every number a text, every tag and anchor plain; libyaml's where PyYAML was built with it."""
 ALIASES = {
     "matrix": "cameramatrix intrinsicmatrix intrinsicsmatrix camk mtx k m kmatrix matrix",
     "intrinsics": "intrinsic cameraintrinsics projectionparameters",
@@ -44,7 +35,8 @@ ALIASES = {
     "width": "imagewidth width imgwidth",
     "height": "imageheight height imgheight",
     "isfisheye": "fisheyemodel fisheye",
-    "model": "distortionmodel lensmodel model distortiontype",
+    "distortionmodel": "distortiontype",
+    "model": "lensmodel",
     "cameramodel": "cameramodel projectionmodel",
     "cx": "cx ppx",
     "cy": "cy ppy",
@@ -53,39 +45,82 @@ ALIASES = {
 behind a name tells the cameras of a file apart.
 """
 FIELDS = {a: name for name, aliases in ALIASES.items() for a in (name, *aliases.split())}
-NUMBERED = ("matrix", "distortion", "imagesize", "width", "height", "model", "cameramodel")
+MODEL_FIELDS = ("distortionmodel", "model", "cameramodel")
+"""Fields that name a lens model and nothing else, the surest first."""
+NUMBERED = ("matrix", "distortion", "imagesize", "width", "height", *MODEL_FIELDS)
 """Fields whose names may end in the number of a camera."""
-MERGED = ("intrinsics", "distortion", "imagesize", "lens")
+MERGED = ("matrix", "intrinsics", "distortion", "imagesize", "lens")
 """Mappings that say more of the camera that they stand in, if they are none themselves."""
-UNNAMED = ("calibration", "camera", "camera_info", "intrinsics", "sensor", "sensors")
+UNNAMED = (
+    "calibration", "camera", "camera_info", "intrinsics", "intrinsic_settings", "sensor", "sensors",
+    "value", "ptr_wrapper", "data", "value0",
+)  # fmt: skip
 """Mappings whose names tell no cameras apart."""
-LABELS = ("label", "file_path", "#name", "name", "intrinsicId", "id")
+LABELS = ("label", "file_path", "#name", "name", "intrinsicId", "id", "key")
 """Keys of what an entry of a list is called."""
-TYPED = ("Metashape", "Meshroom")
-"""Tools whose ``type`` or ``projection`` is that of a lens."""
+SIZE_WORDS = (
+    "(?:image|img|im|frame|picture|photo|video|camera|cam|calibration|calib|captured|capture|"
+    "original|orig|colou?r|rgb|raw|pixels?|px|resolution|res|sizes?|dimensions?|dims?)*"
+)
+SIZE_LIKE = re.compile(
+    f"{SIZE_WORDS}(?P<side>width|height|cols|columns|rows|wh|hw|[xywh]|shape|){SIZE_WORDS}"
+)
+"""Names, in small letters without ``_``, of the pictures' width, height or both."""
+SIZED = re.compile("size|dim|res|shape|photo|picture|image|img|frame")
+"""Words of ``SIZE_LIKE`` without which a key names something else."""
+SIDES = {
+    **dict.fromkeys(("width", "cols", "columns", "w", "x"), "width"),
+    **dict.fromkeys(("height", "rows", "h", "y"), "height"),
+}
+"""Sides by their names between the words of ``SIZE_LIKE``."""
+MAYBE_SIZE = re.compile(
+    r"(?!.*(board|square|pattern|pixel|win|marker|tile|grid|roi|crop|depth|corner|file))"
+    r".*(size|resol|dimension|width|height|shape).*"
+)
+"""Names of what may be the size of the pictures."""
+SIZES = ("width", "height", "imagesize")
+"""Fields of the pictures' size."""
+MIN_SIDE_PX = 40
+"""Side of a picture: chessboards have fewer squares."""
+TYPED = ("Metashape", "Meshroom", "OpenSfM, OpenDroneMap")
+"""Tools whose ``type`` or ``projection...`` is that of a lens."""
 TYPE_LIKE = re.compile(r".*(type|model|lens|projection)")
-OTHER_LENS = re.compile(r".*(fish|equidist|omni|mei|eucm|kannala|division|sphere)")
-"""Names, in small letters without ``_``, of what may say a lens model, and models but OpenCV's
-standard one."""
+"""Names, in small letters without ``_``, of what may name a lens model."""
+OTHER_LENS = re.compile(
+    r".*(fish|equi(dist|solid|rect)|omni|ucm|kannala|division|spher|stereographic|scaramuzza|ocam"
+    r"|ftheta|panoram|cylind|superview|hyperview).*|mei|kb\d?|ds|fov|atan"
+)
+"""Names, likewise, of lens models but OpenCV's standard one."""
+FISHEYE_LIKE = re.compile(r"fish|equidist|kannala")
+"""Parts of a key that say of the numbers below it that they are a fisheye's."""
 OPENCV_ORDER = "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4"
 LENS_NAMES: dict[LensModel | None, str] = {
     "opencv": "plumbbob rationalpolynomial opencv fullopencv pinhole simplepinhole standard radtan "
-    "radialtangential brownconrady radial simpleradial perspective frame radial1 radial3 radialk1 "
-    "radialk3",
-    "fisheye": "fisheye equidistant opencvfisheye kannalabrandt kannalabrandt4 fisheye4",
-    None: "none inversebrownconrady modifiedbrownconrady",
+    "radtan8 pinholeradtan pinholeradtan8 radialtangential brownconrady brown radial simpleradial "
+    "perspective frame radial1 radial3 radialk1 radialk3 opencvstandard",
+    "fisheye": "fisheye equidistant equi pinholeequi opencvfisheye fisheyeopencv kannalabrandt "
+    "kannalabrandt4 kannalabrandt8 kb4 fisheye4",
+    None: "none rectified inversebrownconrady modifiedbrownconrady",
 }
 """OpenCV's model by the names of others, in small letters without ``_``; None: a pinhole is read,
 and its coefficients have to be 0."""
+PINHOLES = ("pinhole", "simplepinhole", "perspective", "frame", "standard")
+"""Names of a projection or a mode, with which a lens of either model may come."""
 LENS_MODELS: dict[str, LensModel | None] = {
     name: model for model, names in LENS_NAMES.items() for name in names.split()
 }
 LENS_LIKE = re.compile(
-    r"(?!.*(std|error|sigma|covar|model|type|distance))"
-    r"(.*dist.*|.*coeff?(icient)?s?|kc|lens|kappa.*|(left|right)?d(left|right|\d*)|.*radial.*|.*tangential.*|ftheta.*|latlong|"
-    r"equirectangular|(?P<alone>[kpbs]\d|t[12]|skew|xi|alpha))"
+    r"(?!num|estimate|.*(std|error|sigma|covar|model|type|distance|corner|intrinsic|limit))"
+    r"(.*dist.*|.*coeff?(icient)?s?|kc|lens|kappa.*|(left|right)?d(left|right|\d*)|.*radial.*"
+    r"|.*tangential.*|ftheta.*|latlong|equirectangular|.*fish.*|(?P<alone>[kpbs]\d|t[12]|skew|xi|alpha|beta|omega|w))"
 )
 """Names, in small letters without ``_``, of what may be a lens; ``alone``: a number, no list."""
+NOT_STANDARD = ("p1", "p2", "k5", "k6")
+"""Names of coefficients, of which a fisheye of ``k1 k2 k3 k4`` has none."""
+ASK_MODEL = (
+    "say it with --lens-model opencv or fisheye, in the library with Calibration's lens_model, on "
+    "the page with Lens model"
+)
 COUNTS_OF_LENSES = (5, 8, 14)
 """Counts of OpenCV's coefficients that a list of anything else seldom has."""
 SIDED = re.compile(r"(left|right)?(.*?)(left|right|\d*)")
@@ -106,6 +141,8 @@ class FileCamera:
     """File names of the photos it took, as far as the file says."""
     read: str = ""
     """Form and keys that it was read from."""
+    is_of_stored: bool = False
+    """Whether it is the camera of pixels as stored, whatever EXIF says."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +152,10 @@ class _Said:
     reading: Reading
     entries: dict[str, tuple[str, Any]]
     photo: tuple[int, int]
+    is_turned: bool = False
+    """Whether width and height of the photo may change places."""
+    above: dict[str, tuple[str, Any]] = field(default_factory=dict)
+    """Fields of the mappings that it stands in, as far as they may say something of it."""
     used: dict[str, None] = field(default_factory=dict)
     """Keys that were read."""
 
@@ -141,19 +182,64 @@ class _Said:
         value = value if isinstance(value, dict | list | tuple | str) else [value]
         return self.reading.flat_numbers(value, self.entries.get(name, (name,))[0], count)
 
+    def model_words(self, form: "Form") -> Iterator[tuple[str, bool]]:
+        """Words that may name the lens's model, the surest first; and whether they name nothing
+        else.
+        """
+        for fields in (self.entries, self.above):
+            names = [n for n in fields if TYPE_LIKE.match(n) and n not in MODEL_FIELDS]
+            for name in (*MODEL_FIELDS, *names):
+                key, text = fields.get(name, ("", None))
+                if isinstance(text, str) and text:
+                    self.used[key] = None
+                    is_sure = name in MODEL_FIELDS or form.tools in TYPED
+                    is_sure &= fields is self.entries or name == MODEL_FIELDS[0]
+                    yield text, is_sure
+
     @property
-    def size(self) -> tuple[int, int]:
-        """Width and height in px, as said, or else those of the photo."""
-        names = ("w", "h") if "flx" in self else ("width", "height")  # w may be a chessboard's
-        value = [self.value(name) for name in names]
-        if None in value:
-            value = self.numbers("imagesize", 2) if "imagesize" in self else self.photo
-        width, height = (self.reading.size(side or None, "image_size") or 0 for side in value)
+    def sizes(self) -> dict[str, Any]:
+        """Both sides of the pictures as the mapping says them, or else those that it stands in, by
+        their keys; those of a key each come first, and are in order.
+        """
+        fields = self.entries if not self.entries.keys().isdisjoint(SIZES) else self.above
+        names = ("w", "h") if {"flx", "w", "h"} <= fields.keys() else ("width", "height")
+        sides = [fields[name] for name in names if name in fields]
+        ordered = {", ".join(key for key, _ in sides): [value for _, value in sides]}
+        return (ordered if len(sides) == 2 else {}) | dict(fields.get("imagesize", ("", ()))[1])
+
+    def size(self, cx: float = 0.0, cy: float = 0.0) -> tuple[int, int]:
+        """Width and height in px, as said, or else those of the photo.
+
+        A list of two has either first: where they are given, ``cx`` and ``cy`` (px) tell it, as
+        they lie near the middle. Raises the reading's error where two keys say different sizes.
+        """
+        sizes = {key: self._pair(key, value) for key, value in self.sizes.items()}
+        for chosen in (sizes, {key: size for key, size in sizes.items() if "calib" in key.lower()}):
+            if len({tuple(sorted(size)) for size in (chosen or sizes).values()}) < 2:
+                key, size = next(iter((chosen or sizes).items()), ("", self.photo))
+                break
+        else:
+            found = " and ".join(f"{w}x{h} px ({key})" for key, (w, h) in sizes.items())
+            raise self.reading.error(f"its pictures have {found}", "leave out all but one")
+        self.used.update(dict.fromkeys([key] if key else []))
+        off, off_turned = (
+            abs(cx / (w or 1) - 0.5) + abs(cy / (h or 1) - 0.5) for w, h in (size, size[::-1])
+        )
+        is_open = ", " not in key if key else self.is_turned
+        is_turned = is_open and bool(cx or cy) and off_turned < off
+        return (size[1], size[0]) if is_turned else size
+
+    def _pair(self, key: str, value: Any) -> tuple[int, int]:
+        numbers = _numbers_in(value)
+        numbers = numbers[:2] if len(numbers) == 3 and numbers[2] <= 4 else numbers  # of channels
+        if len(numbers) != 2:
+            raise self.reading.error(f"{key} is {str(value)[:40]!r}", "wanted 2 numbers")
+        width, height = (self.reading.size(side, "image_size") or 0 for side in numbers)
         return width, height
 
     def from_middle(self, fx: float, fy: float, x: float, y: float) -> tuple[float, ...]:
         """fx, fy, cx, cy of a principal point that counts from the picture's middle."""
-        return fx, fy, self.size[0] / 2.0 + x, self.size[1] / 2.0 + y
+        return fx, fy, self.size()[0] / 2.0 + x, self.size()[1] / 2.0 + y
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,14 +255,23 @@ class Form:
     """px from its pixel coordinates to ours: half a pixel where centres are at integers."""
     lens: str = OPENCV_ORDER
     """Names of its coefficients in OpenCV's order."""
+    is_of_stored: bool = False
+    """Whether its tool is one of reconstruction: it takes pixels as stored, whatever EXIF says, and
+    a lens whose model it does not say for OpenCV's standard one."""
 
 
 def _of_matrix(said: _Said, name: str = "matrix") -> Any:
     key = said.entries[name][0]
-    is_by_columns = key.replace("_", "").lower() == "intrinsicmatrix"
+    is_flat = isinstance(said.entries[name][1], list) and len(said.entries[name][1]) == 9
+    is_by_columns = is_flat or key.replace("_", "").lower() == "intrinsicmatrix"
     camera = camera_of_matrix(said.reading, said.value(name), key, by_columns=is_by_columns)
-    shift = HALF_PIXEL + (key == "IntrinsicMatrix")  # MATLAB counts pixel centres from 1
+    shift = HALF_PIXEL + (key == "IntrinsicMatrix" or _is_matlab(said))
     return camera.fx, camera.fy, camera.cx - shift, camera.cy - shift
+
+
+def _is_matlab(said: _Said) -> bool:
+    """Whether a camera is MATLAB's, which counts pixel centres from 1."""
+    return said.entries.get("radial", ("",))[0] == "RadialDistortion"
 
 
 def _kalibr(said: _Said) -> Any:
@@ -200,154 +295,203 @@ def _meshroom(said: _Said) -> Any:
     x, y = said.numbers("principalpoint", 2)
     version = tuple(map(int, said.numbers("version"))) or (1, 2, 5)
     if version < (1, 2, 1):
-        x, y = x - said.size[0] / 2.0, y - said.size[1] / 2.0
+        x, y = x - said.size()[0] / 2.0, y - said.size()[1] / 2.0
     if version < (1, 2, 2):
         focals = said.numbers("pxfocallength")
         return said.from_middle(focals[0], focals[-1], x, y)
     if said.number("pixelratio", 1.0) != 1.0:
         raise said.reading.error("pixelRatio is not 1", "calibrate with square pixels")
-    focal = said.number("focallength") / said.number("sensorwidth") * said.size[0]
+    focal = said.number("focallength") / said.number("sensorwidth") * said.size()[0]
     return said.from_middle(focal, focal, x, y)
 
 
 def _fspy(said: _Said) -> Any:
-    half = max(said.size) / 2.0
+    half = max(said.size()) / 2.0
     (x, y), focal = said.numbers("principalpoint", 2), said.number("relativefocallength") * half
     return said.from_middle(focal, focal, x * half, -y * half)
 
 
 def _reality_capture(said: _Said) -> Any:
     """Lengths are those on 35-mm film, whose 36 mm are the longer side."""
-    px_per_mm = (max(said.size) or 1) / 36.0
+    px_per_mm = (max(said.size()) or 1) / 36.0
     focal, x, y = (px_per_mm * said.number(name) for name in ("f", "px", "py"))
     return said.from_middle(focal, focal, x, y)
 
 
+def _nerf(said: _Said) -> Any:
+    focals, centre = [], []
+    for side, axis in zip(said.size(), "xy", strict=True):
+        name, middle = f"cameraangle{axis}", 0.5 * side
+        if name in said:
+            angle = said.reading.positive(said.value(name), f"camera_angle_{axis}", math.pi)
+            focals.append(middle / math.tan(0.5 * angle))
+        centre.append(said.number(f"c{axis}", middle))
+    return focals[0], focals[-1], *centre
+
+
+def _opensfm(said: _Said) -> Any:
+    """Lengths count in longer sides."""
+    f, unit = said.value("focal"), max(said.size())
+    names = zip(("focalx", "focaly", "cx", "cy"), (f, f, 0.0, 0.0), strict=True)
+    return said.from_middle(*(unit * said.number(name, default) for name, default in names))
+
+
+def _of_lists(said: _Said) -> Any:
+    focals, centre = said.numbers("focallength"), said.numbers("principalpoint", 2)
+    return focals[0], focals[-1], *(x - _is_matlab(said) for x in centre)
+
+
 FORMS = (
+    Form("DepthAI", ("matrix", "cameratype", "lensposition"), _of_matrix),
     Form("OpenCV, ROS, BOP, Open3D, NumPy", ("matrix",), _of_matrix),
     Form("Kalibr", ("intrinsics",), _kalibr),
     Form("RealSense, BOP", ("fx", "fy", "cx", "cy"), _of_names),
-    Form("nerfstudio", ("flx", "cx", "cy"), _of_names, 0.0, "k1 k2 p1 p2 k3"),
-    Form("RealityCapture", ("f", "px", "py"), _reality_capture, 0.0, "k1 k2 p1 p2 k3"),
-    Form("Metashape", ("f", "cx", "cy", "width"), _metashape, 0.0, "k1 k2 p2 p1 k3"),
-    Form("Meshroom", ("principalpoint", "focallength", "sensorwidth", "width"), _meshroom, 0.0),
-    Form("Meshroom", ("principalpoint", "pxfocallength", "width"), _meshroom, 0.0),
+    Form("nerfstudio", ("flx", "cx", "cy"), _of_names, 0.0, "k1 k2 p1 p2 k3", True),
+    Form("RealityCapture", ("f", "px", "py"), _reality_capture, 0.0, "k1 k2 p1 p2 k3", True),
+    Form("Metashape", ("f", "cx", "cy", "width"), _metashape, 0.0, "k1 k2 p2 p1 k3", True),
+    Form("Meshroom", ("principalpoint", "focallength", "sensorwidth", "width"), _meshroom, 0.0,
+         is_of_stored=True),
+    Form("Meshroom", ("principalpoint", "pxfocallength", "width"), _meshroom, 0.0,
+         is_of_stored=True),
     Form("fSpy", ("principalpoint", "relativefocallength", "width"), _fspy, 0.0),
+    Form("OpenMVG", ("focallength", "principalpoint", "width"), _of_lists, is_of_stored=True),
+    Form("MATLAB", ("focallength", "principalpoint", "imagesize"), _of_lists),
+    Form("OpenSfM, OpenDroneMap", ("focal", "projectiontype"), _opensfm, 0.0, is_of_stored=True),
+    Form("OpenSfM, OpenDroneMap", ("focalx", "focaly", "projectiontype"), _opensfm, 0.0,
+         is_of_stored=True),
+    Form("NeRF", ("cameraanglex",), _nerf, 0.0, "k1 k2 p1 p2 k3", True),
 )  # fmt: skip
 """Forms; the first of which a mapping has all keys is taken."""
 
 
-TREES = (".yml", ".yaml", ".xml", ".json", ".sfm", ".npz", ".npy", ".csv", ".txt")
-"""Endings of files of forms."""
-
-
-def is_matrix(reading: Reading) -> bool:
-    """Whether a text is that of a matrix: numbers alone, where COLMAP names models."""
-    with reading.open() as file:
-        return not re.search(rb"[A-Za-z]{3}", file.read(LONGEST_HEAD))
-
-
-def load_tree(reading: Reading) -> Any:
-    """The mappings, lists and texts in a YAML, XML, JSON, NumPy or CSV file."""
-    match reading.path.suffix.lower():
-        case ".json" | ".sfm":
-            return reading.load_json()
-        case ".npy" | ".npz":
-            return _arrays(reading)
-        case ".txt":
-            return {"matrix": matrix_text(reading)}
-        case ".csv":
-            return {"rows": list(csv.DictReader(StringIO(reading.load_text())))}
-    text, data = reading.load_text(), None
-    with suppress(yaml.YAMLError, ElementTree.ParseError, RecursionError):
-        if text.lstrip().startswith("<"):
-            data = _of_element(ElementTree.fromstring(text))  # expat refuses bombs of entities
-        else:  # its head is none that YAML knows; what OpenCV calls a matrix is a mapping
-            body = re.sub(r"\A\s*%YAML:1\.0", "", text)
-            data = next(iter(yaml.load_all(body, LOADER)), None)
-    if isinstance(data, dict | list):
-        return data
-    raise reading.error("not YAML or XML as OpenCV writes it", "wanted a whole file")
-
-
-def matrix_text(reading: Reading) -> str:
-    """The numbers in a text, without what may stand between them."""
-    return re.sub(r"[\[\](),;]", " ", reading.load_text())
-
-
-def _arrays(reading: Reading) -> dict[str, Any]:
-    with quiet_libraries(), reading.naming_errors():
-        content = np.load(BytesIO(reading.load_bytes()))
-        if isinstance(content, np.ndarray):
-            return {"camera_matrix": content.tolist()}
-        small = [i.filename for i in content.zip.infolist() if i.file_size <= LARGEST_ARRAY]
-        return {name.removesuffix(".npy"): content[name].tolist() for name in small}
-
-
-def _of_element(element: ElementTree.Element) -> Any:
-    if not len(element) and (element.text or "").strip():
-        return element.text or ""
-    if len(element) and all(child.tag == "_" for child in element):
-        return [_of_element(child) for child in element]
-    values: dict[str, list[Any]] = {}
-    for child in element:
-        values.setdefault(child.tag, []).append(_of_element(child))
-    entries = {tag: own[0] if len(own) == 1 else own for tag, own in values.items()}
-    return {**element.attrib, **entries} or ""
+READ = (
+    ("OpenCV, NumPy, Pupil Labs", ".yml .yaml .xml .json .npz",
+     "camera_matrix, K, mtx, M1 ... or fx fy cx cy; distortion_coefficients, dist, D, kc ... or "
+     "k1 k2 p1 p2 k3 ...; image_width, image_size, resX, DIM ..."),
+    ("a 3x3 matrix", ".txt .npy .json", "fx 0 cx, 0 fy cy, 0 0 1"),
+    ("ROS 1 and 2", ".yaml .txt .ini", "camera_info, ost.txt"),
+    ("COLMAP", "cameras.txt cameras.bin", "all models that OpenCV has, pinhole to fisheye"),
+    ("nerfstudio, NeRF", "transforms.json", "fl_x fl_y cx cy, is_fisheye; camera_angle_x"),
+    ("BOP, NDDS, DOPE", ".json", "cam_K; camera.json, scene_camera.json, _camera_settings.json"),
+    ("RealSense, Open3D, Record3D, DepthAI, Zivid", ".json", "coeffs; K by columns; cameraData"),
+    ("Kalibr, Basalt", ".yaml .json", "camchain: radtan, equidistant; value0: pinhole, kb4"),
+    ("ORB-SLAM 2 and 3", ".yaml", "Camera.fx ..., Camera1.fx ..., LEFT.K LEFT.D"),
+    ("KITTI", "calib.txt calib_cam_to_cam.txt", "P0 ...; K_00 D_00 S_00 ..., P_rect_00 ..."),
+    ("Middlebury", "calib.txt ..._par.txt", "cam0=[...]; a photo a line"),
+    ("MATLAB", ".json", "cameraParameters: IntrinsicMatrix or K, RadialDistortion, ImageSize"),
+    ("OpenSfM, OpenDroneMap", "reconstruction.json cameras.json", "perspective, brown, fisheye"),
+    ("OpenMVG", "sfm_data.json", "pinhole, radial, brown, fisheye"),
+    ("Metashape, Meshroom, RealityCapture, fSpy", ".xml .sfm .csv .json", "frames and fisheyes"),
+    ("Gyroflow", ".json", "fisheye_params"),
+)  # fmt: skip
+"""Tools, their files, and what of a camera is read there."""
 
 
 def cameras_in(
-    reading: Reading, data: Any, fisheye: bool = False, photo: tuple[int, int] = (0, 0)
+    reading: Reading,
+    data: Any,
+    lens_model: LensModel | None = None,
+    photo: tuple[int, int] = (0, 0),
+    is_turned: bool = False,
 ) -> list[FileCamera]:
-    """All cameras in a tree; ``fisheye``: OpenCV's fisheye model where it names no other;
-    ``photo``: size of the pictures where it says none.
+    """Read all cameras in a tree.
 
-    Raises the reading's error: there is none, a number makes no sense, a lens is of another model,
-    or is said by a key that no form has.
+    Args:
+        reading: the file that the tree is of.
+        data: the tree.
+        lens_model: OpenCV's model of the lens where the file does not say it.
+        photo: width and height of the pictures (px) where the file does not say them.
+        is_turned: whether these are those of pixels as stored, which EXIF turns by 90 degrees.
+
+    Raises:
+        PoseViewerError: there is none, a number makes no sense, a lens is of another model, of one
+            that is not said, or is said by a key that no form has.
     """
-    cameras, said, used = [], [], set[str]()
+    cameras, said, used, is_sized = [], [], set[str](), True
     if isinstance(data, list):
         data = {"cameras" if data and isinstance(data[0], dict) else "camera_matrix": data}
-    for path, mapping in _mappings(data, (), DEEPEST):
+    for path, mapping, above in _mappings(_undotted(data), (), DEEPEST, {}):
         of_number = _entries_of(mapping)
         shared = of_number.get("", {}).copy()
         for name in ("matrix", "distortion"):
             shared.pop(name, None)
         said += mapping.items()
         for number, entries in of_number.items():
-            own = _Said(reading, shared | entries if number else entries, photo)
+            own = _Said(reading, shared | entries if number else entries, photo, is_turned, above)
             form = next((form for form in FORMS if all(name in own for name in form.needs)), None)
             if form is not None and (number == "" or "matrix" in entries):
                 name = "-".join(part for part in (path, number) if part)
                 fx, fy, cx, cy = form.pinhole(own)
-                camera = Perspective(fx, fy, cx + form.shift, cy + form.shift, *own.size)
-                lens, photos = _lens(own, form, fisheye), {name.rsplit("/", 1)[-1]} - {""}
+                size = own.size(cx, cy)
+                is_sized &= bool(own.sizes)
+                camera = Perspective(fx, fy, cx + form.shift, cy + form.shift, *size)
+                lens, photos = _lens(own, form, lens_model), {_file_name(name)} - {""}
                 read = f"{', '.join(own.used)} (as {form.tools})"
-                cameras.append(FileCamera(name, camera, lens, frozenset(photos), read))
+                more = frozenset(photos), read, form.is_of_stored
+                cameras.append(FileCamera(name, camera, lens, *more))
                 used |= own.used.keys()
+    of_cameras = _photos_of(data)
+    cameras = [replace(c, photos=c.photos | of_cameras.get(c.name, set())) for c in cameras]
     if not cameras:
         keys = ", ".join(str(key)[:20] for key in data) if isinstance(data, dict) else ""
-        wanted = "wanted camera_matrix and distortion_coefficients, or fx, fy, cx, cy"
+        wanted = f"read are those of {', '.join(tools for tools, *_ in READ)}"
+        wanted += "; poseviewer info --calibration --help lists the keys"
         raise reading.error(f"no camera in it (its keys: {keys[:80] or 'none'})", wanted)
     is_bare = len(cameras) == 1 and cameras[0].lens is None
     for key, value in said:
         plain, is_list = _plain(key), _is_matrix(value)
-        if key in used:
+        if not is_sized and key not in used and MAYBE_SIZE.fullmatch(plain) and _sides(value):
+            found = f"{key!r} may be the size of its pictures, and is not known here"
+            raise reading.error(found, "wanted image_width and image_height")
+        if key in used or (plain == "w" and str(value).isdecimal()):
             continue
-        if TYPE_LIKE.match(plain) and OTHER_LENS.match(_plain(value)):
+        if TYPE_LIKE.match(plain) and OTHER_LENS.fullmatch(_plain(value)):
             raise reading.error(f"{key!r} is {str(value)[:40]!r}", "wanted it as distortion_model")
         like = LENS_LIKE.fullmatch(plain)
-        may_be = like and (is_list or plain != "lens") and not (is_list and like["alone"])
+        is_word = "fish" in plain or plain == "lens"  # what stands for no number
+        may_be = like and not (like["alone"] if is_list else is_word)
         numbers = value[0] if isinstance(value, list) and len(value) == 1 else value
-        has_their_count = isinstance(numbers, list) and len(numbers) in COUNTS_OF_LENSES
+        is_flat = isinstance(numbers, list) and not any(isinstance(n, list) for n in numbers)
+        has_their_count = is_flat and len(numbers) in COUNTS_OF_LENSES and "time" not in plain
         if (may_be or (is_bare and has_their_count)) and _is_number(value):
             wanted = "wanted distortion_coefficients, or k1, k2, p1, p2, k3 ..."
             raise reading.error(f"{key!r} may be a lens, and is not known here", wanted)
     return cameras
 
 
+def _photos_of(data: Any) -> dict[str, set[str]]:
+    """Names of the photos of OpenSfM's and OpenMVG's cameras, by the cameras' names."""
+    photos: dict[str, set[str]] = {}
+    with suppress(KeyError, TypeError, AttributeError):
+        for one in data["cameras"] if isinstance(data.get("cameras"), list) else [data]:
+            views = [view["value"]["ptr_wrapper"]["data"] for view in one.get("views", [])]
+            shots = [(shot["camera"], name) for name, shot in one.get("shots", {}).items()]
+            for camera, name in [*shots, *((v["id_intrinsic"], v["filename"]) for v in views)]:
+                photos.setdefault(str(camera), set()).add(_file_name(name))
+    return photos
+
+
+def _file_name(written: Any) -> str:
+    return re.split(r"[/\\]", str(written))[-1]
+
+
 def _plain(key: Any) -> str:
-    return re.sub(r"^camera\.|[_\s-]", "", str(key).lower())  # ORB-SLAM has Camera.fx
+    return re.sub(r"[_\s-]", "", str(key).lower())
+
+
+def _undotted(data: Any) -> Any:
+    """ORB-SLAM's ``LEFT.K`` and ``Camera1.fx`` as mappings; what ``Camera.`` says of size and type
+    is said of all.
+    """
+    tree: dict[str, Any] = {}
+    for key, value in data.items() if isinstance(data, dict) else ():
+        head, _, name = str(key).partition(".")
+        is_dotted = name and (_is_matrix(value) or not isinstance(value, dict))
+        if is_dotted and isinstance(tree.setdefault(head, {}), dict):
+            tree[head][name] = value
+        if not is_dotted or (head == "Camera" and name in ("type", "width", "height")):
+            tree[name if is_dotted else key] = value
+    return tree or data
 
 
 def _is_number(value: Any) -> bool:
@@ -359,18 +503,69 @@ def _is_number(value: Any) -> bool:
     return False
 
 
+def _is_pair(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 2 and isinstance(value[1], dict)
+
+
 def _is_matrix(value: Any) -> bool:
-    return isinstance(value, list) or (isinstance(value, dict) and "data" in value)
+    if isinstance(value, dict):
+        return not isinstance(value.get("data", {}), dict)
+    return isinstance(value, list)
 
 
-def _mappings(node: Any, path: tuple[str, ...], depth: int) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Names of mappings, and each with what others inside it say of the same camera."""
+def _numbers_in(value: Any) -> list[float]:
+    """The numbers in a text, a list, or OpenCV's mapping of one."""
+    value = value.get("data", "") if isinstance(value, dict) else value
+    return [float(number) for number in re.findall(r"-?\d+(?:\.\d*)?(?:e[-+]?\d+)?", str(value))]
+
+
+def _sides(value: Any) -> list[float]:
+    """A side of a picture, or both, in px; none where a value is of something else."""
+    numbers = _numbers_in(value)
+    sides = numbers[:2] if len(numbers) < 3 or (len(numbers) == 3 and numbers[2] <= 4) else []
+    return sides if all(side >= MIN_SIDE_PX and side.is_integer() for side in sides) else []
+
+
+def _size_field(plain: str, value: Any) -> str:
+    """The field of a size that a key names; "" of a key of something else."""
+    name, match = FIELDS.get(plain, ""), SIZE_LIKE.fullmatch(plain)
+    if name in SIZES or not match:
+        return name if name in SIZES else ""
+    sides, side, is_size = _sides(value), SIDES.get(match["side"], ""), SIZED.search(plain)
+    if side and len(sides) == 1 and (is_size or match["side"] not in "xy"):
+        return side
+    return "imagesize" if is_size and not side and len(sides) == 2 else ""
+
+
+def _named_sides(key: Any, value: Any) -> list[Any]:
+    """Width and height in a mapping that a key names as the size of pictures, or nothing."""
+    plain = _plain(key)
+    if not (isinstance(value, dict) and SIZE_LIKE.fullmatch(plain) and SIZED.search(plain)):
+        return []
+    sides = {_size_field(f"size{_plain(name)}", side): side for name, side in value.items()}
+    is_camera = any(FIELDS.get(_plain(name)) == "matrix" or name == "fx" for name in value)
+    return [] if is_camera else [sides[n] for n in ("width", "height") if n in sides]
+
+
+def _mappings(
+    node: Any, path: tuple[str, ...], depth: int, above: dict[str, tuple[str, Any]]
+) -> Iterator[tuple[str, dict[str, Any], dict[str, tuple[str, Any]]]]:
+    """Names of mappings, each with what others inside it say of the same camera, and the fields
+    ``above`` it that may.
+    """
     if not isinstance(node, dict) or not depth:
         return
     entries, inner = {}, []
     for key, value in node.items():
-        is_mapping = isinstance(value, dict) and not _is_matrix(value)
-        if is_mapping and FIELDS.get(_plain(key), _plain(key)) in MERGED:
+        if isinstance(value, list) and value and all(map(_is_pair, value)):
+            value = {str(name): own for name, own in value}  # DepthAI's cameras by their sockets
+        is_mapping, field_name = isinstance(value, dict) and not _is_matrix(value), _plain(key)
+        field_name = FIELDS.get(field_name, field_name)
+        is_base = key == "value0" and isinstance(value, dict) and "principal_point" in value
+        if len(sides := _named_sides(key, value)) == 2:
+            both = dict(zip(("width", "height"), sides, strict=True))
+            entries = (both if field_name == "imagesize" else {key: sides}) | entries
+        elif isinstance(value, dict) and is_mapping and (is_base or field_name in MERGED):
             entries |= {k: v for k, v in value.items() if not isinstance(v, dict)}
             inner += [(k, v) for k, v in value.items() if isinstance(v, dict)]
         elif isinstance(value, list) and value and isinstance(value[0], dict):
@@ -378,15 +573,23 @@ def _mappings(node: Any, path: tuple[str, ...], depth: int) -> Iterator[tuple[st
             for number, one in enumerate(adjusted or value):
                 is_frame = key == "frames"  # of nerfstudio's, some say cameras of their own
                 more = {k: v for k, v in node.items() if k != key and (k == "version" or is_frame)}
+                for name, own in node.items():  # Basalt has a list of sizes beside that of cameras
+                    if name != key and isinstance(own, list) and len(own) == len(value):
+                        is_size = _size_field(_plain(name), own[number])
+                        more |= {name: own[number]} if is_size else {}
                 label = next((one[k] for k in LABELS if k in one), number)
                 if not is_frame or "fl_x" in one:
                     inner.append((label, more | one))
         else:
             entries[key] = value
             inner += [(key, value)] * is_mapping
-    yield next((part for part in reversed(path) if part not in UNNAMED), ""), entries
+    yield next((part for part in reversed(path) if part not in UNNAMED), ""), entries, above
+    own = _entries_of(entries).get("", {}).items()
+    own = {n: e for n, e in own if TYPE_LIKE.match(n) or n in ("isfisheye", *SIZES)}
+    above = {n: e for n, e in above.items() if n not in SIZES or own.keys().isdisjoint(SIZES)} | own
     for key, value in inner:
-        yield from _mappings(value, (*path, str(key).strip()), depth - 1)
+        named = {"named": (str(key), True)} if FISHEYE_LIKE.search(_plain(key)) else {}
+        yield from _mappings(value, (*path, str(key).strip()), depth - 1, above | named)
 
 
 def _entries_of(mapping: dict[str, Any]) -> dict[str, dict[str, tuple[str, Any]]]:
@@ -394,49 +597,90 @@ def _entries_of(mapping: dict[str, Any]) -> dict[str, dict[str, tuple[str, Any]]
     of_number: dict[str, dict[str, tuple[str, Any]]] = {}
     for key, value in mapping.items():
         plain = _plain(key)
-        name, number, parts = FIELDS.get(plain, plain), "", SIDED.fullmatch(plain)
+        if value in (None, []):
+            continue
+        name, number = _size_field(plain, value) or FIELDS.get(plain, plain), ""
+        parts = SIDED.fullmatch(plain)
         stem = parts[2] if parts else plain
         if stem != plain and FIELDS.get(stem) in NUMBERED and (_is_matrix(value) or len(stem) > 1):
             name, number = FIELDS[stem], plain.replace(stem, "", 1)
         like = LENS_LIKE.fullmatch(plain)
         if like and like["alone"] and not number and _is_matrix(value):
             continue  # OpenCV's P1 is a projection
+        if FISHEYE_LIKE.search(plain) and _is_matrix(value) and name != "matrix":
+            of_number.setdefault(number, {})["named"] = (str(key), True)
+            name = "distortion"
         if name == "matrix" and not (_is_matrix(value) or isinstance(value, str)):
             continue  # an object named k may be a camera itself
-        if value is not None:
+        if name == "imagesize":
+            of_number.setdefault(number, {}).setdefault(name, ("", []))[1].append((str(key), value))
+        else:
             of_number.setdefault(number, {}).setdefault(name, (str(key), value))
     return of_number
 
 
-def _lens(said: _Said, form: Form, fisheye: bool) -> Lens | None:
-    model: LensModel | None = "fisheye" if fisheye else "opencv"
-    text, names = "", ("model", "cameramodel", *("type", "projection") * (form.tools in TYPED))
-    if str(said.value("isfisheye")).lower().rstrip(".0") in ("1", "true"):
-        model = "fisheye"
-    elif text := next((t for n in names if (t := str(said.value(n) or ""))), ""):
+def _said_model(said: _Said, form: Form) -> tuple[bool, LensModel | None]:
+    """Whether the file says the model of a camera's lens, and which; None: it has to have none."""
+    marks = [f["isfisheye"] for f in (said.entries, said.above) if "isfisheye" in f]
+    marks = [(key, mark) for key, mark in marks if not isinstance(mark, dict | list)]
+    said.used.update(dict.fromkeys(key for key, _ in marks))
+    if any(str(mark).lower().rstrip(".0") in ("1", "true") for _, mark in marks):
+        return True, "fisheye"
+    if form.tools == "DepthAI":
+        number = said.number("cameratype")
+        if number not in (0, 1):
+            found = f"its cameraType is {number:g}"
+            raise said.reading.error(found, "wanted 0, perspective, or 1, fisheye")
+        return True, "fisheye" if number else "opencv"
+    for text, is_sure in said.model_words(form):
         plain = _plain(text).removeprefix("distortion.")
-        if plain not in LENS_MODELS:
+        if plain in LENS_MODELS and plain not in PINHOLES:
+            if LENS_MODELS[plain] or is_sure:
+                return True, LENS_MODELS[plain]
+        elif OTHER_LENS.fullmatch(plain) or (is_sure and plain not in PINHOLES):
             wanted = "wanted OpenCV's standard or fisheye model"
             raise said.reading.error(f"its lens model is {text[:40]!r}", wanted)
-        model = model if fisheye else LENS_MODELS[plain]
+    if "named" in said or "named" in said.above:
+        return True, "fisheye"
+    return bool(marks), "opencv"
+
+
+def _lens(said: _Said, form: Form, asked: LensModel | None) -> Lens | None:
+    is_said, model = _said_model(said, form)
+    if asked not in (None, model) and is_said:
+        found = f"its lens is said to be of the model {model or 'none'!r}"
+        raise said.reading.error(found, f"lens model {asked!r} is for files that do not say it")
+    is_said, model = (True, asked) if asked else (is_said, model)
     if "distortion" in said:
         values = said.numbers("distortion")
+        is_clear = len(values) != 4
         if form.tools == "Meshroom" and model == "opencv" and any(values):
             if len(values) not in (1, 3):
                 raise said.reading.error("a lens of Meshroom's Brown model", "wanted radial3")
             k1, k2, k3 = [*values, 0.0, 0.0][:3]
             values = [k1, k2, 0.0, 0.0, k3]
+    elif form.tools == "OpenMVG":
+        names = (name for name in ("distok1", "distok3", "distot2") if name in said)
+        k1, k2, k3, t1, t2 = [*said.numbers(next(names, "")), *[0.0] * 5][:5]
+        values, is_clear = [k1, k2, t1, t2, k3], True
     elif "radial" in said:
         k1, k2, *k3 = said.numbers("radial")
-        values = [k1, k2, *(said.numbers("tangential") or [0.0, 0.0]), *k3]
+        values, is_clear = [k1, k2, *(said.numbers("tangential") or [0.0, 0.0]), *k3], True
     else:
         order = ("k1 k2 k3 k4" if model == "fisheye" else form.lens).split()
         values = [said.number(name, 0.0) for name in order]
         count = next(count for count in (5, 8, 12) if not any(values[count:]))
         values = values[:count] if any(name in said for name in order) else []
-    if not any(values) and (model != "fisheye" or not values):
+        is_clear = "k4" not in said or any(name in said for name in NOT_STANDARD)
+    if any(values) and not (is_said or is_clear or form.is_of_stored):
+        found = "nothing says of which lens model its four distortion coefficients are"
+        raise said.reading.error(found, ASK_MODEL)
+    if model == "fisheye" and not any(values[4:]):
+        values = values[:4] or [0.0] * 4
+    elif not any(values):
         return None
     if model is None:
+        text = next((text for text, is_sure in said.model_words(form) if is_sure), "none")
         found = f"a lens of the model {text!r} with coefficients other than 0"
         raise said.reading.error(found, "wanted OpenCV's standard or fisheye model")
     if len(values) not in COEFFICIENTS[model]:

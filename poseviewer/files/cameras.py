@@ -2,32 +2,46 @@
 and scaled.
 """
 
+import re
 from collections import defaultdict
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from poseviewer.errors import CalibrationFileError
-from poseviewer.files.camera_forms import TREES, FileCamera, cameras_in, is_matrix, load_tree
+from poseviewer.files.camera_forms import FileCamera, cameras_in
+from poseviewer.files.camera_trees import TREES, load_tree
 from poseviewer.files.checks import Reading
 from poseviewer.files.colmap_model import colmap_cameras, colmap_images
 from poseviewer.files.structs import checked_camera
+from poseviewer.geometry.lens import UPRIGHT, LensModel, turned_camera, turned_lens
 
 KIND = "file of cameras"
+LONGEST_HEAD = 2000
+"""Bytes of a text in which COLMAP names a model."""
+COLMAP_LIKE = re.compile(rb"^\s*\d+\s+[A-Z_]+\s+\d+\s+\d+", re.MULTILINE)
+"""A line of COLMAP's cameras: number, model, width and height."""
 LEAST_FOCAL = 0.02
 """Focal length in widths of the photo, which then shows 175 degrees."""
 
 
 def load_cameras(
-    path: str | Path, fisheye: bool = False, photo: tuple[int, int] = (0, 0)
+    path: str | Path,
+    lens_model: LensModel | None = None,
+    photo: tuple[int, int] = (0, 0),
+    is_turned: bool = False,
 ) -> list[FileCamera]:
     """All cameras in a file, as ``cameras_in`` has them."""
     reading = Reading(Path(path), [], CalibrationFileError, KIND, numbers_as_text=True)
-    ending = reading.path.suffix.lower()
+    ending, head = reading.path.suffix.lower(), b""
     with reading.naming_errors():
-        if ending == ".bin" or (ending == ".txt" and not is_matrix(reading)):
+        if ending == ".txt":
+            with reading.open() as file:
+                head = file.read(LONGEST_HEAD)
+        is_named = bool(head) and reading.path.stem == "cameras"
+        if ending == ".bin" or is_named or COLMAP_LIKE.search(head):
             cameras = _colmap_cameras(reading)
-        elif ending in TREES:
-            cameras = cameras_in(reading, load_tree(reading), fisheye, photo)
+        elif ending in ("", *TREES):
+            cameras = cameras_in(reading, load_tree(reading), lens_model, photo, is_turned)
         else:
             wanted = f"wanted {', '.join(TREES)} or .bin"
             raise reading.error(f"its ending is {ending or 'missing'}", wanted)
@@ -41,7 +55,7 @@ def _colmap_cameras(reading: Reading) -> list[FileCamera]:
         for name, key, _ in colmap_images(replace(reading, path=beside)):
             photos[key].add(PurePosixPath(name).name)
     known, read = colmap_cameras(reading).items(), "COLMAP's model"
-    return [FileCamera(key, *camera, frozenset(photos[key]), read) for key, camera in known]
+    return [FileCamera(key, *camera, frozenset(photos[key]), read, True) for key, camera in known]
 
 
 ROUNDING_PX = 1.0
@@ -56,18 +70,39 @@ class Calibration:
     path: Path
     camera: str | None = None
     """Which camera of the file; None: the only one, or the one that took the photo."""
-    fisheye: bool = False
-    """The coefficients are of OpenCV's fisheye model, though the file does not say so."""
+    lens_model: LensModel | None = None
+    """OpenCV's model that the coefficients are of, "opencv" (standard) or "fisheye"; None: as the
+    file says, or as their number says."""
 
 
 def load_calibration(
-    choice: Calibration, photo: str, width: int, height: int
+    choice: Calibration,
+    photo: str,
+    width: int,
+    height: int,
+    orientation: int = UPRIGHT,
 ) -> tuple[FileCamera, tuple[str, ...]]:
-    """Load the camera of a photo of this name and size, scaled if need be; notes say so."""
+    """Load the camera of an upright photo, turned and scaled if need be; notes say so.
+
+    Args:
+        choice: the file, and which of its cameras.
+        photo: the photo's file name.
+        width: px, of the upright photo.
+        height: px, likewise.
+        orientation: EXIF's, 1 to 8, of the photo as stored.
+
+    Raises:
+        PoseViewerError: the file cannot be used, or not with this photo.
+    """
     reading = Reading(choice.path, error_type=CalibrationFileError)
-    chosen = _chosen(
-        reading, choice, load_cameras(choice.path, choice.fisheye, (width, height)), photo
-    )
+    stored = (height, width) if orientation > 4 else (width, height)
+    cameras = load_cameras(choice.path, choice.lens_model, stored, orientation > 4)
+    taken, notes = _chosen(reading, choice, cameras, photo, stored), ()
+    chosen = taken if orientation == UPRIGHT else _upright(reading, taken, orientation, stored)
+    if orientation != UPRIGHT:
+        turned = "belongs to the stored pixels and was turned with it"
+        said = "is taken to be that of the upright photo" if chosen is taken else turned
+        notes = (f"{choice.path.name}: {photo} is stored turned (EXIF), its camera {said}.",)
     camera = chosen.camera
     size = f"{camera.width}x{camera.height} px"
     if not (0.0 <= camera.cx <= camera.width and 0.0 <= camera.cy <= camera.height):
@@ -78,7 +113,7 @@ def load_calibration(
         found = f"a focal length of {camera.fx:g} px"
         raise reading.error(found, "wanted px, not sides of a photo")
     if (camera.width, camera.height) == (width, height):
-        return chosen, ()
+        return chosen, notes
     said = f"the camera is for {size}, the photo has {width}x{height} px"
     sides = ((width, camera.width), (height, camera.height))
     least = max((side - ROUNDING_PX) / own for side, own in sides)
@@ -86,11 +121,32 @@ def load_calibration(
         wanted = "calibrate on pictures of the photo's size and orientation"
         raise reading.error(said, wanted)
     scaled = replace(chosen, camera=camera.resized(width, height))
-    return scaled, (f"{choice.path.name}: {said}; it was scaled to the photo's size.",)
+    return scaled, (*notes, f"{choice.path.name}: {said}; it was scaled to the photo's size.")
+
+
+def _upright(
+    reading: Reading, taken: FileCamera, orientation: int, stored: tuple[int, int]
+) -> FileCamera:
+    """The camera of the upright photo; as it is where it is none of the stored pixels."""
+    own, is_of_stored = taken.camera, taken.is_of_stored
+    if orientation > 4 and own.width != own.height:
+        is_of_stored = (own.width > own.height) == (stored[0] > stored[1])
+    if not is_of_stored:
+        return taken
+    try:
+        lens = taken.lens and turned_lens(taken.lens, orientation)
+    except ValueError as error:
+        found = f"{error}, and EXIF turns the photo"
+        raise reading.error(found, "save the photo upright, and calibrate anew") from None
+    return replace(taken, camera=turned_camera(own, orientation), lens=lens)
 
 
 def _chosen(
-    reading: Reading, choice: Calibration, cameras: list[FileCamera], photo: str
+    reading: Reading,
+    choice: Calibration,
+    cameras: list[FileCamera],
+    photo: str,
+    size: tuple[int, int],
 ) -> FileCamera:
     names = [repr(camera.name) if camera.name else "one without a name" for camera in cameras]
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
@@ -100,11 +156,14 @@ def _chosen(
         if not named:
             raise reading.error(f"no camera {choice.camera[:30]!r} in it", f"it has {known}")
         return named[0]
+    if all((c.camera, c.lens) == (cameras[0].camera, cameras[0].lens) for c in cameras):
+        return cameras[0]
     # BOP numbers its photos: 000017.png is the scene's 17.
     stem = Path(photo).stem
     number = str(int(stem)) if stem.isdecimal() else None
     named = [c for c in cameras if photo in c.photos] or [c for c in cameras if c.name == number]
+    named = named or [c for c in cameras if (c.camera.width, c.camera.height) == size]
     if 1 not in (len(cameras), len(named)):
         found = f"{len(cameras)} cameras, {known}, and none of them named after {photo}"
-        raise reading.error(found, "choose one by --calibration-camera NAME")
+        raise reading.error(found, "choose one by --calibration-camera NAME, Calibration's camera")
     return cameras[0] if len(cameras) == 1 else named[0]

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 from poseviewer.errors import FileSetError, PoseViewerError
-from poseviewer.files.camera_forms import TREES
+from poseviewer.files.camera_trees import TREES
 from poseviewer.files.cameras import load_cameras
 from poseviewer.files.checks import Reading
 from poseviewer.files.colmap_model import model_file
@@ -68,7 +68,7 @@ class FileSet:
     pose: Path | None = None
     """The start."""
     views: Path | None = None
-    """A set of photos, as ``load_view_set`` takes it."""
+    """A set of photos, as ``photo_sets.load_views`` takes it."""
     scene: Path | None = None
     """A scene file, which says all by itself."""
     unused: tuple[Path, ...] = ()
@@ -212,9 +212,10 @@ def _kind_of(path: Path, as_pose: bool, sole: bool) -> str:
     if "camera_from_model" in data:
         return "pose"
     if suffix in TREES:
-        with suppress(PoseViewerError):
-            load_cameras(path)
-            return "camera"
+        for lens_model in (None, "fisheye"):  # a lens of no said model is for the user to say
+            with suppress(PoseViewerError):
+                load_cameras(path, lens_model)
+                return "camera"
     return "pose" if sole and is_json else ""
 
 

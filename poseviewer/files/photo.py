@@ -20,15 +20,17 @@ from poseviewer.files.checks import LARGEST_DATA, Reading, quiet_libraries
 from poseviewer.files.structs import Distortion
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.image import Photo
-from poseviewer.geometry.lens import LARGEST_SIDE, Undistortion, undistort
+from poseviewer.geometry.lens import LARGEST_SIDE, UPRIGHT, Undistortion, undistort
 
 ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
 """Endings of photo files."""
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "PPM")
 """Pillow's names of them; its readers of others believe the lengths that a file claims."""
 RAW_ENDINGS = (".dng", ".nef", ".cr2", ".cr3", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw")
-DNG_VERSION, SUBFILE_TYPE, BITS = 50706, 254, 258
+DNG_VERSION, SUBFILE_TYPE, BITS, PHOTOMETRIC, SAMPLES, PLANAR = 50706, 254, 258, 262, 277, 284
 """TIFF's tags."""
+WHITE_IS_ZERO, APART = 0, 2
+"""Values of ``PHOTOMETRIC`` and ``PLANAR``."""
 REDUCED = 1
 """Subfile type of a preview, as that of raw files is."""
 MAX_MEGAPIXELS = 100.0
@@ -66,9 +68,10 @@ def load_photo(path: str | Path) -> Photo:
     return Photo(pixels, printable(reading.path.name), sha256, focal, notes)
 
 
-def is_stored_turned(path: str | Path) -> bool:
-    """Whether a photo's EXIF turns or mirrors it: other tools may show it as it is stored."""
-    return _exif_tags(path).get(ExifTags.Base.Orientation) in range(2, 9)
+def orientation_of(path: str | Path) -> int:
+    """EXIF's orientation of a photo, from 1 to 8, in which other tools may not show it."""
+    number = _exif_tags(path).get(ExifTags.Base.Orientation, UPRIGHT)
+    return number if number in range(1, 9) else UPRIGHT
 
 
 def was_taken_by_a_camera(path: str | Path) -> bool:
@@ -128,6 +131,9 @@ def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]
                 if image.mode not in ("L", "RGB"):
                     image = image.convert("L" if image.mode in ("1", "LA") else "RGB")
                 return np.atleast_3d(np.asarray(image)), focal, is_transparent
+            if tags.get(PLANAR, 1) == APART and tags.get(SAMPLES, 1) > 1:
+                found = "a TIFF of 16 bits that has each colour in a plane of its own"
+                raise reading.error(found, "save it with interleaved pixels, or as PNG")
             image.close()  # frees its pixels
     except UnidentifiedImageError:
         wanted = "wanted JPEG, PNG, TIFF, WebP or BMP with 8 or 16 bits"
@@ -140,6 +146,8 @@ def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]
     picture = cv2.imdecode(np.frombuffer(data, np.uint8), how)
     if picture is None:
         raise reading.error("OpenCV cannot read this kind of picture", "save it as PNG or JPEG")
+    if tags.get(PHOTOMETRIC, 1) == WHITE_IS_ZERO and picture.dtype == np.uint16:
+        np.invert(picture, out=picture)  # which OpenCV leaves out
     if picture.ndim == 2:
         return picture[..., None], focal, is_transparent
     for top in range(0, len(picture), ROWS):  # in place: the whole is up to 0.6 GB
@@ -202,7 +210,8 @@ def load_calibrated_photo(path: str | Path, calibration: Calibration | None = No
     photo = load_photo(path)
     if calibration is None:
         return photo
-    chosen, notes = load_calibration(calibration, photo.name, photo.width, photo.height)
+    size = photo.width, photo.height
+    chosen, notes = load_calibration(calibration, photo.name, *size, orientation_of(path))
     photo = replace(photo, notes=(*photo.notes, *notes))
     if chosen.lens is None:
         return replace(photo, camera=chosen.camera)

@@ -11,8 +11,8 @@ from poseviewer.files import structs as s
 from poseviewer.files.checks import Reading, is_there, kind_of
 from poseviewer.files.colmap_model import model_file
 from poseviewer.files.formats.bop import CAMERAS, UNIT, WORLD, load_bop_images
-from poseviewer.files.formats.conversion import ConvertOptions
-from poseviewer.files.formats.reconstructions import colmap_views, frame_view
+from poseviewer.files.formats.conversion import ConvertOptions, as_shown
+from poseviewer.files.formats.reconstructions import colmap_views, frame_view, slashed
 from poseviewer.files.scene_assets import open_view, photo_file, view_of_file
 from poseviewer.files.scene_json import load_scene
 from poseviewer.geometry.camera import Perspective
@@ -41,7 +41,7 @@ class LoadedViews:
 
 @dataclass(frozen=True, slots=True)
 class SetChoice:
-    """Choices that a set's file leaves open."""
+    """Choices that a set's file leaves open, and how a model stands in the set."""
 
     photos: tuple[str, ...] = ()
     """Which of its photos, by their files' names, with or without ending; empty: all."""
@@ -50,6 +50,10 @@ class SetChoice:
     rig_object: int | None = None
     """The object of a BOP scene whose annotations tell how the cameras moved, where the scene does
     not say it."""
+    view: str | None = None
+    """Name of the photo that the start is a pose in; None: the one that the pose file names."""
+    scale: float | None = None
+    """Lengths of the model's unit in one of the set's; None: as the set says, or searched for."""
 
 
 def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews:
@@ -62,14 +66,16 @@ def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews
     path, choice = Path(path), choice or SetChoice()
     reading = Reading(path, kind=KIND)
     with reading.naming_errors():
-        records, unit, scale = _views(reading, choice)
+        records, unit, scale, is_of_stored = _views(reading, choice)
         views: list[View] = []
         for unread in records:
             if _is_chosen(str(unread.file.location), choice.photos):
-                s.checked_camera(reading, unread.camera)
-                view = open_view(unread)[0]
+                notes: list[str] = []
+                shown = as_shown(unread, unread.file.location, notes) if is_of_stored else unread
+                s.checked_camera(reading, shown.camera)
+                view = open_view(shown)[0]
                 camera = view.camera if isinstance(view.camera, Perspective) else None
-                photo = replace(view.photo, camera=camera)
+                photo = replace(view.photo, camera=camera, notes=(*view.photo.notes, *notes))
                 views.append(replace(view, file=PhotoFile.of(photo, view.path)))
         for wanted in choice.photos:
             if not any(_is_chosen(str(view.path), [wanted]) for view in views):
@@ -96,26 +102,29 @@ def with_names(views: Sequence[View]) -> tuple[View, ...]:
     )
 
 
-def _views(reading: Reading, choice: SetChoice) -> tuple[Iterable[View], str | None, float | None]:
+def _views(
+    reading: Reading, choice: SetChoice
+) -> tuple[Iterable[View], str | None, float | None, bool]:
+    """Views, unit and scale of their world, and whether they are of pixels as stored."""
     path = reading.path
     if path.is_dir():
         for name in COLMAP_FOLDERS:
             if model_file(path / name, "images").is_file():
-                return _of_colmap(reading, path / name, choice), None, None
+                return _of_colmap(reading, path / name, choice), None, None, True
         if (path / CAMERAS).is_file():
-            return _of_bop(reading, choice), UNIT, None
+            return _of_bop(reading, choice), UNIT, None, False
         wanted = f"wanted COLMAP's model (images.bin or .txt) or a BOP scene ({CAMERAS})"
         raise reading.error("a folder without a set of photos", wanted)
     data = reading.load_object()
     if isinstance(frames := data.get("frames"), list):
         entries = (data | reading.object(frame, "a frame") for frame in frames)
         chosen = (e for e in entries if _is_chosen(str(e.get("file_path")), choice.photos))
-        return (frame_view(reading, own, ConvertOptions()) for own in chosen), None, None
+        return (frame_view(reading, own, ConvertOptions()) for own in chosen), None, None, True
     if data.get("format") != s.SCENE:
         found = f"format is {kind_of(data.get('format'))}"
         raise reading.error(found, f"wanted {s.SCENE!r}, or nerfstudio's frames")
     scene = load_scene(path)
-    return scene.views, scene.unit, None if scene.free_scale or scene.unit else 1.0
+    return scene.views, scene.unit, None if scene.free_scale or scene.unit else 1.0, False
 
 
 def _of_colmap(reading: Reading, model: Path, choice: SetChoice) -> list[View]:
@@ -162,7 +171,7 @@ def _is_chosen(name: str, photos: Sequence[str]) -> bool:
     """Whether a photo is one of those wanted, by its name with or without folders, by stem, or by
     number (BOP).
     """
-    path = PurePosixPath(name)
+    path = PurePosixPath(slashed(name))
     numbers = {str(int(path.stem))} if path.stem.isdecimal() else set()
     if not photos or not {path.stem, *numbers}.isdisjoint(photos):
         return True

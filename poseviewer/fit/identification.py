@@ -6,7 +6,7 @@ from functools import reduce
 from typing import Any
 
 from poseviewer.errors import SettingsError
-from poseviewer.fit.compared import box_near
+from poseviewer.fit.compared_pixels import box_near
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.progress import FitProgress
 from poseviewer.fit.stages import fit_pose

@@ -9,7 +9,7 @@ from itertools import islice
 import numpy as np
 from scipy.linalg import orth
 
-from poseviewer.fit.compared import box_near, working_factor
+from poseviewer.fit.compared_pixels import box_near, working_factor
 from poseviewer.fit.loss import registration_loss
 from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.stages import FEWEST_OF_STRUCTURE

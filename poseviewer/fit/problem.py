@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError, SingularChartError
-from poseviewer.fit.compared import ComparedView, compared_view
+from poseviewer.fit.compared_pixels import ComparedView, compared_view
 from poseviewer.fit.loss import LossScale
 from poseviewer.fit.visibility import Hiding, hiding
 from poseviewer.geometry.arrays import FloatArray, frozen_array

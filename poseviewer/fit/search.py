@@ -28,7 +28,7 @@ from poseviewer.confidence.verdict import (
     SURE_FROM,
     TURNED_THRESHOLD,
 )
-from poseviewer.fit.compared import ComparedView, enlarged
+from poseviewer.fit.compared_pixels import ComparedView, enlarged
 from poseviewer.fit.judge import better_turn, judge_end
 from poseviewer.fit.occlusion import Hidden, find_hidden
 from poseviewer.fit.problem import (
@@ -42,7 +42,7 @@ from poseviewer.fit.problem import (
 )
 from poseviewer.fit.progress import FitProgress, SearchProgress, Status
 from poseviewer.fit.proportions import other_proportions
-from poseviewer.fit.stages import fit_pose
+from poseviewer.fit.stages import StageMaker, fit_pose, make_stages
 from poseviewer.fit.visibility import Hiding, visibility
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.charts import LOG_FOCAL
@@ -86,10 +86,13 @@ class Search:
         indices: Sequence[int] = (0,),
         threads: int = 1,
         view: int = 0,
+        stages: StageMaker = make_stages,
     ) -> None:
         """``renderers``: of the objects ``indices``, for one thread at a time; ``view``: whose
-        chart is searched. More ``threads`` give the same poses in less time.
+        chart is searched. More ``threads`` give the same poses in less time. ``stages`` makes the
+        pyramid levels and minimisers.
         """
+        self._make_stages = stages
         self._start, self._renderers, self._threads = scene, renderers, threads
         self._indices, self._view = tuple(indices), view
         self.scene = scene
@@ -210,6 +213,7 @@ class Search:
     ) -> Steps[FitProgress]:
         """Run the stages; meanwhile the pose of ``shown`` is the best, by default their own."""
         end = last = before
+        how["make"] = self._make_stages
         for end in fit_pose(problem, self._renderer, self._threads, before, **how):
             last = end if last is None or end.restart != last.restart else last
             if end.status is Status.RUNNING:

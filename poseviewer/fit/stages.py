@@ -82,6 +82,10 @@ class Stage:
     """A scored point is kept if it costs less than this more than the best so far."""
 
 
+StageMaker = Callable[[FitProblem, Renderer, FloatArray], tuple[Stage, ...]]
+"""Gives the stages of a search from parameters (d,), the coarsest first."""
+
+
 def make_stages(
     problem: FitProblem, renderer: Renderer, start: FloatArray | None = None
 ) -> tuple[Stage, ...]:
@@ -145,21 +149,24 @@ def fit_pose(
     *,
     seed: int | None = None,
     is_coarse: bool = False,
+    make: StageMaker = make_stages,
 ) -> Iterator[FitProgress]:
     """Run the stages from the problem's start; yields after every evaluation, the outcome last.
 
     From the end of the search ``before``, it goes on without the coarsest level, within the rest of
     the limits; ``is_coarse``: on the coarsest level alone. To stop it, stop asking. Deterministic
     but for ``Limits.seconds``, on any number of ``threads``: poses that a minimiser asks for
-    together are evaluated in parallel. ``seed``: by default that of the settings.
+    together are evaluated in parallel. ``seed``: by default that of the settings; ``make``: gives
+    the stages.
     """
     if problem.photo.clipped:
         problem = guarded(problem, renderer)
-    if before is None:
-        before, parts = FitProgress.at_start(problem), slice(0, 1 if is_coarse else None)
-    else:
-        parts = slice(0 if problem.photo.structure is None else 1, None)
-    stages = make_stages(problem, renderer, before.parameters)[parts]
+    is_continued, before = before is not None, before or FitProgress.at_start(problem)
+    stages = make(problem, renderer, before.parameters)
+    if is_continued and problem.is_structured:
+        stages = stages[1:] or stages
+    elif is_coarse and not is_continued:
+        stages = stages[:1]
     run = _Run(renderer, threads, replace(before, problem=problem), seed)
     for stage, following in zip(stages, (*stages[1:], None), strict=True):
         for progress in run.search(stage, following):

@@ -8,17 +8,18 @@ https://docs.opencv.org/4.x/db/d58/group__calib3d__fisheye.html.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
-from typing import Any, Literal
+from dataclasses import astuple, dataclass, replace
+from typing import Any, Literal, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.camera import Camera, Perspective
 from poseviewer.geometry.frames import camera_as_integer_centres
 
+AnyCamera = TypeVar("AnyCamera", bound=Camera)
 LensModel = Literal["opencv", "fisheye"]
 COEFFICIENTS: dict[LensModel, tuple[int, ...]] = {"opencv": (4, 5, 8, 12, 14), "fisheye": (4,)}
 """Counts of coefficients by model: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]]; or the
@@ -76,6 +77,48 @@ class Undistortion:
     def of(cls, lens: Lens, taken: Perspective) -> Undistortion:
         """Undistort into a picture of the same size, principal point and focal length."""
         return cls(lens, taken, taken)
+
+
+UPRIGHT = 1
+"""EXIF's orientation of pixels that are stored as they are shown."""
+MIRRORED = (2, 4, 5, 7)
+"""Orientations that are no rotation. Above 4, width and height change places."""
+WAY_BACK = {**{number: number for number in range(1, 9)}, 6: 8, 8: 6}
+"""Inverses of orientations."""
+
+
+def turn_axes(orientation: int) -> FloatArray:
+    """(3, 3): the matrix from the camera axes of stored pixels to those of the upright picture."""
+    flipped = orientation in (2, 3, 6, 7), orientation in (3, 4, 7, 8), False
+    return np.diag(np.where(flipped, -1.0, 1.0))[:, [1, 0, 2] if orientation > 4 else [0, 1, 2]]
+
+
+def turned_camera(camera: AnyCamera, orientation: int) -> AnyCamera:
+    """The camera (pixel centres at i + 0.5) of a picture turned by EXIF's orientation."""
+    axes, size = turn_axes(orientation)[:2, :2], np.array([camera.width, camera.height]) / 2.0
+    cx, cy = axes @ (np.array([camera.cx, camera.cy]) - size) + np.abs(axes) @ size
+    turned = replace(camera, cx=float(cx), cy=float(cy))
+    if orientation > 4:
+        turned = replace(turned, width=camera.height, height=camera.width)
+    if orientation > 4 and isinstance(camera, Perspective):
+        turned = replace(turned, fx=camera.fy, fy=camera.fx)
+    return turned
+
+
+def turned_lens(lens: Lens, orientation: int) -> Lens:
+    """The lens of a picture turned by EXIF's orientation; raises ValueError where OpenCV's model
+    has none: a tilted sensor, turned by anything but 180 degrees.
+    """
+    k, axes = lens.array, turn_axes(orientation)[:2, :2]
+    if lens.model == "fisheye" or orientation == UPRIGHT:
+        return lens
+    for x, y in ((3, 2), (8, 10), (9, 11)):  # p2 and p1, s1 and s3, s2 and s4 are vectors
+        if y < len(k):
+            k[[x, y]] = axes @ k[[x, y]]
+    if k[12:].any() and orientation != 3:
+        raise ValueError("a tilted sensor")
+    k[12:] *= -1.0
+    return Lens(lens.model, tuple(k.tolist()))
 
 
 def same_undistortion(first: Undistortion | None, second: Undistortion | None) -> bool:

@@ -1,18 +1,19 @@
-"""Several instances of one model in a photo: each is looked for beside those that are placed."""
+"""Starts that are searched for, of one or several instances of a model: each beside the others."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from poseviewer.errors import QuickStartError
+from poseviewer.errors import QuickStartError, SettingsError
 from poseviewer.fit.visibility import NOTHING, depth_image, visibility
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
+from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import Renderer
-from poseviewer.scene.types import PlacedModel, Scene
+from poseviewer.scene.types import PlacedModel
 from poseviewer.starts.automatic import (
     BeginThread,
     Proposal,
@@ -20,7 +21,7 @@ from poseviewer.starts.automatic import (
     best_start,
     propose,
 )
-from poseviewer.starts.loading import Start
+from poseviewer.starts.loading import Start, StartCamera, StartInputs
 
 MOST_SHARED = 0.3
 """Share of the smaller one's pixels that two instances may share: one may stand before another."""
@@ -38,35 +39,56 @@ def propose_beside(
     return [own for own in proposals if _is_free(own.pose, placed)]
 
 
-def find_instances(
-    query: StartQuery, count: int, renderer: Renderer, watch: Callable[[], object]
-) -> list[Start]:
-    """Find starts of up to ``count`` instances, the likeliest first; raises as ``propose``."""
-    proposals, starts = propose(query, renderer, watch=watch), list[Start]()
-    while len(starts) < count:
-        placed = [PlacedModel(query.inputs.mesh, start.pose) for start in starts]
-        left = [own for own in proposals if _is_free(own.pose, placed)]
-        with suppress(QuickStartError):
-            left = left or propose_beside(query, placed, renderer, watch=watch)
-        start = best_start(_beside(query, placed), left, renderer, watch) if left else None
-        if start is None or not _is_free(start.pose, placed):
-            break
-        starts.append(start)
-    return starts
+@dataclass(frozen=True, slots=True)
+class AutoStart:
+    """A start that is searched for in some seconds, as ``load`` does by ``start="auto"``."""
 
+    box: tuple[int, int, int, int] | None = None
+    """Rectangle (left, top, width, height) about the object, px; None: the settings' region, else
+    the whole photo."""
+    instances: int = 1
+    """Number of instances of the model in the photo; each that is found becomes an object."""
+    camera: StartCamera = field(default_factory=StartCamera)
+    """Knowledge of the camera; by default EXIF's focal length, else a view of 50 degrees."""
+    watch: Callable[[], object] = lambda: None
+    """Called after every evaluation; an exception in it ends the search."""
 
-def with_instances(scene: Scene, starts: Sequence[Start]) -> Scene:
-    """The scene with further instances of its only object: ``bottle`` is beside ``bottle 2``."""
-    if not starts:
-        return scene
-    first, stem = scene.objects[0], Path(scene.objects[0].model.name).stem
-    names = stem, *(f"{stem} {number}" for number in range(2, len(starts) + 2))
-    objects = (replace(first, id=str(i), name=name) for i, name in enumerate(names, 1))
-    notes = tuple(note for start in starts for note in start.notes)
-    scene = replace(scene, objects=tuple(objects), notes=(*scene.notes, *notes))
-    for index, start in enumerate(starts, 1):
-        scene = scene.with_pose(index, start.pose)
-    return scene
+    def __post_init__(self) -> None:
+        """Raises ``SettingsError``: the box has not four numbers, or there are no instances."""
+        if self.box is not None and len(self.box) != 4:
+            raise SettingsError(f"box={self.box}: wanted (left, top, width, height), in px.")
+        if self.instances < 1:
+            raise SettingsError(f"instances={self.instances}: wanted a whole number of 1 or more.")
+
+    def __call__(self, inputs: StartInputs) -> Start:
+        """Find starts of the instances, the likeliest first; raises ``PoseViewerError``: none."""
+        settings = inputs.settings
+        if self.instances > 1 and settings.free_focal:
+            raise SettingsError(
+                f"instances={self.instances} with a free focal length, and one camera shows all of "
+                "them; leave one of the two out."
+            )
+        rectangle = settings.region if self.box is None else Rectangle(*self.box)
+        query = StartQuery(inputs, self.camera.of(inputs.photo), rectangle, settings)
+        first, *others = self._find(query, make_renderer(inputs.mesh))
+        notes = [note for start in (first, *others) for note in start.notes]
+        if (count := len(others) + 1) < self.instances:
+            notes.append(f"{count} of {self.instances} instances: nothing else looks like one.")
+        return Start(first.pose, tuple(notes), tuple(start.pose for start in others))
+
+    def _find(self, query: StartQuery, renderer: Renderer) -> list[Start]:
+        watch, starts = self.watch, list[Start]()
+        proposals = propose(query, renderer, watch=watch)
+        while len(starts) < self.instances:
+            placed = [PlacedModel(query.inputs.mesh, start.pose) for start in starts]
+            left = [own for own in proposals if _is_free(own.pose, placed)]
+            with suppress(QuickStartError):
+                left = left or propose_beside(query, placed, renderer, watch=watch)
+            start = best_start(_beside(query, placed), left, renderer, watch) if left else None
+            if start is None or not _is_free(start.pose, placed):
+                break
+            starts.append(start)
+        return starts
 
 
 def _beside(query: StartQuery, placed: Sequence[PlacedModel]) -> StartQuery:

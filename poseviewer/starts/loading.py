@@ -1,7 +1,7 @@
 """Scenes from files, with a start that a file gives or that is found."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -62,6 +62,8 @@ class Start(NamedTuple):
 
     pose: Pose
     notes: tuple[str, ...]
+    others: tuple[Pose, ...] = ()
+    """Starts of further instances of the model."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,6 +75,7 @@ class StartInputs:
     keypoints: VehicleKeypoints | None
     mask: Mask | None = None
     """Weight of each pixel of the photo; None: all count."""
+    settings: FitSettings = field(default_factory=FitSettings)
 
     def scene(self, start: Pose, settings: FitSettings) -> Scene:
         """The scene from a start pose, without the names of files."""
@@ -89,19 +92,27 @@ def open_photo(
     model: str | Path | ModelFile,
     start: str | Path | Pose | FindStart,
     settings: FitSettings | None = None,
-    calibration: Calibration | None = None,
+    calibration: Calibration | str | Path | None = None,
     mask: str | Path | Mask | None = None,
 ) -> Scene:
-    """The scene of a model in a photo (files, or loaded ones), undistorted where there is a lens.
+    """Open the scene of a model in a photo, undistorted where there is a lens; parts that the
+    settings or the pose file leave out are left out.
 
-    ``start``: a pose file, a pose, or what finds one on the photo. Without a ``mask`` that of the
-    pose file is used; parts that the settings or the pose file leave out are left out.
+    Args:
+        photo: file, or loaded photo.
+        model: file, or loaded model.
+        start: pose file, pose, or what finds one on the photo, or those of several instances.
+        settings: those of the object.
+        calibration: camera and lens of the photo: a file, or a choice among its cameras.
+        mask: weight of each pixel, or its picture; default: that of the pose file.
 
     Raises:
         PoseViewerError: a file cannot be used; no start is found, or one for another size.
     """
-    settings = settings or FitSettings()
+    settings, others = settings or FitSettings(), tuple[Pose, ...]()
     is_loaded = isinstance(photo, Photo)
+    if isinstance(calibration, str | Path):
+        calibration = Calibration(Path(calibration))
     opened = photo if is_loaded else load_calibrated_photo(photo, calibration)
     model = model if isinstance(model, ModelFile) else load_model(model)
     without, notes, note = tuple(settings.without or ()), tuple[str, ...](), ""
@@ -119,10 +130,12 @@ def open_photo(
         start, note = record.pose, record.note
         notes += distance_notes(model.content.mesh_without(without), start)
     if mask is not None and not isinstance(mask, Mask):
+        settings = replace(settings, mask=Path(mask).name)
         mask = load_mask(mask, (opened.width, opened.height))
     if not isinstance(start, Pose):
         mesh = model.content.mesh_without(without)
-        start, notes = start(StartInputs(opened, mesh, model.keypoints, mask))
+        inputs = StartInputs(opened, mesh, model.keypoints, mask, settings)
+        start, notes, others = start(inputs)
     camera = start.camera
     if (camera.width, camera.height) != (opened.width, opened.height):
         raise SettingsError(
@@ -135,7 +148,20 @@ def open_photo(
     fields = {"without": left_out, "note": note}
     scene = scene_at(View(file, camera, mask=mask), model, start, settings, **fields)
     notes = (*notes_of(opened), *notes_of(model), *notes)
-    return replace(scene, name=opened.name, notes=notes)
+    return with_instances(replace(scene, name=opened.name, notes=notes), others)
+
+
+def with_instances(scene: Scene, others: Sequence[Pose]) -> Scene:
+    """The scene with further instances of its only object: ``bottle`` is beside ``bottle 2``."""
+    if not others:
+        return scene
+    first, stem = scene.objects[0], Path(scene.objects[0].model.name).stem
+    names = stem, *(f"{stem} {number}" for number in range(2, len(others) + 2))
+    objects = (replace(first, id=str(i), name=name) for i, name in enumerate(names, 1))
+    scene = replace(scene, objects=tuple(objects))
+    for index, pose in enumerate(others, 1):
+        scene = scene.with_pose(index, pose)
+    return scene
 
 
 def _matched(photo: Photo, start: PoseRecord) -> tuple[Photo, PoseRecord, tuple[str, ...]]:
@@ -186,6 +212,11 @@ def open_scene(scene: str | Path | Scene, settings: FitSettings | None = None) -
             not such an object or part; the models are in different units.
     """
     scene = scene if isinstance(scene, Scene) else load_scene(scene)
+    if settings is not None and settings.free_focal:
+        raise SettingsError(
+            "a free focal length with a scene, whose objects share one camera; leave it out, and "
+            "find it with one of them alone."
+        )
     if not scene.objects:
         name = scene.name or scene.views[0].name
         raise PoseFileError(f"{name}: it has no objects; name a model, and it with --views.")
@@ -360,6 +391,8 @@ def _view_of(views: LoadedViews, record: PoseRecord, view: str | None) -> int:
     names = [known.name for known in views.views]
     wanted = view or (record.photo.file if record.photo else None)
     alike = [i for i, name in enumerate(names) if wanted in (name, Path(name).name)]
+    if wanted and not alike:  # a pose file may name folders above the photo
+        alike = [i for i, name in enumerate(names) if Path(name).name == Path(wanted).name]
     if len(alike) == 1:
         return alike[0]
     problem = f"there is no photo {wanted}" if wanted else "the start does not say in which photo"

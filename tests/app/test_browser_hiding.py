@@ -98,7 +98,7 @@ def test_what_is_painted_over_is_kept_and_compared_alike(tab: AppPage, scene: Sc
     by_pose = load(scene.photo, scene.model, path, settings)
     by_option = load(scene.photo, scene.model, scene.start, settings, mask=mask)
     for case in (by_pose, by_option):
-        kept = case.data.mask(0)
+        kept = case.scene.mask(0)
         assert kept is not None
         assert np.array_equal(kept.weights == 0.0, hidden)
     again = load(scene.photo, scene.model, path, settings, mask=mask)

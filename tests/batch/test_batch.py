@@ -7,7 +7,10 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -22,21 +25,20 @@ from poseviewer.files.writing import OLD_PART_S, write_whole
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.scene.settings import FitSettings, Limits
 from tests.batches import write_table
-from tests.commands import read_rows, run
+from tests.commands import read_rows, refusal, run
 from tests.ctrl_c import ctrl_c_ends_them
 from tests.view_sets import write_views
+from tests.writing import write
 
-QUICK = ("--evaluations", "40")
-LONG = ("--evaluations", "150")
+QUICK = ("--evaluations", 40)
+LONG = ("--evaluations", 150)
 
 
 @pytest.fixture
 def one_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rows are fitted in this process: how they are handed out to others is tested without this."""
-    monkeypatch.setattr(
-        "poseviewer.batch.run.run_in_processes",
-        lambda function, jobs, _: ((job, function(job)) for job in jobs),
-    )
+    run_here = "poseviewer.batch.run.run_in_processes"
+    monkeypatch.setattr(run_here, lambda function, jobs, _: ((job, function(job)) for job in jobs))
 
 
 def command(*arguments: object) -> list[str]:
@@ -59,7 +61,18 @@ def wait_until(true, seconds: float = 120.0) -> None:
 def workers_of(batch: int) -> list[psutil.Process]:
     """The processes that fit."""
     children = psutil.Process(batch).children()
-    return [child for child in children if any("spawn_main" in word for word in child.cmdline())]
+    return [child for child in children if "spawn_main" in " ".join(child.cmdline())]
+
+
+@contextmanager
+def stopped_by_ctrl_c(line: Sequence[str]) -> Iterator[subprocess.Popen]:
+    """Start a command whose processes Ctrl-C ends all at once, as that of a terminal does."""
+    pipes: Any = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with ctrl_c_ends_them():
+        process = subprocess.Popen(line, text=True, start_new_session=True, **pipes)
+    with process:
+        yield process
+    assert process.returncode == 130
 
 
 @pytest.mark.slow
@@ -84,9 +97,7 @@ def test_rows_are_fitted_and_bad_ones_fail_with_their_reason(scene, tmp_path, ca
         found = load_pose(out / row["pose"], 160, 120)
         assert pose_error(mesh, found.pose, truth).reprojection_px < 1.0
         assert found.loss == float(row["loss"]) < float(row["start_loss"])
-        assert found.photo is not None
         assert found.photo.file == row["photo"]
-        assert found.covariance is not None
         for name in STDS[:4]:
             assert float(row[name]) == found.covariance.deviations[name.removesuffix("_std")] > 0.0
         assert [row[name] for name in STDS[4:]] == [""] * 3  # nothing to be searched for
@@ -105,10 +116,8 @@ def test_the_report_stands_alone_and_starts_with_the_worst(scene, tmp_path):
     assert "<b>.png" not in page
     assert page.count("data:image/jpeg;base64,") == 2
     # The failed one, then the one that is likelier to be wrong: not that which began at the truth.
-    likely = {
-        row["row"]: float(row["probability"] or 0.0) for row in read_rows(out / "results.csv")
-    }
-    assert likely["1"] < likely["3"]
+    likely = [float(row["probability"] or 0.0) for row in read_rows(out / "results.csv")]
+    assert likely[0] < likely[2]
     places = [page.index(f'<td class="number">{row}</td>') for row in (2, 1, 3)]
     assert places == sorted(places)
 
@@ -116,34 +125,32 @@ def test_the_report_stands_alone_and_starts_with_the_worst(scene, tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("one_process")
 def test_a_second_run_does_only_what_is_new_or_broken_and_rows_alike_once(scene, tmp_path, capsys):
-    table, out = write_table(scene, tmp_path, 5), tmp_path / "out"
+    table, out = write_table(scene, tmp_path, 6), tmp_path / "out"
     line = ("batch", table, "--out", out, *QUICK)
     assert run(*line) == 0
     before = kept(out)
     names = {json.loads(data)["pose"][6:12]: name for name, data in before.items()}
-    for number, damage in enumerate((b"", b'{"row": 1}', b"[]")):
+    for number, damage in enumerate((b"", b'{"row": 1}', b"[]", b'{"status": ' + b"[" * 100_000)):
         (out / "rows" / names[f"photo{number}"]).write_bytes(damage)
-    picture = out / json.loads(before[names["photo3"]])["picture"]
+    picture = out / json.loads(before[names["photo4"]])["picture"]
     picture.unlink()
     with table.open("a") as file:
-        file.write(f"photo4.png,{scene.model},{scene.start}\ngone.png,,\n")
+        file.write(f"photo5.png,{scene.model},{scene.start}\ngone.png,,\n")
     capsys.readouterr()
     assert run(*line) == 2
-    assert "2 of 7 rows were done before" in capsys.readouterr().err
+    assert "2 of 8 rows were done before" in capsys.readouterr().err
     assert picture.is_file()
     assert kept(out).keys() == before.keys()
-    assert kept(out)[names["photo4"]] == before[names["photo4"]]
+    assert kept(out)[names["photo5"]] == before[names["photo5"]]
     reasons = [row["reason"] for row in read_rows(out / "results.csv")]
-    assert [bool(reason) for reason in reasons] == [False] * 6 + [True]
-    shutil.copy(scene.photo, tmp_path / "photo4.png")  # of a new time: it may have changed
+    assert [bool(reason) for reason in reasons] == [False] * 7 + [True]
+    shutil.copy(scene.photo, tmp_path / "photo5.png")  # of a new time: it may have changed
     assert run(*line) == 2
-    assert len(kept(out)) == 6
+    assert len(kept(out)) == 7
 
 
 @pytest.mark.slow
-def test_a_killed_batch_goes_on_and_its_workers_end_and_one_that_dies_takes_no_row_along(
-    scene, tmp_path
-):
+def test_a_killed_batch_goes_on_and_a_worker_that_dies_takes_no_row_along(scene, tmp_path):
     table, out = write_table(scene, tmp_path, 8), tmp_path / "out"
     line = command("batch", table, "--out", out, "--processes", 2, "--quiet", *LONG)
     with subprocess.Popen(line) as process:
@@ -185,14 +192,10 @@ def test_two_batches_in_one_folder_are_told_apart(scene, tmp_path, capsys):
 def test_ctrl_c_keeps_what_is_finished(scene, tmp_path):
     table, out = write_table(scene, tmp_path, 8), tmp_path / "out"
     line = command("batch", table, "--out", out, "--processes", 1, "--quiet", *LONG)
-    with ctrl_c_ends_them():
-        process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-                                   start_new_session=True)  # fmt: skip
-    with process:
+    with stopped_by_ctrl_c(line) as process:
         wait_until(lambda: len(kept(out)) >= 1)
-        os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+        os.killpg(process.pid, signal.SIGINT)
         printed, complaints = process.communicate(timeout=60)
-    assert process.returncode == 130
     assert "run it again to go on" in printed
     assert complaints == ""
     assert 1 <= len(read_rows(out / "results.csv")) == len(kept(out)) < 8
@@ -200,23 +203,18 @@ def test_ctrl_c_keeps_what_is_finished(scene, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT for one process there")
-@pytest.mark.parametrize("wait_s", [0.2, 0.5, 0.8, 1.3])
+@pytest.mark.parametrize("wait_s", [0.3, 1.0])
 def test_ctrl_c_at_the_beginning_is_said_in_a_line(scene, tmp_path, wait_s: float):
     table, out = write_table(scene, tmp_path, 8), tmp_path / "out"
     # What comes before the command line's first step is Python's.
     begin = "from poseviewer.cli.main import main; print(flush=True); raise SystemExit(main())"
     line = command("batch", table, "--out", out, "--processes", 2, "--quiet", *LONG)
     line[1:3] = ["-c", begin]
-    with ctrl_c_ends_them():
-        process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-                                   start_new_session=True)  # fmt: skip
-    with process:
-        assert process.stdout is not None
+    with stopped_by_ctrl_c(line) as process:
         process.stdout.readline()
         time.sleep(wait_s)  # somewhere in it: no file says where
         os.killpg(process.pid, signal.SIGINT)
         _, complaints = process.communicate(timeout=60)
-    assert process.returncode == 130
     assert complaints in ("", "poseviewer: stopped; nothing was written.\n")
 
 
@@ -233,12 +231,8 @@ def test_ctrl_c_at_the_beginning_is_said_in_a_line(scene, tmp_path, wait_s: floa
     ids=["empty", "no rows", "no start", "twice", "binary", "huge field"],
 )
 def test_a_table_that_cannot_be_used_is_said(tmp_path, content, words, capsys):
-    table = tmp_path / "jobs.csv"
-    table.write_bytes(content)
-    assert run("batch", table, "--out", tmp_path / "out") == 2
-    printed = capsys.readouterr().err
-    assert words in printed
-    assert printed.count("\n") == 1
+    table = write(tmp_path / "jobs.csv", content)
+    assert words in refusal(capsys, "batch", table, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -256,9 +250,8 @@ def test_results_hold_no_formula_and_no_file_from_elsewhere(scene, tmp_path):
     table, out = write_table(scene, tmp_path, 1, "=1+1,@a,-b\n"), tmp_path / "out"
     line = ("batch", table, "--out", out, "--quiet", *QUICK)
     assert run(*line) == 2
-    assert [read_rows(out / "results.csv")[1][name] for name in ("photo", "model", "start")] == [
-        "'=1+1", "'@a", "'-b"
-    ]  # fmt: skip
+    row = read_rows(out / "results.csv")[1]
+    assert [row[name] for name in ("photo", "model", "start")] == ["'=1+1", "'@a", "'-b"]
     (row,) = (path for path in (out / "rows").iterdir() if b'"reason": ""' in path.read_bytes())
     result, secret = json.loads(row.read_bytes()), tmp_path / "secret"
     secret.write_text("secret")
@@ -271,30 +264,14 @@ def test_results_hold_no_formula_and_no_file_from_elsewhere(scene, tmp_path):
     assert json.loads(row.read_bytes())["picture"] == result["picture"]
 
 
-@pytest.mark.usefixtures("one_process")
-@pytest.mark.parametrize("damage", ["deep", "pipe"])
-def test_a_kept_row_or_batch_that_is_damaged_is_said_or_done_again(scene, tmp_path, capsys, damage):
-    table, out = write_table(scene, tmp_path, 1), tmp_path / "out"
-    line = ("batch", table, "--out", out, "--quiet", *QUICK)
-    assert run(*line) == 0
-    (row,) = (out / "rows").iterdir()
-    result = row.read_bytes()
-    for path in (row, out / "batch.json"):
-        path.unlink()
-        if damage == "deep":
-            path.write_text('{"status": ' + "[" * 100_000)
-        else:
-            os.mkfifo(path)
-    if damage == "pipe":  # is no regular file, and not replaced
-        assert run("review", out, "--no-browser") == 2
-        assert "batch.json: cannot be used" in capsys.readouterr().err
-        (out / "batch.json").unlink()
-        row.unlink()
-    assert run(*line) == 0
-    assert json.loads(row.read_bytes())["unexplained"] == json.loads(result)["unexplained"]
-    (out / "batch.json").write_text('{"jobs": ' + "[" * 100_000)
-    assert run("review", out, "--no-browser") == 2
-    assert "batch.json: cannot be used" in capsys.readouterr().err
+def test_a_batch_whose_list_of_rows_is_damaged_is_said(scene, tmp_path, capsys):
+    out = tmp_path / "out"
+    open_batch(write_table(scene, tmp_path, 1), out, FitSettings())
+    path = write(out / "batch.json", '{"jobs": ' + "[" * 100_000)
+    assert "batch.json: cannot be used" in refusal(capsys, "review", out, "--no-browser")
+    path.unlink()
+    os.mkfifo(path)
+    assert "batch.json: cannot be used" in refusal(capsys, "review", out, "--no-browser")
 
 
 def test_a_table_of_a_spreadsheet_is_read(tmp_path):

@@ -16,12 +16,10 @@ import pytest
 
 from tests.batch.test_batch import LONG, command, kept, wait_until
 from tests.batches import write_table
-from tests.commands import read_rows, run
+from tests.commands import read_rows, refusal, run
 from tests.evaluation.real_folder import write_real_folder
 
-needs_dask = pytest.mark.skipif(
-    find_spec("distributed") is None, reason="Dask is not installed: pip install '.[cluster]'"
-)
+needs_dask = pytest.mark.skipif(find_spec("distributed") is None, reason="pip install '.[cluster]'")
 
 
 class Cluster:
@@ -77,21 +75,17 @@ def test_a_killed_worker_loses_nothing_and_nothing_is_done_twice(scene, tmp_path
 
 @needs_dask
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "line",
-    [
-        "study --real . --degrees 5 --evaluations 200 --quiet",
-        "study --paper --kinds photo-parallel --deviations 4,8 --starts 1 --evaluations 60 --quiet",
-    ],
-)
-def test_a_study_on_a_cluster_ends_as_on_one_machine(scene, tmp_path, cluster, monkeypatch, line):
+def test_a_study_on_a_cluster_ends_as_on_one_machine(scene, tmp_path, cluster, monkeypatch):
     monkeypatch.chdir(write_real_folder(scene))  # paths of the command line are relative to it
-    outs = tmp_path / "far", tmp_path / "here"
-    assert run(*line.split(), "--out", outs[0], "--scheduler", cluster.address) == 0
-    assert run(*line.split(), "--out", outs[1], "--jobs", 1) == 0
-    far, here = (read_rows(out / "trials.csv") for out in outs)
-    assert sorted(row["end"] for row in far) == sorted(row["end"] for row in here)
-    assert len(far) == 4
+    synthetic = "--paper --kinds photo-parallel --deviations 4,8 --starts 1"
+    for study in ("--real . --degrees 5", synthetic):
+        line, ends = f"study {study} --evaluations 60 --quiet --out", []
+        for name, more in ("far", f"--scheduler {cluster.address}"), ("here", "--jobs 1"):
+            out = tmp_path / study[2:6] / name
+            assert run(f"{line} {out} {more}") == 0
+            ends.append(sorted(row["end"] for row in read_rows(out / "trials.csv")))
+        assert ends[0] == ends[1]
+        assert len(ends[0]) == 4
 
 
 @needs_dask
@@ -118,10 +112,8 @@ def test_a_scheduler_that_goes_away_is_said(scene, tmp_path, cluster, capsys):
 def test_a_scheduler_that_is_not_there_is_said(scene, tmp_path, address, capsys, monkeypatch):
     monkeypatch.setattr("poseviewer.cluster.CONNECT_SECONDS", 0.5)
     table, out = write_table(scene, tmp_path, 1), tmp_path / "out"
-    assert run("batch", table, "--out", out, "--scheduler", address, "--quiet") == 2
-    printed = capsys.readouterr().err
-    assert "no Dask scheduler answers there" in printed
-    assert printed.count("\n") == 1, printed
+    line = ("batch", table, "--out", out, "--scheduler", address, "--quiet")
+    assert "no Dask scheduler answers there" in refusal(capsys, *line)
 
 
 @needs_dask

@@ -89,8 +89,8 @@ def test_accept_mend_and_note_are_kept_and_read_again(out):
     again = review.load_queue(out)
     assert again.rows[0].job == second.job  # those reviewed are last
     rows = {row["row"]: row for row in read_rows(out / "results.csv")}
-    assert [rows[str(r.job.row)]["review"] for r in (first, second, third)] == [
-        "accepted", "", "mended"]  # fmt: skip
+    decided = [rows[str(r.job.row)]["review"] for r in (first, second, third)]
+    assert decided == ["accepted", "", "mended"]
     assert rows[str(second.job.row)]["note"] == "blurred, half <b>hidden"
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "2 accepted and 0 rejected by a person" in page
@@ -104,8 +104,7 @@ def test_accept_mend_and_note_are_kept_and_read_again(out):
 
 
 def test_a_batch_run_again_keeps_what_was_reviewed(out, fitted):
-    queue = review.load_queue(out)
-    bop = fitted[0]
+    queue, bop = review.load_queue(out), fitted[0]
     batch = open_batch(bop, out, QUICK, models=bop.parent / "models")
     review.decide(queue, 0, ACCEPTED)  # while the batch is open
     save_summaries(replace(batch, jobs=queue.batch.jobs))
@@ -116,25 +115,16 @@ def test_a_pose_by_another_camera_is_refused_for_a_scene(out):
     queue = review.load_queue(out)
     row = queue.rows[0]
     record = load_pose(out / row.result.pose, 160, 120)
-    assert isinstance(record.pose.camera, Perspective)
-    other = replace(record.pose, camera=replace(record.pose.camera, fx=400.0))
+    other = replace(record.pose, camera=Perspective(400.0, 300.0, 83.0, 58.0, 160, 120))
     with pytest.raises(PoseViewerError, match="not the BOP scene's"):
         review.save_corrected(queue, 0, record.with_pose(other), np.zeros((2, 2, 3), np.uint8))
     assert not any(row.result.review for row in review.load_queue(out).rows)
 
 
-@pytest.mark.parametrize(
-    ("models", "words"),
-    [
-        (None, "--models"),
-        ("models", "scene_gt.json: no such file"),
-        ("none", "no such folder"),
-    ],
-    ids=["no models", "no poses", "no folder"],
-)
-def test_a_scene_that_lacks_something_is_said(scene, tmp_path, models, words):
-    bop, _ = make_bop(scene, tmp_path)
+def test_a_scene_that_lacks_something_is_said(scene, tmp_path):
+    bop, models = make_bop(scene, tmp_path)
     (bop / "scene_gt.json").unlink()
-    models = models and tmp_path / models
-    with pytest.raises(PoseViewerError, match=words):
-        open_batch(bop, tmp_path / "out", QUICK, models=models)
+    lacks = {None: "--models", models: "scene_gt.json: no such file", bop / "o": "no such folder"}
+    for folder, words in lacks.items():
+        with pytest.raises(PoseViewerError, match=words):
+            open_batch(bop, tmp_path / "out", QUICK, models=folder)

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from poseviewer.api import load
 from poseviewer.errors import CalibrationFileError
+from poseviewer.files.camera_forms import READ
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_calibrated_photo, load_photo, save_image, undistorted
@@ -114,3 +116,41 @@ def test_a_lens_that_shows_nothing_is_refused(folder):
     lens = Lens("opencv", (-900.0, 0.0, 0.0, 0.0, 0.0))
     with pytest.raises(CalibrationFileError, match="shows nothing"):
         undistorted(load_photo(folder / "p.png"), Undistortion.of(lens, camera))
+
+
+def test_the_camera_of_the_stored_pixels_is_turned_with_the_photo(folder, capsys):
+    """The photo is stored as 160x120 px and shown as 120x160."""
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    with Image.open("p.png") as stored:
+        stored.save("turned.png", exif=exif)
+    numbers = {"fx": 300.0, "fy": 310.0, "cx": 82.5, "cy": 57.5}
+    upright = {"fx": 310.0, "fy": 300.0, "cx": 61.5, "cy": 82.5, "width": 120, "height": 160}
+    for said in (numbers | {"width": 160, "height": 120}, numbers, upright):
+        (folder / "c.json").write_text(json.dumps(said))
+        assert run("info", "turned.png", "--calibration", "c.json") == 0
+        printed = capsys.readouterr().out
+        assert "fx 310, fy 300, cx 61.5, cy 82.5" in printed
+        assert "turned.png is stored turned (EXIF), its camera" in printed
+        assert ("belongs to the stored pixels" in printed) == (said is not upright)
+    (folder / "cameras.txt").write_text("1 OPENCV 160 120 300 310 83 58 -0.1 0.02 0.003 0.004\n")
+    assert run("info", "turned.png", "--calibration", "cameras.txt") == 0
+    assert "opencv, -0.1, 0.02, 0.004, -0.003, 0" in capsys.readouterr().out
+
+
+def test_the_help_and_a_refusal_say_whose_cameras_are_read(folder, capsys):
+    assert run("info", "--calibration", "--help") == 0
+    shown = capsys.readouterr().out
+    (folder / "c.json").write_text("{}")
+    assert run("info", "p.png", "--calibration", "c.json") == 2
+    refused = capsys.readouterr().err
+    for tools, files, keys in READ:
+        assert f"{tools} ({files}):\n    {keys}" in shown
+        assert tools in refused
+
+
+@pytest.mark.parametrize("ending", ["dae2", "iges", "fbx"])
+def test_info_of_a_model_that_is_not_read_says_so(folder, ending, capsys):
+    (folder / f"part.{ending}").write_text("ISO-10303")
+    assert run("info", f"part.{ending}") == 2
+    assert f"unknown kind of model file '.{ending}'" in capsys.readouterr().err

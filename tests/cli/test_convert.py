@@ -48,6 +48,39 @@ def test_a_photo_that_is_stored_turned_is_told(capsys):
     assert "turned" not in capsys.readouterr().out
 
 
+TURNS = {3: [(-1, 0, 0), (0, -1, 0), (0, 0, 1)], 6: [(0, -1, 0), (1, 0, 0), (0, 0, 1)]}
+"""Axes of the upright photo's camera by those of the pixels as stored."""
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("orientation", TURNS)
+@pytest.mark.parametrize("kind", ["colmap", "nerfstudio"])
+def test_a_photo_that_is_stored_turned_turns_camera_and_pose(kind, orientation, capsys):
+    """COLMAP and nerfstudio take the pixels as stored, whatever EXIF says."""
+    exif, truth = Image.Exif(), load_pose("named.json").pose
+    exif[0x0112] = orientation
+    size = (HEIGHT, WIDTH) if orientation == 6 else (WIDTH, HEIGHT)
+    Image.new("RGB", size).save("turned.jpg", exif=exif)  # upright: WIDTH x HEIGHT
+    back = ("--photo", "turned.jpg", "--from", kind, "back.json")
+    assert run("convert", "named.json", "--photo", "turned.jpg", "--to", kind, "turned") == 0
+    assert "turned.jpg is stored turned (EXIF); camera and pose are" in capsys.readouterr().out
+    assert run("convert", "turned", *back) == 0
+    assert "turned with it" in capsys.readouterr().out
+    found = load_pose("back.json").pose
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (9, 3))
+    np.testing.assert_allclose(found.project(points), truth.project(points), atol=1e-9)
+    Image.new("RGB", size).save("turned.jpg")  # without EXIF, pixels are shown as stored
+    assert run("convert", "turned", *back, "--overwrite") == 0
+    stored, turn = load_pose("back.json").pose, np.array(TURNS[orientation])
+    place = found.camera_from_model
+    assert np.allclose(place.rotation, turn @ stored.camera_from_model.rotation)
+    assert np.allclose(place.translation, turn @ stored.camera_from_model.translation)
+    exif[0x0112] = 4
+    Image.new("RGB", size).save("turned.jpg", exif=exif)
+    assert run("convert", "turned", *back, "--overwrite") == 2
+    assert "a mirror image; save it upright" in capsys.readouterr().err
+
+
 def test_files_that_are_named_come_first(folder):
     (folder / "000003.png").rename(folder / "set" / "photo.png")
     line = "convert named.json --to nerfstudio out.json --photo set/photo.png"

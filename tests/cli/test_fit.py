@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import termios
-import time
 from pathlib import Path
 
 import numpy as np
@@ -31,8 +30,7 @@ FIT = [sys.executable, "-m", "poseviewer.cli.main", "fit"]
 
 
 def test_the_pose_is_found_and_the_file_says_what_is_printed(folder, capsys):
-    line = "fit p.png m.ply --pose start.json --out pose.json --overlay overlay.png"
-    assert run(*line.split()) == 0
+    assert run("fit p.png m.ply --pose start.json --out pose.json --overlay overlay.png") == 0
     printed = capsys.readouterr()
     assert "Converged" in printed.out
     assert "pose: pose.json" in printed.out
@@ -46,9 +44,8 @@ def test_the_pose_is_found_and_the_file_says_what_is_printed(folder, capsys):
     assert 0.0 < data["unexplained"] < 1.0
     assert f"unexplained {data['unexplained']:.3f} (start " in printed.out
     assert "unexplained by part: light " in printed.out
-    assert found.covariance is not None
     assert f"how sure, as standard deviations: {found.covariance.words()}" in printed.out
-    assert run("info", "pose.json") == 0
+    assert run("info pose.json") == 0
     assert found.covariance.words() in capsys.readouterr().out
     assert load_photo(folder / "overlay.png").pixels.shape == (120, 160, 3)
 
@@ -61,22 +58,20 @@ def off(scene, index: int) -> float:
 
 
 def test_all_objects_of_a_scene_are_found(folder, capsys):
-    line = "fit three.scene.json --out out.json --quiet --overlay o.png"
-    assert run(*line.split()) == 0
+    assert run("fit three.scene.json --out out.json --quiet --overlay o.png") == 0
     printed = capsys.readouterr().out
     assert all(f"{name} (seen to " in printed for name in IDS)
     load_valid(Path("out.json"), "scene")
     before, after = load_scene(folder / "three.scene.json"), load_scene(folder / "out.json")
     for index, new in enumerate(after.objects):
         assert off(after, index) < 0.5 * off(before, index)
-        assert new.result is not None
         assert new.result.verdict is not None
     assert (load_photo(Path("o.png")).pixels != load_photo(Path("three.png")).pixels).any()
 
 
 def test_a_set_is_fitted_and_its_file_says_the_pose_in_the_set(folder, capsys):
     line = "fit --views set/set.json set/m.ply --pose set/start.json --out out.json --overlay o.png"
-    assert run(*line.split(), "--lock", "rotation_z", "--quiet") == 0
+    assert run(line, "--lock", "rotation_z", "--quiet") == 0
     said = capsys.readouterr().out
     assert "b.png: unexplained" in said
     assert "By each of the 3 photos alone it is" in said
@@ -87,19 +82,15 @@ def test_a_set_is_fitted_and_its_file_says_the_pose_in_the_set(folder, capsys):
     assert np.linalg.norm(centre - SET_FROM_MODEL.apply(MESH.centre)) < 0.1
     words = [view["word"] for view in data["objects"][0]["result"]["verdict"]["views"]]
     assert len(words) == 3
-    assert set(words) <= {"found", "doubtful", "lost"}
 
 
 def test_without_opengl_only_its_own_option_fails(folder):
     """EGL without any driver, which is what a machine without Mesa has."""
-    blind = {**os.environ, "PYOPENGL_PLATFORM": "egl", "__EGL_VENDOR_LIBRARY_DIRS": str(folder)}
-    blind["PYTHONPATH"] = str(Path(__file__).parents[2])
+    blind = {"PYOPENGL_PLATFORM": "egl", "__EGL_VENDOR_LIBRARY_DIRS": str(folder)}
+    env = {**os.environ, **blind, "PYTHONPATH": str(Path(__file__).parents[2])}
     line = "p.png m.ply --pose start.json --out o.json --quiet --evaluations 5"
-    ended = [
-        subprocess.run([*FIT, *line.split(), *more], env=blind, capture_output=True, text=True,
-                       check=False)
-        for more in ([], ["--renderer", "opengl"])
-    ]  # fmt: skip
+    lines = [[*FIT, *f"{line} {more}".split()] for more in ("", "--renderer opengl")]
+    ended = [subprocess.run(line, env=env, capture_output=True, text=True) for line in lines]
     assert [one.returncode for one in ended] == [0, 2], ended
     assert "libegl1" in ended[1].stderr
     assert ended[1].stderr.count("\n") == 1
@@ -114,9 +105,8 @@ def test_ctrl_c_keeps_the_best_pose(tmp_path):
     terminal, its_end = pty.openpty()
     termios.tcsetwinsize(its_end, (24, 120))
     with ctrl_c_ends_them():
-        process = subprocess.Popen(
-            [str(part) for part in command], stdout=subprocess.PIPE, stderr=its_end, text=True
-        )
+        command = [str(part) for part in command]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=its_end, text=True)
     os.close(its_end)
     with os.fdopen(terminal, errors="replace") as shown:
         for _ in range(5):  # shown five times: it has come some way
@@ -129,10 +119,9 @@ def test_ctrl_c_keeps_the_best_pose(tmp_path):
     assert json.loads(out.read_text())["loss"] < float(before)
 
 
-def _wait_for(stream, word: str, seconds: float = 120.0) -> None:
-    seen, end = "", time.monotonic() + seconds
+def _wait_for(stream, word: str) -> None:
+    seen = ""
     while word not in seen:
-        assert time.monotonic() < end, seen
         piece = stream.read(1)
         assert piece, seen
         seen += piece

@@ -6,7 +6,7 @@ import pytest
 from poseviewer.errors import SingularChartError
 from poseviewer.evaluation.photos import demo_photo, draw_start, make_seed, random_view
 from poseviewer.evaluation.plan import READINGS
-from poseviewer.evaluation.trials import open_model
+from poseviewer.evaluation.trials import fetch_model
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.vehicle.chart import VehicleChart
@@ -17,7 +17,6 @@ def test_views_show_the_whole_vehicle_from_a_side(tmp_path):
     path = save_vehicle(tmp_path)
     mesh = load_mesh(path)
     keypoints = load_keypoints(path, mesh)
-    assert keypoints is not None
     sides = set()
     for seed in range(40):
         pose = random_view(mesh, keypoints, (320, 200), np.random.default_rng(seed))
@@ -34,8 +33,7 @@ def test_views_show_the_whole_vehicle_from_a_side(tmp_path):
 def car():
     """The demo's key points and true pose, and its chart."""
     case = demo_photo("photo-parallel")
-    keypoints = open_model(case.mesh)[0].keypoints
-    assert keypoints is not None
+    keypoints = fetch_model(case.mesh)[0].keypoints
     return keypoints, case.truth, VehicleChart.near(keypoints, case.truth)
 
 

@@ -1,6 +1,7 @@
 """Starts of a folder of cases: every case is fitted, and the rows say how far off it was."""
 
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from poseviewer.evaluation.plan import Plan
 from poseviewer.evaluation.study import real_tasks
 from poseviewer.fit.search import Search
 from poseviewer.scene.settings import Limits
-from tests.commands import read_rows, run
+from tests.commands import read_rows, refusal, run
 from tests.evaluation.real_folder import write_real_folder
 from tests.scene import make_scene
 from tests.writing import edit
@@ -28,15 +29,11 @@ def folder(tmp_path, monkeypatch) -> Path:
 @pytest.mark.slow
 @pytest.mark.usefixtures("folder")
 def test_every_start_is_fitted_and_both_methods_share_a_table(capsys):
-    assert run(*STUDY.split()) == 0
-    assert run(*STUDY.split(), "--method", "paper", "--evaluations", 20_000) == 0
+    assert run(STUDY) == 0
+    assert run(f"{STUDY} --method paper --evaluations 20000") == 0
     rows = read_rows(Path("out/trials.csv"))
-    assert [(r["case"], r["draw"], r["method"]) for r in rows] == [
-        (case, draw, method)
-        for method in ("default", "paper")
-        for case in ("ball-a", "ball-b")
-        for draw in "01"
-    ]
+    every = product(("default", "paper"), ("ball-a", "ball-b"), "01")
+    assert [(r["method"], r["case"], r["draw"]) for r in rows] == [*every]
     for row in rows[:4]:
         assert float(row["error_percent_end"]) < 1.0 < float(row["error_percent_start"])
         assert float(row["accuracy_percent"]) == pytest.approx(2.0)
@@ -50,9 +47,9 @@ def test_every_start_is_fitted_and_both_methods_share_a_table(capsys):
 def test_cases_and_draws_are_chosen_and_the_report_tells_how_much_is_seen(folder):
     edit(folder / "cases.json", lambda data: data["cases"][0].update(visible=0.6))
     line = f"{STUDY} --draws 1 --evaluations 30"
-    assert run(*line.split(), "--cases", "*-b") == 0
+    assert run(f"{line} --cases *-b") == 0
     assert [(r["case"], r["draw"]) for r in read_rows(Path("out/trials.csv"))] == [("ball-b", "0")]
-    assert run(*line.split()) == 0
+    assert run(line) == 0
     head, _, *rows = Path("out/study.md").read_text().splitlines()[4:8]
     assert "| 5° | start | end |" in head
     names = ["default: scene", "default: scene, seen 50-90 %"]
@@ -69,7 +66,7 @@ def test_starts_of_an_unknown_focal_length_are_a_tenth_off_in_it(folder):
 @pytest.mark.slow
 @pytest.mark.usefixtures("folder")
 def test_the_error_of_a_focal_length_is_told_in_its_own_deviations():
-    assert run(*STUDY.split(), "--draws", 1, "--cases", "*-a", "--free-focal") == 0
+    assert run(f"{STUDY} --draws 1 --cases *-a --free-focal") == 0
     (row,) = read_rows(Path("out/trials.csv"))
     assert row["traits"] == "model with colours, focal length free"
     evidence = dict(part.split("=") for part in row["evidence"].split())
@@ -93,10 +90,7 @@ def test_what_cannot_work_is_said_in_a_line(folder, capsys, damaged, content, mo
         (folder / damaged).unlink()
     elif damaged:
         (folder / damaged).write_text(content)
-    assert run(*STUDY.split(), *more.split()) == 2
-    message = capsys.readouterr().err
-    assert message.count("\n") == 1
-    assert said in message
+    assert said in refusal(capsys, f"{STUDY} {more}")
     assert not Path("out/trials.csv").exists()
 
 

@@ -31,10 +31,8 @@ def test_shares_stand_beside_their_deviation_in_table_and_figure():
     trials = [*far, TRIAL, replace(TRIAL, set="photo-parallel"), replace(TRIAL, reading="absolute")]
     assert "| 100 (21 to 100) | 25 (5 to 70) |" in study_table(trials).as_markdown()
     relative, absolute = reliability_panels(trials)
-    assert [panel.axes["title"] for panel in relative] == [
-        "synthetic, plain black ground",
-        "photo, parallel",
-    ]
+    titles = ["synthetic, plain black ground", "photo, parallel"]
+    assert [panel.axes["title"] for panel in relative] == titles
     near, away = relative[0].lines["paper, whole"]
     assert near == (1.0, *Share.of([TRIAL]))
     assert away == (16.0, *Share.of(far))

@@ -2,32 +2,17 @@
 
 import pytest
 
-from poseviewer.evaluation.speed import (
-    SpeedReport,
-    demo_with_truth,
-    make_workload,
-    measure_speed,
-    time_paths,
-)
+from poseviewer.evaluation import speed
 from poseviewer.render.pool import processors
 from tests.renderers import require_gpu, require_opengl
 
 MAP_SIZE = 3
 
 
-@pytest.fixture(scope="module")
-def work():
-    return make_workload(*demo_with_truth(), 5_000, 320)
-
-
-@pytest.fixture(scope="module")
-def report() -> SpeedReport:
-    require_opengl()
-    return measure_speed(True, lambda _: None, MAP_SIZE)
-
-
 @pytest.mark.slow
-def test_a_report_has_each_path_both_methods_and_the_maps(report):
+def test_a_report_has_each_path_both_methods_and_the_maps():
+    require_opengl()
+    report = speed.measure_speed(True, lambda _: None, MAP_SIZE)
     assert [path.name for path in report.paths] == ["a", "d", "e"]
     for path in report.paths:
         assert min(path.seconds) > 0.0
@@ -42,6 +27,7 @@ def test_a_report_has_each_path_both_methods_and_the_maps(report):
 
 
 @pytest.mark.slow
-def test_a_gpu_is_timed(work, monkeypatch):
+def test_a_gpu_is_timed(monkeypatch):
     require_gpu(monkeypatch)
-    assert [path.name for path in time_paths(work, "f", 1)] == ["f"]
+    work = speed.make_workload(*speed.demo_with_truth(), 5_000, 320)
+    assert [path.name for path in speed.time_paths(work, "f", 1)] == ["f"]

@@ -5,8 +5,7 @@ import shutil
 import pytest
 
 from poseviewer.files.photo import load_photo
-from tests.commands import read_rows
-from tests.commands import run as run_command
+from tests.commands import read_rows, run
 from tests.renderers import require_opengl
 from tests.vehicles import save_vehicle
 
@@ -17,17 +16,16 @@ def model(tmp_path_factory):
     return save_vehicle(tmp_path_factory.mktemp("model"))
 
 
-def run(model, out, *more) -> int:
-    options = ["--starts", 1, "--deviations", "1,8", "--size", "96x72", "--evaluations", 60,
-               "--model", model, "--kinds", "plain", "--quiet", "--jobs", 1]  # fmt: skip
-    return run_command("study", "--out", out, *options, *more)
+def run_study(model, out, more: str = "") -> int:
+    line = "study --starts 1 --deviations 1,8 --size 96x72 --evaluations 60 --kinds plain --quiet"
+    return run(f"{line} --jobs 1 {more}", "--out", out, "--model", model)
 
 
 @pytest.fixture(scope="module")
 def study(model, tmp_path_factory):
     out = tmp_path_factory.mktemp("study")
-    assert run(model, out) == 0
-    assert run(model, out, "--paper") == 0
+    assert run_study(model, out) == 0
+    assert run_study(model, out, "--paper") == 0
     return out
 
 
@@ -51,14 +49,12 @@ def test_there_is_a_row_for_every_trial_and_a_report(study):
 
 
 @pytest.mark.slow
-def test_a_study_that_was_cut_off_goes_on_where_it_was_also_in_processes(
-    model, study, tmp_path, capsys
-):
+def test_a_study_that_was_cut_off_goes_on_also_in_processes(model, study, tmp_path, capsys):
     for name in ("trials.csv", "study.json"):
         shutil.copy(study / name, tmp_path)
     first, rest = (tmp_path / "trials.csv").read_bytes().splitlines(keepends=True)[:2], b"default,"
     (tmp_path / "trials.csv").write_bytes(b"".join(first) + rest)  # in the middle of a row
-    assert run(model, tmp_path, "--jobs", 2) == 0
+    assert run_study(model, tmp_path, "--jobs 2") == 0
     assert (tmp_path / "trials.csv").read_bytes().splitlines(keepends=True)[:2] == first
 
     def known(rows):
@@ -67,8 +63,8 @@ def test_a_study_that_was_cut_off_goes_on_where_it_was_also_in_processes(
 
     assert known(read_rows(tmp_path / "trials.csv")) == known(read_rows(study / "trials.csv")[:4])
     before = (tmp_path / "trials.csv").read_bytes()
-    assert run(model, tmp_path) == 0
-    assert run(model, tmp_path, "--size", "96x60") == 2
+    assert run_study(model, tmp_path) == 0
+    assert run_study(model, tmp_path, "--size 96x60") == 2
     assert "another study" in capsys.readouterr().err
     assert (tmp_path / "trials.csv").read_bytes() == before
 
@@ -76,8 +72,8 @@ def test_a_study_that_was_cut_off_goes_on_where_it_was_also_in_processes(
 @pytest.mark.slow
 def test_real_backgrounds_and_photos_of_cars(tmp_path):
     require_opengl()
-    line = "--kinds background,photo-parallel,photo-perspective --starts 1 --deviations 4 --jobs 1"
-    more = "--readings relative --size 96x72 --evaluations 25 --quiet"
-    assert run_command("study", "--out", tmp_path, *line.split(), *more.split()) == 0
+    line = "study --kinds background,photo-parallel,photo-perspective --starts 1 --deviations 4"
+    more = "--jobs 1 --readings relative --size 96x72 --evaluations 25 --quiet"
+    assert run(f"{line} {more}", "--out", tmp_path) == 0
     parameters = {row["set"]: len(row["end"].split()) for row in read_rows(tmp_path / "trials.csv")}
     assert parameters == {"background": 6, "photo-parallel": 6, "photo-perspective": 7}

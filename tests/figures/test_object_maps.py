@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,9 +18,13 @@ CENTRES, RADIUS = np.array([[0.0, 0.0, 6.0], [0.7, 0.2, 9.0]]), 1.0
 TURN, _ = cv2.Rodrigues(np.array([0.3, -0.8, 0.5]))
 
 
-def sphere_seen(centre: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where a sphere is seen, its depths, and its normals towards the camera, by its equation."""
-    v, u = np.mgrid[:HEIGHT, :WIDTH].astype(float)
+def sphere_seen(
+    centre: np.ndarray, beyond: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where a sphere is seen, its depths, and its normals towards the camera, by its equation;
+    ``beyond``: px of a margin about the photo.
+    """
+    v, u = np.mgrid[-beyond : HEIGHT + beyond, -beyond : WIDTH + beyond]
     rays = np.stack([(u - CX) / F, (v - CY) / F, np.ones_like(u)], axis=-1)
     a, b = np.sum(rays**2, axis=-1), rays @ centre
     root = b**2 - a * (centre @ centre - RADIUS**2)
@@ -69,6 +74,64 @@ def test_masks_are_those_of_the_spheres(written, index):
     shown = load(written, f"mask_visib/000000_{index:06d}.png") > 0
     assert np.count_nonzero(shown != visible) <= 0.01 * seen.sum()
     assert not np.any(shown & (drawn == 0))
+
+
+def box_of(seen: np.ndarray, beyond: int) -> list[Any]:
+    """BOP's box of a mask with a margin."""
+    y, x = np.nonzero(seen)
+    return [x.min() - beyond, y.min() - beyond, np.ptp(x), np.ptp(y)]
+
+
+def require_info(said: dict, whole: np.ndarray, visible: np.ndarray, beyond: int = 0) -> None:
+    assert said["px_count_all"] == pytest.approx(whole.sum(), rel=0.01)
+    assert said["px_count_visib"] == pytest.approx(visible.sum(), rel=0.01)
+    assert said["visib_fract"] == said["px_count_visib"] / said["px_count_all"]
+    np.testing.assert_allclose(said["bbox_obj"], box_of(whole, beyond), atol=1)
+    np.testing.assert_allclose(said["bbox_visib"], box_of(visible, 0), atol=1)
+
+
+def test_shares_and_boxes_are_those_of_the_spheres(written):
+    said = json.loads((written / "out" / "scene_gt_info.json").read_text())["0"]
+    (near, near_depth, _), (far, far_depth, _) = map(sphere_seen, CENTRES)
+    require_info(said[0], near, near)
+    require_info(said[1], far, far & ~(near & (near_depth < far_depth)))
+    assert said[1]["px_count_valid"] > said[1]["px_count_visib"]
+
+
+def write_pose(folder: Path, centre: list[float], **more: Any) -> Path:
+    """A pose file of the three fields that are needed, and ``more``."""
+    place = {"rotation": np.eye(3).tolist(), "translation": centre}
+    camera = {"fx": F, "fy": F, "cx": CX, "cy": CY}
+    pose = {"projection": "perspective", "camera": camera, "camera_from_model": place, **more}
+    (folder / "pose.json").write_text(json.dumps(pose))
+    return folder / "pose.json"
+
+
+def test_a_silhouette_is_whole_beyond_the_photo(written, tmp_path, capsys):
+    pose = write_pose(tmp_path, [3.6, 0.0, 6.0], photo={"width": WIDTH, "height": HEIGHT})
+    model = ["--model", str(written / "ball.ply"), "--image", "4", "--object", "2", "--unit", "mm"]
+    line = ["convert", str(pose), "--to", "bop", str(tmp_path / "bop"), *model]
+    assert main(line) == 0
+    (said,) = json.loads((tmp_path / "bop" / "scene_gt_info.json").read_text())["4"]
+    centre = np.array([3.6, 0.0, 6.0])
+    whole, inside = sphere_seen(centre, 60)[0], sphere_seen(centre)[0]
+    assert 0 < inside.sum() < 0.5 * whole.sum()
+    require_info(said, whole, inside, 60)
+    pose.write_text(pose.read_text().replace("3.6", "-3.6"))
+    assert main(line) == 0  # a second object in the image
+    assert "has other objects" in capsys.readouterr().out
+    assert json.loads((tmp_path / "bop" / "scene_gt_info.json").read_text()) == {"4": [said]}
+
+
+def test_what_shows_nothing_is_said(written, tmp_path, capsys):
+    pose, out = write_pose(tmp_path, [60.0, 60.0, 6000.0]), str(tmp_path / "out")
+    line = ["render", str(pose), "--model", str(written / "ball.ply"), "--out", out]
+    assert main(line) == 2
+    assert "how large the photo is; add --photo-size" in capsys.readouterr().err
+    assert main([*line, "--photo-size", f"{WIDTH}x{HEIGHT}"]) == 0
+    said = capsys.readouterr().out
+    assert "ball.ply is seen in no photo, and its masks are empty" in said
+    assert "are the pose and the model in one unit?" in said
 
 
 def test_depth_is_in_steps_of_depth_scale_in_millimetres(written):

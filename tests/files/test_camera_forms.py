@@ -23,6 +23,7 @@ SIZE = {"width": 640, "height": 480}
 BROWN = (-0.3, 0.1, 0.001, -0.001, 0.02)
 NAMED = dict(zip(("k1", "k2", "p1", "p2", "k3"), BROWN, strict=True))
 FISHEYE = (0.02, -0.01, 0.003, -0.001)
+FOUR = dict(zip(("k1", "k2", "k3", "k4"), FISHEYE, strict=True))
 YAML = "camera_matrix:\n- [500, 0, 321]\n- [0, 510, 239]\n- [0, 0, 1]\n"
 LENS = Lens("opencv", BROWN)
 
@@ -96,6 +97,47 @@ FORMS: dict[str, tuple[str, Any, Lens | None]] = {
     "a date and a second document": (
         "a.yml", "date: 2024-01-02\n" + YAML + "dist: [-0.3, 0.1, 0.001, -0.001, 0.02]\n---\n"
         "K: 1\n", LENS),
+    "no blanks": ("a.yaml", "%YAML:1.0\nK:[500, 0, 321, 0, 510, 239, 0, 0, 1]\nD: !!opencv-matrix\n"
+                  "   rows:1\n   data:[ -0.3, 0.1, 0.001, -0.001, 0.02 ]\nfps:30\n", LENS),
+    "orb-slam 3": ("a.yaml", "%YAML:1.0\nCamera.type: \"PinHole\"\nCamera1.fx: 500.0\n"
+                   "Camera1.fy: 510.0\nCamera1.cx: 321.0\nCamera1.cy: 239.0\nCamera1.k1: -0.3\n"
+                   "Camera1.k2: 0.1\nCamera1.p1: 0.001\nCamera1.p2: -0.001\nCamera1.k3: 0.02\n"
+                   "Camera.width: 640\nCamera.height: 480\n", LENS),
+    "kitti": ("calib.txt", "".join(f"P{i}: 500 0 321 {-9 * i} 0 510 239 0 0 0 1 0\n"
+                                   for i in range(3)) + "Tr: 0 -1 0 0 0 0 -1 0 1 0 0 0\n", None),
+    "kitti, raw": ("calib_cam_to_cam.txt", "calib_time: 09-Jan-2012 13:57:47\n"
+                   "corner_dist: 9.950000e-02\nS_00: 6.400000e+02 4.800000e+02\n"
+                   "K_00: 500 0 321 0 510 239 0 0 1\nD_00: -0.3 0.1 0.001 -0.001 0.02\n"
+                   "R_00: 1 0 0 0 1 0 0 0 1\nS_rect_00: 1242 375\n"
+                   "P_rect_00: 7 0 6 0 0 7 1 0 0 0 1 0\n", LENS),
+    "middlebury": ("calib.txt", "cam0=[500 0 321; 0 510 239; 0 0 1]\ncam1=[500 0 321; 0 510 239; "
+                   "0 0 1]\ndoffs=0\nbaseline=193.001\nwidth=640\nheight=480\nndisp=280\n", None),
+    "middlebury, photos": ("a_par.txt", "2\nq.png 9 0 1 0 9 1 0 0 1 1 0 0 0 1 0 0 0 1 0 0 -.5\n"
+                           "p.png 500 0 321 0 510 239 0 0 1 1 0 0 0 1 0 0 0 1 0 0 -.5\n", None),
+    "ros, ost": ("ost.txt", "# oST version 5.0 parameters\n\n[image]\n\nwidth\n640\n\nheight\n480\n"
+                 "\n[narrow_stereo]\n\ncamera matrix\n500 0 321\n0 510 239\n0 0 1\n\ndistortion\n"
+                 "-0.3 0.1 0.001 -0.001 0.02\n\nrectification\n1 0 0\n0 1 0\n0 0 1\n\nprojection\n"
+                 "500 0 321 0\n0 510 239 0\n0 0 1 0\n", LENS),
+    "mvsnet": ("cam.txt", "extrinsic\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n\nintrinsic\n500 0 321\n"
+               "0 510 239\n0 0 1\n\n425 2.5\n", None),
+    "depthai": ("a.json", {"boardName": "OAK-D", "cameraData": [[0, {
+        "cameraType": 0, "distortionCoeff": [*BROWN, *[0] * 9], "extrinsics": {"toCameraSocket": 1},
+        "intrinsicMatrix": K, "lensPosition": 0, "specHfovDeg": 68.8, **SIZE}]]},
+        Lens("opencv", (*BROWN, *[0] * 9))),
+    "depthai, fisheye": ("a.json", {"cameraData": [[2, {
+        "cameraType": 1, "distortionCoeff": [*FISHEYE, *[0] * 10], "intrinsicMatrix": K,
+        "lensPosition": 0, **SIZE}]]}, Lens("fisheye", FISHEYE)),
+    "record3d": ("metadata", {"K": [500, 0, 0, 0, 510, 0, 321, 239, 1], "w": 640, "h": 480,
+                              "dw": 192, "dh": 256, "cameraType": 1,
+                              "frameTimestamps": [1, 2, 3, 4, 5], "initPose": [0] * 7,
+                              "poses": [[0, 0, 0, 1, 0, 0, 0]] * 5,
+                              "perFrameIntrinsicCoeffs": [[500, 510, 321, 239]] * 5}, None),
+    "zivid": ("a.json", {"CameraMatrix": {"CX": 321, "CY": 239, "FX": 500, "FY": 510},
+                         "Distortion": {key.upper(): value for key, value in NAMED.items()}}, LENS),
+    "matlab": ("a.json", {"FocalLength": [500, 510], "PrincipalPoint": [322, 240],
+                          "ImageSize": [480, 640], "RadialDistortion": [-0.3, 0.1, 0.02],
+                          "NumRadialDistortionCoefficients": 3,
+                          "TangentialDistortion": [0.001, -0.001]}, LENS),
     "npz": ("a.npz", saved(mtx=np.array(K), dist=np.array([BROWN]), rvecs=np.ones((4, 3))), LENS),
     "npy": ("a.npy", array(np.array(K)), None),
     "text": ("cam_K.txt", "\n".join(" ".join(map(str, row)) for row in K), None),
@@ -136,6 +178,7 @@ def test_a_fisheye_of_instant_ngp_and_nerfstudio_is_one(tmp_path, said, lens):
 
 SQUARE = [[500.0, 0.0, 329.5], [0.0, 500.0, 234.5], [0.0, 0.0, 1.0]]
 """Of a principal point 10 px right of the middle of 640x480 px, and 5 px above it."""
+CENTRED = [[500.0, 0.0, 319.5 / 0.64], [0.0, 500.0, 239.5 / 0.64], [0.0, 0.0, 1.0]]
 MESHROOM = {
     "intrinsicId": 7,
     "width": "640",
@@ -154,6 +197,14 @@ FROM_THE_MIDDLE: dict[str, tuple[str, Any, Lens | None]] = {
                        f"p.png,1,2,3,4,5,6,{500 * 36 / 640},{10 * 36 / 640},{-5 * 36 / 640},"
                        "-0.3,0.1,0.02,0,0,0\nq.png,1,2,3,4,5,6,9,0,0,0,0,0,0,0,0\n",
                        Lens("opencv", (-0.3, 0.1, 0.0, 0.0, 0.02))),
+    "opensfm": ("a.json", [{"cameras": {
+        "a": {"projection_type": "perspective", "width": 9, "height": 8, "focal": 1.0},
+        "b c": {"projection_type": "brown", "width": 640, "height": 480, "focal_x": 500 / 640,
+                "focal_y": 500 / 640, "c_x": 10 / 640, "c_y": -5 / 640, **NAMED}},
+        "shots": {"p.png": {"camera": "b c"}, "q.png": {"camera": "a"}}}], LENS),
+    "opensfm, fisheye": ("a.json", {"v2": {
+        "projection_type": "fisheye", "width": 640, "height": 480, "focal": 0.5, "k1": 0.02,
+        "k2": -0.01}}, Lens("fisheye", (0.02, -0.01, 0.0, 0.0))),
     "meshroom": ("a.sfm", {"version": ["1", "2", "6"], "intrinsics": [
         {**MESHROOM, "type": "pinhole", "distortionType": "radialk3", "sensorWidth": "36",
          "focalLength": str(500 * 36 / 640), "principalPoint": ["10", "-5"]}]},
@@ -167,7 +218,39 @@ FROM_THE_MIDDLE: dict[str, tuple[str, Any, Lens | None]] = {
 @pytest.mark.parametrize("form", FROM_THE_MIDDLE)
 def test_a_principal_point_may_count_from_the_middle(tmp_path, form):
     name, content, lens = FROM_THE_MIDDLE[form]
-    assert_reads(tmp_path / name, content, SQUARE, lens)
+    matrix = np.diag([0.64, 0.64, 1.0]) @ CENTRED if "fisheye" in form else SQUARE
+    assert_reads(tmp_path / name, content, matrix, lens)
+
+
+def openmvg(**lens: Any) -> dict[str, Any]:
+    """Cameras 0 and 1 as OpenMVG writes them; ``p.png`` was taken by the second."""
+    numbers = {**SIZE, "focal_length": 500.0, "principal_point": [321.0, 239.0]}
+    wrapped = {"polymorphic_name": "a", "ptr_wrapper": {"id": 7, "data": {**numbers, **lens}}}
+    other = {"ptr_wrapper": {"data": {"value0": {**numbers, "focal_length": 9.0}, **lens}}}
+    view = {"filename": "p.png", **SIZE, "id_intrinsic": 1, "id_pose": 0}
+    return {"views": [{"key": 0, "value": {"ptr_wrapper": {"data": view}}}],
+            "intrinsics": [{"key": 0, "value": other}, {"key": 1, "value": wrapped}]}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("said", "lens"),
+    [
+        ({}, None),
+        ({"disto_k1": [0.02]}, Lens("opencv", (0.02, 0.0, 0.0, 0.0, 0.0))),
+        ({"disto_k3": [-0.3, 0.1, 0.02]}, Lens("opencv", (-0.3, 0.1, 0.0, 0.0, 0.02))),
+        ({"disto_t2": [-0.3, 0.1, 0.02, 0.001, -0.001]}, LENS),
+        ({"fisheye": FISHEYE}, Lens("fisheye", FISHEYE)),
+    ],
+)
+def test_openmvgs_lenses_are_in_its_order(tmp_path, said, lens):
+    matrix = [[500.0, 0.0, 321.0], [0.0, 500.0, 239.0], [0.0, 0.0, 1.0]]
+    assert_reads(tmp_path / "sfm_data.json", openmvg(**said), matrix, lens)
+
+
+def test_nerfs_angle_is_that_of_the_width(tmp_path):
+    content = {"camera_angle_x": 2.0 * np.arctan(0.5 * 640 / 500.0), "frames": []}
+    matrix = [[500.0, 0.0, 319.5], [0.0, 500.0, 239.5], [0.0, 0.0, 1.0]]
+    assert_reads(tmp_path / "transforms.json", content, matrix, None)
 
 
 def test_the_cameras_of_a_file_are_told_apart_by_names_numbers_and_sides(tmp_path):
@@ -187,6 +270,40 @@ def test_the_size_of_a_chessboard_is_not_that_of_pictures(tmp_path):
     assert load_cameras(path)[0].camera.width == 0
 
 
+HALF = {"fx": 250, "fy": 255, "cx": 160.25, "cy": 119.25}
+"""The camera in pictures of half the size."""
+HALF_SIZES: dict[str, Any] = {
+    "ndds": {"intrinsic_settings": HALF | {"resX": 320, "resY": 240, "s": 0}},
+    "beside": {"camera_settings": [{"intrinsics": HALF,
+                                    "captured_image_size": {"width": 320, "height": 240}}]},
+    "dim": HALF | {"DIM": [320, 240]},
+    "rows and columns": HALF | {"ImageSize": [240, 320]},
+    "a shape": HALF | {"img_shape": [240, 320, 3]},
+    "x and y": HALF | {"resolution": {"x": 320, "y": 240}},
+    "of the photo": {"photo": {"file": "p.png", "width": 320, "height": 240}, "camera": HALF},
+    "a text": HALF | {"resolution": "320x240"},
+    "cols and rows": HALF | {"cols": 320, "rows": 240},
+    "above": {"image_dims": [[320, 240]], "left": HALF},
+    "a list beside": {"intrinsics": [HALF], "resolution": [[320, 240]]},
+    "gyroflow": {"calib_dimension": {"w": 320, "h": 240}, "orig_dimension": {"w": 9000, "h": 80},
+                 "fisheye_params": HALF, "distortion_model": "opencv_standard"},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", HALF_SIZES)
+def test_a_camera_is_scaled_by_its_size_under_any_key(tmp_path, case):
+    assert_reads(tmp_path / "a.json", HALF_SIZES[case], K, None)
+
+
+def test_a_size_that_is_not_understood_is_refused(tmp_path):
+    for more, words in (
+        ({"rectified_dimensions_px": [320, 240]}, "'rectified_dimensions_px' may be the size"),
+        ({"image_size": [320, 240], "original_size": [640, 480]}, "320x240 px .* and 640x480 px"),
+    ):
+        with pytest.raises(CalibrationFileError, match=words):
+            load_cameras(write(tmp_path / "a.json", FOCALS | more))
+
+
 LOST = {
     "a key of its own": ({"K": K, "lens_distortion_vector": BROWN}, "'lens_distortion_vector'"),
     "beside the camera": ({"color": FOCALS, "extra": {"dist_params": BROWN}}, "'dist_params'"),
@@ -194,19 +311,61 @@ LOST = {
     "metashape's shear": ({**SIZE, "f": 500, "cx": 0, "cy": 0, "b2": 1}, "'b2'"),
     "realitycapture's t1": ({"f": 35, "px": 0, "py": 0, "t1": 0.1}, "'t1'"),
     "another model": ({"K": K, "D": FISHEYE, "distortion_model": "fov"}, "'fov'"),
-    "a type of lens": ({"K": K, "D": FISHEYE, "lens_type": "Fisheye"}, "'lens_type'"),
+    "a type of lens": ({"K": K, "D": FISHEYE, "lens_type": "Equisolid"}, "'Equisolid'"),
+    "a lens of one number": ({**FOCALS, "w": 0.87}, "'w'"),
+    "that of a type": ({"camera_type": "fov", "intrinsics": {**FOCALS, "w": 0.87}}, "'fov'"),
+    "a fisheye of another number": ({"fisheye": {"K": K, "D": BROWN}}, "5 distortion"),
+    "four numbers": ({"DIM": [640, 480], "K": K, "D": FISHEYE}, "of which lens model"),
+    "four of a pinhole": ({"K": K, "D": FISHEYE, "model": "pinhole"}, "of which lens model"),
+    "four names": ({**FOCALS, **FOUR}, "of which lens model"),
     "coefficients of another camera": ({"K": K, "D1": BROWN}, "'D1'"),
     "a name that says nothing": ({"K": K, "v": BROWN}, "'v'"),
     "the left lens of no left camera": ({"K": K, "D_left": BROWN[:4]}, "'D_left'"),
     "f-theta": ({"fl_x": 5, "cx": 1, "cy": 1, "ftheta_p1": 0.3}, "'ftheta_p1'"),
     "a panorama": ({"fl_x": 5, "cx": 1, "cy": 1, "equirectangular": True}, "'equirectangular'"),
     "thin prisms": ({"fl_x": 5, "cx": 1, "cy": 1, "s1": 0.3}, "'s1'"),
-    "double sphere": ({"camera_type": "ds", "intrinsics": {**FOCALS, "xi": -0.2}}, "'xi'"),
+    "double sphere": ({"camera_type": "ds", "intrinsics": {**FOCALS, "xi": -0.2}}, "'ds'"),
+    "double sphere of no type": ({**FOCALS, "xi": -0.2}, "'xi'"),
     "an inverse model": ({**FOCALS, "model": "inverse_brown_conrady", "coeffs": BROWN}, "inverse"),
     "omnidirectional": ({"camera_model": "omni", "intrinsics": [1, 5, 5, 2, 2]}, "intrinsics"),
     "meshroom's brown": ({**MESHROOM, "pxFocalLength": 5, "principalPoint": [0, 0], "version": [1],
                           "distortionParams": [1, 2, 3, 4, 5]}, "Brown"),
 }  # fmt: skip
+
+
+FISHEYES: dict[str, Any] = {
+    "basalt": {"value0": {"intrinsics": [{"camera_type": "kb4", "intrinsics": FOCALS | FOUR}]}},
+    "gyroflow": {"fisheye_params": {"camera_matrix": K, "distortion_coeffs": FISHEYE}},
+    "a key": {"K": K, "fisheye_coeffs": FISHEYE},
+    "a type of lens": {"K": K, "D": FISHEYE, "lens_type": "Fisheye"},
+    "a type above": {"model": "equidistant", "left": {"K": K, "D": FISHEYE}},
+    "zeros behind": {"K": K, "D": [*FISHEYE, 0, 0], "camera_model": "fisheye"},
+    "orb-slam": {"Camera.type": "KannalaBrandt8"}
+    | {f"Camera.{key}": value for key, value in (FOCALS | FOUR).items()},
+}
+
+
+@pytest.mark.parametrize("case", FISHEYES)
+def test_a_fisheye_is_known_by_its_names(tmp_path, case):
+    (found,) = load_cameras(write(tmp_path / "a.json", FISHEYES[case]))
+    assert found.lens == Lens("fisheye", FISHEYE)
+
+
+def test_a_model_that_is_said_below_its_name_counts_more(tmp_path):
+    mode = FISHEYES["gyroflow"] | {"lens_model": "Standard"}  # of GoPro's and DJI's
+    assert load_cameras(write(tmp_path / "a.json", mode))[0].lens == Lens("fisheye", FISHEYE)
+    standard = mode | {"distortion_model": "opencv_standard"}
+    assert load_cameras(write(tmp_path / "a.json", standard))[0].lens == Lens("opencv", FISHEYE)
+    for more in ({"distortion_model": "poly5"}, {"digital_lens": "gopro_superview"}):
+        with pytest.raises(CalibrationFileError, match=r"its lens model is '(poly5|gopro_super)"):
+            load_cameras(write(tmp_path / "a.json", mode | more))
+
+
+def test_the_rectified_camera_and_that_of_the_photo_are_two(tmp_path):
+    camera = {f"Camera.{key}": value for key, value in FOCALS.items()}
+    left = {"LEFT.K": {"data": FLAT}, "LEFT.D": {"data": BROWN}, "Camera.type": "PinHole"}
+    found = load_cameras(write(tmp_path / "a.json", camera | left))
+    assert [(one.name, one.lens) for one in found] == [("Camera", None), ("LEFT", LENS)]
 
 
 @pytest.mark.parametrize("case", LOST)

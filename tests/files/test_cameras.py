@@ -36,8 +36,12 @@ def test_opencvs_fisheye_is_known_by_its_mark_or_by_the_users_word(tmp_path):
     assert load_cameras(write_camera(tmp_path / "a.yml", INSIDE, marked))[0].lens == marked
     plain = {"K": MATRIX.tolist(), "D": [[k] for k in FISHEYE], "image_size": [1280, 720]}
     path = write(tmp_path / "b.json", plain)
-    assert load_cameras(path)[0].lens == Lens("opencv", FISHEYE)
-    assert load_cameras(path, fisheye=True)[0].lens == Lens("fisheye", FISHEYE)
+    for model in ("opencv", "fisheye"):
+        assert load_cameras(path, model)[0].lens == Lens(model, FISHEYE)
+    with pytest.raises(CalibrationFileError, match=r"four .*--lens-model .*lens_model.* page"):
+        load_cameras(path)
+    with pytest.raises(CalibrationFileError, match="said to be of the model 'fisheye'"):
+        load_cameras(tmp_path / "a.yml", "opencv")
 
 
 def test_a_stereo_pair_has_two_cameras(tmp_path):
@@ -171,7 +175,10 @@ BROKEN = {
     "size.json": ({"K": [[9, 0, 4], [0, 9, 3], [0, 0, 1]], "width": 3.5, "height": 2}, "whole"),
     "bop.json": ({"fx": 1, "fy": "x", "cx": 0, "cy": 0}, "fy is 'x'"),
     "cameras.txt": ("# only a head\n", "no camera"),
-    "words.txt": ("hello there\n", "CAMERA_ID"),
+    "words.txt": (
+        "hello there\n",
+        "no camera in it (its keys: hello there); read are those",
+    ),
     "fov.txt": ("1 FOV 640 480 1 1 1 1 1\n", "model FOV"),
     "negative.txt": ("1 PINHOLE 640 480 -1 1 1 1\n", "above 0"),
     "surplus.txt": ("1 PINHOLE 640 480 1 1 1 1 7\n", "5 parameters"),

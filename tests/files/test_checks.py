@@ -6,13 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from poseviewer.errors import (
-    LONGEST_MESSAGE,
-    PoseFileError,
-    PoseViewerError,
-    printable,
-    sentence_of,
-)
+from poseviewer.errors import LONGEST_MESSAGE as LONGEST
+from poseviewer.errors import PoseFileError, PoseViewerError, printable, sentence_of
 from poseviewer.files.checks import Reading, kind_of
 
 NASTY = "a\x1b[2Jb\x07\u202ec\udce4\n d\x9b31m"
@@ -27,7 +22,7 @@ def test_names_do_no_harm_to_a_terminal() -> None:
 def test_every_error_is_one_bounded_line() -> None:
     text = str(PoseViewerError(NASTY + "x" * 100_000))
     assert text.isprintable()
-    assert len(text) <= LONGEST_MESSAGE
+    assert len(text) <= LONGEST
     text.encode()
 
 
@@ -48,9 +43,7 @@ def test_every_error_becomes_a_sentence(error: Exception, words: str) -> None:
     assert len(text) < 500
 
 
-def test_what_nobody_foresaw_names_the_file_and_is_in_the_log(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_what_nobody_foresaw_names_the_file_and_is_in_the_log(tmp_path, caplog):
     caplog.set_level(logging.DEBUG, "poseviewer")
     with (
         pytest.raises(PoseFileError, match=r"^p\.json: not a readable pose file \(boom\); .*\.$"),

@@ -1,6 +1,6 @@
 """Files that came together are told apart; two of one kind are refused, and nothing guessed."""
 
-from collections.abc import Callable, Sequence
+import re
 from pathlib import Path
 
 import pytest
@@ -36,9 +36,7 @@ def sort(root: Path, **more) -> FileSet:
 
 @pytest.mark.parametrize("write_model", [write_obj, write_ply, write_gltf])
 @pytest.mark.parametrize("folders", [("", ""), ("source", "textures"), ("a/b", "c/d e")])
-def test_a_picture_that_a_model_names_is_its_texture(
-    tmp_path: Path, write_model: Callable[[Path, str], Path], folders: tuple[str, str]
-) -> None:
+def test_a_picture_that_a_model_names_is_its_texture(tmp_path: Path, write_model, folders) -> None:
     root = tmp_path / "set"
     (root / folders[0]).mkdir(parents=True)
     name = "C:\\me\\WOOD.png" if write_model is not write_gltf else "../x/wood.png"
@@ -130,15 +128,11 @@ def test_what_the_model_at_hand_misses_may_come_later(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("names", "content", "sentence"),
     [
-        (
-            [f"{i:04d}.jpg" for i in range(1000)], "",
-            "1,000 photos: 0000.jpg, 0001.jpg, 0002.jpg, 0003.jpg, 0004.jpg and 995 more; wanted "
-            "one (or with them the file that says where their cameras stood), nothing was opened.",
-        ),
-        (
-            ["a/p.json", "b/p.json"], POSE,
-            "2 pose files: a/p.json, b/p.json; wanted one, nothing was opened.",
-        ),
+        ([f"{i:04d}.jpg" for i in range(1000)], "",
+         "1,000 photos: 0000.jpg, 0001.jpg, 0002.jpg, 0003.jpg, 0004.jpg and 995 more; wanted "
+         "one (or with them the file that says where their cameras stood), nothing was opened."),
+        (["a/p.json", "b/p.json"], POSE,
+         "2 pose files: a/p.json, b/p.json; wanted one, nothing was opened."),
         (["1.json", "2.json"], CAMERA, "2 files of cameras: 1.json, 2.json; wanted one, nothing"),
         (["1.json", "2.json"], {"format": "poseviewer-scene"}, "2 scene files: 1.json, 2.json;"),
         (["1.json", "2.json"], {"frames": []}, "2 sets of photos: 1.json, 2.json"),
@@ -147,20 +141,14 @@ def test_what_the_model_at_hand_misses_may_come_later(tmp_path: Path) -> None:
         (["a.txt", "b.mov"], "x", "2 files: none is a photo, a model or a pose file; wanted one "),
     ],
 )  # fmt: skip
-def test_what_cannot_be_opened_is_said_in_one_sentence(
-    tmp_path: Path, names: Sequence[str], content: object, sentence: str
-) -> None:
+def test_what_cannot_be_opened_is_said_in_one_sentence(tmp_path: Path, names, content, sentence):
     for name in names:
         write(tmp_path / name, content)
-    with pytest.raises(FileSetError) as error:
+    with pytest.raises(FileSetError, match=f"^{re.escape(sentence)}"):
         sort(tmp_path)
-    assert str(error.value).startswith(sentence)
-    assert "\n" not in str(error.value)
 
 
-def test_of_a_folder_systems_own_files_are_left_out_and_too_many_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_of_a_folder_systems_own_files_are_left_out_and_too_many_are_refused(tmp_path, monkeypatch):
     for name in (".DS_Store", "__MACOSX/._a.obj", "Thumbs.db", ".git/a.obj", "desktop.ini"):
         write(tmp_path / name, PLAIN)
     path = write(tmp_path / "a.obj", PLAIN)
@@ -180,9 +168,7 @@ def test_of_a_folder_systems_own_files_are_left_out_and_too_many_are_refused(
         lambda folder: write_bop(folder, with_world=True),
     ],
 )
-def test_a_set_of_photos_comes_with_its_model_and_start(
-    tmp_path: Path, write_cameras: Callable[[Path], Path]
-) -> None:
+def test_a_set_of_photos_comes_with_its_model_and_start(tmp_path: Path, write_cameras) -> None:
     _, model, start = write_views(tmp_path)
     views = write_cameras(tmp_path)
     if views.name != "set.json":
@@ -205,13 +191,9 @@ def test_the_cameras_of_a_reconstruction_are_those_of_one_photo(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(("name", "kind"), [("a.dng", "photo"), ("a.fbx", "model")])
-def test_what_is_to_be_developed_or_exported_first_is_left_to_its_reader_alone(
-    tmp_path, name, kind
-):
+def test_what_is_to_be_converted_first_is_left_to_its_reader_alone(tmp_path, name, kind):
     """Beside others, as downloads have them, it is passed over."""
-    path, model = tmp_path / name, tmp_path / "m.ply"
-    path.write_bytes(b"x")
-    model.write_bytes(b"x")
+    path, model = (write(tmp_path / name, b"x") for name in (name, "m.ply"))
     found = sort_set([path])
     assert (found.photo or found.models[0].path) == path
     assert bool(found.photo) == (kind == "photo")

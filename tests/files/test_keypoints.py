@@ -34,7 +34,6 @@ def test_key_points_stand_beside_the_model(model: Path) -> None:
     write(model.parent / "car.keypoints.json", good())
     assert keypoints_path(model) == model.parent / "car.keypoints.json"
     keypoints = load_keypoints(model, load_mesh(model))
-    assert keypoints is not None
     np.testing.assert_array_equal(keypoints.left.front_wheel, [1.4, 0.8, 0.3])
     np.testing.assert_array_equal(keypoints.right.axle, [0.0, -1.0, 0.0])
 

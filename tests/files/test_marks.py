@@ -3,33 +3,34 @@
 import math
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from poseviewer.errors import QuickStartError
 from poseviewer.files.marks import load_pairs, wheels_from_text
 from tests.writing import write
 
-ROWS = [[1.0, 2.0, 3.0, 10.0, 20.0], [4.0, 5.0, 6.5, 30.25, 40.0]]
-BODY = "1,2,3,10,20\n4, 5 ,6.5,30.25,40\n"
+WRITTEN = {
+    "two rows": "1.5,2,3,10,20\n1.5, 2 ,3,10,20\n",
+    "a header": "x,y,z,u,v\n1.5,2,3,10,20\n",
+    "a comment and a blank line": "# clicked\n\n1.5,2,3,10,20\n",
+    "semicolons": "1.5;2;3;10;20\n",
+    "tabs": "x\ty\tz\tu\tv\n1.5\t2\t3\t10\t20\n",
+    "semicolons and decimal commas": "\ufeffx;y;z;u;v\r\n1,5;2;3;10;20,0\r\n",
+    "quoted decimal commas": '"1,5",2,3,10,20\n',
+    "spaces": "1.5 2  3 10 20\n",
+    "another order": "u,v,z,y,x\n10,20,3,2,1.5\n",
+    "capitals, quotes and other columns": '"ID","X","Y","Z","U","V"\n7,1.5,2,3,10,20\n',
+    "a comment with marks": "# x; y\t z\nv,u,x,y,z\n20,10,1.5,2,3\n",
+    "tabs and decimal commas without a header": "1,5\t2\t3\t10\t20\n",
+}
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        BODY,
-        "x,y,z,u,v\n" + BODY,
-        "# clicked\n\n" + BODY,
-        "\ufeff" + BODY,
-        BODY.replace(",", ";"),
-    ],
-)
-def test_pairs_are_read_and_shifted_by_half_a_pixel(tmp_path: Path, text: str):
-    path = tmp_path / "pairs.txt"
-    path.write_text(text, encoding="utf-8")
-    pairs = load_pairs(path)
-    np.testing.assert_array_equal(pairs.points, np.array(ROWS)[:, :3])
-    np.testing.assert_array_equal(pairs.pixels, np.array(ROWS)[:, 3:] + 0.5)
+@pytest.mark.parametrize("way", WRITTEN)
+def test_pairs_may_be_written_in_many_ways_and_are_shifted_by_half_a_pixel(tmp_path: Path, way):
+    pairs = load_pairs(write(tmp_path / "pairs.txt", WRITTEN[way]))
+    count = 2 if way == "two rows" else 1
+    assert pairs.points.tolist() == [[1.5, 2.0, 3.0]] * count
+    assert pairs.pixels.tolist() == [[10.5, 20.5]] * count
 
 
 @pytest.mark.parametrize(
@@ -41,6 +42,7 @@ def test_pairs_are_read_and_shifted_by_half_a_pixel(tmp_path: Path, text: str):
         (b"\xff\xfe\x00\x01", "not a text"),
         (b'"' + b"1" * 200_000 + b'",2,3,4,5', "not a readable list of marks"),
         ("1e308,2,3,4,5\n", r"x is 1e\+308"),
+        ("id,x,y,z,u,v\n1,2,3,4,5\n", "line 2 has 5 values; wanted 6"),
         (None, "no such file"),
     ],
 )
@@ -48,9 +50,8 @@ def test_broken_pairs_are_told_by_file_and_place(tmp_path: Path, text, words: st
     path = tmp_path / "pairs.csv"
     if text is not None:
         write(path, text)
-    with pytest.raises(QuickStartError, match=words) as caught:
+    with pytest.raises(QuickStartError, match=rf"pairs\.csv.*{words}"):
         load_pairs(path)
-    assert "pairs.csv" in str(caught.value)
 
 
 def test_wheels_are_read_from_text():
@@ -72,29 +73,3 @@ def test_wheels_are_read_from_text():
 def test_broken_wheels_are_told(text: str, words: str):
     with pytest.raises(QuickStartError, match=words):
         wheels_from_text(text)
-
-
-WRITTEN = {
-    "tabs": "x\ty\tz\tu\tv\n1.5\t2\t3\t10\t20\n",
-    "semicolons and decimal commas": "\ufeffx;y;z;u;v\r\n1,5;2;3;10;20,0\r\n",
-    "quoted decimal commas": '"1,5",2,3,10,20\n',
-    "spaces": "1.5 2  3 10 20\n",
-    "another order": "u,v,z,y,x\n10,20,3,2,1.5\n",
-    "capitals, quotes and other columns": '"ID","X","Y","Z","U","V"\n7,1.5,2,3,10,20\n',
-    "a comment with marks": "# x; y\t z\nv,u,x,y,z\n20,10,1.5,2,3\n",
-    "tabs and decimal commas without a header": "1,5\t2\t3\t10\t20\n",
-}
-
-
-@pytest.mark.parametrize("way", WRITTEN)
-def test_a_table_may_be_written_in_many_ways(tmp_path: Path, way: str):
-    (tmp_path / "pairs.csv").write_text(WRITTEN[way], "utf-8")
-    pairs = load_pairs(tmp_path / "pairs.csv")
-    assert pairs.points.tolist() == [[1.5, 2.0, 3.0]]
-    assert pairs.pixels.tolist() == [[10.5, 20.5]]
-
-
-def test_a_row_that_is_not_as_long_as_its_header_is_told(tmp_path: Path):
-    (tmp_path / "pairs.csv").write_text("id,x,y,z,u,v\n1,2,3,4,5\n")
-    with pytest.raises(QuickStartError, match="line 2 has 5 values; wanted 6"):
-        load_pairs(tmp_path / "pairs.csv")

@@ -10,12 +10,7 @@ import pytest
 from msgspec import structs
 
 from poseviewer.errors import PhotoFileError
-from poseviewer.files.masks import (
-    load_mask,
-    mask_as_png,
-    mask_beside,
-    save_pose_and_mask,
-)
+from poseviewer.files.masks import load_mask, mask_as_png, mask_beside, save_pose_and_mask
 from poseviewer.files.photo import save_image
 from poseviewer.files.pose import PoseRecord, load_pose
 from poseviewer.geometry.camera import Perspective, Pose
@@ -23,18 +18,11 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
 
 WIDTH, HEIGHT = 64, 48
-RECORD = PoseRecord.of(
-    Pose(
-        Perspective(100.0, 100.0, 32.0, 24.0, WIDTH, HEIGHT),
-        RigidTransform(np.eye(3), np.array([0.0, 0.0, 5.0])),
-    )
-)
-
-
-def some_mask() -> Mask:
-    counts = np.ones((HEIGHT, WIDTH), bool)
-    counts[10:20, 30:40] = False
-    return Mask.of(counts)
+CAMERA = Perspective(100.0, 100.0, 32.0, 24.0, WIDTH, HEIGHT)
+RECORD = PoseRecord.of(Pose(CAMERA, RigidTransform(np.eye(3), np.array([0.0, 0.0, 5.0]))))
+COUNTS = np.ones((HEIGHT, WIDTH))
+COUNTS[10:20, 30:40] = 0.0
+MASK = Mask.of(COUNTS)
 
 
 def test_a_mask_is_weights(tmp_path: Path) -> None:
@@ -50,11 +38,9 @@ def test_a_mask_is_weights(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("is_painted", "kind"), [(True, np.uint8), (False, np.uint16)])
-def test_a_mask_comes_back_from_its_picture(
-    tmp_path: Path, is_painted: bool, kind: type[np.generic]
-) -> None:
+def test_a_mask_comes_back_from_its_picture(tmp_path: Path, is_painted, kind) -> None:
     shades = np.linspace(0.0, 1.0, WIDTH * HEIGHT).reshape(HEIGHT, WIDTH)
-    mask = some_mask() if is_painted else Mask.of(shades)
+    mask = MASK if is_painted else Mask.of(shades)
     (tmp_path / "mask.png").write_bytes(mask_as_png(mask))
     pixels = np.asarray(cv2.imread(str(tmp_path / "mask.png"), cv2.IMREAD_UNCHANGED))
     assert pixels.dtype == kind
@@ -64,13 +50,11 @@ def test_a_mask_comes_back_from_its_picture(
 
 def test_a_pose_file_names_its_mask(tmp_path: Path) -> None:
     path = tmp_path / "car.pose.json"
-    save_pose_and_mask(path, RECORD, some_mask())
+    save_pose_and_mask(path, RECORD, MASK)
     assert json.loads(path.read_text())["mask"] == "car.mask.png"
-    record = load_pose(path, WIDTH, HEIGHT)
-    mask, notes = mask_beside(path, record, WIDTH, HEIGHT)
+    mask, notes = mask_beside(path, load_pose(path, WIDTH, HEIGHT), WIDTH, HEIGHT)
     assert notes == ()
-    assert mask is not None
-    assert np.array_equal(mask.weights, some_mask().weights)
+    assert np.array_equal(mask.weights, COUNTS)
     save_pose_and_mask(path, RECORD, None)
     assert mask_beside(path, load_pose(path, WIDTH, HEIGHT), WIDTH, HEIGHT) == (None, ())
 
@@ -88,7 +72,7 @@ def test_a_mask_that_cannot_be_used_is_said(tmp_path: Path, name: str, said: str
     folder.mkdir()
     for path in (folder / "small.png", tmp_path / "secret.png"):
         cv2.imwrite(str(path), np.zeros((8, 8), np.uint8))
-    found = mask_beside(folder / "p.json", structs.replace(RECORD, mask=name), WIDTH, HEIGHT)
-    assert found[0] is None
-    (note,) = found[1]
+    record = structs.replace(RECORD, mask=name)
+    mask, (note,) = mask_beside(folder / "p.json", record, WIDTH, HEIGHT)
+    assert mask is None
     assert re.search(said, note)

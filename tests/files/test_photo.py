@@ -194,7 +194,7 @@ def test_a_raw_photo_is_not_opened_as_its_preview(tmp_path: Path, name: str, tag
         load_photo(tmp_path / name)
 
 
-def tiled_tiff(pixels: np.ndarray, orientation: int) -> bytes:
+def tiled_tiff(pixels: np.ndarray, orientation: int, photometric: int = 1) -> bytes:
     """A TIFF 6.0 file of tiles of 16 x 16 px of 16 bits, without compression, written by hand."""
     height, width = pixels.shape
     tiles = [
@@ -205,7 +205,7 @@ def tiled_tiff(pixels: np.ndarray, orientation: int) -> bytes:
     offsets = struct.pack(f"<{len(tiles)}I", *range(8, at, size))
     counts = struct.pack(f"<{len(tiles)}I", *[size] * len(tiles))
     entries = [(256, 4, 1, width), (257, 4, 1, height), (258, 3, 1, 16), (259, 3, 1, 1),
-               (262, 3, 1, 1), (274, 3, 1, orientation), (277, 3, 1, 1), (322, 3, 1, 16),
+               (262, 3, 1, photometric), (274, 3, 1, orientation), (277, 3, 1, 1), (322, 3, 1, 16),
                (323, 3, 1, 16), (324, 4, len(tiles), at),
                (325, 4, len(tiles), at + len(offsets))]  # fmt: skip
     head = struct.pack("<2sHI", b"II", 42, at + len(offsets) + len(counts))
@@ -222,6 +222,28 @@ def test_a_tiled_tiff_is_turned_upright(tmp_path: Path, orientation: int) -> Non
     wanted = wanted[:, ::-1] if orientation in (2, 3, 6, 7) else wanted
     wanted = wanted[::-1] if orientation in (3, 4, 7, 8) else wanted
     np.testing.assert_array_equal(load_photo(tmp_path / "a.tif").pixels[..., 0], wanted)
+
+
+def test_white_may_be_zero_with_16_bits(tmp_path: Path) -> None:
+    (tmp_path / "a.tif").write_bytes(tiled_tiff(DEEP[..., 0], 1, photometric=0))
+    np.testing.assert_array_equal(
+        load_photo(tmp_path / "a.tif").pixels[..., 0], 65535 - DEEP[..., 0]
+    )
+
+
+def test_16_bits_in_planes_are_refused(tmp_path: Path) -> None:
+    data = b"".join(np.ascontiguousarray(DEEP[..., i], "<u2").tobytes() for i in range(3))
+    at, size, count = 8 + len(data), len(data) // 3, 10
+    after = at + 2 + 12 * count + 4
+    entries = [(256, 4, 1, 64), (257, 4, 1, 48), (258, 3, 3, after), (259, 3, 1, 1), (262, 3, 1, 2),
+               (273, 4, 3, after + 6), (277, 3, 1, 3), (278, 4, 1, 48), (279, 4, 3, after + 18),
+               (284, 3, 1, 2)]  # fmt: skip
+    table = struct.pack("<H", count) + b"".join(struct.pack("<HHII", *e) for e in entries)
+    lists = struct.pack("<3H3I3I", 16, 16, 16, 8, 8 + size, 8 + 2 * size, size, size, size)
+    path = tmp_path / "a.tif"
+    path.write_bytes(struct.pack("<2sHI", b"II", 42, at) + data + table + bytes(4) + lists)
+    with pytest.raises(PhotoFileError, match=r"a plane of its own; save it with interleaved"):
+        load_photo(path)
 
 
 def test_a_jpeg_of_very_many_scans_is_refused_at_once(tmp_path: Path) -> None:

@@ -116,9 +116,8 @@ def test_the_same_model_may_be_there_twice(path):
 )
 def test_what_is_wrong_is_said(path, change, words):
     edit(path, change)
-    with pytest.raises(PoseViewerError, match=words) as error:
+    with pytest.raises(PoseViewerError, match=words):
         load_scene(path)
-    assert "\n" not in str(error.value)
 
 
 def test_another_size_or_unit_is_said(path):

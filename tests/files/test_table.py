@@ -6,6 +6,7 @@ import pytest
 
 from poseviewer.errors import SettingsError
 from poseviewer.files.table import append_row, load_rows
+from tests.writing import write
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,12 +48,10 @@ def test_a_row_that_was_cut_off_is_dropped(path):
 HEADER = "name,draw,error,found\n"
 
 
-@pytest.mark.parametrize(
-    "content", ["a,b\n1,2\n", *(HEADER + row for row in ("x,y,1.0,True\n", "x,1,1,yes\n", "x,1\n"))]
-)
-def test_another_table_is_refused_and_left_as_it_is(tmp_path, content):
-    path = tmp_path / "t.csv"
-    path.write_text(content)
+@pytest.mark.parametrize("rows", ["x,y,1.0,True\n", "x,1,1,yes\n", "x,1\n", None])
+def test_another_table_is_refused_and_left_as_it_is(tmp_path, rows):
+    content = "a,b\n1,2\n" if rows is None else HEADER + rows
+    path = write(tmp_path / "t.csv", content)
     with pytest.raises(SettingsError, match=r"t\.csv"):
         load_rows(path, Row)
     assert path.read_text() == content

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from poseviewer.cli import main as cli
 from poseviewer.errors import SettingsError
 from poseviewer.fit.identification import identify, shared_settings
 from poseviewer.fit.problem import make_problem
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.scene.settings import FitSettings, Limits
 from poseviewer.starts.loading import open_photo
+from tests.commands import run
 
 BRIEFLY = FitSettings(limits=Limits(evaluations=150))
 
@@ -63,9 +63,8 @@ def test_what_cannot_be_compared_is_refused(scene, others):
 
 
 def test_the_command_prints_a_table(scene, others, capsys):
-    arguments = ["identify", scene.photo, others[0], scene.model, "--start", scene.start,
-                 "--evaluations", 100, "--quiet"]  # fmt: skip
-    assert cli.main([str(argument) for argument in arguments]) == 0
+    files = scene.photo, others[0], scene.model, "--start", scene.start
+    assert run("identify --evaluations 100 --quiet", *files) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
     lines = printed.out.splitlines()

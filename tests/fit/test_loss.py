@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from poseviewer.fit.lighting import recover_lighting
@@ -38,7 +38,6 @@ def well_conditioned(random, size: int):
 
 
 @given(SEEDS, CHANNELS)
-@settings(deadline=None)
 def test_loss_is_the_least_squares_residual_in_the_mahalanobis_norm(seed, channels):
     n, m = channels
     random, photo, model = make_samples(seed, n, m)
@@ -58,7 +57,6 @@ def test_loss_is_the_least_squares_residual_in_the_mahalanobis_norm(seed, channe
 
 
 @given(SEEDS, CHANNELS)
-@settings(deadline=None)
 def test_loss_is_unchanged_by_regular_affine_changes(seed, channels):
     n, m = channels
     random, photo, model = make_samples(seed, n, m)
@@ -72,7 +70,6 @@ def test_loss_is_unchanged_by_regular_affine_changes(seed, channels):
 
 
 @given(SEEDS, CHANNELS)
-@settings(deadline=None)
 def test_loss_is_symmetric_in_photo_and_model(seed, channels):
     n, m = channels
     _, photo, model = make_samples(seed, n, m)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.api import make_scene
+from poseviewer.api import make_registration
 from poseviewer.confidence.verdict import FOUND_FROM
 from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.mesh import Mesh
@@ -27,14 +27,14 @@ def stretched(scene, *factors: float) -> Scene:
 @pytest.mark.parametrize("axis", [0, 2])
 def test_a_model_25_percent_too_long_along_an_axis_is_not_found(scene, axis: int):
     factors = np.where(np.arange(3) == axis, 1.25, 1.0)
-    verdict = make_scene(stretched(scene, *factors)).fit().verdict
+    verdict = make_registration(stretched(scene, *factors)).fit().verdict
     assert verdict is not None
     assert verdict.word == "doubtful"
     assert "another model?" in verdict.reasons[0]
 
 
 def test_a_model_that_fits_stays_found(scene):
-    verdict = make_scene(stretched(scene, 1.0, 1.0, 1.0)).fit().verdict
+    verdict = make_registration(stretched(scene, 1.0, 1.0, 1.0)).fit().verdict
     assert verdict is not None
     assert verdict.word == "found"
     assert not any("another model?" in reason for reason in verdict.reasons)
@@ -54,7 +54,7 @@ def test_a_plate_that_lacks_a_corner_is_not_found_on_a_whole_one(tmp_path):
     model = load_model(scene.model)
     for mesh in (whole, corner):
         opened = open_photo(scene.photo, model.with_content(mesh=mesh), scene.start)
-        verdict = make_scene(opened).fit().verdict
+        verdict = make_registration(opened).fit().verdict
         assert verdict is not None
         assert verdict.probability >= FOUND_FROM
         assert any("of one colour" in reason for reason in verdict.reasons)

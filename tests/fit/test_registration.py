@@ -146,6 +146,13 @@ def test_a_start_beside_the_photo_is_refused():
         make_problem(opened(make_photo(30.0)).with_pose(0, beside))
 
 
+def test_a_start_in_a_thousandth_of_the_models_unit_is_asked_about():
+    place = START.camera_from_model
+    far = replace(START, camera_from_model=replace(place, translation=1000.0 * place.translation))
+    with pytest.raises(SettingsError, match="the pose and the model in one unit"):
+        make_problem(opened(make_photo(30.0)).with_pose(0, far))
+
+
 def test_a_photo_that_is_all_hidden_is_refused():
     registration = opened(make_photo(30.0), Mask.of(np.zeros((120, 160))))
     with pytest.raises(SettingsError, match="0 pixels count"):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from poseviewer.fit.loss import EDGE_WEIGHT, LossScale, registration_loss
@@ -18,7 +18,6 @@ SCALE = LossScale(most=4, colours=3, has_edges=True)
 
 
 @given(SEEDS, st.floats(0.0, 1.0), st.floats(0.05, 20.0))
-@settings(deadline=None)
 def test_it_is_the_geometric_mean_of_its_parts(seed, cosine, noise):
     _, photo, model = make_samples(seed, 8, 4, noise)
     moments = replace(make_moments(photo, model), edge_cosine=cosine)

@@ -58,9 +58,6 @@ def test_the_nearest_is_seen_whatever_the_order():
     share = np.count_nonzero(one.drawn[1] & ~one.drawn[0]) / np.count_nonzero(one.drawn[1])
     assert one.shares == pytest.approx([1.0, share])
     assert 0.1 < share < 0.9
-
-
-def test_a_model_out_of_sight_is_seen_to_nothing():
     assert visibility([place(0.0, 6.0), place(40.0, 6.0)]).shares == pytest.approx([1.0, 0.0])
 
 
@@ -83,16 +80,11 @@ def attributes(model: PlacedModel, *others: PlacedModel) -> PhotoAttributes:
     photo = Photo(pixels.astype(np.uint8), "p.png", "0" * 64)
     scene = scene_of(photo, model.mesh, model.pose)
     (own,), (view,) = scene.objects, scene.views
-    locked = tuple(
-        replace(
-            own,
-            id=f"other {number}",
-            model=ModelFile.of(one.mesh),
-            world_from_model=view.world_from_model(one.pose),
-            locked=True,
-        )
-        for number, one in enumerate(others)
-    )
+    locked = []
+    for number, one in enumerate(others):
+        place, model = view.world_from_model(one.pose), ModelFile.of(one.mesh)
+        other = replace(own, id=f"{number} more", model=model, world_from_model=place, locked=True)
+        locked.append(other)
     return make_problem(replace(scene, objects=(own, *locked)))[0].photo
 
 

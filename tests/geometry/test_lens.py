@@ -1,8 +1,20 @@
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 
 from poseviewer.geometry.camera import Perspective
-from poseviewer.geometry.lens import Lens, Undistortion, undistort
+from poseviewer.geometry.lens import (
+    MIRRORED,
+    WAY_BACK,
+    Lens,
+    Undistortion,
+    opencv_matrix,
+    turn_axes,
+    turned_camera,
+    turned_lens,
+    undistort,
+)
 
 TAKEN = Perspective(420.0, 430.0, 321.3, 236.8, 640, 480)
 LENSES = {
@@ -91,3 +103,39 @@ def test_a_polynomial_that_turns_back_shows_nothing_twice():
 def test_an_unknown_number_of_coefficients_is_refused(model, count):
     with pytest.raises(ValueError, match=f"{count} coefficients"):
         Lens(model, (0.0,) * count)
+
+
+def upright(points: np.ndarray, orientation: int) -> np.ndarray:
+    """Points of the picture as stored, px from its corner, in the upright one, by EXIF's words."""
+    x, y = points.T
+    width, height = TAKEN.width, TAKEN.height
+    return np.stack({
+        1: (x, y), 2: (width - x, y), 3: (width - x, height - y), 4: (x, height - y),
+        5: (y, x), 6: (height - y, x), 7: (height - y, width - x), 8: (y, width - x),
+    }[orientation], axis=-1)  # fmt: skip
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("name", LENSES)
+def test_a_turned_camera_sees_what_the_stored_one_does(name, orientation):
+    lens, axes = LENSES[name], turn_axes(orientation)
+    in_camera = np.random.default_rng(0).uniform((-0.5, -0.5, 1.5), (0.5, 0.5, 2.5), (20, 3))
+
+    def seen(points, camera, lens):
+        still = np.zeros(3), np.zeros(3), opencv_matrix(camera), lens.array
+        return lens.module.projectPoints(points[:, None], *still)[0][:, 0] + 0.5
+
+    camera = turned_camera(TAKEN, orientation)
+    found = seen(in_camera @ axes.T, camera, turned_lens(lens, orientation))
+    np.testing.assert_allclose(found, upright(seen(in_camera, TAKEN, lens), orientation), atol=1e-9)
+    assert (camera.width, camera.height) == ((480, 640) if orientation > 4 else (640, 480))
+    back = turned_camera(camera, WAY_BACK[orientation])
+    np.testing.assert_allclose(astuple(back), astuple(TAKEN))
+    assert (np.linalg.det(axes) < 0.0) == (orientation in MIRRORED)
+
+
+def test_a_tilted_sensor_turns_upside_down_alone():
+    tilted = Lens("opencv", (*LENSES["12"].coefficients, 0.02, -0.01))
+    assert turned_lens(tilted, 3).coefficients[12:] == (-0.02, 0.01)
+    with pytest.raises(ValueError, match="tilted"):
+        turned_lens(tilted, 6)

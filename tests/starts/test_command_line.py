@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poseviewer.cli import main as cli
 from poseviewer.errors import QuickStartError
 from poseviewer.evaluation.cases import load_cases
 from poseviewer.files.demo import demo_case
@@ -18,6 +17,7 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.starts.loading import StartCamera, StartInputs
 from poseviewer.starts.wheels import find_wheel_pairs, likely_wheels, start_from_wheels
+from tests.commands import refusal, run
 from tests.measure.real import careless_box
 from tests.scene import Scene
 
@@ -35,15 +35,11 @@ def write_pairs(scene: Scene, folder: Path, count: int) -> Path:
     return path
 
 
-def fit(photo: Path, model: Path, out: Path, *more: object) -> int:
-    arguments = ["fit", photo, model, "--out", out, "--evaluations", 40, *more]
-    return cli.main([str(argument) for argument in arguments])
-
-
 @pytest.mark.parametrize("more", [(), ("--free-focal",)])
 def test_pairs_lead_into_the_search(scene: Scene, tmp_path: Path, capsys, more):
     path, out = write_pairs(scene, tmp_path, 8), tmp_path / "out.json"
-    assert fit(scene.photo, scene.model, out, "--pairs", path, "--focal", 300, *more) == 0
+    line = "fit --evaluations 40 --focal 300 --pairs", path, scene.photo, scene.model, "--out", out
+    assert run(*line, *more) == 0
     printed = capsys.readouterr().err
     assert "start from 8 point pairs, off by 0.0, 0.0" in printed
     assert ("focal length from the pairs: 30" in printed) == bool(more)
@@ -65,15 +61,10 @@ def test_pairs_lead_into_the_search(scene: Scene, tmp_path: Path, capsys, more):
         ((), "a start is wanted: give --pose"),
     ],
 )
-def test_marks_that_give_no_start_are_one_sentence(
-    scene: Scene, tmp_path: Path, capsys, more, words
-):
+def test_marks_that_give_no_start_are_one_sentence(scene: Scene, tmp_path, capsys, more, words):
     path, out = write_pairs(scene, tmp_path, 3), tmp_path / "out.json"
     more = [path if word == "PAIRS" else word for word in more]
-    assert fit(scene.photo, scene.model, out, *more) == 2
-    printed = capsys.readouterr().err
-    assert words in printed
-    assert printed.count("\n") == 1
+    assert words in refusal(capsys, "fit", scene.photo, scene.model, "--out", out, *more)
     assert not out.exists()
 
 

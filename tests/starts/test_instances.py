@@ -69,7 +69,8 @@ def test_two_real_bottles_are_found(shared_data: Path):
     cases = load_cases(shared_data, "hope-0000-light0-bbq_sauce")
     photo, model, camera = cases[0].photo, cases[0].mesh, cases[0].truth.camera
     assert isinstance(camera, Perspective)
-    found = api.load(photo, model, "auto", instances=2, camera=StartCamera(focal_px=camera.fx))
+    start = api.AutoStart(instances=2, camera=StartCamera(focal_px=camera.fx))
+    found = api.load(photo, model, start)
     assert [item.label for item in found.objects] == ["bbq_sauce", "bbq_sauce 2"]
     end = found.fit(threads=2, evaluations=300)
     poses = [end[item.id].pose for item in end.objects]
@@ -80,21 +81,20 @@ def test_two_real_bottles_are_found(shared_data: Path):
 def test_lost_instances_are_hidden_beside_others(tmp_path: Path, capsys):
     end = api.load(make_three(tmp_path)).fit(evaluations=20)
     words = [Verdict(word, 0.5) for word in ("found", "lost", "doubtful")]
-    ends = {i: replace(own, verdict=words[i]) for i, own in end.placings.items()}
-    kept = without_lost(replace(end, placings=ends), 3)
+    ends = {i: replace(own, verdict=words[i]) for i, own in end.progress_by_object.items()}
+    kept = without_lost(replace(end, progress_by_object=ends), 3)
     assert [item.hidden for item in kept.objects] == [False, True, False]
     assert "2 of 3 instances are found or doubtful" in capsys.readouterr().out
     lost = {i: replace(own, verdict=words[1]) for i, own in ends.items()}
-    assert not any(item.hidden for item in without_lost(replace(end, placings=lost), 3).objects)
+    all_lost = replace(end, progress_by_object=lost)
+    assert not any(item.hidden for item in without_lost(all_lost, 3).objects)
 
 
 def test_instances_are_for_an_automatic_start_alone(scene, capsys):
-    with pytest.raises(SettingsError, match="instances=2: wanted one, or more"):
-        api.load(scene.photo, scene.model, scene.start, instances=2)
-    with pytest.raises(SettingsError, match="instances=0: wanted one, or more"):
-        api.load(scene.photo, scene.model, "auto", instances=0)
-    with pytest.raises(SettingsError, match="no free focal length"):
-        api.load(scene.photo, scene.model, "auto", instances=2, free_focal=True)
+    with pytest.raises(SettingsError, match="instances=0: wanted a whole number of 1 or more"):
+        api.AutoStart(instances=0)
+    with pytest.raises(SettingsError, match="instances=2 with a free focal length"):
+        api.load(scene.photo, scene.model, api.AutoStart(instances=2), free_focal=True)
     line = "fit", scene.photo, scene.model, "--pose", scene.start, "--out", "x.json"
     assert run(*line, "--instances", 2) == 2
     assert "--instances without --start auto" in capsys.readouterr().err

@@ -26,6 +26,7 @@ from poseviewer.app.workers.exporting import Export
 from poseviewer.app.workers.tasks import Request, download, upload
 from poseviewer.files.file_set import Kind
 from poseviewer.files.state.uploads import ACCEPTED
+from poseviewer.geometry.lens import LensModel
 
 Post = Callable[[Request], None]
 Read = Callable[[Session], Any]
@@ -60,6 +61,8 @@ class Controls:
         """The newest session."""
         self.where = ""
         """Path at which the pose was or will be saved."""
+        self.lens_model: Callable[[], LensModel | None] = lambda: None
+        """Gives OpenCV's model of the lens in a file of cameras that does not say it."""
         self._reads: list[tuple[Any, str, Read]] = []
         self._shown: Session | None = None
         self._period, self._next = period, 0.0
@@ -172,7 +175,7 @@ class Controls:
 
         def request(_: int) -> Request:
             file = take_upload(handle)
-            return upload(kind, file.name, file.content, adds)
+            return upload(kind, file.name, file.content, adds, self.lens_model())
 
         self._on(handle.on_upload, request)
 

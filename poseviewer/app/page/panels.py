@@ -43,6 +43,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel
 from poseviewer.geometry.charts import short_name, tooltip
 from poseviewer.geometry.frames import camera_as_integer_centres
+from poseviewer.geometry.lens import COEFFICIENTS
 from poseviewer.scene.settings import LOSSES, SEARCHES
 from poseviewer.starts.placing import SIDES
 
@@ -211,6 +212,9 @@ def _add_camera(controls: Controls) -> None:
             value=lambda s, i=index: round(_intrinsics(s)[i], 4),
             visible=lambda s, i=index: i > 1 or not _is_parallel(s),
         )
+    hint = "OpenCV's model of the lens in a file of cameras that is dropped next"
+    model = gui.add_dropdown("Lens model", ("as it says", *COEFFICIENTS), hint=hint)
+    controls.lens_model = lambda: model.value if model.value in COEFFICIENTS else None
 
 
 def _intrinsics(session: Session) -> tuple[float, ...]:

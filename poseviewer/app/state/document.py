@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from poseviewer.app.state.camera_change import with_camera
 from poseviewer.errors import SingularChartError
-from poseviewer.fit.compared import box_near
+from poseviewer.fit.compared_pixels import box_near
 from poseviewer.fit.problem import FitProblem, moved, numbers_of
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from poseviewer.app.state.edits import drag_edit, edit
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
-from poseviewer.fit.compared import enlarged
+from poseviewer.fit.compared_pixels import enlarged
 from poseviewer.geometry.arrays import FloatArray, frozen_array
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask

@@ -29,9 +29,9 @@ from poseviewer.scene.types import ChartParameters, Scene, SearchResult
 Export = Literal["pose", "overlay", "sheet", "maps-npz"] | str
 """Name of a download of the page, or a key of ``CONVERTED``."""
 CONVERTED = {
-    "opencv": ".yml", "bop": "", "colmap": "", "nerfstudio": ".json", "gltf": ".glb",
-    "meshlab": ".mlp", "matrix": ".txt", "dope": ".dope.json", "masks, depth, normals": "",
-}  # fmt: skip
+    **{name: known.ending for name, known in FORMATS.items() if not known.is_own},
+    "masks, depth, normals": "",
+}
 """Other tools' formats, and the ending of each; "": a folder."""
 LONGEST_STEM = 90
 """Bytes of a photo's and a model's name each: file systems take 255 in all."""
@@ -144,5 +144,6 @@ def picture_of(
     meshes = {one.mesh for one in objects if not one.hidden}
     renderers = {mesh: renderer_of(mesh).clone() for mesh in meshes}
     index = 0 if len(objects) == 1 else None
-    scene = api.Scene(replace(document.scene, objects=objects), renderers, index, document.at)
-    return scene.picture(look, opacity=opacity)
+    scene = replace(document.scene, objects=objects)
+    shown = api.Registration(scene, renderers, index, document.at)
+    return shown.picture(look, opacity=opacity)

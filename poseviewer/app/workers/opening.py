@@ -18,7 +18,7 @@ from poseviewer.files.scene_assets import load_model
 from poseviewer.files.scene_json import load_scene
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.geometry.camera import Camera, Parallel, Pose
-from poseviewer.geometry.lens import same_undistortion
+from poseviewer.geometry.lens import LensModel, same_undistortion
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.settings import FitSettings
@@ -70,11 +70,15 @@ def open_set(
 
 
 def open_file_set(
-    now: Document, files: FileSet, models: Sequence[Path], inside: Path | None = None
+    now: Document,
+    files: FileSet,
+    models: Sequence[Path],
+    inside: Path | None = None,
+    lens_model: LensModel | None = None,
 ) -> Document:
     """Files that came together, on what is at hand. The first of ``models`` (with all that they
     name) becomes the model, the others further objects; ``inside``: a folder in which all files of
-    a scene have to lie.
+    a scene have to lie; ``lens_model``: as of ``files.cameras.Calibration``.
     """
     if files.scene is not None:
         return open_scene(files.scene, inside=inside)
@@ -89,7 +93,7 @@ def open_file_set(
     document = replace(now, scene=replace(now.scene, notes=files.notes))
     photo = now.view.path if files.photo is None and files.camera is not None else files.photo
     if photo is not None:
-        calibration = None if files.camera is None else Calibration(files.camera)
+        calibration = None if files.camera is None else Calibration(files.camera, None, lens_model)
         document = open_photo(document, photo, calibration)
     if models:
         known = files.models[0].path == now.model.path

@@ -25,6 +25,7 @@ from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.files.state.uploads import LARGEST_UPLOAD, display_name, gathered, keep_set
 from poseviewer.geometry.camera import scaled_size
 from poseviewer.geometry.image import Photo
+from poseviewer.geometry.lens import LensModel
 from poseviewer.starts.loading import StartInputs, notes_of
 from poseviewer.starts.wheels import likely_wheels
 
@@ -104,9 +105,21 @@ class TaskQueue(Worker[tuple[QueuedTask, Session], TaskResult]):
         return dropped
 
 
-def upload(kind: Kind | None, name: str, data: bytes, adds: bool = False) -> QueuedTask:
-    """Keep files that a page sent together, and open them. ``kind``: what the user called them,
-    None: whatever they are; ``adds``: models are further objects, and replace none.
+def upload(
+    kind: Kind | None,
+    name: str,
+    data: bytes,
+    adds: bool = False,
+    lens_model: LensModel | None = None,
+) -> QueuedTask:
+    """Keep files that a page sent together, and open them.
+
+    Args:
+        kind: what the user called the files; None: whatever they are.
+        name: the file, or the first of them, as its user sees it.
+        data: a file, or a zip of several.
+        adds: models are further objects, and replace none.
+        lens_model: OpenCV's model of a lens in a file of cameras that does not say it.
     """
 
     def run(now: Session, state: Path) -> TaskResult:
@@ -115,7 +128,7 @@ def upload(kind: Kind | None, name: str, data: bytes, adds: bool = False) -> Que
         files = sort_set(files_below(root), kind, None if adds else now.document.model.path)
         models = [gathered(uploads, model) for model in files.models]
         if not adds:
-            document = open_file_set(now.document, files, models, root)
+            document = open_file_set(now.document, files, models, root, lens_model)
             return TaskResult((open_document(document),), document.scene.notes)
         if not models:
             raise FileSetError(f"{display_name(name)}: holds no model; choose one.")

@@ -1,1 +1,1 @@
-"""Poses in the files of other tools; ``table`` lists the formats."""
+"""Poses in the files of other tools; ``known_formats`` lists the formats."""

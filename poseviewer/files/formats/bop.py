@@ -165,13 +165,15 @@ def save_bop_images(
 
 
 def _scene_texts(folder: Path, cameras: SceneFile, poses: SceneFile) -> dict[Path, str]:
-    """A scene's two files, an image a line, in order, as the toolkit does."""
-    texts = {}
-    for name, content in ((CAMERAS, cameras), (POSES, poses)):
-        images = sorted(content, key=lambda image: (len(image), image))
-        lines = (f"  {json.dumps(image)}: {json.dumps(content[image])}" for image in images)
-        texts[folder / name] = "{\n" + ",\n".join(lines) + "\n}\n"
-    return texts
+    """A scene's two files."""
+    return {folder / CAMERAS: scene_text(cameras), folder / POSES: scene_text(poses)}
+
+
+def scene_text(content: SceneFile) -> str:
+    """A file of a scene, an image a line, in order, as the toolkit does."""
+    images = sorted(content, key=lambda image: (len(image), image))
+    lines = (f"  {json.dumps(image)}: {json.dumps(content[image])}" for image in images)
+    return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
 def load_scene_file(path: Path) -> SceneFile:

@@ -16,14 +16,24 @@ import numpy as np
 from poseviewer.errors import PhotoFileError, PoseFileError, printable
 from poseviewer.files.checks import Reading, checked_rotation
 from poseviewer.files.mesh.size import METRES
-from poseviewer.files.photo import is_stored_turned, load_photo, save_photo
+from poseviewer.files.photo import load_photo, orientation_of, save_photo
 from poseviewer.files.scene_assets import model_file, open_view, view_of_file
 from poseviewer.files.structs import checked_camera
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
-from poseviewer.geometry.lens import SAME, LensModel
+from poseviewer.geometry.lens import (
+    MIRRORED,
+    SAME,
+    UPRIGHT,
+    WAY_BACK,
+    LensModel,
+    Undistortion,
+    turn_axes,
+    turned_camera,
+    turned_lens,
+)
 from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.geometry.world_pose import WORLD
 from poseviewer.scene.types import Scene, SceneObject, View
@@ -32,6 +42,8 @@ Entry = TypeVar("Entry")
 Contents = Mapping[Path, str | bytes]
 MOST_NAMED = 10
 """Number of images in a message."""
+TURNED = "stored turned (EXIF)"
+"""Words of a photo in notes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +64,12 @@ class ConvertOptions:
     """Which object (BOP)."""
     calibration: Path | None = None
     """The file of the photo's camera, for files that do not say it."""
+    lens_model: LensModel | None = None
+    """OpenCV's model of its lens, for files that do not say it."""
     opengl: bool = False
     """Whether a matrix's camera looks along -z, y up."""
+    inverse: bool = False
+    """Whether a matrix is that of the model from the camera."""
     overwrite: bool = False
 
     def image_of(self, view: int) -> str | None:
@@ -114,11 +130,21 @@ class ConvertOptions:
             raise reading.error(found, f"wanted one, choose it with --image NAME ({names}{more})")
         return chosen[0]
 
-    def scene_of(self, reading: Reading, view: View, unit: str | None = None) -> Scene:
+    def scene_of(
+        self, reading: Reading, view: View, unit: str | None = None, is_of_stored: bool = False
+    ) -> Scene:
         """The scene of a view whose world is the frame of the model, in the user's ``unit`` or that
-        of the file.
+        of the file; ``is_of_stored``: the view is one of pixels as stored, whatever EXIF says.
         """
         checked_camera(reading, view.camera)
+        photo = self.photo or view.file.location
+        if is_of_stored:
+            said: list[str] = []
+            view = as_shown(view, photo, said)
+            reading.warnings.extend(f"{photo.name}: {note}" for note in said)
+        elif orientation_of(photo) != UPRIGHT:
+            found = f"{photo.name} is {TURNED}"
+            reading.warnings.append(f"{found}; the pose is taken as one in the upright photo.")
         model = model_file(Path(), unit=self.unit or unit)
         item = SceneObject(id="1", model=model, world_from_model=Similarity(view.camera_from_world))
         view = replace(view, camera_from_world=WORLD)
@@ -138,6 +164,8 @@ class Format:
     write: Callable[[Scene, Path, ConvertOptions, list[str]], Contents]
     """Gives what the files hold, of a scene, where to, and what else is known; adds notes."""
     read: Callable[[Path, ConvertOptions], Scene]
+    ending: str = ""
+    """Ending of the file that the app names; "": a folder."""
     lenses: Lenses = ()
     several_photos: bool = True
     several_objects: bool = False
@@ -146,6 +174,8 @@ class Format:
     """Whether it is our own: it says which photo, undistorted or not, its numbers belong to."""
     is_upright: bool = False
     """Whether its photo is upright whatever its EXIF says."""
+    is_of_stored: bool = False
+    """Whether camera and pose are those of pixels as stored, whatever EXIF says."""
     appends: bool = False
     """Whether what is written keeps what was there."""
     photos_in: str | None = None
@@ -186,13 +216,14 @@ class Format:
                     notes.append(
                         f"All numbers of {name} belong to {of_photo}; not to that as taken."
                     )
+            orientation = orientation_of(view.file.location)
+            if self.is_of_stored and orientation not in (UPRIGHT, *MIRRORED):
+                view = turned(view, WAY_BACK[orientation])
+                notes.append(f"{name} is {TURNED}; camera and pose are of the stored pixels.")
+            elif not (self.is_own or self.is_upright or ready) and orientation != UPRIGHT:
+                found = f"{name} is {TURNED}, and the pose is one in the upright photo"
+                notes.append(f"{found}; save it upright for tools that do not turn it.")
             ready.append(view)
-        photo = ready[0].file.location
-        if not (self.is_own or self.is_upright) and photo.is_file() and is_stored_turned(photo):
-            found = (
-                f"{photo.name} is stored turned (EXIF), and the pose is one in the upright photo"
-            )
-            notes.append(f"{found}; save it upright for tools that do not turn it.")
         written = self.write(replace(scene, views=tuple(ready)), out, options, notes)
         for path in () if self.appends else written:
             if path.is_dir():
@@ -206,6 +237,40 @@ class Format:
             data = content if isinstance(content, bytes) else content.encode()
             write_whole(path, data, PoseFileError)
         return [*files, *written], notes
+
+
+def turned(view: View, orientation: int) -> View:
+    """The view in a picture turned by EXIF's orientation, with camera, lens and place.
+
+    Raises:
+        PoseFileError: no camera sees that picture.
+    """
+    file, known, place = view.file, view.file.undistortion, view.camera_from_world
+    try:
+        if orientation in MIRRORED:
+            raise ValueError("a mirror image")
+        if known is not None:
+            cameras = (turned_camera(one, orientation) for one in (known.taken, known.camera))
+            known = Undistortion(turned_lens(known.lens, orientation), *cameras)
+    except ValueError as error:
+        found = f"{view.name}: its EXIF turns it, and it has {error}"
+        raise PoseFileError(f"{found}; save it upright, and find the pose anew.") from None
+    axes, camera = turn_axes(orientation), turned_camera(view.camera, orientation)
+    place = RigidTransform(axes @ place.rotation, axes @ place.translation)
+    return view_of_file(file.location, camera, file.sha256, known, place)
+
+
+def as_shown(view: View, photo: Path, notes: list[str]) -> View:
+    """The view of a tool that takes pixels as stored, in the ``photo`` as it is shown, upright."""
+    if (orientation := orientation_of(photo)) == UPRIGHT:
+        return view
+    shown = load_photo(photo)
+    stored = (shown.height, shown.width) if orientation > 4 else (shown.width, shown.height)
+    size = (view.file.width, view.file.height) if view.file.width else stored
+    if orientation > 4 and (size[0] > size[1]) != (stored[0] > stored[1]):
+        return view  # made of the upright photo
+    notes.append(f"It is {TURNED}; camera and pose, of the stored pixels, were turned with it.")
+    return turned(view.resized(*size), orientation)
 
 
 def _of_undistorted(view: View, path: Path, options: ConvertOptions) -> View:

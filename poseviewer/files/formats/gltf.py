@@ -262,4 +262,4 @@ def _camera(
     return Perspective(fx, fy, cx, cy, width, height)
 
 
-GLTF = c.Format(write_gltf, read_gltf, several_objects=True, is_upright=True)
+GLTF = c.Format(write_gltf, read_gltf, ".glb", several_objects=True, is_upright=True)

@@ -9,7 +9,7 @@ from poseviewer.files.checks import Reading
 from poseviewer.files.formats.bop import BOP
 from poseviewer.files.formats.conversion import ConvertOptions, Format
 from poseviewer.files.formats.gltf import GLTF
-from poseviewer.files.formats.matrices import DOPE, MATRIX, OPENCV
+from poseviewer.files.formats.matrices import DOPE, LINEMOD, MATRIX, OPENCV
 from poseviewer.files.formats.meshlab import MESHLAB
 from poseviewer.files.formats.reconstructions import COLMAP, NERFSTUDIO
 from poseviewer.files.masks import mask_as_png, mask_beside, mask_path
@@ -45,6 +45,7 @@ FORMATS = {
     "gltf": GLTF,
     "meshlab": MESHLAB,
     "matrix": MATRIX,
+    "linemod": LINEMOD,
     "dope": DOPE,
     "scene": Format(
         lambda scene, out, *_: scene_contents(out, scene),

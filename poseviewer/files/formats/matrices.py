@@ -6,11 +6,16 @@ the names of OpenCV's own calibration sample; rows first.
 ``matrix``: the 4x4 matrix camera from model, row-major, as text, JSON or ``.npy``: what
 FoundationPose, SAM-6D and most scripts print. It says no camera, which a file of one has to.
 
+``linemod``: LINEMOD's ``rot0.rot`` and ``tra0.tra``, in cm; and the text of Occlusion-LINEMOD (read
+alone), in m and with OpenGL's axes. They say no camera.
+
 ``dope``: DOPE's and NDDS's JSON (https://github.com/NVlabs/Deep_Object_Pose): cm, OpenCV axes,
 quaternions x y z w.
 """
 
 import json
+import re
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -20,10 +25,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.camera_forms import cameras_in, load_tree, matrix_text
+from poseviewer.files.camera_forms import cameras_in
+from poseviewer.files.camera_trees import load_tree, matrix_text
 from poseviewer.files.cameras import Calibration, load_calibration
 from poseviewer.files.checks import Reading, checked_rotation, rotation_of
 from poseviewer.files.formats import conversion as c
+from poseviewer.files.photo import orientation_of
 from poseviewer.files.scene_assets import model_file, view_of_file
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_as_integer_centres
 from poseviewer.geometry.lens import opencv_matrix
@@ -36,7 +43,8 @@ ENDINGS, STORAGES = (".txt", ".npy", ".json"), (".yml", ".yaml", ".json")
 FISHEYE = "OpenCV fisheye"
 LENSES: c.Lenses = (*(("OpenCV", "opencv", n) for n in (5, 8, 12, 14)), (FISHEYE, "fisheye", 4))
 UNIT = "cm"
-"""DOPE's."""
+"""DOPE's and LINEMOD's."""
+LINEMOD_ENDINGS = (".rot", ".tra")
 
 
 def write_opencv(scene: Scene, out: Path, *_: object) -> dict[Path, str]:
@@ -61,7 +69,7 @@ def read_opencv(path: Path, request: c.ConvertOptions) -> Scene:
     """Read ``camera_matrix`` or ``K``, ``rvec`` or ``R``, ``tvec`` or ``t``; JSON lists as well."""
     reading = Reading(path, numbers_as_text=True)
     data = reading.object(load_tree(reading), "its content")
-    known = cameras_in(reading, data)[0]
+    known = cameras_in(reading, data, request.lens_model)[0]
     rotation = reading.flat_numbers(data.get("rvec") or data.get("R"), "rvec or R")
     translation = reading.flat_numbers(data.get("tvec") or data.get("t"), "tvec or t", 3)
     if len(rotation) not in (3, 9):
@@ -76,7 +84,8 @@ def write_matrix(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) ->
     """Write the matrix camera from model in the form of the file's ending."""
     c.perspective_of(scene.views[0].camera, "matrix")
     place = scene.pose(0).camera_from_model
-    rows = Similarity(OPENGL_FROM_OPENCV @ place if options.opengl else place).matrix
+    place = OPENGL_FROM_OPENCV @ place if options.opengl else place
+    rows = Similarity(place.inverse() if options.inverse else place).matrix
     match out.suffix.lower():
         case ".npy":
             memory = BytesIO()
@@ -100,8 +109,52 @@ def read_matrix(path: Path, request: c.ConvertOptions) -> Scene:
         case _:
             values = matrix_text(reading)
     place = c.from_4x4(reading, values, "the matrix")
+    place = place.inverse() if request.inverse else place
     place = OPENGL_FROM_OPENCV @ place if request.opengl else place
     return request.scene_of(reading, _calibrated(reading, request, place))
+
+
+def write_linemod(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.Contents:
+    """Write rotation and translation in a file each, whichever of them ``out`` is."""
+    c.perspective_of(scene.views[0].camera, "LINEMOD")
+    if out.suffix.lower() not in LINEMOD_ENDINGS:
+        wanted = f"end in {', '.join(LINEMOD_ENDINGS)}; name one so, as rot0.rot"
+        raise PoseFileError(f"{out.name}: LINEMOD's files {wanted}.")
+    place, factor = scene.pose(0).camera_from_model, options.lengths_in(UNIT, scene, "LINEMOD")
+    texts = []
+    for part in (place.rotation, factor * place.translation[:, None]):
+        rows = ([3, part.shape[1]], *part.tolist())
+        texts.append("".join(" ".join(map(repr, row)) + "\n" for row in rows))
+    return dict(zip(_linemod_files(out), texts, strict=True))
+
+
+def _linemod_files(path: Path) -> list[Path]:
+    """The files of rotation and translation, of which one is named."""
+    name = re.sub("^(rot|tra)", "", path.stem)
+    is_prefixed = name != path.stem
+    return [path.with_name(f"{end[1:] * is_prefixed}{name}{end}") for end in LINEMOD_ENDINGS]
+
+
+def read_linemod(path: Path, request: c.ConvertOptions) -> Scene:
+    """Read LINEMOD's two files, or Occlusion-LINEMOD's one; the camera is that of a calibration."""
+    reading = Reading(path, numbers_as_text=True, kind="pose of LINEMOD")
+    if path.suffix.lower() in LINEMOD_ENDINGS:
+        unit, both = UNIT, []
+        for file, count in zip(_linemod_files(path), (9, 3), strict=True):
+            numbers = matrix_text(replace(reading, path=file)).split()
+            both.append(numbers[2:] if len(numbers) == count + 2 else numbers)  # rows and columns
+    else:
+        unit, tree = "m", load_tree(reading)
+        both = [tree.get("rotation"), tree.get("center")]
+        if not all(both):
+            wanted = "wanted rotation: and center:, as of an object that the photo shows"
+            raise reading.error("no pose of Occlusion-LINEMOD", wanted)
+    names = zip(both, ("rotation", "translation"), (9, 3), strict=True)
+    rotation, shift = (np.array(reading.flat_numbers(*said)) for said in names)
+    factor = c.metres_per_unit(unit) / c.metres_per_unit(request.unit or unit)
+    place = RigidTransform(checked_rotation(reading, rotation.reshape(3, 3)), factor * shift)
+    place = OPENGL_FROM_OPENCV @ place if unit == "m" else place
+    return request.scene_of(reading, _calibrated(reading, request, place), unit)
 
 
 def _calibrated(reading: Reading, request: c.ConvertOptions, place: RigidTransform = WORLD) -> View:
@@ -109,7 +162,8 @@ def _calibrated(reading: Reading, request: c.ConvertOptions, place: RigidTransfo
         wanted = "add --calibration FILE, and --photo or --photo-size"
         raise reading.error("it does not say the camera", wanted)
     size, photo = request.size_of(reading, None, None, request.photo), request.photo or Path()
-    known, notes = load_calibration(Calibration(request.calibration), photo.name, *size)
+    choice = Calibration(request.calibration, lens_model=request.lens_model)
+    known, notes = load_calibration(choice, photo.name, *size, orientation_of(photo))
     reading.warnings.extend(notes)
     return view_of_file(photo, known.camera, None, known.lens, place)
 
@@ -157,6 +211,7 @@ def read_dope(path: Path, request: c.ConvertOptions) -> Scene:
     return Scene(views=(view,), objects=tuple(objects), notes=tuple(reading.warnings))
 
 
-OPENCV = c.Format(write_opencv, read_opencv, lenses=LENSES, several_photos=False)
-MATRIX = c.Format(write_matrix, read_matrix, lenses=LENSES, several_photos=False)
-DOPE = c.Format(write_dope, read_dope, several_photos=False, several_objects=True)
+OPENCV = c.Format(write_opencv, read_opencv, ".yml", lenses=LENSES, several_photos=False)
+MATRIX = c.Format(write_matrix, read_matrix, ".txt", lenses=LENSES, several_photos=False)
+LINEMOD = c.Format(write_linemod, read_linemod, ".rot", lenses=LENSES, several_photos=False)
+DOPE = c.Format(write_dope, read_dope, ".dope.json", several_photos=False, several_objects=True)

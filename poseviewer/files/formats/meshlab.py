@@ -110,4 +110,4 @@ def read_meshlab(path: Path, request: c.ConvertOptions) -> Scene:
     return request.scene_of(reading, view)
 
 
-MESHLAB = c.Format(write_meshlab, read_meshlab, several_objects=True)
+MESHLAB = c.Format(write_meshlab, read_meshlab, ".mlp", several_objects=True)

@@ -8,7 +8,6 @@ k3 p1 p2`` (or the fisheye's ``k1 .. k4``) to OpenCV in OpenCV's order.
 """
 
 import json
-import math
 from dataclasses import astuple, replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from poseviewer.files.camera_forms import cameras_in
 from poseviewer.files.checks import Reading, is_there
 from poseviewer.files.colmap_model import colmap_cameras, colmap_images, image_pose, model_file
 from poseviewer.files.formats import conversion as c
+from poseviewer.files.photo import orientation_of
 from poseviewer.files.scene_assets import view_of_file
 from poseviewer.files.scene_json import relative_name
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
@@ -65,7 +65,7 @@ def read_colmap(path: Path, request: c.ConvertOptions) -> Scene:
     """Read the image ``request.image``, or the only one; the world is the model's frame."""
     reading = Reading(model_file(path, "images"))
     view = request.the_one(reading, "images", colmap_views(path, reading))
-    return request.scene_of(reading, view)
+    return request.scene_of(reading, view, is_of_stored=True)
 
 
 def colmap_views(folder: Path, reading: Reading) -> list[tuple[str, View]]:
@@ -75,6 +75,7 @@ def colmap_views(folder: Path, reading: Reading) -> list[tuple[str, View]]:
     of_cameras, views = Reading(model_file(folder, "cameras"), reading.warnings), []
     images, cameras = colmap_images(reading), colmap_cameras(of_cameras)
     for name, key, pose in images:
+        name = slashed(name)
         if key not in cameras:
             wanted = "wanted the one that the image names"
             raise of_cameras.error(f"it has no camera {key}", wanted)
@@ -110,29 +111,36 @@ def read_nerfstudio(path: Path, request: c.ConvertOptions) -> Scene:
     reading = Reading(path)
     data = reading.load_object()
     frames = reading.decoded(data.get("frames", []), list[dict[str, Any]], "frames")
-    named = [(str(frame.get("file_path")), frame) for frame in frames]
+    named = [(slashed(frame.get("file_path")), frame) for frame in frames]
     frame = request.the_one(reading, "frames", named)
-    return request.scene_of(reading, frame_view(reading, data | frame, request))
+    view = frame_view(reading, data | frame, request)
+    return request.scene_of(reading, view, is_of_stored=True)
+
+
+def slashed(name: Any) -> str:
+    """A photo's path, which may have been written on Windows."""
+    return str(name or "photo").replace("\\", "/")
 
 
 def frame_view(reading: Reading, own: dict[str, Any], options: c.ConvertOptions) -> View:
     """The view of a frame together with what the file says of all frames."""
-    name = reading.text(own.get("file_path"), "file_path") or "photo"
+    name = slashed(reading.text(own.get("file_path"), "file_path"))
     tried = [reading.path.parent / f"{name}{ending}" for ending in PHOTO_ENDINGS]
     path = next((path for path in tried if is_there(path)), tried[0])
-    width, height = (reading.size(own.get(key), key) or 0 for key in ("w", "h"))
-    if own.get("fl_x") is None and own.get("camera_angle_x") is not None:  # NeRF's own sets
-        width, height = options.size_of(reading, width or None, height or None, path)
-        angle = reading.positive(own["camera_angle_x"], "camera_angle_x", math.pi)
-        focal = 0.5 * width / math.tan(0.5 * angle)
-        own = {"fl_x": focal, "cx": 0.5 * width, "cy": 0.5 * height, **own}
+    size = reading.size(own.get("w"), "w"), reading.size(own.get("h"), "h")
+    if None in size and own.get("fl_x") is None:  # NeRF's own sets have the angle of a width
+        size = options.size_of(reading, *size, path)
+        size = size[::-1] if orientation_of(path) > 4 else size
+    width, height = size[0] or 0, size[1] or 0
     said = {key: value for key, value in own.items() if key != "frames"}
-    known = cameras_in(replace(reading, numbers_as_text=True), said)[0]
+    known = cameras_in(replace(reading, numbers_as_text=True), said, photo=(width, height))[0]
     camera = replace(known.camera, width=width, height=height)
     world_from_camera = c.from_4x4(reading, own.get("transform_matrix"), "transform_matrix")
     place = OPENGL_FROM_OPENCV @ world_from_camera.inverse()
     return view_of_file(path, camera, None, known.lens, place)
 
 
-COLMAP = c.Format(write_colmap, read_colmap, lenses=COLMAP_LENSES)
-NERFSTUDIO = c.Format(write_nerfstudio, read_nerfstudio, lenses=NERFSTUDIO_LENSES)
+COLMAP = c.Format(write_colmap, read_colmap, lenses=COLMAP_LENSES, is_of_stored=True)
+NERFSTUDIO = c.Format(
+    write_nerfstudio, read_nerfstudio, ".json", lenses=NERFSTUDIO_LENSES, is_of_stored=True
+)

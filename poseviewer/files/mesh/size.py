@@ -11,6 +11,8 @@ LARGEST_IN_METRES = 20.0
 """Longest side of what is likely in metres: cars and machines have fewer; in mm, a button more."""
 IN_THE_MIDDLE = 0.02
 """Distance of the origin from the middle, in the model's diagonal, that is none."""
+MIN_SIZE_PX = 6.0
+"""Size of a model in the photo, in px, that tells nothing."""
 
 
 def size_words(mesh: Mesh) -> str:
@@ -27,9 +29,12 @@ def size_words(mesh: Mesh) -> str:
 
 
 def distance_notes(mesh: Mesh, pose: Pose) -> tuple[str, ...]:
-    """A note where a pose puts the camera into the model, as other units do; or none."""
+    """A note where a pose has the model too near or too far, as other units do; or none."""
     distance = float(pose.camera_from_model.apply(mesh.centre)[2])
-    if not isinstance(pose.camera, Perspective) or abs(distance) > 0.5 * mesh.diameter:
+    if not isinstance(pose.camera, Perspective):
+        return ()
+    in_px = pose.camera.fx * mesh.diameter / max(abs(distance), 1e-9)
+    if abs(distance) > 0.5 * mesh.diameter and in_px > MIN_SIZE_PX:
         return ()
     return (
         f"The pose has the model's middle at a distance of {distance:.3g}, and the model's size is "

@@ -11,13 +11,8 @@ import pytest
 from websockets.exceptions import ConnectionClosedError
 from websockets.sync.client import connect
 
-from poseviewer.app.below_viser.guard import (
-    LARGEST_MESSAGE,
-    SECURITY_HEADERS,
-    GuardedServer,
-    _listen,
-    serve,
-)
+from poseviewer.app.below_viser import guard
+from poseviewer.app.below_viser.guard import LARGEST_MESSAGE, GuardedServer, serve
 from poseviewer.errors import SettingsError
 from tests.app.below_viser.socket_page import PROTOCOL
 
@@ -55,9 +50,7 @@ def wide() -> Iterator[GuardedServer]:
         yield guarded
 
 
-def get(
-    guarded: GuardedServer, path: str | None = None, **headers: str
-) -> tuple[int, str, Headers]:
+def get(guarded: GuardedServer, path: str | None = None, **headers) -> tuple[int, str, Headers]:
     """Status, text and headers of the answer to a GET with these headers; path None: with token."""
     path = f"/?token={guarded.policy.token}" if path is None else path
     connection = http.client.HTTPConnection("127.0.0.1", guarded.policy.port, timeout=20)
@@ -80,9 +73,7 @@ def websocket(guarded: GuardedServer, path: str | None = None, **headers: str) -
     return get(guarded, path, **asked, **headers)[0]
 
 
-def test_own_page_passes_by_every_name_of_this_machine_and_through_a_tunnel(
-    local: GuardedServer,
-) -> None:
+def test_own_page_passes_by_every_name_of_this_machine_and_through_a_tunnel(local):
     port, token = local.policy.port, local.policy.token
     assert local.url == f"http://127.0.0.1:{port}/?token={token}"
     for name in ("127.0.0.1", "LOCALHOST", "[::1]"):
@@ -119,9 +110,7 @@ REFUSED = {
 @pytest.mark.parametrize(
     ("said", "headers"), [(said, headers) for said, all_ in REFUSED.items() for headers in all_]
 )
-def test_foreign_pages_and_names_are_refused(
-    local: GuardedServer, said: str, headers: Headers
-) -> None:
+def test_foreign_pages_and_names_are_refused(local, said, headers):
     headers = {name: value.format(port=local.policy.port) for name, value in headers.items()}
     status, text, answered = get(local, **headers)
     assert status == 403
@@ -131,18 +120,24 @@ def test_foreign_pages_and_names_are_refused(
     assert websocket(local, **headers) == 403
 
 
-def test_no_host_and_two_hosts_are_refused(local: GuardedServer) -> None:
+@pytest.mark.parametrize(
+    "request_lines",
+    [
+        "/ HTTP/1.1",
+        "/ HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nHost: evil.example",
+        "/?token=é HTTP/1.1\r\nHost: localhost",
+    ],
+    ids=["no host", "two hosts", "a token that is no ASCII"],
+)
+def test_what_no_browser_asks_is_refused(local, request_lines):
     port = local.policy.port
-    for lines in ("", f"Host: 127.0.0.1:{port}\r\nHost: evil.example\r\n"):
-        with socket.create_connection(("127.0.0.1", port), 20) as plain:
-            plain.sendall(f"GET / HTTP/1.1\r\n{lines}\r\n".encode())
-            assert plain.recv(100).startswith(b"HTTP/1.1 403 ")
+    with socket.create_connection(("127.0.0.1", port), 20) as plain:
+        plain.sendall(f"GET {request_lines.format(port=port)}\r\n\r\n".encode("latin-1"))
+        assert plain.recv(100).startswith(b"HTTP/1.1 403 ")
 
 
 @pytest.mark.parametrize("name", ["websocket", "playbackPath", "web%73ocket", "a=1&websocket"])
-def test_links_that_hand_the_page_to_another_server_are_refused(
-    local: GuardedServer, name: str
-) -> None:
+def test_links_that_hand_the_page_to_another_server_are_refused(local, name):
     status, text, _ = get(local, f"/?token={local.policy.token}&{name}=ws://evil.example")
     assert status == 403
     assert "which would hand this page to another server" in text
@@ -153,12 +148,6 @@ def test_a_path_that_is_too_long_is_refused(local: GuardedServer, path: str) -> 
     status, text, _ = get(local, path.format(local.policy.token))
     assert status == 403
     assert "The address has 5,0" in text
-
-
-def test_a_token_that_is_no_ascii_is_refused(local: GuardedServer) -> None:
-    with socket.create_connection(("127.0.0.1", local.policy.port), 20) as plain:
-        plain.sendall("GET /?token=é HTTP/1.1\r\nHost: localhost\r\n\r\n".encode("latin-1"))
-        assert plain.recv(100).startswith(b"HTTP/1.1 403 ")
 
 
 TOKENS = (
@@ -178,9 +167,7 @@ TOKENS = (
 
 @pytest.mark.parametrize("served", ["local", "wide"])
 @pytest.mark.parametrize(("path", "cookie", "status"), TOKENS)
-def test_everyone_needs_the_token(
-    request: pytest.FixtureRequest, served: str, path: str, cookie: str | None, status: int
-) -> None:
+def test_everyone_needs_the_token(request, served, path, cookie, status):
     guarded: GuardedServer = request.getfixturevalue(served)
     token, name = guarded.policy.token, guarded.policy.cookie_name
     assert guarded.url.endswith(f":{guarded.policy.port}/?token={token}")
@@ -218,7 +205,7 @@ def test_the_address_that_a_browser_is_started_with_is_good_until_its_page_is_th
 
 def test_answers_carry_security_headers(local: GuardedServer) -> None:
     for headers in (get(local)[2], get(local, Origin="http://evil.example")[2]):
-        assert SECURITY_HEADERS.items() <= headers.items()
+        assert guard.SECURITY_HEADERS.items() <= headers.items()
 
 
 def test_a_page_cannot_open_a_public_tunnel(local: GuardedServer) -> None:
@@ -233,9 +220,7 @@ def test_a_viser_that_comes_past_the_guard_is_stopped(monkeypatch: pytest.Monkey
         serve("127.0.0.1", 0)
 
 
-def test_a_busy_port_is_an_error_if_it_was_named_and_else_the_next_free_one_is_taken(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_busy_port_is_an_error_if_named_and_else_the_next_free_one_is_taken(monkeypatch):
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         text = rf"^Port {port} of '127.0.0.1': cannot be listened on \(Address already in use\);"
@@ -255,13 +240,9 @@ def test_a_busy_port_is_an_error_if_it_was_named_and_else_the_next_free_one_is_t
         ("::1", 70000, "Port 70000: wanted a number from 0 to 65535"),
     ],
 )
-def test_addresses_that_cannot_be_are_settings_errors(
-    host: str, port: int | None, text: str
-) -> None:
-    with pytest.raises(SettingsError) as caught:
+def test_addresses_that_cannot_be_are_settings_errors(host, port, text):
+    with pytest.raises(SettingsError, match=f"^{text}"):
         serve(host, port)
-    assert str(caught.value).startswith(text)
-    assert "\n" not in str(caught.value)
 
 
 def test_nothing_is_printed_and_the_port_is_given_back(capfd: pytest.CaptureFixture[str]) -> None:
@@ -279,7 +260,7 @@ def test_nothing_is_printed_and_the_port_is_given_back(capfd: pytest.CaptureFixt
 def test_messages_are_sent_at_once() -> None:
     # With Nagle's algorithm the second half of a message waits for the page's next one.
     with (
-        _listen("127.0.0.1", 0) as listening,
+        guard._listen("127.0.0.1", 0) as listening,
         socket.create_connection(listening.getsockname()),
         listening.accept()[0] as accepted,
     ):
@@ -291,9 +272,7 @@ def test_messages_are_sent_at_once() -> None:
     [b"", b"\x91" * 5000, b"\x81\xa4type\xa4Nope", "a text", bytes(LARGEST_MESSAGE + 1)],
     ids=["empty", "deep", "unknown", "text", "large"],
 )
-def test_what_is_no_message_ends_its_page_alone_with_a_line_in_the_log(
-    local: GuardedServer, garbage: bytes | str, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_what_is_no_message_ends_its_page_alone_with_a_line_in_the_log(local, garbage, caplog):
     is_large, url = len(garbage) > LARGEST_MESSAGE, local.url.replace("http", "ws")
     with connect(url, subprotocols=[PROTOCOL], max_size=None) as page:
         with suppress(ConnectionClosedError):

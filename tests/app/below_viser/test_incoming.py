@@ -58,14 +58,10 @@ def assert_taken(running: RunningApp, page: SocketPage, name: str) -> None:
     assert held(running) == 0
 
 
-def test_what_is_too_large_is_refused_when_it_is_announced(
-    running: RunningApp, page: SocketPage
-) -> None:
+def test_what_is_too_large_is_refused_when_it_is_announced(running, page):
     upload(running, page, "huge.png", b"", size_bytes=LARGEST_UPLOAD + 1, part_count=400)
-    assert refusal(page, "huge.png") == (
-        "huge.png: 200,000,001 bytes; up to 200,000,000 can be uploaded, "
-        "start poseviewer with its path."
-    )
+    said = "200,000,001 bytes; up to 200,000,000 can be uploaded, start poseviewer with its path."
+    assert refusal(page, "huge.png") == f"huge.png: {said}"
     assert held(running) == 0
     upload(running, page, "parts.png", 1_200_000 * b"x", size_bytes=10**12)
     assert "1,000,000,000,000 bytes" in refusal(page, "parts.png")
@@ -106,9 +102,7 @@ def test_all_uploads_together_are_bounded(running: RunningApp, page: SocketPage)
     assert_taken(running, page, "third.png")
 
 
-def test_announcements_that_make_no_sense_are_refused(
-    running: RunningApp, page: SocketPage
-) -> None:
+def test_announcements_that_make_no_sense_are_refused(running, page):
     for size, parts in ((1000, 10_000_000), (-5, 1), (1000, -1)):
         upload(running, page, "odd.glb", b"", size_bytes=size, part_count=parts)
         assert refusal(page, f"odd.glb: announced as {size} bytes in {parts}")

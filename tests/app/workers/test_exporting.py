@@ -12,13 +12,16 @@ from poseviewer.app.workers.opening import open_files
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.formats.known_formats import FORMATS
 
+OF_ONE_UNIT = ("bop", "dope", "linemod")
+
 
 def test_every_format_of_convert_is_there():
     own = {name for name, known in FORMATS.items() if known.is_own}
-    assert set(FORMATS) - own <= set(CONVERTED)
+    assert set(CONVERTED) - set(FORMATS) == {"masks, depth, normals"}
+    assert set(FORMATS) - own == set(CONVERTED) & set(FORMATS)
 
 
-@pytest.mark.parametrize("what", [name for name in CONVERTED if name not in ("bop", "dope")])
+@pytest.mark.parametrize("what", [name for name in CONVERTED if name not in OF_ONE_UNIT])
 def test_a_pose_is_sent_in_every_format(scene, what):
     document = open_files(scene.photo, scene.model, scene.start)
     ((name, data),) = export(what, Session(document)).items()
@@ -32,7 +35,7 @@ def test_a_pose_is_sent_in_every_format(scene, what):
     assert data
 
 
-@pytest.mark.parametrize("what", ["bop", "dope"])
+@pytest.mark.parametrize("what", OF_ONE_UNIT)
 def test_a_format_of_one_unit_asks_for_the_models(scene, what):
     session = Session(open_files(scene.photo, scene.model, scene.start))
     with pytest.raises(PoseViewerError, match="on the page with Model's unit"):

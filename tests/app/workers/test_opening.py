@@ -21,7 +21,7 @@ from poseviewer.app.workers.opening import (
     open_pose,
 )
 from poseviewer.confidence.verdict import Verdict
-from poseviewer.errors import PoseFileError
+from poseviewer.errors import CalibrationFileError, PoseFileError
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.file_set import FileSet, model_files, sort_set
 from poseviewer.files.photo import load_calibrated_photo, save_image
@@ -128,6 +128,18 @@ def test_a_camera_alone_is_for_the_photo_at_hand(plain: Document, calibration: C
     assert opened.mesh is plain.mesh
     seen, before = (one.pose.project(plain.mesh.centre) for one in (opened, plain))
     np.testing.assert_allclose(seen, before, atol=1e-6)
+
+
+def test_a_lens_of_no_said_model_is_opened_by_that_of_the_page(
+    plain: Document, tmp_path: Path
+) -> None:
+    camera = {"camera_matrix": [[300, 0, 80], [0, 300, 60], [0, 0, 1]], "D": [0.1, 0.02, 0.01, 0]}
+    files = sort_set([write(tmp_path / "camera.json", camera)])
+    with pytest.raises(CalibrationFileError, match="on the page with Lens model"):
+        open_file_set(plain, files, [])
+    undone = open_file_set(plain, files, [], lens_model="fisheye").photo.undistortion
+    assert undone is not None
+    assert undone.lens.model == "fisheye"
 
 
 def test_photo_models_and_start_that_came_together_are_opened(scene: Scene) -> None:

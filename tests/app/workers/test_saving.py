@@ -36,9 +36,7 @@ def saver(tmp_path: Path) -> Autosaver:
     return Autosaver(tmp_path / "state")
 
 
-def test_models_on_one_photo_have_files_of_their_own(
-    scene: Scene, session: Session, saver: Autosaver
-):
+def test_models_on_one_photo_have_files_of_their_own(scene, session, saver):
     other = scene.model.rename(scene.model.with_name("other.ply"))
     second = Session(open_files(scene.photo, other, scene.start))
     names = [saver.save(each).name for each in (session, second)]
@@ -46,9 +44,7 @@ def test_models_on_one_photo_have_files_of_their_own(
     assert next(iter(export("pose", session))) == names[0]  # as it is downloaded
 
 
-def test_what_others_wrote_is_asked_about_and_kept(
-    session: Session, saver: Autosaver, scene: Scene
-):
+def test_what_others_wrote_is_asked_about_and_kept(session, saver, scene):
     path = scene.photo.with_name("p.m.pose.json")
     assert saver.taken(session.document) is None
     path.write_text("mine")
@@ -71,9 +67,7 @@ def test_a_mask_of_others_is_asked_about(session: Session, saver: Autosaver, sce
     assert mask.with_name("p.m.mask.png.bak").read_bytes() == b"painted elsewhere"
 
 
-def test_another_model_of_the_same_name_does_not_replace_the_first_ones_pose(
-    session: Session, saver: Autosaver
-):
+def test_another_model_of_the_same_name_does_not_replace_the_first_ones_pose(session, saver):
     saver.save(session)
     model = replace(session.document.model, sha256="1" * 64)
     other = replace(session, document=session.document.with_object(model=model))
@@ -94,21 +88,16 @@ def test_another_name_stays_the_sessions_own(session: Session, saver: Autosaver,
     assert path.read_text() == "mine"
 
 
-def test_wheels_given_by_hand_are_written_beside_the_model(
-    session: Session, saver: Autosaver, scene: Scene
-):
+def test_wheels_given_by_hand_are_written_beside_the_model(session, saver, scene):
     model = session.document.model.with_content(keypoints=make_keypoints())
     document = session.document.with_object(model=model)
     saver.save(replace(session, document=document))
     again = open_files(scene.photo, scene.model, scene.start).model.keypoints
-    assert again is not None
     np.testing.assert_array_equal(again.left.axle, make_keypoints().left.axle)
     np.testing.assert_array_equal(again.right.front_wheel, make_keypoints().right.front_wheel)
 
 
-def test_a_dropped_photo_saves_under_its_own_name(
-    scene: Scene, saver: Autosaver, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_dropped_photo_saves_under_its_own_name(scene, saver, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     uploads = tmp_path / "state" / "uploads"
     photo = keep_set(uploads, pack([("Mein Foto.png", scene.photo.read_bytes())])) / "Mein Foto.png"
@@ -122,9 +111,7 @@ def test_very_long_names_can_be_saved(scene: Scene, saver: Autosaver):
     assert saver.save(Session(open_files(photo, model, scene.start))).exists()
 
 
-def test_a_folder_that_is_read_only_is_said_in_a_sentence(
-    scene: Scene, session: Session, saver: Autosaver, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_folder_that_is_read_only_is_said_in_a_sentence(scene, session, saver, monkeypatch):
     before = sorted(scene.photo.parent.iterdir())
 
     def refuse(path: Path, mode: str = "r", *more: Any, **options: Any) -> IO[Any]:

@@ -20,17 +20,14 @@ HALF_TURN = [-1, 0, 0, 2, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
         ({"symmetries_continuous": [{"axis": [0, 0, 0], "offset": [0, 0, 0]}]}, "has no length"),
         ({"diameter": -1}, "1.diameter is -1"),
         ({"symmetries_discrete": 3}, "wanted a list"),
-        (
-            {"symmetries_discrete": [HALF_TURN, [*HALF_TURN[:3], 3, *HALF_TURN[4:]]]},
-            "leave no common point",
-        ),
+        ({"symmetries_discrete": [HALF_TURN, [*HALF_TURN[:3], 3, *HALF_TURN[4:]]]},
+         "leave no common point"),
     ],
-)
+)  # fmt: skip
 def test_symmetries_that_are_none_are_said(tmp_path: Path, more, said: str) -> None:
     path = write(tmp_path / "i.json", {"1": {"diameter": 4.0, **more}})
-    with pytest.raises(PoseFileError, match=said) as caught:
+    with pytest.raises(PoseFileError, match=said):
         load_bop_models(path)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -43,7 +40,5 @@ def test_symmetries_that_are_none_are_said(tmp_path: Path, more, said: str) -> N
     ],
 )
 def test_tables_that_are_none_are_said(tmp_path: Path, text: str, said: str) -> None:
-    path = tmp_path / "t.csv"
-    path.write_text(text)
     with pytest.raises(PoseFileError, match=said):
-        load_bop_estimates(path)
+        load_bop_estimates(write(tmp_path / "t.csv", text))

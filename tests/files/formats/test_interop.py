@@ -10,7 +10,6 @@ import pytest
 import trimesh
 from scipy.spatial import KDTree
 
-from poseviewer.cli.main import main
 from poseviewer.files.cameras import load_cameras
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.gltf import GLTF
@@ -20,13 +19,9 @@ from poseviewer.files.scene_json import load_scene, scene_of_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from tests.files.formats.cases import (
-    HEIGHT,
-    WIDTH,
-    parallel_record,
-    perspective_record,
-    write_files,
-)
+from tests.commands import run
+from tests.files.formats import cases
+from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record, write_files
 from tests.files.formats.foreign import read_with
 from tests.files.test_cameras import COLMAP
 from tests.several import make_three
@@ -45,7 +40,6 @@ def test_meshlab_has_the_same_camera(tmp_path):
     numbers = np.array(" ".join(answer["bundler"].splitlines()[2:7]).split(), float)
     focal, rotation, translation = numbers[0], numbers[3:12].reshape(3, 3), numbers[12:]
     lens = ElementTree.fromstring(answer["agisoft"]).find(".//calibration")
-    assert lens is not None
     fx, fy, cx, cy = (float(lens.findtext(name) or "nan") for name in ("fx", "fy", "cx", "cy"))
     some = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 3))
     points = some @ rotation.T + translation  # Bundler: x right, y up, z backward
@@ -58,8 +52,8 @@ def test_meshlab_has_the_same_camera(tmp_path):
 def test_a_meshlab_project_holds_all_objects_of_a_scene(tmp_path):
     scene = load_scene(make_three(tmp_path))
     path = tmp_path / "all.mlp"
-    convert = ["convert", tmp_path / "three.scene.json", path, "--from", "scene"]
-    assert main([*map(str, convert), "--to", "meshlab"]) == 0
+    scene_file = tmp_path / "three.scene.json"
+    assert run("convert --from scene --to meshlab", scene_file, path) == 0
     project = ElementTree.parse(path).getroot()
     matrices = {}
     for mesh in project.iter("MLMesh"):
@@ -76,7 +70,7 @@ def test_a_meshlab_project_holds_all_objects_of_a_scene(tmp_path):
         np.testing.assert_allclose(camera.project(placed), wanted, atol=1e-9)
 
 
-@pytest.mark.parametrize("make_record", [perspective_record, parallel_record])
+@pytest.mark.parametrize("make_record", [perspective_record, cases.parallel_record])
 @pytest.mark.parametrize("unit", ["m", "cm"])
 def test_blender_sees_the_same_through_gltf(tmp_path, make_record, unit):
     """glTF has no principal point off the middle: the view is wider, and the photo a part of it."""
@@ -90,8 +84,7 @@ def test_blender_sees_the_same_through_gltf(tmp_path, make_record, unit):
     more = width, height, width / height / pixel, picture
     answer = read_with("bpy", file, *more, out=tmp_path / "out.json")
     drawn = cv2.imread(str(picture), cv2.IMREAD_UNCHANGED)
-    assert drawn is not None
-    drawn = drawn[18:, :WIDTH, 3] > 127
+    drawn = np.asarray(drawn)[18:, :WIDTH, 3] > 127
     ours = SoftwareRenderer(mesh).render(record.pose).mask > 0
     assert (drawn & ours).sum() / (drawn | ours).sum() >= 0.99
     middles = [np.argwhere(mask).mean(axis=0) for mask in (drawn, ours)]
@@ -121,8 +114,7 @@ def test_blender_has_the_same_shapes(shared_cases, tmp_path):
     files = [shared_cases / "gltf_silent" / f"{name}.glb" for name in names]
     folder, far = shared_cases / "far_from_origin", tmp_path / "far.glb"
     with_files = ["--photo", folder / "photo.png", "--model", folder / "box_utm.obj"]
-    convert = ["convert", folder / "pose.json", "--to", "gltf", far, *with_files]
-    assert main([*map(str, convert)]) == 0
+    assert run("convert --to gltf", folder / "pose.json", far, *with_files) == 0
     answer = read_with("bpy", *files, far, out=tmp_path / "out.json")
     for file in files:
         theirs, ours = np.array(answer[file.stem]["vertices"]), load_mesh(file).vertices

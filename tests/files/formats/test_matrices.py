@@ -59,6 +59,57 @@ def test_the_matrix_of_a_pose_is_opencvs(tmp_path, ending, opengl):
     np.testing.assert_allclose(rows, OPENGL if opengl else MATRIX, atol=1e-12)
 
 
+@pytest.mark.parametrize("opengl", [False, True])
+def test_a_matrix_may_be_that_of_the_model_from_the_camera(tmp_path, opengl):
+    """Camera to world, as NeRF has it with OpenGL's axes; there and back."""
+    wanted = np.linalg.inv(OPENGL if opengl else MATRIX)
+    path, out = write(tmp_path / "pose.txt", wanted), tmp_path / "out.json"
+    more = ["--inverse", *["--opengl"] * opengl]
+    camera = ["--calibration", str(write(tmp_path / "K.txt", K)), "--photo-size", "200x150"]
+    assert main(["convert", str(path), "--from", "matrix", str(out), *camera, *more]) == 0
+    seen = cv2.projectPoints(POINTS, TURN, SHIFT, K, None)[0][:, 0]
+    np.testing.assert_allclose(load_pose(out).pose.project(POINTS) - 0.5, seen, atol=1e-6)
+    assert main(["convert", str(out), "--to", "matrix", str(tmp_path / "again.txt"), *more]) == 0
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "again.txt"), wanted, atol=1e-9)
+    assert main(["convert", str(out), "--to", "opencv", str(tmp_path / "a.yml"), *more]) == 2
+
+
+@pytest.mark.parametrize("ending", [".rot", ".tra"])
+@pytest.mark.parametrize(("unit", "size"), [("cm", 100.0), ("mm", 1000.0)])
+def test_linemods_poses_are_in_centimetres(tmp_path, ending, unit, size):
+    rows = ["3 3", *(" ".join(map(str, row)) for row in MATRIX[:3, :3])]
+    (tmp_path / "rot7.rot").write_text("\n".join(rows) + "\n")
+    (tmp_path / "tra7.tra").write_text("3 1\n" + "\n".join(map(str, 100.0 * SHIFT)) + "\n")
+    options = ConvertOptions(
+        calibration=write(tmp_path / "K.txt", K), photo_size=(200, 150), unit=unit
+    )
+    path = tmp_path / f"{ending[1:]}7{ending}"
+    scene = FORMATS["linemod"].read(path, options)
+    seen = cv2.projectPoints(POINTS, TURN, SHIFT, K, None)[0][:, 0]
+    np.testing.assert_allclose(scene.pose(0).project(size * POINTS) - 0.5, seen, atol=1e-6)
+    out = tmp_path / f"out{ending}"
+    files, _ = FORMATS["linemod"].convert(scene, out, options)
+    assert sorted(path.name for path in files) == ["out.rot", "out.tra"]
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "out.tra", skiprows=1), 100.0 * SHIFT)
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "out.rot", skiprows=1), MATRIX[:3, :3])
+
+
+def test_the_text_of_occlusion_linemod_has_metres_and_opengls_axes(tmp_path):
+    def numbers(values: np.ndarray) -> str:
+        return "\n".join(" ".join(map(str, row)) for row in np.atleast_2d(values))
+
+    path = tmp_path / "info_00000.txt"
+    pose = f"rotation:\n{numbers(OPENGL[:3, :3])}\ncenter:\n{numbers(OPENGL[:3, 3])}\n"
+    path.write_text(f"image size\n640 480\nApe\n{pose}extent:\n0.08 0.08 0.09\n")
+    options = ConvertOptions(calibration=write(tmp_path / "K.txt", K), photo_size=(200, 150))
+    seen = cv2.projectPoints(POINTS, TURN, SHIFT, K, None)[0][:, 0]
+    found = FORMATS["linemod"].read(path, options).pose(0).project(POINTS) - 0.5
+    np.testing.assert_allclose(found, seen, atol=1e-6)
+    path.write_text("image size\n640 480\nApe\n")  # of a photo that does not show it
+    with pytest.raises(PoseViewerError, match=r"rotation: and center:"):
+        FORMATS["linemod"].read(path, options)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

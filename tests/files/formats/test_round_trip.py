@@ -16,23 +16,15 @@ from poseviewer.files.scene_assets import model_file
 from poseviewer.files.scene_json import scene_of_pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.types import Scene
-from tests.files.formats.cases import (
-    HEIGHT,
-    WIDTH,
-    parallel_record,
-    perspective_record,
-    write_files,
-)
+from tests.files.formats import cases
+from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record, write_files
 
 ENDINGS = {
     "poseviewer": "json", "nerfstudio": "json", "gltf": "glb", "meshlab": "mlp", "bop": "scene",
-    "colmap": "model", "scene": "scene.json",
-    "dope": "dope.json",
+    "colmap": "model", "scene": "scene.json", "dope": "dope.json",
 }  # fmt: skip
 PARALLEL = ("poseviewer", "gltf", "scene")
-HEADINGS = (
-    "format", "OUT", "pose", "camera axes", "handed", "unit", "centre", "parallel", "lens",
-)  # fmt: skip
+HEADINGS = ("format", "OUT", "pose", "camera axes", "handed", "unit", "centre", "parallel", "lens")
 OUTS = [(name, f"out.{ending}") for name, ending in ENDINGS.items()]
 OUTS += [("opencv", "out.yml"), ("opencv", "out.yaml"), ("opencv", "out.json")]
 
@@ -40,15 +32,12 @@ OUTS += [("opencv", "out.yml"), ("opencv", "out.yaml"), ("opencv", "out.json")]
 def assert_same(scene: Scene, wanted: PoseRecord, depth_counts: bool = True) -> None:
     poses = scene.pose(0), wanted.pose
     assert type(poses[0].camera) is type(poses[1].camera)
-    names = wanted.pose.camera.__slots__
-    cameras = [[getattr(pose.camera, name) for name in names] for pose in poses]
+    cameras = [[getattr(pose.camera, name) for name in pose.camera.__slots__] for pose in poses]
     np.testing.assert_allclose(cameras[0], cameras[1], rtol=0.0, atol=1e-9)
     places = [pose.camera_from_model for pose in poses]
     np.testing.assert_allclose(places[0].rotation, places[1].rotation, rtol=0.0, atol=1e-9)
-    axes = slice(None) if depth_counts else slice(2)
-    np.testing.assert_allclose(
-        places[0].translation[axes], places[1].translation[axes], rtol=0.0, atol=1e-9
-    )
+    shifts = [place.translation[: 3 if depth_counts else 2] for place in places]
+    np.testing.assert_allclose(*shifts, rtol=0.0, atol=1e-9)
 
 
 def write(name: str, path: Path, record: PoseRecord, **options: Any) -> ConvertOptions:
@@ -78,12 +67,12 @@ def test_a_pose_reads_back(tmp_path, name, out, turn, unit):
 @pytest.mark.parametrize(("name", "out"), OUTS)
 def test_parallel_projection_reads_back_or_is_refused(tmp_path, name, out):
     if name in PARALLEL:
-        request = write(name, tmp_path / out, parallel_record(), unit="m")
+        request = write(name, tmp_path / out, cases.parallel_record(), unit="m")
         found = FORMATS[name].read(tmp_path / out, request)
-        assert_same(found, parallel_record(), depth_counts=name != "gltf")
+        assert_same(found, cases.parallel_record(), depth_counts=name != "gltf")
     else:
         with pytest.raises(PoseFileError, match="parallel projection"):
-            write(name, tmp_path / out, parallel_record())
+            write(name, tmp_path / out, cases.parallel_record())
         assert not (tmp_path / out).exists()
 
 
@@ -159,9 +148,8 @@ def test_a_file_that_is_not_there_is_said(tmp_path, name, out):
 def test_the_documentation_has_the_table():
     page = Path(__file__).resolve().parents[3] / "assets" / "docs" / "formats.md"
     lines = [line.strip("| ").split(" | ") for line in page.read_text("utf-8").splitlines()]
-    rows = {
-        row[0].strip("`"): dict(zip(HEADINGS, row, strict=True)) for row in lines if len(row) > 8
-    }
+    full = [dict(zip(HEADINGS, row, strict=True)) for row in lines if len(row) > 8]
+    rows = {row["format"].strip("`"): row for row in full}
     assert [name for name in rows if name in FORMATS] == list(FORMATS)
     for name, known in FORMATS.items():
         said = {key: value != "no" and value != "none" for key, value in rows[name].items()}

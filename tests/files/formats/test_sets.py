@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poseviewer.cli.main import main
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.photo_sets import SetChoice, load_views
@@ -15,6 +14,7 @@ from poseviewer.files.scene_json import save_scene
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.types import Scene, SceneObject
+from tests.commands import run
 from tests.view_sets import CAMERA, CAMERAS_FROM_SET, MESH, NAMES, TRUTH, write_views
 
 UNIT = 2.5
@@ -52,7 +52,7 @@ def pose(tmp_path: Path) -> Path:
 
 
 def convert(*words: object) -> int:
-    return main(["convert", "--from", "scene", *map(str, words)])
+    return run("convert --from scene", *words)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -63,11 +63,10 @@ def test_every_photo_reads_back(pose: Path, tmp_path: Path, kind: str) -> None:
     for image, truth in zip(images, TRUTH, strict=True):
         asked = ConvertOptions(photo_size=SIZE, unit="m", image=image)
         found = FORMATS[kind].read(tmp_path / name, asked).pose(0)
-        np.testing.assert_allclose(
-            found.camera_from_model.translation, truth.camera_from_model.translation, atol=1e-9
-        )
-        seen = found.project(MESH.vertices)
-        np.testing.assert_allclose(seen, truth.project(MESH.vertices), atol=1e-6)
+        places = [pose.camera_from_model.translation for pose in (found, truth)]
+        np.testing.assert_allclose(*places, atol=1e-9)
+        seen = [pose.project(MESH.vertices) for pose in (found, truth)]
+        np.testing.assert_allclose(*seen, atol=1e-6)
 
 
 def test_what_is_written_is_a_set_again(pose: Path, tmp_path: Path) -> None:
@@ -80,10 +79,8 @@ def test_what_is_written_is_a_set_again(pose: Path, tmp_path: Path) -> None:
     assert len(load_views(tmp_path / "model", SetChoice(NAMES[:2])).views) == 2
 
 
-def test_opencv_holds_the_first_photo_and_info_says_the_frame(
-    pose: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["info", str(pose)]) == 0
+def test_opencv_holds_the_first_photo_and_info_says_the_frame(pose, tmp_path, capsys):
+    assert run("info", pose) == 0
     assert "the frame of the photos (m): x_in_world = [[" in capsys.readouterr().out
     assert convert(pose, "--to", "opencv", tmp_path / "cv.yml") == 0
     assert "the other 2 of the set are left out" in capsys.readouterr().out

@@ -31,10 +31,10 @@ def test_a_models_size_and_origin_are_said(size, unit, shift, words):
 
 
 def test_a_pose_in_another_unit_is_noted():
-    """A model of 150 that is said to be 0.3 away."""
+    """A model of 150 that is said to be 0.3 away, or 900 m."""
     camera = Perspective(500.0, 500.0, 320.0, 240.0, 640, 480)
     mesh = replace(BALL, vertices=BALL.vertices * 150.0)
-    for distance, noted in ((0.3, True), (-1.0, True), (900.0, False)):
+    for distance, noted in ((0.3, True), (-1.0, True), (900.0, False), (9e5, True)):
         place = RigidTransform(np.eye(3), np.array([0.0, 0.0, distance]))
         assert bool(distance_notes(mesh, Pose(camera, place))) == noted
         parallel = Pose(Parallel(2.0, 320.0, 240.0, 640, 480), place)

@@ -1,12 +1,13 @@
 """Sessions: written and read back, left behind by a killed process, damaged."""
 
-import json
 import logging
 import os
 import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.scene.types import InView, Scene, SceneObject
 from tests.several import CAMERA, IDS, STARTS
+from tests.writing import edit
 
 ODD = os.fsdecode("/photos/Straße 道".encode() + b"\xff\xfe.jpg")
 """A path that is no text."""
@@ -45,19 +47,20 @@ def session(**changes: Any) -> AutosavedSession:
     own = InView(mask=mask, region=Rectangle(1.0, 2.0, 3.0, 4.5), is_compared=False)
     started = {"start": objects[1].world_from_model, "start_cameras": (replace(CAMERA, fx=1.0),)}
     objects[0] = replace(objects[0], in_views=(own,), locked=True, **started)
-    kept = AutosavedSession(
-        saved_at=1.7e9 + 1.0 / 3.0,
-        active_object="1",
-        active_view=0,
-        photo_names=("three.png",),
-        scene=Scene(views=(view,), objects=tuple(objects)),
-    )
-    return replace(kept, **changes)
+    scene = Scene(views=(view,), objects=tuple(objects))
+    shown: Any = {"active_object": "1", "active_view": 0, "photo_names": ("three.png",)}
+    return AutosavedSession(saved_at=1.7e9 + 1.0 / 3.0, scene=scene, **(shown | changes))
 
 
-def as_json(kept: AutosavedSession | None) -> Any:
+def as_json(kept: AutosavedSession) -> Any:
     """All that a session says."""
-    return kept and msgspec.to_builtins(form_of(AutosavedSession).encode(kept))
+    return msgspec.to_builtins(form_of(AutosavedSession).encode(kept))
+
+
+def require_left(folder: Path) -> tuple[Path, Any]:
+    """The newest file that was left behind, and what it says."""
+    path, kept = left_behind(folder) or pytest.fail("none was left behind")
+    return path, as_json(kept)
 
 
 def saved(folder: Path, session: AutosavedSession) -> Path:
@@ -72,7 +75,7 @@ def test_sessions_come_back_to_the_last_digit(tmp_path: Path) -> None:
     whole = session(active_object="2")
     assert as_json(load_autosave(saved(tmp_path, whole))) == as_json(whole)
     assert (whole.photo_name, whole.model_name) == ("three.png", "front.ply")
-    models = {Path(f"/photos/three/{name}.ply") for name in ("ball", "front", "apart")}
+    models = {Path(f"/photos/three/{name}.ply") for name in IDS}
     assert files_of_sessions(tmp_path) == {Path(ODD), *models}
 
 
@@ -90,20 +93,15 @@ sys.stdin.read()
 def test_a_killed_process_leaves_its_session_behind(tmp_path: Path) -> None:
     like = saved(tmp_path / "other", session())
     folder = tmp_path / "sessions"
-    with subprocess.Popen(
-        [sys.executable, "-c", CHILD, str(folder), str(like)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as child:
-        assert child.stdout is not None
+    line = [sys.executable, "-c", CHILD, str(folder), str(like)]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(line, stdin=pipe, stdout=pipe, text=True) as child:
         path = Path(child.stdout.readline().strip())
         assert path.is_file()
         assert left_behind(folder) is None
         child.kill()
         child.wait(60)
-    assert (found := left_behind(folder)) is not None
-    assert (found[0], as_json(found[1])) == (path, as_json(session()))
+    assert require_left(folder) == (path, as_json(session()))
     discard(path)
     discard(path)
     assert list(folder.iterdir()) == []
@@ -112,9 +110,9 @@ def test_a_killed_process_leaves_its_session_behind(tmp_path: Path) -> None:
 
 def test_the_newest_is_the_one_left_behind(tmp_path: Path) -> None:
     paths = [saved(tmp_path, replace(session(), saved_at=1.7e9 - age)) for age in (2.0, 1.0, 3.0)]
-    assert (left_behind(tmp_path) or (None,))[0] == paths[1]
+    assert require_left(tmp_path)[0] == paths[1]
     os.utime(paths[1], (0.0, 0.0))
-    assert (left_behind(tmp_path) or (None,))[0] == paths[0]
+    assert require_left(tmp_path)[0] == paths[0]
     assert not paths[1].exists()
 
 
@@ -122,21 +120,10 @@ def test_a_session_is_saved_though_its_folder_was_removed(tmp_path: Path) -> Non
     file = SessionFile(tmp_path)
     file.save(session())
     shutil.rmtree(tmp_path)
-    file.save(session(active_object="1"))
+    file.save(session(active_object="2"))
     assert left_behind(tmp_path) is None
     file.close()
-    assert (found := left_behind(tmp_path)) is not None
-    assert found[0] == file.path
-    assert as_json(found[1]) == as_json(session(active_object="1"))
-
-
-def _changed(data: dict[str, Any], where: str, value: Any) -> str:
-    *path, last = where.split(".")
-    place: Any = data
-    for key in path:
-        place = place[int(key) if key.isdecimal() else key]
-    place[int(last) if last.isdecimal() else last] = value
-    return json.dumps(data)
+    assert require_left(tmp_path) == (file.path, as_json(session(active_object="2")))
 
 
 @pytest.mark.parametrize(
@@ -154,16 +141,15 @@ def _changed(data: dict[str, Any], where: str, value: Any) -> str:
         ("scene.objects.0.start_cameras", [{"fx": 1.0, "fy": 1.0, "cx": 0, "cy": 0}] * 2),
     ],
 )
-def test_damaged_sessions_are_left_out_with_a_sentence(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, where: str, value: Any
-) -> None:
+def test_damaged_sessions_are_left_out_with_a_sentence(tmp_path, caplog, where, value):
     good = saved(tmp_path, session())
-    bad = good.with_name(f"session-1-{'ab' * 8}.json")
-    bad.write_text(_changed(json.loads(good.read_text()), where, value))
+    bad = Path(shutil.copy(good, good.with_name(f"session-1-{'ab' * 8}.json")))
+    *path, last = (int(key) if key.isdecimal() else key for key in where.split("."))
+    edit(bad, lambda data: reduce(getitem, path, data).__setitem__(last, value))
     with pytest.raises(AutosaveError, match=rf"^{bad.name}: .* cannot be used \(.*left out\.$"):
         load_autosave(bad)
     with caplog.at_level(logging.WARNING):
-        assert (left_behind(tmp_path) or (None,))[0] == good
+        assert require_left(tmp_path)[0] == good
     assert bad.name in caplog.text
 
 

@@ -1,7 +1,6 @@
 import os
 import stat
 import sys
-from pathlib import Path
 
 import platformdirs
 import pytest
@@ -10,45 +9,36 @@ from poseviewer.errors import SettingsError
 from poseviewer.files.state.folder import kept_token, state_folder
 
 
-def test_it_is_made_and_closed_to_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_is_made_and_closed_to_others_or_a_sentence_says_why_not(tmp_path, monkeypatch):
     wanted = tmp_path / "a" / "b"
     monkeypatch.setenv("POSEVIEWER_STATE", str(wanted))
     assert state_folder() == wanted
     assert state_folder() == wanted
     if sys.platform != "win32":
         assert stat.S_IMODE(wanted.stat().st_mode) == 0o700
+    (tmp_path / "file").write_text("in the way")
+    monkeypatch.setenv("POSEVIEWER_STATE", str(tmp_path / "file" / "state"))
+    with pytest.raises(SettingsError, match=r"cannot be made .* set POSEVIEWER_STATE to another"):
+        state_folder()
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="XDG folders are Linux's")
-def test_without_the_variable_it_is_the_users_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_the_variable_it_is_the_users_own(tmp_path, monkeypatch):
     monkeypatch.setenv("POSEVIEWER_STATE", "")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     assert state_folder() == tmp_path / "state" / "poseviewer"
     assert state_folder() == platformdirs.user_state_path("poseviewer")
 
 
-def test_a_file_in_the_way_gives_a_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "file").write_text("")
-    monkeypatch.setenv("POSEVIEWER_STATE", str(tmp_path / "file" / "state"))
-    with pytest.raises(SettingsError, match=r"cannot be made .* set POSEVIEWER_STATE to another"):
-        state_folder()
-
-
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="needs a second user")
-def test_another_users_folder_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_users_folder_is_refused(tmp_path, monkeypatch):
     os.chown(tmp_path, 65534, 65534)
     monkeypatch.setenv("POSEVIEWER_STATE", str(tmp_path))
     with pytest.raises(SettingsError, match="belongs to another user"):
         state_folder()
 
 
-def test_the_token_is_kept_for_its_owner_alone_and_made_anew_where_it_is_none(
-    tmp_path: Path,
-) -> None:
+def test_the_token_is_kept_for_its_owner_alone_and_made_anew_where_it_is_none(tmp_path):
     token, path = kept_token(tmp_path), tmp_path / "token"
     assert kept_token(tmp_path) == token
     assert len(token) > 40

@@ -5,6 +5,7 @@ import stat
 import struct
 import zipfile
 from collections.abc import Mapping
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -16,8 +17,7 @@ from hypothesis import strategies as st
 from poseviewer.errors import FileSetError
 from poseviewer.files.file_set import MOST_FILES
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.scene_assets import model_file, view_of_file
-from poseviewer.files.state.autosave import AutosavedSession, SessionFile
+from poseviewer.files.scene_assets import view_of_file
 from poseviewer.files.state.uploads import (
     LARGEST_UPLOAD,
     display_name,
@@ -28,11 +28,7 @@ from poseviewer.files.state.uploads import (
     why_not_sent,
     why_unfit,
 )
-from poseviewer.geometry.camera import Perspective, Pose
-from poseviewer.geometry.transform import RigidTransform
-from poseviewer.scene.types import Scene, SceneObject
-
-NEAR = RigidTransform(np.eye(3), np.array([0.0, 0.0, 5.0]))
+from tests.files.state.test_autosave import saved, session
 
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 ODD_NAMES = (
@@ -129,14 +125,12 @@ def test_nothing_of_a_zip_is_written_outside_or_followed(tmp_path: Path) -> None
     assert (odd / "wood.png").read_text() == "/etc/passwd"
 
 
-def test_zips_that_unpack_to_too_much_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_zips_that_unpack_to_too_much_are_refused(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("poseviewer.files.state.uploads.LARGEST_UNPACKED", 10_000)
-    with pytest.raises(FileSetError, match=r"^b\.zip: unpacks to more than 10,000 bytes or"):
-        keep(tmp_path, {"b.zip": zipped({"a": 6000 * b"\0", "b": 6000 * b"\0"})})
-    with pytest.raises(FileSetError, match=r"^b\.zip: unpacks to more than 10,000 bytes or"):
-        keep(tmp_path, {name: zipped({"a": 6000 * b"\0"}) for name in ("a.zip", "b.zip")})
+    half = 6000 * b"\0"
+    for zips in ({"b.zip": {"a": half, "b": half}}, {"a.zip": {"a": half}, "b.zip": {"a": half}}):
+        with pytest.raises(FileSetError, match=r"^b\.zip: unpacks to more than 10,000 bytes or"):
+            keep(tmp_path, {name: zipped(files) for name, files in zips.items()})
     monkeypatch.setattr("poseviewer.files.state.uploads.MOST_FILES", 5)
     with pytest.raises(FileSetError, match=r"^b\.zip: unpacks to more than .* or 5 files"):
         keep(tmp_path, {"b.zip": zipped({f"{i}": b"" for i in range(6)})})
@@ -164,7 +158,7 @@ def test_why_a_page_sends_nothing() -> None:
     assert why_not_sent("new", "empty").startswith("new: an empty folder; drop one that")
 
 
-def test_only_the_newest_uploads_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_the_newest_uploads_stay(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("poseviewer.files.state.uploads.KEPT", 3)
     (tmp_path / "notes").mkdir()
     paths = []
@@ -179,28 +173,13 @@ def test_only_the_newest_uploads_stay(tmp_path: Path, monkeypatch: pytest.Monkey
     assert (tmp_path / "notes").is_dir()
 
 
-def test_of_old_and_broken_uploads_those_that_a_session_names_stay(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_of_old_and_broken_uploads_those_that_a_session_names_stay(tmp_path, monkeypatch):
     monkeypatch.setattr("poseviewer.files.state.uploads.KEPT", 0)
     uploads = tmp_path / "uploads"
     used, other = (keep(uploads, {"maps/a.png": data}) for data in (b"used", b"other"))
-    (tmp_path / "sessions").mkdir()
-    camera = Perspective(100.0, 100.0, 4.0, 3.0, 8, 6)
-    view = view_of_file(used / "maps" / "a.png", camera)
-    item = SceneObject(
-        id="1",
-        model=model_file(Path("m.ply")),
-        world_from_model=view.world_from_model(Pose(camera, NEAR)),
-    )
-    scene = Scene(views=(view,), objects=(item,))
-    file = SessionFile(tmp_path / "sessions")
-    file.save(
-        AutosavedSession(
-            saved_at=0.0, active_object="1", active_view=0, photo_names=(), scene=scene
-        )
-    )
-    file.close()
+    whole = session()
+    view = view_of_file(used / "maps" / "a.png", whole.scene.views[0].camera)
+    saved(tmp_path / "sessions", replace(whole, scene=replace(whole.scene, views=(view,))))
     left, under_way = uploads / "new-a", uploads / "new-b"
     for place in (left, under_way):
         (place / "set").mkdir(parents=True)
@@ -221,9 +200,7 @@ def test_a_folder_that_cannot_be_made_gives_a_sentence(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("is_large", [False, True])
-def test_a_zip_of_a_huge_directory_is_refused_before_it_is_read(
-    tmp_path: Path, is_large: bool
-) -> None:
+def test_a_zip_of_a_huge_directory_is_refused_before_it_is_read(tmp_path, is_large):
     count = 100_000
     entry = struct.pack("<I6H3I5H2I", 0x02014B50, *[0] * 9, 9, *[0] * 6) + b"__MACOSX/"
     size, end = len(entry) * count, b""

@@ -66,7 +66,7 @@ ahead = types_of(kernels)
 files = demo_case()
 case = load(files.photo, files.model, files.start)
 case.loss
-load(files.photo, files.model, files.start, pixels="clip", grey=True).start.loss
+load(files.photo, files.model, files.start, pixels="clip", grey=True).loss
 case.renderer.render(case.pose)
 print(all(ahead), types_of(kernels) == ahead)
 print(*(sum(kernel.stats.cache_misses.values()) for kernel in kernels))

@@ -111,9 +111,14 @@ def compared_view(
         photo = structured(plain, factor, is_steep=factor == finest)
     fewest = fewest_pixels(photo.photo_channels + photo.model_channels)
     if counted < fewest:
+        outline, wanted = (
+            hull_in_photo(mesh, pose),
+            "use a larger photo or region, or hide less of it",
+        )
+        if len(outline) and np.ptp(outline, axis=0).max() ** 2 < fewest:
+            wanted = "the model is smaller than that: are the pose and the model in one unit?"
         raise SettingsError(
-            f"{own.name}: {counted} pixels count, and a fit needs at least "
-            f"{fewest}; use a larger photo or region, or hide less of it"
+            f"{own.name}: {counted} pixels count, and a fit needs at least {fewest}; {wanted}"
         )
     is_refined = photo.structure is not None and (finest < factor or not is_alone)
     fine = smaller(plain, finest) if is_refined else None

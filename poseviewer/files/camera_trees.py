@@ -1,0 +1,115 @@
+"""Files of cameras as trees of mappings, lists and texts, whatever they are written in."""
+
+import csv
+import re
+from contextlib import suppress
+from io import BytesIO, StringIO
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import yaml
+
+from poseviewer.files.checks import Reading, quiet_libraries
+
+LARGEST_ARRAY = 10_000
+"""Bytes of an array that may say a camera."""
+LOADER = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
+"""Every number a text, every tag and anchor plain; libyaml's where PyYAML was built with it."""
+NO_BLANK = re.compile(r"^(\s*[\w.]*[A-Za-z][\w.]*):(?=[\[{\"!\d.+-])", re.MULTILINE)
+"""A key of YAML, and its colon without a blank behind it."""
+SECTION = re.compile(r"\s*\[\s*([A-Za-z]\w*)\s*\]\s*")
+KEY = re.compile(r"\s*(?P<key>[A-Za-z][\w ]*?)\s*([:=](?P<numbers>.*))?")
+"""Lines of a text: the name of a section; a key, alone or with numbers."""
+BETWEEN = re.compile(r"[\[\](),;]")
+"""Characters that stand between the numbers of a matrix."""
+TREES = (".yml", ".yaml", ".xml", ".json", ".sfm", ".npz", ".npy", ".csv", ".txt", ".ini")
+"""Endings of files of forms."""
+
+
+def load_tree(reading: Reading) -> Any:
+    """The mappings, lists and texts in a YAML, XML, JSON, NumPy, CSV or text file."""
+    match reading.path.suffix.lower():
+        case ".json" | ".sfm" | "":
+            return reading.load_json()
+        case ".npy" | ".npz":
+            return _arrays(reading)
+        case ".txt" | ".ini":
+            return _of_text(reading)
+        case ".csv":
+            return {"rows": list(csv.DictReader(StringIO(reading.load_text())))}
+    text, data = reading.load_text(), None
+    with suppress(yaml.YAMLError, ElementTree.ParseError, RecursionError):
+        if text.lstrip().startswith("<"):
+            data = _of_element(ElementTree.fromstring(text))  # expat refuses bombs of entities
+        else:  # its head is none that YAML knows; what OpenCV calls a matrix is a mapping
+            body = re.sub(r"\A\s*%YAML:1\.0", "", text)
+            body = NO_BLANK.sub(r"\1: ", body)  # cv2.FileStorage reads ``data:[``
+            data = next(iter(yaml.load_all(body, LOADER)), None)
+    if isinstance(data, dict | list):
+        return data
+    raise reading.error("not YAML or XML as OpenCV writes it", "wanted a whole file")
+
+
+def _of_text(reading: Reading) -> dict[str, Any]:
+    """Mappings of a text: ``[sections]`` of ``key: numbers``, ``key = numbers``, or a key above its
+    numbers; without keys, a matrix.
+
+    KITTI's projections ``P0`` and ``P_rect_00`` and Middlebury's ``cam0`` are cameras.
+    """
+    tree: dict[str, dict[str, Any]] = {"": {}}
+    entries, key = tree[""], ""
+    for line in reading.load_text().splitlines():
+        line = line.partition("#")[0]
+        words, section, known = line.split(), SECTION.fullmatch(line), KEY.fullmatch(line)
+        if section:
+            entries, key = tree.setdefault(section[1], {}), ""
+        elif len(words) == 22:  # of Middlebury's photos: name, K, R and t
+            entries[words[0]] = {"K": words[1:10]}
+        else:
+            key = known["key"] if known else key if words else ""
+            numbers = BETWEEN.sub(" ", known["numbers"] or "" if known else line).split()
+            entries.setdefault(key, []).extend(numbers)
+    top = tree.pop("")
+    loose = top.pop("", [])
+    if not (top or tree):
+        return {"matrix": loose}
+    for name, values in list(top.items()):
+        _, _, number = name.rpartition("_")
+        if len(values) == 12 and re.fullmatch(r"P\d+|P_rect_\d+", name):
+            matrix = [*values[:3], *values[4:7], *values[8:11]]
+            top[name] = {"K": matrix, "image_size": top.get(f"S_rect_{number}")}
+        elif re.fullmatch(r"S_\d+", name):
+            top[f"image_size_{number}"] = values
+        elif len(values) == 9 and re.fullmatch(r"cam\d+", name):
+            top[name] = {"K": values}
+    for entries in (top, *tree.values()):
+        ones = {k: v[0] for k, v in entries.items() if isinstance(v, list) and len(v) == 1}
+        entries.update(ones)
+    return top | tree
+
+
+def matrix_text(reading: Reading) -> str:
+    """The numbers in a text, without what may stand between them."""
+    return BETWEEN.sub(" ", reading.load_text())
+
+
+def _arrays(reading: Reading) -> dict[str, Any]:
+    with quiet_libraries(), reading.naming_errors():
+        content = np.load(BytesIO(reading.load_bytes()))
+        if isinstance(content, np.ndarray):
+            return {"camera_matrix": content.tolist()}
+        small = [i.filename for i in content.zip.infolist() if i.file_size <= LARGEST_ARRAY]
+        return {name.removesuffix(".npy"): content[name].tolist() for name in small}
+
+
+def _of_element(element: ElementTree.Element) -> Any:
+    if not len(element) and (element.text or "").strip():
+        return element.text or ""
+    if len(element) and all(child.tag == "_" for child in element):
+        return [_of_element(child) for child in element]
+    values: dict[str, list[Any]] = {}
+    for child in element:
+        values.setdefault(child.tag, []).append(_of_element(child))
+    entries = {tag: own[0] if len(own) == 1 else own for tag, own in values.items()}
+    return {**element.attrib, **entries} or ""
