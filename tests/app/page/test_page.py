@@ -43,9 +43,8 @@ def test_a_guessed_focal_length_is_searched_for_by_the_button_beside(running: Ru
         app._mailbox.post(open_document(open_files(scene.photo, scene.model, None)))
         page.wait_until(lambda: handle.visible)
         page.change(uuid, True)
-        page.wait_until(
-            lambda: app.session.is_searching and app.session.document.settings.free_focal
-        )
+        page.wait_until(lambda: app.session.is_searching)
+        assert app.session.document.settings.free_focal
         app._mailbox.post(revert_search())
 
 

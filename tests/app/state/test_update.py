@@ -194,10 +194,8 @@ def test_a_camera_that_makes_no_sense_is_refused_in_one_sentence(start):
 @CAMERAS
 def test_a_field_of_view_gives_its_focal_length(camera):
     session = make_session(camera)
-    radius = radius_in_photo(session.document.pose, BUMPY)
     refused(session, c.set_field_of_view(math.nan))
     found = after(session, c.set_field_of_view(90.0)).document.pose
-    assert radius_in_photo(found, BUMPY) == pytest.approx(radius)
     assert (found.camera.cx, found.camera.cy) == (camera.cx, camera.cy)
     if isinstance(found.camera, Perspective):
         assert (found.camera.fx, found.camera.fy) == pytest.approx((80.0, 80.0))

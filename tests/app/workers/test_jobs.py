@@ -139,12 +139,10 @@ def test_a_search_and_its_maps_are_by_the_renderer_of_the_settings(document, mon
     session = Session(compared_by(document, FitSettings(limits=Limits(10))).with_renderer("gpu"))
     first = searched(session.document)[0].progress
     assert judged
-    problem, _ = make_problem(document.scene)
-    own = pose_loss(problem, renderer_of(document.mesh), first.parameters)
+    own = pose_loss(first.problem, renderer_of(document.mesh), first.parameters)
     assert first.loss == pytest.approx(own, abs=1e-3)
     judged.clear()
-    maker = MapMaker(renderer_of(document.mesh, "gpu"))
-    next(maker.run(held(session)))
+    next(MapMaker(renderer_of(document.mesh, "gpu")).run(held(session)))
     assert sum(judged) > 15
     with pytest.raises(SettingsError, match=r"no renderer opengl; choose .* Renderer"):
         searched(document.with_renderer("opengl"))
