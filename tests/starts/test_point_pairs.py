@@ -94,12 +94,12 @@ def test_too_few_pairs_are_counted():
 def test_pairs_on_a_line_are_refused(camera):
     points = np.outer(np.arange(5.0), [1.0, 0.5, -0.2])
     pixels = make_pose(camera, 0).project(make_points(5, 0))
-    with pytest.raises(QuickStartError, match="on a line in the model"):
-        poses_from_pairs(points, pixels, camera)
-    with pytest.raises(QuickStartError, match="on a line in the photo"):
-        poses_from_pairs(make_points(5, 0), np.outer(np.arange(5.0), [30.0, 10.0]), camera)
-    with pytest.raises(QuickStartError, match="not finite"):
-        poses_from_pairs(make_points(5, 0), np.full((5, 2), np.nan), camera)
+    apart, in_line = make_points(5, 0), np.outer(np.arange(5.0), [30.0, 10.0])
+    for given, seen, words in ((points, pixels, "on a line in the model"),
+                               (apart, in_line, "on a line in the photo"),
+                               (apart, np.full((5, 2), np.nan), "not finite")):  # fmt: skip
+        with pytest.raises(QuickStartError, match=words):
+            poses_from_pairs(given, seen, camera)
 
 
 def test_of_mirror_images_the_one_whose_points_can_be_seen_is_taken():

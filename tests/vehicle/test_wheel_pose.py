@@ -9,14 +9,9 @@ from poseviewer.errors import QuickStartError
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform, rotation_about, rotation_angle
 from poseviewer.starts.placing import look_from
+from poseviewer.vehicle import wheel_pose
 from poseviewer.vehicle.chart import visible_side
-from poseviewer.vehicle.wheel_pose import (
-    Ellipse,
-    Wheels,
-    ellipse_through,
-    poses_from_wheels,
-    wheel_rims,
-)
+from poseviewer.vehicle.wheel_pose import Ellipse, Wheels, ellipse_through, poses_from_wheels
 from tests.app.state.documents import CAR, make_keypoints
 
 PINHOLE = Perspective(900.0, 850.0, 300.0, 260.0, 640, 480)
@@ -31,14 +26,15 @@ def make_view(camera, seed: int) -> Pose:
     side = ("three-quarter", "left", "right")[seed % 3]
     pose = look_from(side, CAR, KEYPOINTS, camera)
     turn = rotation_about(rng.uniform(0.05, 0.3), rng.uniform(-0.4, 0.4), rng.uniform(-0.1, 0.1))
-    transform = pose.camera_from_model
-    centre = transform.apply(CAR.centre)
-    rotation = turn @ transform.rotation
+    rotation, centre = (
+        turn @ pose.camera_from_model.rotation,
+        pose.camera_from_model.apply(CAR.centre),
+    )
     return Pose(pose.camera, RigidTransform(rotation, centre - rotation @ CAR.centre))
 
 
 def wheels_of(pose: Pose) -> Wheels:
-    rims = wheel_rims(pose, visible_side(KEYPOINTS, pose), RADIUS)
+    rims = wheel_pose.wheel_rims(pose, visible_side(KEYPOINTS, pose), RADIUS)
     return Wheels(*map(ellipse_through, rims))
 
 
@@ -75,9 +71,8 @@ def test_two_wheels_give_the_pose(camera, seed: int):
     assert best.radius == pytest.approx(RADIUS, rel=2e-3)
     rotation = best.pose.camera_from_model.rotation
     assert rotation_angle(rotation, pose.camera_from_model.rotation) < 5e-3
-    np.testing.assert_allclose(
-        best.pose.project(CAR.vertices), pose.project(CAR.vertices), atol=0.6
-    )
+    seen = (one.project(CAR.vertices) for one in (best.pose, pose))
+    np.testing.assert_allclose(*seen, atol=0.6)
 
 
 def test_the_two_wheels_together_have_one_answer_in_perspective():
