@@ -327,8 +327,8 @@ class PosedScene:
             return picture
 
         def relight(image: AttributeImage) -> FloatArray:
-            compared = self.problem.views
-            photo = next((own.photo for own in compared if own.index == view), compared[0].photo)
+            views = self.problem.views
+            photo = next((each.photo for each in views if each.index == view), views[0].photo)
             return relit(photo, self.renderer, placed.pose, image)
 
         shown = ModelInPhoto(picture, placed.mesh, self.renderer, placed.pose, relight, opacity)

@@ -23,6 +23,7 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.settings import Limits
 from tests.commands import run
+from tests.several import make_three
 from tests.view_sets import DISTANCE, MESH, START, TRUTH, make_views
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -84,8 +85,17 @@ def test_a_search_is_the_fit_as_it_goes(scene):
     found = case.fit()
     assert steps[-1].loss == found.loss
     assert steps[-1].verdict == found.verdict
-    assert found.progress is not None
-    assert np.array_equal(steps[-1].parameters, found.progress.parameters)
+    assert steps[-1].evaluations == found.evaluations
+    assert np.array_equal(steps[-1].parameters, found.parameters)
+
+
+def test_a_result_of_several_objects_has_a_part_for_each(tmp_path):
+    result = poseviewer.load(make_three(tmp_path)).fit(evaluations=5)
+    ids = [item.id for item in result.scene.objects]
+    assert result.evaluations == sum(result[name].evaluations for name in ids) > 0
+    assert result[ids[1]].start.object is result.start.scene.objects[1]
+    with pytest.raises(poseviewer.PoseViewerError, match="say which"):
+        _ = result.pose
 
 
 def test_an_interrupted_search_keeps_the_best_pose_or_ends(scene):
