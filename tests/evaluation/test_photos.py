@@ -17,6 +17,7 @@ def test_views_show_the_whole_vehicle_from_a_side(tmp_path):
     path = save_vehicle(tmp_path)
     mesh = load_mesh(path)
     keypoints = load_keypoints(path, mesh)
+    assert keypoints is not None
     sides = set()
     for seed in range(40):
         pose = random_view(mesh, keypoints, (320, 200), np.random.default_rng(seed))
@@ -34,6 +35,7 @@ def car():
     """The demo's key points and true pose, and its chart."""
     case = demo_photo("photo-parallel")
     keypoints = fetch_model(case.mesh)[0].keypoints
+    assert keypoints is not None
     return keypoints, case.truth, VehicleChart.near(keypoints, case.truth)
 
 

@@ -1,6 +1,7 @@
 """Fits end at the truth: on photos drawn by OpenGL, and on the bundled path-traced photos."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -52,7 +53,7 @@ def test_demo_car_is_found_from_8_per_cent_off(projection):
     ("kind", "loss", "percent"),
     [("parallel", "default", 1.5), ("perspective", "default", 1.5), ("perspective", "paper", 0.5)],
 )
-def test_the_bundled_photo_is_registered(kind, loss, percent):
+def test_the_bundled_photo_is_registered(kind: Any, loss, percent):
     files, truth = demo_case(kind), demo_photo(f"photo-{kind}").truth
     found = load(files.photo, files.model, files.start, loss=loss).fit()
     before, after = (pose_error(found.mesh, one.pose, truth) for one in (found.start, found))

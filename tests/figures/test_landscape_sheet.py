@@ -4,6 +4,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from matplotlib.patches import Rectangle
 
 from poseviewer.figures import landscape_sheet as sheet
 from poseviewer.fit.slices import Slice
@@ -61,6 +62,7 @@ def test_maps_side_by_side_have_their_own_scales_and_marks():
     assert (flat.get_title(), steeper.get_title()) == ("flat", "steep")
     assert _limits(steeper) == pytest.approx(3.0 * np.array(_limits(flat)))
     (box,) = flat.patches
+    assert isinstance(box, Rectangle)
     assert box.get_bbox().extents == pytest.approx([0.0, 0.9, 0.0, 1.1])
     marks = np.array([_place(mark) for mark in flat.lines])
     assert marks == pytest.approx(np.array([[0.05, 0.9], pose]))

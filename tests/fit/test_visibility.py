@@ -82,8 +82,8 @@ def attributes(model: PlacedModel, *others: PlacedModel) -> PhotoAttributes:
     (own,), (view,) = scene.objects, scene.views
     locked = []
     for number, one in enumerate(others):
-        place, model = view.world_from_model(one.pose), ModelFile.of(one.mesh)
-        other = replace(own, id=f"{number} more", model=model, world_from_model=place, locked=True)
+        place, file = view.world_from_model(one.pose), ModelFile.of(one.mesh)
+        other = replace(own, id=f"{number} more", model=file, world_from_model=place, locked=True)
         locked.append(other)
     return make_problem(replace(scene, objects=(own, *locked)))[0].photo
 

@@ -63,10 +63,10 @@ def test_every_photo_reads_back(pose: Path, tmp_path: Path, kind: str) -> None:
     for image, truth in zip(images, TRUTH, strict=True):
         asked = ConvertOptions(photo_size=SIZE, unit="m", image=image)
         found = FORMATS[kind].read(tmp_path / name, asked).pose(0)
-        places = [pose.camera_from_model.translation for pose in (found, truth)]
-        np.testing.assert_allclose(*places, atol=1e-9)
-        seen = [pose.project(MESH.vertices) for pose in (found, truth)]
-        np.testing.assert_allclose(*seen, atol=1e-6)
+        moved, wanted = (pose.camera_from_model.translation for pose in (found, truth))
+        np.testing.assert_allclose(moved, wanted, atol=1e-9)
+        drawn, wanted = (pose.project(MESH.vertices) for pose in (found, truth))
+        np.testing.assert_allclose(drawn, wanted, atol=1e-6)
 
 
 def test_what_is_written_is_a_set_again(pose: Path, tmp_path: Path) -> None:
