@@ -20,7 +20,7 @@ from poseviewer.fit.problem import FitProblem, guarded, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import level_pose
-from poseviewer.optimise import cma_es, quadratic, restarts
+from poseviewer.optimise import cma_es, quadratic, simplex_restarts
 from poseviewer.optimise.cma_es import CmaOptions
 from poseviewer.optimise.quadratic import QuadraticOptions
 from poseviewer.optimise.restart_options import RestartOptions
@@ -90,7 +90,7 @@ def make_stages(
     poses = [(view.photo, renderer, view.chart.to_pose(at)) for view in problem.views]
     full = tuple(Level(1, view.photo, renderer) for view in problem.views)
     if _is_by_papers_simplex(problem):
-        return (Stage(full, restarts.minimise, problem.settings.options),)
+        return (Stage(full, simplex_restarts.minimise, problem.settings.options),)
     is_structured = problem.is_structured
     fewest = FEWEST_OF_STRUCTURE if is_structured else FEWEST_PIXELS
     coarse = tuple(coarsest_level(*pose, fewest) for pose in poses)
@@ -98,13 +98,13 @@ def make_stages(
     least = tuple(c if c.factor > 1 else own for c, own in zip(coarse, light, strict=True))
     fine = tuple(Level(1, view.fine_photo, renderer) for view in problem.views if view.fine_photo)
     if problem.settings.searched_by == "simplex":
-        first = Stage(least, restarts.minimise, COARSE_SIMPLEX, False, RESCORE_EVERY)
+        first = Stage(least, simplex_restarts.minimise, COARSE_SIMPLEX, False, RESCORE_EVERY)
         if not fine:
-            return first, Stage(full, restarts.minimise, LIGHT_SIMPLEX)
+            return first, Stage(full, simplex_restarts.minimise, LIGHT_SIMPLEX)
         return (
             first,
-            Stage(light, restarts.minimise, LIGHT_SIMPLEX, False, RESCORE_EVERY),
-            Stage(fine, restarts.minimise, FINE_SIMPLEX, False, math.inf, REFINE_TOLERANCE),
+            Stage(light, simplex_restarts.minimise, LIGHT_SIMPLEX, False, RESCORE_EVERY),
+            Stage(fine, simplex_restarts.minimise, FINE_SIMPLEX, False, math.inf, REFINE_TOLERANCE),
         )
     populations, last = (COARSE_POPULATION, FINE_POPULATION), LAST_MODELS
     if not is_structured:

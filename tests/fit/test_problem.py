@@ -13,7 +13,7 @@ from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.optimise.restarts import RestartOptions
+from poseviewer.optimise.restart_options import RestartOptions
 from poseviewer.render.pyramid.levels import smaller, structured
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes

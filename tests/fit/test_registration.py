@@ -15,7 +15,7 @@ from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.optimise.restarts import RestartOptions
+from poseviewer.optimise.restart_options import RestartOptions
 from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_box
 from tests.opened import by, scene_of
