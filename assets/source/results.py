@@ -38,7 +38,7 @@ from poseviewer.evaluation.report import (
 from poseviewer.evaluation.speed import PATHS, SpeedReport
 from poseviewer.evaluation.trials import KEY, Task, Trial
 from poseviewer.figures.landscape_sheet import figure_bytes, make_landscape_row
-from poseviewer.figures.loss_maps import LossMaps
+from poseviewer.figures.map_archive import LossMaps
 from poseviewer.figures.study_sheet import Panel, make_study_sheet
 from poseviewer.figures.text_table import Table
 from poseviewer.files.table import load_rows

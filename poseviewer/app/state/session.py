@@ -16,7 +16,7 @@ from poseviewer.app.state.document import UNLOCK, Document, History, compared, l
 from poseviewer.app.state.dragging import Drag, radius_in_photo
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import SettingsError
-from poseviewer.figures.loss_maps import LossMaps
+from poseviewer.figures.map_archive import LossMaps
 from poseviewer.fit.loss import Unexplained
 from poseviewer.fit.progress import FitProgress
 from poseviewer.fit.scene import Scene, SearchResult

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError
-from poseviewer.figures.loss_maps import LossMaps
+from poseviewer.figures.map_archive import LossMaps
 from poseviewer.fit.loss import LossScale
 from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import frozen_array
