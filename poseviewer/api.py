@@ -51,8 +51,8 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.view import View
-from poseviewer.render.overlay import LOOKS
-from poseviewer.render.overlay.looks import SOLID_OPACITY, ModelInPhoto, Picture, draw_look
+from poseviewer.render.overlay import RENDER_STYLES
+from poseviewer.render.overlay.styles import SOLID_OPACITY, ModelInPhoto, Picture, draw_style
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import seen_share
 from poseviewer.render.renderers import make_renderer
@@ -500,15 +500,17 @@ class Scene:
         self, look: str = "outline", *, opacity: float = SOLID_OPACITY, view: int | None = None
     ) -> Picture:
         """(height, width, 3) RGB: the objects over a photo, by default that of the view whose chart
-        is used, in one of ``overlay.LOOKS``; what is behind other objects is not drawn.
+        is used, in one of ``overlay.RENDER_STYLES``; what is behind other objects is not drawn.
 
         ``opacity`` is that of the look ``solid``, in [0, 1].
 
         Raises:
             PoseViewerError: there is no such look; the settings do not go with an object.
         """
-        if look not in LOOKS:
-            raise SettingsError(f"there is no look {look!r}; choose one of {', '.join(LOOKS)}")
+        if look not in RENDER_STYLES:
+            raise SettingsError(
+                f"there is no look {look!r}; choose one of {', '.join(RENDER_STYLES)}"
+            )
         view = self.view if view is None else view
         photo = self.views[view].photo
         picture = photo.as_rgb8(photo.width, photo.height)
@@ -534,7 +536,7 @@ class Scene:
             return relit(photo, self.renderer, own.pose, image)
 
         shown = ModelInPhoto(picture, own.mesh, self.renderer, own.pose, relight, opacity)
-        drawn = draw_look(look, shown)
+        drawn = draw_style(look, shown)
         return drawn if in_front is None else np.where(in_front.hidden[..., None], picture, drawn)
 
     def draw(self, path: str | Path, look: str = "outline") -> tuple[Path, ...]:

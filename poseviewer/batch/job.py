@@ -24,7 +24,7 @@ from poseviewer.errors import BatchError, PoseViewerError, SettingsError
 from poseviewer.files.photo import save_image
 from poseviewer.fit.scene import LoadedModel
 from poseviewer.fit.settings import FitSettings
-from poseviewer.render.overlay.looks import Picture
+from poseviewer.render.overlay.styles import Picture
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import Renderer
 from poseviewer.starts.automatic import AUTOMATIC

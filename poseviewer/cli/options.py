@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 from poseviewer.errors import SettingsError
 from poseviewer.fit.settings import CHOICES, Limits
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.render.overlay import LOOKS
+from poseviewer.render.overlay import RENDER_STYLES
 
 T = TypeVar("T")
 
@@ -130,7 +130,7 @@ QUIET = option("--quiet", "no progress, no notes")
 PHOTO = option("photo PHOTO|SCENE.json", nargs="?")
 MODEL = option("model MODEL", nargs="?")
 FILES = (PHOTO, MODEL, QUIET)
-LOOK = option("--look", "how the model is drawn", LOOKS, default=LOOKS[0])
+LOOK = option("--look", "how the model is drawn", RENDER_STYLES, default=RENDER_STYLES[0])
 LOSS = option(
     "--loss", "light, classes and edges; or the paper's of grey, clip or whole", CHOICES["loss"]
 )

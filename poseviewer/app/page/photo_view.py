@@ -22,7 +22,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import scaled_size
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.render.overlay.looks import HALO_COLOUR, LINE_COLOUR
+from poseviewer.render.overlay.styles import HALO_COLOUR, LINE_COLOUR
 from poseviewer.render.structure import bounding_slices
 
 Colour = tuple[int, int, int]

@@ -18,7 +18,7 @@ from poseviewer.fit.scene import SceneObject
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import scaled_size
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.render.overlay.looks import LINE_COLOUR
+from poseviewer.render.overlay.styles import LINE_COLOUR
 
 THUMBNAIL = 240
 """Pixels of a small picture's longer side."""

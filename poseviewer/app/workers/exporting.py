@@ -23,7 +23,7 @@ from poseviewer.files.pose import pose_bytes
 from poseviewer.files.state.uploads import safe_path
 from poseviewer.fit.scene import Scene, SearchResult
 from poseviewer.fit.settings import settings_as_json
-from poseviewer.render.overlay.looks import SOLID_OPACITY, Picture
+from poseviewer.render.overlay.styles import SOLID_OPACITY, Picture
 from poseviewer.starts.loading import pose_record, record_of
 
 Export = Literal["pose", "overlay", "sheet", "maps-npz"] | str

@@ -28,7 +28,7 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.contour import Sketch, quick_silhouette, silhouette
 from poseviewer.render.overlay.edges import find_lines
-from poseviewer.render.overlay.looks import ModelInPhoto, Relight, draw_look, line_scale
+from poseviewer.render.overlay.styles import ModelInPhoto, Relight, draw_style, line_scale
 from poseviewer.starts.placing import framed
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
@@ -127,7 +127,7 @@ class OverlayDrawer:
                 return Overlay(request, NO_LINES)
             relight = partial(relit, compared, self._reader.renderer, own.pose)
         view = ModelInPhoto(pixels, own.mesh, self._fine, pose, relight, request.opacity)
-        picture = draw_look(request.look, view)
+        picture = draw_style(request.look, view)
         others = tuple((own.scene.objects[i].mesh, own.scene.pose(i, own.at)) for i in own.others)
         if others:
             behind = _depth_of(others, factor) < depth_image(PlacedModel(own.mesh, pose))
@@ -219,7 +219,7 @@ def picturing(notify: Callable[[], None]) -> Job[Document, Edit]:
         pose = framed(document.pose, mesh, whole.grown(-ALONE_MARGIN)).scaled(factor)
         ground = np.full((pose.camera.height, pose.camera.width, 3), ALONE_GROUND, np.uint8)
         view = ModelInPhoto(ground, mesh, renderer(mesh), pose, opacity=1.0)
-        yield show(document, alone=(pose, draw_look("solid", view)))
+        yield show(document, alone=(pose, draw_style("solid", view)))
 
     return Job("model alone", asked, make, notify)
 
