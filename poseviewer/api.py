@@ -54,7 +54,7 @@ from poseviewer.geometry.view import View
 from poseviewer.render.overlay import RENDER_STYLES
 from poseviewer.render.overlay.styles import SOLID_OPACITY, ModelInPhoto, Picture, draw_style
 from poseviewer.render.pool import RendererPool
-from poseviewer.render.pyramid.levels import seen_share
+from poseviewer.render.pyramid.levels import visible_fraction
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import AttributeImage, Renderer
 from poseviewer.starts.automatic import AUTOMATIC, StartQuery
@@ -448,7 +448,7 @@ class Scene:
     @property
     def seen(self) -> float:
         """The share of the object's pixels in the photo that count: that nothing else hides."""
-        return seen_share(self.problem.photo, self.renderer, self.pose)
+        return visible_fraction(self.problem.photo, self.renderer, self.pose)
 
     @property
     def view_results(self) -> tuple[ViewResult, ...]:

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
-from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.charts import LOG_FOCAL, Chart, has_focal
 from poseviewer.geometry.free_body_chart import LARGEST_LOGARITHM
@@ -69,9 +69,9 @@ class PoseCovariance:
 
     def __post_init__(self) -> None:
         size = 7 if len(self.matrix) == 7 else 6
-        matrix = frozen_array(self.matrix, (size, size))
-        object.__setattr__(self, "centre", frozen_array(self.centre, (3,)))
-        object.__setattr__(self, "matrix", frozen_array(0.5 * (matrix + matrix.T), (size, size)))
+        matrix = freeze_array(self.matrix, (size, size))
+        object.__setattr__(self, "centre", freeze_array(self.centre, (3,)))
+        object.__setattr__(self, "matrix", freeze_array(0.5 * (matrix + matrix.T), (size, size)))
 
     @classmethod
     def from_chart(
@@ -88,19 +88,19 @@ class PoseCovariance:
         """Another distribution about the same pose of the same model."""
         other = replace(self, matrix=matrix)
         points = hull_points(mesh)
-        moved = _derivatives(lambda d: other.moved(d).project(points).ravel(), other.scales)
+        moved = _derivatives(lambda d: other.pose_at(d).project(points).ravel(), other.scales)
         # The trace of J C J^T is the mean square distance of all points, each two rows of J.
         square = np.einsum("pi,ij,pj->", moved, other.matrix, moved) / len(points)
         return replace(other, px=math.sqrt(max(square, 0.0)))
 
-    def about(self, equal: Pose) -> PoseCovariance:
+    def at_equal_pose(self, equal: Pose) -> PoseCovariance:
         """The distribution about an equal pose of a symmetric model, turned about one point."""
         if equal is self.pose:
             return self
         centre = self.pose.camera_from_model.apply(self.centre)
         return replace(self, pose=equal, centre=equal.camera_from_model.inverse().apply(centre))
 
-    def seen_from(self, view_from_this: RigidTransform, pose: Pose, mesh: Mesh) -> PoseCovariance:
+    def in_view_of(self, view_from_this: RigidTransform, pose: Pose, mesh: Mesh) -> PoseCovariance:
         """Distribution about the ``pose`` in another view, whose camera stands at
         ``view_from_this``, in the model's unit.
         """
@@ -132,7 +132,7 @@ class PoseCovariance:
         depth = abs(float(self.pose.camera_from_model.apply(self.centre)[2]))
         return np.array([1.0, 1.0, 1.0, depth, depth, depth, 1.0])[: len(self.matrix)]
 
-    def moved(self, deviation: FloatArray) -> Pose:
+    def pose_at(self, deviation: FloatArray) -> Pose:
         """The pose that is off by a ``deviation`` (d,)."""
         camera, place = self.pose.camera, self.pose.camera_from_model
         numbers = np.asarray(deviation, dtype=float)
@@ -165,9 +165,9 @@ class PoseCovariance:
         """(n, n): covariance of a chart's numbers, to first order; nan for an unknown size."""
 
         def numbers(deviation: FloatArray) -> FloatArray:
-            pose = self.moved(deviation)
+            pose = self.pose_at(deviation)
             if self.extra == SIZE and isinstance(chart, ViewChart):
-                return chart.numbers_at(pose, chart.scale * math.exp(-deviation[6]))
+                return chart.parameters_at(pose, chart.scale * math.exp(-deviation[6]))
             return chart.from_pose(pose)
 
         jacobian = _derivatives(numbers, self.scales)
@@ -178,7 +178,7 @@ class PoseCovariance:
 
     def deviations_of(self, function: Callable[[Pose], FloatArray]) -> FloatArray:
         """(n,): standard deviations of a function of the pose (n,), to first order."""
-        jacobian = _derivatives(lambda steps: function(self.moved(steps)), self.scales)
+        jacobian = _derivatives(lambda steps: function(self.pose_at(steps)), self.scales)
         return np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", jacobian, self.matrix, jacobian), 0.0))
 
     @property
@@ -241,7 +241,7 @@ def joint_covariance(
         if chart.free_focals:
             from_first[6, 6 + chart.focal_index] = 1.0
         if chart.free_size:
-            from_first[3:6, -1] = -chart.nearness(parameters) * turn.translation
+            from_first[3:6, -1] = -chart.distance_factor(parameters) * turn.translation
         from_first = from_first[: len(one.matrix)]
         units = np.outer(one.scales, one.scales)
         inverse = np.linalg.pinv(one.matrix / units, PINV) / units  # 0 where a number was held

@@ -160,7 +160,9 @@ def _demo_without_its_car() -> NDArray[np.uint8]:
     case = demo_photo("photo-perspective")
     width, height = case.truth.camera.width, case.truth.camera.height
     picture = load_photo(case.photo).as_rgb8(width, height)
-    covered = SoftwareRenderer(open_model(case.mesh)[0].mesh).covers(case.truth).astype(np.uint8)
+    covered = (
+        SoftwareRenderer(open_model(case.mesh)[0].mesh).render_mask(case.truth).astype(np.uint8)
+    )
     covered = cv2.dilate(covered, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, MARGIN_PX))
     half = width // 2, height // 2
     small = cv2.resize(picture, half, interpolation=cv2.INTER_AREA)

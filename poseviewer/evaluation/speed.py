@@ -138,7 +138,7 @@ def measure_speed(
         limit_s = 15.0 if quick else 30.0
         tell(f"fitting by --method {loss}, for {limit_s:.0f} s at most")
         fits.append(time_fit(demo, truth, loss, limit_s))
-    covered = SoftwareRenderer(work.mesh).covers(work.poses[0])
+    covered = SoftwareRenderer(work.mesh).render_mask(work.poses[0])
     size = f"{covered.shape[1]}x{covered.shape[0]}"
     about = f"{TRIANGLES:,} triangles, {size}, {covered.sum():,} covered pixels"
     return SpeedReport(machine, about, paths, (*fits, maps))
@@ -163,7 +163,7 @@ def _gpu_name() -> str | None:
 def make_workload(demo: Scene, truth: Pose, triangles: int, width: int) -> Workload:
     """Simplify the demo's model to about ``triangles``, and its photo to a width."""
     mesh = simplify(demo.objects[0].mesh, triangles)
-    truth = truth.scaled(width / demo.views[0].photo.width)
+    truth = truth.rescale(width / demo.views[0].photo.width)
     width, height = truth.camera.width, truth.camera.height
     grey = demo.views[0].photo.as_rgb8(width, height) @ (GREY_WEIGHTS / 255.0)
     photo = PhotoAttributes(grey[..., None].astype(np.float32), np.ones(grey.shape, np.float32))

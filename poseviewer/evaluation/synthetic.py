@@ -65,7 +65,7 @@ def cut_out(
     Both in [0, 1]. RGB is ``reflectance (ambient + sum of intensity max(0, n.l))`` and
     ``highlights`` times those of Blinn and Phong, clamped, in display-encoded values.
     """
-    camera, fine = pose.camera, pose.scaled(SUPERSAMPLING)
+    camera, fine = pose.camera, pose.rescale(SUPERSAMPLING)
     image = renderer.render(fine)
     rows, columns = np.nonzero(image.mask)
     normals = image.normals[image.mask].astype(float)

@@ -85,7 +85,7 @@ def load_calibration(
     if least > min((side + ROUNDING_PX) / own for side, own in sides):  # no one factor
         wanted = "calibrate on pictures of the photo's size and orientation"
         raise reading.error(said, wanted)
-    scaled = replace(chosen, camera=camera.resized(width, height))
+    scaled = replace(chosen, camera=camera.resize(width, height))
     return scaled, (f"{choice.path.name}: {said}; it was scaled to the photo's size.",)
 
 

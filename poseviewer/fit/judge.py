@@ -21,7 +21,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose, level_pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.optimise import quadratic
-from poseviewer.render.pyramid.levels import covered, seen_share
+from poseviewer.render.pyramid.levels import model_mask, visible_fraction
 from poseviewer.render.types import AttributeImage, Renderer
 
 ALIKE = 0.1
@@ -90,7 +90,7 @@ def gather_features(probe: Probe) -> Features | None:
     or in part behind the camera.
     """
     photo, renderer, pose = probe.photo, probe.renderer, probe.chart.start
-    drawn = covered(photo, renderer, pose)
+    drawn = model_mask(photo, renderer, pose)
     here = float(probe.losses(np.zeros((1, len(probe.motions))))[0])
     if np.count_nonzero(drawn & (photo.weights > 0.0)) < FEWEST_PIXELS or not math.isfinite(here):
         return None
@@ -106,7 +106,7 @@ def gather_features(probe: Probe) -> Features | None:
         turn_margin=gain / scale,
         spread_percent=100.0 * float(np.median(_distances_of_returns(probe))),
         outline=outline_support(photo.channels, photo.weights, drawn),
-        seen=seen_share(photo, renderer, pose),
+        seen=visible_fraction(photo, renderer, pose),
         alike=_share_alike(renderer.render(level_pose(pose, photo.factor))),
     )
 
@@ -187,7 +187,7 @@ def better_turn(
         for step, loss in sorted(ends, key=lambda end: end[1]):
             if loss > own - TURN_GAIN:
                 break
-            here, there = (covered(photo, level, probe.pose(at)) for at in (starts[0], step))
+            here, there = (model_mask(photo, level, probe.pose(at)) for at in (starts[0], step))
             if np.count_nonzero(here & there) >= OUTLINE_OVERLAP * np.count_nonzero(here | there):
                 parameters = problem.chart.from_pose(probe.pose(step))
                 return problem.complete(parameters[problem.free_indices])

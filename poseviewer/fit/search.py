@@ -49,7 +49,7 @@ from poseviewer.fit.visibility import Hiding, visibility
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.charts import LOG_FOCAL
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.render.pyramid.levels import seen_share
+from poseviewer.render.pyramid.levels import visible_fraction
 from poseviewer.render.types import Renderer
 
 MOST_CONTINUED = 3
@@ -326,7 +326,7 @@ def with_end(scene: Scene, index: int, progress: FitProgress, renderer: Renderer
     seen: list[float | None] = [None] * len(scene.views)
     hidden: list[Hidden] = [None] * len(scene.views)
     for view, pose in zip(problem.views, problem.poses(at), strict=True):
-        seen[view.index] = seen_share(view.photo, renderer, pose)
+        seen[view.index] = visible_fraction(view.photo, renderer, pose)
         if view.hidden is not None:
             photo, factor = scene.views[view.index].photo, view.photo.factor
             hidden[view.index] = enlarged(view.hidden, factor, photo.width, photo.height)

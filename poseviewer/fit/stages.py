@@ -26,7 +26,7 @@ from poseviewer.optimise.quadratic import QuadraticOptions
 from poseviewer.optimise.restart_options import RestartOptions
 from poseviewer.optimise.state import State
 from poseviewer.render.pool import RendererPool
-from poseviewer.render.pyramid.levels import Level, coarsest_level, lighter_level, structured
+from poseviewer.render.pyramid.levels import Level, coarsest_level, lighter_level, with_structure
 from poseviewer.render.types import Renderer
 from poseviewer.vehicle.chart import VehicleChart
 
@@ -244,7 +244,7 @@ class _Run:
         if stage.along_axes and stage.rescore_every:
             factors = [level.photo.factor for level in stage.levels]
             poses = map(level_pose, self._problem.poses(self._best.parameters), factors)
-            return tuple(own.culled(pose) for own, pose in zip(renderers, poses, strict=True))
+            return tuple(own.cull(pose) for own, pose in zip(renderers, poses, strict=True))
         return renderers
 
     def _on_level(self, stage: Stage) -> FitProblem:
@@ -252,7 +252,7 @@ class _Run:
         photos = [level.photo for level in stage.levels]
         if photos[0].structure is None and self._problem.photo.structure is not None:
             # The fine photo's is made only for its stage, beside the one before.
-            photos = [structured(photo, is_steep=True) for photo in photos]
+            photos = [with_structure(photo, is_steep=True) for photo in photos]
         return self._problem.on(photos)
 
     def _begin_score(self, point: FloatArray, pool: RendererPool, tolerance: float = 0.0) -> None:

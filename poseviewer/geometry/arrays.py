@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 FloatArray = NDArray[np.float64]
 
 
-def frozen_array(
+def freeze_array(
     values: ArrayLike, shape: tuple[int, ...], dtype: DTypeLike = np.float64
 ) -> NDArray[Any]:
     """Make an array read-only and C-contiguous; ``ValueError`` unless of ``shape`` (-1: any)."""

@@ -60,16 +60,16 @@ class Perspective:
         """Points (..., 3) in the camera frame at depths (...) behind image points (..., 2)."""
         return self.rays(pixels) * np.asarray(depths)[..., None]
 
-    def scaled(self, factor: float) -> Perspective:
+    def rescale(self, factor: float) -> Perspective:
         """The camera of the same picture, resized by ``factor`` (sizes rounded, at least 1)."""
-        return self.resized(*scaled_size(self.width, self.height, factor))
+        return self.resize(*scaled_size(self.width, self.height, factor))
 
-    def resized(self, width: int, height: int) -> Perspective:
+    def resize(self, width: int, height: int) -> Perspective:
         """The camera of the same picture in another size, px."""
         kx, ky = width / self.width, height / self.height
         return Perspective(self.fx * kx, self.fy * ky, self.cx * kx, self.cy * ky, width, height)
 
-    def cropped(self, left: float, top: float, width: int, height: int) -> Perspective:
+    def crop(self, left: float, top: float, width: int, height: int) -> Perspective:
         """The camera of a rectangle of the picture, px from its left and top edges."""
         return replace(self, cx=self.cx - left, cy=self.cy - top, width=width, height=height)
 
@@ -96,14 +96,14 @@ class Parallel:
         z = np.broadcast_to(depths, xy.shape[:-1])
         return np.concatenate([xy, z[..., None]], axis=-1)
 
-    def scaled(self, factor: float) -> Parallel:
+    def rescale(self, factor: float) -> Parallel:
         """The camera of the same picture, resized by ``factor``; pixels stay square."""
         width, height = scaled_size(self.width, self.height, factor)
         k = math.sqrt(width / self.width * height / self.height)
         cx, cy = self.cx * width / self.width, self.cy * height / self.height
         return Parallel(self.scale * k, cx, cy, width, height)
 
-    def cropped(self, left: float, top: float, width: int, height: int) -> Parallel:
+    def crop(self, left: float, top: float, width: int, height: int) -> Parallel:
         """The camera of a rectangle of the picture, px from its left and top edges."""
         return replace(self, cx=self.cx - left, cy=self.cy - top, width=width, height=height)
 
@@ -122,9 +122,9 @@ class Pose:
         """Points (..., 3) of the model to the picture (..., 2)."""
         return self.camera.project(self.camera_from_model.apply(points))
 
-    def scaled(self, factor: float) -> Pose:
+    def rescale(self, factor: float) -> Pose:
         """Pose in the image resized by ``factor``."""
-        return replace(self, camera=self.camera.scaled(factor))
+        return replace(self, camera=self.camera.rescale(factor))
 
 
 def scaled_size(width: int, height: int, factor: float) -> tuple[int, int]:
@@ -137,7 +137,7 @@ def level_pose(pose: Pose, factor: int) -> Pose:
     if factor == 1:
         return pose
     camera = pose.camera
-    size = reduced_size(camera.width, factor), reduced_size(camera.height, factor)
+    size = level_size(camera.width, factor), level_size(camera.height, factor)
     place = camera.cx / factor, camera.cy / factor, *size
     if isinstance(camera, Perspective):
         smaller = Perspective(camera.fx / factor, camera.fy / factor, *place)
@@ -146,6 +146,6 @@ def level_pose(pose: Pose, factor: int) -> Pose:
     return Pose(smaller, pose.camera_from_model)
 
 
-def reduced_size(size: int, factor: int) -> int:
+def level_size(size: int, factor: int) -> int:
     """Pixels along a side that shows ``size`` px, ``factor`` to each; the last may be in part."""
     return -(-size // factor)

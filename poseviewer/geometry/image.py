@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.geometry.arrays import frozen_array
+from poseviewer.geometry.arrays import freeze_array
 from poseviewer.geometry.camera import DEFAULT_FIELD_OF_VIEW_DEG, Camera, Parallel, Perspective
 from poseviewer.geometry.lens import Undistortion
 
-GREY_WEIGHTS = frozen_array([0.299, 0.587, 0.114], (3,))
+GREY_WEIGHTS = freeze_array([0.299, 0.587, 0.114], (3,))
 """RGB to grey (ITU-R BT.601), display-encoded, for photo and reflectance alike."""
 STRIP_PIXELS = 1 << 20
 

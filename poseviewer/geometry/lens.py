@@ -97,7 +97,7 @@ def undistort(pixels: NDArray, undistortion: Undistortion) -> tuple[NDArray, NDA
     # In strips: the maps of a large photo take eight bytes a pixel.
     rows = max(1, STRIP_PIXELS // camera.width)
     for start in range(0, camera.height, rows):
-        strip = camera.cropped(0, start, camera.width, min(rows, camera.height - start))
+        strip = camera.crop(0, start, camera.width, min(rows, camera.height - start))
         matrices = opencv_matrix(taken), undistortion.lens.array, np.eye(3), opencv_matrix(strip)
         size = strip.width, strip.height
         u, v = undistortion.lens.module.initUndistortRectifyMap(*matrices, size, cv2.CV_32FC1)

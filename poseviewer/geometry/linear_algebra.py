@@ -34,7 +34,7 @@ def whiten(covariance: FloatArray, mean: FloatArray) -> FloatArray:
     return vectors.T[first:] * scale / np.sqrt(values[first:, None])
 
 
-def squared_correlations(
+def canonical_correlations_squared(
     mean: FloatArray,
     covariance: FloatArray,
     n: int,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from poseviewer.errors import SettingsError
-from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.camera import Pose
 
 FEWEST_FOR_HULL = 100
@@ -71,8 +71,8 @@ class Mesh:
             "face_part": ((-1,), np.int32),
         }
         for name, (shape, dtype) in shapes.items():
-            object.__setattr__(self, name, frozen_array(getattr(self, name), shape, dtype))
-        textures = tuple(frozen_array(t, (-1, -1, 3), np.uint8) for t in self.textures)
+            object.__setattr__(self, name, freeze_array(getattr(self, name), shape, dtype))
+        textures = tuple(freeze_array(t, (-1, -1, 3), np.uint8) for t in self.textures)
         object.__setattr__(self, "textures", textures)
 
     @cached_property
@@ -145,7 +145,7 @@ def hull_points(mesh: Mesh) -> FloatArray:
         corners = ConvexHull(mesh.vertices).vertices
     except QhullError:
         return mesh.vertices
-    return frozen_array(mesh.vertices[corners], (-1, 3))
+    return freeze_array(mesh.vertices[corners], (-1, 3))
 
 
 def hull_in_photo(mesh: Mesh, pose: Pose) -> FloatArray:

@@ -67,7 +67,7 @@ def find_adjacency(faces: NDArray) -> Adjacency:
     return Adjacency(first, second, start[first] == start[second], open_faces)
 
 
-def winding_to_flip(vertices: FloatArray, faces: NDArray) -> NDArray[np.bool_]:
+def faces_to_flip(vertices: FloatArray, faces: NDArray) -> NDArray[np.bool_]:
     """(F,) the faces to turn to wind closed pieces outwards, and open ones alike by least area."""
     if not len(faces):
         return np.zeros(0, dtype=bool)

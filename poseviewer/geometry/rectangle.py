@@ -45,7 +45,7 @@ class Rectangle(NamedTuple):
         """Area in px; 0 for a rectangle that is turned inside out, as an empty intersection is."""
         return max(self.width, 0.0) * max(self.height, 0.0)
 
-    def grown(self, share: float) -> Rectangle:
+    def expand(self, share: float) -> Rectangle:
         """The rectangle about the same middle, longer by ``share`` along each side."""
         width, height = self.width * (1.0 + share), self.height * (1.0 + share)
         u, v = self.centre

@@ -23,7 +23,7 @@ Turned = tuple[float, FloatArray]
 """Scale in px per model unit, and rotation (3, 3)."""
 
 
-def scaled_orthographic_poses(
+def solve_scaled_orthographic(
     points: FloatArray, pixels: FloatArray, camera: Parallel
 ) -> list[Pose]:
     """The poses that show points (n, 3), not on a line, nearest to pixels (n, 2)."""

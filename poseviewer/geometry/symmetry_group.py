@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform
 
@@ -25,10 +25,10 @@ SAME_COSINE = math.cos(math.radians(2.0))
 """Rotations and axes nearer than that are one: files round."""
 ROUNDING = 1e-12
 """Radians: a pose so near to the wanted one is the one, to the last digit."""
-MOST_FOLD = 60
+MAX_FOLD = 60
 """Steps of a full turn, six degrees each: finer ones are a continuous symmetry to the eye."""
-MOST_ROTATIONS, MOST_NAMED = 2 * MOST_FOLD, 3
-"""Rotations of a prism with ``MOST_FOLD`` sides (an icosahedron has 60); turns a message names."""
+MAX_ROTATIONS, MAX_NAMED_AXES = 2 * MAX_FOLD, 3
+"""Rotations of a prism with ``MAX_FOLD`` sides (an icosahedron has 60); turns a message names."""
 APART = 0.01
 """Share of the model's diameter by which motions may differ on the point that they leave."""
 REFERENCE = Rotation.from_rotvec([0.3, 0.5, 0.7]).as_matrix()
@@ -36,7 +36,7 @@ REFERENCE = Rotation.from_rotvec([0.3, 0.5, 0.7]).as_matrix()
 exactly lies half way from it to an equal one, as those along the axes do from the identity."""
 
 
-class Turn(NamedTuple):
+class SymmetryAxis(NamedTuple):
     """The turns about an axis."""
 
     axis: FloatArray
@@ -66,10 +66,10 @@ class Symmetry:
 
     def __post_init__(self) -> None:
         for name, shape in (("centre", (3,)), ("rotations", (-1, 3, 3)), ("axes", (-1, 3))):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), shape))
+            object.__setattr__(self, name, freeze_array(getattr(self, name), shape))
 
     @classmethod
-    def from_turns(cls, centre: ArrayLike, turns: Iterable[Turn]) -> Symmetry:
+    def from_axes(cls, centre: ArrayLike, turns: Iterable[SymmetryAxis]) -> Symmetry:
         """Close these turns about axes through a point; raises ``ValueError`` if too many."""
         turns = tuple(turns)
         steps = (2.0 * math.pi / fold * axis for axis, fold in turns if fold)
@@ -117,30 +117,30 @@ class Symmetry:
         return np.eye(3) if self.is_any_rotation else self.axes
 
     @property
-    def turns(self) -> tuple[Turn, ...]:
+    def symmetry_axes(self) -> tuple[SymmetryAxis, ...]:
         """The turns that it is made of, those about one axis together, the finest first."""
-        turns: list[Turn] = []
+        turns: list[SymmetryAxis] = []
         for rotation in self.rotations[1:]:
             vector = Rotation.from_matrix(rotation).as_rotvec()
             upwards = vector[np.argmax(np.abs(vector))] > 0.0  # along the greatest coordinate
             axis = (vector if upwards else -vector) / np.linalg.norm(vector)
             for index, known in enumerate(turns):
                 if abs(axis @ known.axis) > SAME_COSINE:
-                    turns[index] = Turn(known.axis, known.fold + 1)
+                    turns[index] = SymmetryAxis(known.axis, known.fold + 1)
                     break
             else:
-                turns.append(Turn(axis, 2))
+                turns.append(SymmetryAxis(axis, 2))
         turns.sort(key=lambda turn: -turn.fold)
-        return (*(Turn(axis, 0) for axis in self.axes), *turns)
+        return (*(SymmetryAxis(axis, 0) for axis in self.axes), *turns)
 
     @property
     def words(self) -> str:
         """Such as ``every turn about (0, 0, 1), half a turn about (1, 0, 0)``; empty for none."""
         if self.is_any_rotation:
             return "every rotation"
-        named = [turn.words for turn in self.turns]
-        more = [f"{len(named) - MOST_NAMED} more"] if len(named) > MOST_NAMED else []
-        return ", ".join([*named[:MOST_NAMED], *more])
+        named = [turn.words for turn in self.symmetry_axes]
+        more = [f"{len(named) - MAX_NAMED_AXES} more"] if len(named) > MAX_NAMED_AXES else []
+        return ", ".join([*named[:MAX_NAMED_AXES], *more])
 
     def transforms(self) -> tuple[RigidTransform, ...]:
         """All symmetries, the identity first, continuous ones in steps of at most ``STEP``."""
@@ -148,7 +148,7 @@ class Symmetry:
         angles = 2.0 * math.pi / count * np.arange(1, count)
         ways = (Rotation.from_rotvec(angles[:, None] * axis).as_matrix() for axis in self.axes)
         turns = np.concatenate([np.eye(3)[None], *ways])
-        return tuple(self.about(own @ turn) for turn in turns for own in self.rotations)
+        return tuple(self.as_transform(own @ turn) for turn in turns for own in self.rotations)
 
     def nearest(self, place: RigidTransform, wanted: RigidTransform) -> RigidTransform:
         """The transform equal to ``place`` whose rotation is nearest to ``wanted``; exact."""
@@ -159,12 +159,12 @@ class Symmetry:
         off = wanted.rotation.T @ place.rotation
         if self.is_any_rotation:
             is_there = np.abs(off - np.eye(3)).max() < ROUNDING
-            return place if is_there else place @ self.about(off.T)
+            return place if is_there else place @ self.as_transform(off.T)
         products = off @ self.rotations
         traces = np.trace(products, axis1=1, axis2=2)
         if not len(self.axes):
             index = int(np.argmax(traces))
-            return place @ self.about(self.rotations[index]) if index else place
+            return place @ self.as_transform(self.rotations[index]) if index else place
         (axis,) = self.axes
         along = np.einsum("i,nij,j->n", axis, products, axis)
         cosines = traces - along
@@ -174,7 +174,7 @@ class Symmetry:
         if best == 0 and abs(angle) < ROUNDING:
             return place
         turn = Rotation.from_rotvec(angle * axis).as_matrix()
-        return place @ self.about(self.rotations[best] @ turn)
+        return place @ self.as_transform(self.rotations[best] @ turn)
 
     def nearest_pose(self, pose: Pose, wanted: Pose) -> Pose:
         """Pose equal to ``pose``, with its camera, whose rotation is nearest to ``wanted``."""
@@ -186,7 +186,7 @@ class Symmetry:
         """The one of the equal poses that stands for all of them."""
         return self.nearest_pose(pose, Pose(pose.camera, RigidTransform(REFERENCE, np.zeros(3))))
 
-    def about(self, rotation: FloatArray) -> RigidTransform:
+    def as_transform(self, rotation: FloatArray) -> RigidTransform:
         """The rotation (3, 3) about the centre."""
         return RigidTransform(rotation, self.centre - rotation @ self.centre)
 
@@ -220,8 +220,8 @@ def _products(rotations: Sequence[FloatArray]) -> FloatArray:
         for new in (product @ rotation for rotation in rotations):
             if np.max(np.einsum("nij,ij->n", np.array(products), new)) < least:
                 products.append(new)
-        if len(products) > MOST_ROTATIONS:
+        if len(products) > MAX_ROTATIONS:
             raise ValueError(
-                f"lead to more than {MOST_ROTATIONS} equal poses, so that no turn of them closes"
+                f"lead to more than {MAX_ROTATIONS} equal poses, so that no turn of them closes"
             )
     return np.array(products)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.arrays import FloatArray, freeze_array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,8 +22,8 @@ class RigidTransform:
     """(3,), in the unit of the points."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "rotation", frozen_array(self.rotation, (3, 3)))
-        object.__setattr__(self, "translation", frozen_array(self.translation, (3,)))
+        object.__setattr__(self, "rotation", freeze_array(self.rotation, (3, 3)))
+        object.__setattr__(self, "translation", freeze_array(self.translation, (3,)))
 
     @classmethod
     def identity(cls) -> RigidTransform:

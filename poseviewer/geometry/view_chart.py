@@ -47,16 +47,16 @@ class ViewChart(Chart):
         focals = ("log_focal", *focals) if self.free_focals else ()
         return (*self.reference.names, *focals, *((SIZE,) if self.free_size else ()))
 
-    def nearness(self, parameters: FloatArray) -> float:
+    def distance_factor(self, parameters: FloatArray) -> float:
         """Distance of all cameras over that at the start; raises ``OutsideChartError``."""
         log_size = float(parameters[-1]) if self.free_size else 0.0
         return _exp(-log_size)
 
     def scale_at(self, parameters: FloatArray) -> float:
         """The scale of the set by these numbers; raises as ``nearness``."""
-        return self.scale * self.nearness(parameters)
+        return self.scale * self.distance_factor(parameters)
 
-    def numbers_at(self, pose: Pose, scale: float) -> FloatArray:
+    def parameters_at(self, pose: Pose, scale: float) -> FloatArray:
         """The numbers of a pose in this view at a scale of the set; raises as ``from_pose``."""
         factor, place = scale / self.scale, pose.camera_from_model
         middle = place.apply(self.reference.centre) / factor
@@ -68,7 +68,7 @@ class ViewChart(Chart):
 
     def to_pose(self, parameters: FloatArray) -> Pose:
         """The pose in this view."""
-        factor, camera = self.nearness(parameters), self.camera
+        factor, camera = self.distance_factor(parameters), self.camera
         if self.free_focals:
             zoom = _exp(float(parameters[6 + self.focal_index]))
             camera = replace(camera, fx=camera.fx * zoom, fy=camera.fy * zoom)

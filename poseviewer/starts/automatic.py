@@ -127,7 +127,7 @@ class StartQuery:
     @property
     def photo(self) -> PhotoAttributes:
         """The photo as the default method compares it, about the box in its region."""
-        wide = self.box.grown(2.0 * MARGIN)
+        wide = self.box.expand(2.0 * MARGIN)
         corners = max(int(wide.left), 0), max(int(wide.top), 0)
         region = Rectangle.from_corners(*corners, int(wide.right) + 1, int(wide.bottom) + 1)
         if self.settings.region is not None:

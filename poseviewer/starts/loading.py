@@ -152,7 +152,7 @@ def open_photo(
     if (camera.width, camera.height) != (opened.width, opened.height):
         raise SettingsError(
             f"a start for photos of {camera.width}x{camera.height} px, and {opened.name} has "
-            f"{opened.width}x{opened.height}; use pose.scaled, if it is the same photo made "
+            f"{opened.width}x{opened.height}; use pose.rescale, if it is the same photo made "
             "smaller or larger."
         )
     view = View(opened.name, opened, camera, mask=mask, path=None if is_loaded else Path(photo))
@@ -445,7 +445,7 @@ def _recorded_result(result: SearchResult, pose: Pose, equal: Pose) -> Result:
         seen=result.seen,
         verdict=result.verdict,
         view=result.view,
-        uncertainty=sure and Uncertainty.of(sure.about(equal)),
+        uncertainty=sure and Uncertainty.of(sure.at_equal_pose(equal)),
         chart=chart if equal is pose and result.names else None,
         settings=dict(result.settings),
         notes=result.notes,

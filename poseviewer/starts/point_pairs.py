@@ -26,7 +26,7 @@ from poseviewer.geometry.frames import HALF_PIXEL
 from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import non_maximum_suppression
-from poseviewer.geometry.scaled_orthographic import scaled_orthographic_poses
+from poseviewer.geometry.scaled_orthographic import solve_scaled_orthographic
 from poseviewer.geometry.transform import RigidTransform, rotation_about, rotation_angle
 from poseviewer.starts.loading import Start, StartCamera, StartInputs
 from poseviewer.starts.placing import surface_point
@@ -96,7 +96,7 @@ def poses_from_pairs(points: ArrayLike, pixels: ArrayLike, camera: Camera) -> tu
     """
     points, pixels = _checked(points, pixels, fewest_pairs(camera))
     if isinstance(camera, Parallel):
-        poses = scaled_orthographic_poses(points, pixels, camera)
+        poses = solve_scaled_orthographic(points, pixels, camera)
     else:
         poses = _perspective_poses(points, pixels, camera)
     fits = sorted((fit_of(pose, points, pixels) for pose in poses), key=lambda fit: fit.rms_px)

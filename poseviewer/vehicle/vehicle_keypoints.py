@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.mesh import Mesh
 
 LEAST_ASIDE = 0.4
@@ -25,8 +25,8 @@ class SideKeypoints:
     """(3,): unit direction of the rear axle, outwards on this side."""
 
     def __post_init__(self) -> None:
-        rear = frozen_array(self.rear_wheel, (3,))
-        front = frozen_array(self.front_wheel, (3,))
+        rear = freeze_array(self.rear_wheel, (3,))
+        front = freeze_array(self.front_wheel, (3,))
         along = front - rear
         if not np.linalg.norm(along) > 0.0:
             raise ValueError("rear and front wheel are the same point")
@@ -36,7 +36,7 @@ class SideKeypoints:
             raise ValueError("the axle points along the wheelbase")
         object.__setattr__(self, "rear_wheel", rear)
         object.__setattr__(self, "front_wheel", front)
-        object.__setattr__(self, "axle", frozen_array(across / np.linalg.norm(across), (3,)))
+        object.__setattr__(self, "axle", freeze_array(across / np.linalg.norm(across), (3,)))
 
     @property
     def wheelbase(self) -> float:

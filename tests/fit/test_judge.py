@@ -24,7 +24,7 @@ from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
-from poseviewer.geometry.symmetry_group import Symmetry, Turn
+from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.starts.loading import open_photo
 from poseviewer.vehicle.chart import LEAST_AXLE_COMPONENT, VehicleChart
@@ -133,7 +133,9 @@ def test_the_end_of_a_fit_is_sure_and_the_same_on_any_threads(case):
 
 def test_a_symmetric_model_says_which_turns_no_photo_tells(case, truth):
     problem, renderer = case
-    half = Symmetry.from_turns(problem.model.mesh.centre, [Turn(np.array([0.0, 0.0, 1.0]), 2)])
+    half = Symmetry.from_axes(
+        problem.model.mesh.centre, [SymmetryAxis(np.array([0.0, 0.0, 1.0]), 2)]
+    )
     turned = replace(problem, model=replace(problem.model, whole_symmetry=half))
     for here, count in ((problem, 0), (turned, 1)):
         at = replace(here, start=here.chart.from_pose(truth))

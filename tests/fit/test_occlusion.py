@@ -64,7 +64,7 @@ def test_a_post_is_told_from_the_car_behind_it(demo, behind_slab):
     assert hidden is not None
     photo = case.photo
     full = enlarged(hidden, case.problem.photo.factor, photo.width, photo.height)
-    covered = case.renderer.covers(truth)
+    covered = case.renderer.render_mask(truth)
     post = np.zeros_like(covered)
     post[:, slice(*SLAB)] = True
     assert np.mean(full[covered & post]) > 0.95

@@ -22,7 +22,7 @@ from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.geometry.symmetry_group import Symmetry, Turn
+from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.renderers import make_renderer
 from tests.meshes import make_mesh
@@ -48,7 +48,7 @@ TRUTH = Pose(
     Perspective(400.0, 400.0, 160.0, 120.0, 320, 240),
     RigidTransform.from_rotation_vector([1.25, 0.5, -0.4], [0.05, 0.02, 4.0]),
 )
-ROUND = Symmetry.from_turns(CAN.centre, [Turn(AXIS, 0), Turn(ACROSS, 2)])
+ROUND = Symmetry.from_axes(CAN.centre, [SymmetryAxis(AXIS, 0), SymmetryAxis(ACROSS, 2)])
 
 
 def turned(pose: Pose, degrees: float) -> Pose:
@@ -172,7 +172,7 @@ def test_turns_to_equal_poses_are_no_motions():
 
 
 def test_an_equal_pose_is_not_away():
-    symmetry = Symmetry.from_turns(CAN.centre, [Turn(ACROSS, 2)])
+    symmetry = Symmetry.from_axes(CAN.centre, [SymmetryAxis(ACROSS, 2)])
     problem = symmetric(fitted_from(TRUTH), symmetry)
     with probing(problem) as probe:
         _, over = symmetry.transforms()

@@ -14,7 +14,7 @@ from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.optimise.restart_options import RestartOptions
-from poseviewer.render.pyramid.levels import smaller, structured
+from poseviewer.render.pyramid.levels import downsample, with_structure
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_bumpy
@@ -44,11 +44,11 @@ def make_problem(width: int, **settings) -> FitProblem:
 
 
 def make_structured(width: int, factor: int, is_refined: bool = False, **settings) -> FitProblem:
-    """The problem by classes and edges, on a photo ``factor`` times smaller."""
+    """The problem by classes and edges, on a photo ``factor`` times downsample."""
     lit = make_problem(width, **settings)
     plain = replace(lit.photo, clipped=False, colour_reflectance=False)
-    fine = smaller(plain, 1) if is_refined else None
-    view = ComparedView(structured(plain, factor), lit.chart, fine_photo=fine)
+    fine = downsample(plain, 1) if is_refined else None
+    view = ComparedView(with_structure(plain, factor), lit.chart, fine_photo=fine)
     return replace(lit, views=(view,))
 
 
@@ -157,7 +157,7 @@ def test_a_search_ends_without_what_is_hidden_there():
     class Recording(SoftwareRenderer):
         def culled(self, pose: Pose) -> SoftwareRenderer:
             culled_at.append(pose)
-            return super().culled(pose)
+            return super().cull(pose)
 
     problem = make_structured(160, 2, is_refined=True)
     *_, end = fit_pose(problem, Recording(MESH))

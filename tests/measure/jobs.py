@@ -135,7 +135,7 @@ def by_drag(hand: Hand) -> None:
 def by_pairs(hand: Hand) -> None:
     """Four points that model and photo show, as far from one another as may be."""
     truth, mesh, frame = hand.cases[0].truth, hand.models[0].mesh, Rectangle(0, 0, *hand.size)
-    now = framed(hand.look_from("three-quarter"), mesh, frame.grown(-ALONE_MARGIN))
+    now = framed(hand.look_from("three-quarter"), mesh, frame.expand(-ALONE_MARGIN))
 
     def is_seen(pose: Pose, point: FloatArray) -> bool:
         hit = surface_point(mesh, pose, pose.project(point))

@@ -97,7 +97,7 @@ def _piece(photo: Photo, outline: FloatArray) -> tuple[str, Rectangle]:
     part = whole
     if outline.size:
         about = Rectangle.from_corners(*outline.min(axis=(0, 1)), *outline.max(axis=(0, 1)))
-        part = about.grown(BESIDE).intersection(whole)
+        part = about.expand(BESIDE).intersection(whole)
     left, top, right, bottom = map(int, (part.left, part.top, part.right, part.bottom))
     pixels = np.ascontiguousarray(photo.pixels[top : bottom + 1, left : right + 1])
     url = _small_picture(replace(photo, pixels=pixels))

@@ -22,12 +22,12 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.overlay.contour import within
+from poseviewer.render.overlay.contour import is_within_outline
 from poseviewer.starts.placing import surface_point, with_point_at
 from poseviewer.vehicle.chart import LEAST_AXLE_COMPONENT, VehicleChart
 
 REACH = 14.0
-"""A pin or a mark is taken within this distance (px of the screen)."""
+"""A pin or a mark is taken is_within_outline this distance (px of the screen)."""
 MODEL_REACH = 12.0
 """The model is taken also this far (px of the screen) beside its convex outline."""
 LEAST_LEVER = 8.0
@@ -115,7 +115,7 @@ def take_hold(document: Document, point: FloatArray, zoom: float, kind: str) -> 
     pin = nearest_place(pins, point, zoom)
     if pin is not None:
         return hold_pin(document, pin, pins[pin] - point)
-    if within(point, document.pose, document.mesh, MODEL_REACH / zoom):
+    if is_within_outline(point, document.pose, document.mesh, MODEL_REACH / zoom):
         return hold_model(document, point, kind)
     return None
 
@@ -132,7 +132,7 @@ def nearest_object(document: Document, point: FloatArray) -> int:
 
 def _depth_at(one: PlacedModel, point: FloatArray) -> float:
     """The depth of a surface as seen at ``point``; infinite beside it."""
-    if not within(point, one.pose, one.mesh, 0.0):
+    if not is_within_outline(point, one.pose, one.mesh, 0.0):
         return math.inf
     place = surface_point(one.mesh, one.pose, point)
     return math.inf if place is None else float(one.pose.camera_from_model.apply(place)[2])

@@ -278,7 +278,7 @@ class Session:
         turn = views[view].camera_from_world @ views[result.view].camera_from_world.inverse()
         shift = turn.translation / own.object.world_from_model.scale
         turn = RigidTransform(turn.rotation, shift)
-        return sure.seen_from(turn, own.scene.pose(own.active, view), own.mesh)
+        return sure.in_view_of(turn, own.scene.pose(own.active, view), own.mesh)
 
     @property
     def searching(self) -> bool:

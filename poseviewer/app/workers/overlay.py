@@ -117,7 +117,7 @@ class OverlayDrawer:
     def _picture(self, request: Session) -> Overlay:
         own, photo = request.document, request.document.photo
         factor = min(1.0, (LARGEST_PICTURE / (photo.width * photo.height)) ** 0.5)
-        pose = own.pose.scaled(factor)
+        pose = own.pose.rescale(factor)
         pixels = _shown_pixels(photo, pose.camera.width, pose.camera.height)
         relight: Relight | None = None
         if request.look in ("relit", "residual"):
@@ -143,7 +143,7 @@ def _shown_pixels(photo: Photo, width: int, height: int) -> NDArray[np.uint8]:
 @lru_cache(maxsize=1)
 def _depth_of(others: tuple[tuple[Mesh, Pose], ...], factor: float) -> DepthImage:
     """Depth of the nearest object in a photo drawn ``factor`` as large."""
-    placed = [PlacedModel(mesh, pose.scaled(factor)) for mesh, pose in others]
+    placed = [PlacedModel(mesh, pose.rescale(factor)) for mesh, pose in others]
     return np.minimum.reduce([depth_image(one) for one in placed])
 
 
@@ -216,7 +216,7 @@ def picturing(notify: Callable[[], None]) -> Job[Document, Edit]:
         photo, mesh = document.photo, document.mesh
         whole = Rectangle(0.0, 0.0, photo.width, photo.height)
         factor = min(1.0, ALONE_PX / max(photo.width, photo.height))
-        pose = framed(document.pose, mesh, whole.grown(-ALONE_MARGIN)).scaled(factor)
+        pose = framed(document.pose, mesh, whole.expand(-ALONE_MARGIN)).rescale(factor)
         ground = np.full((pose.camera.height, pose.camera.width, 3), ALONE_GROUND, np.uint8)
         view = ModelInPhoto(ground, mesh, renderer(mesh), pose, opacity=1.0)
         yield show(document, alone=(pose, draw_style("solid", view)))

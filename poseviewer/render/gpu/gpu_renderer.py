@@ -80,7 +80,7 @@ class GpuRenderer(SoftwareRenderer):
         other._questions, other._answering = [], threading.Lock()
         return other
 
-    def culled(self, pose: Pose) -> GpuRenderer:
+    def cull(self, pose: Pose) -> GpuRenderer:
         """Clone: to upload another model takes longer than to draw hidden faces."""
         del pose
         return self.clone()

@@ -52,11 +52,11 @@ class SoftwareRenderer(Renderer):
         """Another renderer of the same mesh with buffers of its own, for another thread."""
         return self._with(self._surface)
 
-    def culled(self, pose: Pose) -> SoftwareRenderer:
+    def cull(self, pose: Pose) -> SoftwareRenderer:
         """A renderer without faces hidden at a pose, for poses within ``CULLED_PX`` of it."""
         return self._with(make_surface(self.mesh, self._surface.order[~self._hidden(pose)]))
 
-    def reduced(self, faces: int) -> SoftwareRenderer:
+    def decimate(self, faces: int) -> SoftwareRenderer:
         """A renderer of the model with at most this number of triangles, or of it as it is."""
         if len(self.mesh.faces) <= faces:
             return self.clone()
@@ -73,7 +73,7 @@ class SoftwareRenderer(Renderer):
         face_ids[top:bottom, left:right] = np.where(ids >= 0, self._surface.order[ids], -1)
         return AttributeImage(face_ids, reflectance, normals)
 
-    def covers(self, pose: Pose) -> NDArray[np.bool_]:
+    def render_mask(self, pose: Pose) -> NDArray[np.bool_]:
         """(height, width): where the model is seen; ``render(pose).mask``, sooner."""
         self._rasterise(pose)
         return self._ids[:, : pose.camera.width] >= 0

@@ -55,7 +55,7 @@ def test_four_point_pairs_place_the_model(browser: Browser, tmp_path: Path):
     model, truth = load_model(case.model), load_pose(case.truth, *PHOTO).pose
     camera = load_photo(case.photo).default_camera()
     now = look_from("three-quarter", model.mesh, model.keypoints, camera)
-    drawn = framed(now, model.mesh, Rectangle(0, 0, *PHOTO).grown(-ALONE_MARGIN))
+    drawn = framed(now, model.mesh, Rectangle(0, 0, *PHOTO).expand(-ALONE_MARGIN))
     with (
         AppProcess(tmp_path, case.photo, case.model) as app,
         AppPage(browser, app.url) as page,

@@ -123,7 +123,7 @@ def ended_search(scene, columns: int = WIDTH // 2) -> Session:
 
 def share_seen(document: Document, mask: Mask | None) -> float:
     """The share of the active model that a mask leaves."""
-    covered = SoftwareRenderer(document.mesh).covers(document.pose)
+    covered = SoftwareRenderer(document.mesh).render_mask(document.pose)
     return 1.0 if mask is None else float(np.mean(mask.weights[covered] > 0.0))
 
 
