@@ -169,7 +169,7 @@ def test_a_camera_that_contradicts_the_others_is_named_and_does_no_harm():
         views=views, model=model, start=START, view="a.png", limits=Limits(1500)
     ).fit()
     assert found.verdict is not None
-    assert found.verdict.word != "found"
+    assert found.verdict.label != "found"
     assert found.record.notes[0].startswith("c.png goes least with the others")
     at, true = (p.camera_from_model.apply(MESH.centre) for p in (found.pose, TRUTH[0]))
     assert np.abs(at - true).max() < 0.003 * DISTANCE

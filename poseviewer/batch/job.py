@@ -97,7 +97,7 @@ def _keep(job: Job, plan: Batch, fitted: Scene, picture: Picture) -> JobResult:
     numbers = {name: getattr(progress, name) for name in names}
     numbers |= {"seconds": round(progress.seconds, 3), **standard_deviations(fitted.covariance)}
     if verdict is not None:
-        numbers |= {"verdict": verdict.word, "probability": round(verdict.probability, 4)}
+        numbers |= {"verdict": verdict.label, "probability": round(verdict.probability, 4)}
         numbers |= {"reasons": "\n".join(verdict.reasons)}
     result = JobResult(progress.status.value, pose=pose, picture=drawn, **numbers)
     try:

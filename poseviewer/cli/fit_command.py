@@ -61,7 +61,7 @@ def run(options: Namespace) -> int:
 
 def without_lost(scene: Scene, wanted: int) -> Scene:
     """Hide lost instances beside others, which are no instances; say how many are left."""
-    words = [end.verdict.word if end.verdict else "" for end in scene.placings.values()]
+    words = [end.verdict.label if end.verdict else "" for end in scene.placings.values()]
     lost = [index for index, word in zip(scene.placings, words, strict=True) if word == "lost"]
     data = scene.data
     for index in lost if len(lost) < len(words) else ():
@@ -113,7 +113,7 @@ def _print_end(scene: Scene) -> None:
     )
     if len(scene.views) > 1:
         for view in scene.view_results:
-            word = "" if view.verdict is None else f", {view.verdict.word} by it alone"
+            word = "" if view.verdict is None else f", {view.verdict.label} by it alone"
             share = "" if view.seen is None else f", {view.seen:.0%} of the model seen"
             say(f"{view.view.name}: {view.scale.text(view.loss)}{share}{word}")
     else:
@@ -129,7 +129,7 @@ def _print_end(scene: Scene) -> None:
         say(f"scale: {scale:.6g} lengths of the model's unit in one of the set's")
     if verdict is None:
         return
-    say(f"verdict: {verdict.word} ({verdict.share_right})")
+    say(f"verdict: {verdict.label} ({verdict.share_right})")
     notes = () if scene.object.result is None else scene.object.result.notes
     for reason in (*verdict.reasons, *notes):
         say(f"  {reason}")

@@ -112,7 +112,7 @@ def _print_scene(path: Path) -> None:
     for index, item in enumerate(scene.objects):
         record = scene.pose_record(index)
         place = record.pose.camera_from_model
-        word = "not judged" if record.verdict is None else record.verdict.word
+        word = "not judged" if record.verdict is None else record.verdict.label
         at = f"{item.path.name} at {_vector(place.translation)}, {word}"
         _print(object=f"{item.id}: {at}" + (f" ({item.name})" if item.name else ""))
         if len(scene.views) > 1:
@@ -147,7 +147,7 @@ def _print_pose(path: Path) -> None:
         rotation="; ".join(_vector(row) for row in transform.rotation) + " (camera_from_model)",
         translation=f"{_vector(transform.translation)} (camera_from_model)",
         unexplained=unknown if record.unexplained is None else unexplained,
-        verdict=unknown if record.verdict is None else record.verdict.word,
+        verdict=unknown if record.verdict is None else record.verdict.label,
         sure=() if sure is None else sure.words(model.unit),
         mask=record.mask or (),
         without=record.without,

@@ -40,9 +40,9 @@ LEAST_OUTLINE = 0.65
 LEAST_WHOLE = 0.9
 """Share of the model below which it is said to be hidden in part."""
 
-Word = Literal["found", "doubtful", "lost"]
+Label = Literal["found", "doubtful", "lost"]
 
-WORDS: tuple[Word, ...] = ("lost", "doubtful", "found")
+LABELS: tuple[Label, ...] = ("lost", "doubtful", "found")
 """From bad to good."""
 
 
@@ -74,29 +74,29 @@ class Verdict(Struct, frozen=True, omit_defaults=True):
     name; views: the verdicts by each of several compared views alone.
     """
 
-    word: Word
+    label: Label = field(name="word")
     probability: Annotated[float, Meta(ge=0.0, le=1.0)]
     reasons: tuple[str, ...] = ()
     features: Mapping[str, float] = field(name="evidence", default_factory=dict)
     views: tuple[Verdict, ...] = ()
 
     def __str__(self) -> str:
-        return self.word
+        return self.label
 
     @property
     def share_right(self) -> str:
-        """Clause with the ``percent_right``, as people read it behind the word."""
-        share = percent_right(self.word, self.probability)
+        """Clause with the ``percent_right``, as people read it behind the label."""
+        share = percent_right(self.label, self.probability)
         return f"{share} % of comparable calibration fits were right"
 
 
-def percent_right(word: str, probability: float) -> int:
-    """Probability of a verdict in whole per cent, kept within the bounds of its word and below 100.
+def percent_right(label: str, probability: float) -> int:
+    """Probability of a verdict in whole per cent, within the bounds of its label and below 100.
 
-    The word asks for more than the number where photos disagree; a reader sees one answer.
+    The label asks for more than the number where photos disagree; a reader sees one answer.
     """
     found, lost = math.ceil(100.0 * FOUND_FROM), math.ceil(100.0 * LOST_BELOW)
-    low, high = {"found": (found, 99), "lost": (0, lost - 1)}.get(word, (lost, found - 1))
+    low, high = {"found": (found, 99), "lost": (0, lost - 1)}.get(label, (lost, found - 1))
     return min(max(math.floor(100.0 * probability), low), high)
 
 
@@ -113,11 +113,11 @@ def judge(features: Features | None) -> Verdict:
     probability = 1.0 / (1.0 + math.exp(-score)) if features.seen >= LEAST_SEEN else 0.0
     outline, seen = (PLAIN_OUTLINE, PLAIN_SEEN) if features.is_plain else (LEAST_OUTLINE, 0.0)
     is_found = features.outline >= outline and features.seen >= seen
-    word = _word(is_found and probability >= FOUND_FROM, probability < LOST_BELOW)
-    return Verdict(word, probability, reasons_for(features), asdict(features))
+    label = _label(is_found and probability >= FOUND_FROM, probability < LOST_BELOW)
+    return Verdict(label, probability, reasons_for(features), asdict(features))
 
 
-def _word(is_found: bool, is_lost: bool) -> Word:
+def _label(is_found: bool, is_lost: bool) -> Label:
     return "found" if is_found else "lost" if is_lost else "doubtful"
 
 
@@ -132,11 +132,11 @@ def judge_together(views: Sequence[Verdict]) -> Verdict:
     probability = float(1.0 / (1.0 + np.exp(-np.mean(np.log(odds / (1.0 - odds))))))
     confirm, deny = float(np.mean(each >= FOUND_FROM)), float(np.mean(each < LOST_BELOW))
     is_found = probability >= FOUND_FROM and confirm >= 0.5
-    word = _word(is_found, probability < LOST_BELOW and deny > 0.5)
-    words = [one.word for one in views]
-    said = ", ".join(f"{words.count(w)} {w}" for w in reversed(WORDS) if w in words)
+    label = _label(is_found, probability < LOST_BELOW and deny > 0.5)
+    labels = [one.label for one in views]
+    said = ", ".join(f"{labels.count(name)} {name}" for name in reversed(LABELS) if name in labels)
     reasons = (f"By each of the {len(views)} photos alone it is: {said}.",)
-    return Verdict(word, probability, reasons, views=tuple(views))
+    return Verdict(label, probability, reasons, views=tuple(views))
 
 
 def scaled(name: str, value: float) -> float:

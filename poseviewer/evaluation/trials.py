@@ -181,7 +181,7 @@ def _outcome(result: Scene, truth: Pose) -> dict[str, Any]:
         "loss_truth": pose_loss(problem, result.renderer, problem.chart.from_pose(truth)),
         "evaluations": progress.evaluations,
         "status": progress.status.name,
-        "verdict": "" if verdict is None else verdict.word,
+        "verdict": "" if verdict is None else verdict.label,
         "probability": math.nan if verdict is None else verdict.probability,
         "evidence": " ".join(f"{name}={value:.6g}" for name, value in evidence.items()),
     }

@@ -58,7 +58,7 @@ def judge_end(progress: FitProgress, renderer: Renderer, threads: int = 1) -> Fi
         owns = [replace(progress, problem=alone, pose=pose) for alone, pose in pairs]
         each = [judge_end(own, renderer, threads) for own in owns]
         verdict = judge_together([one.verdict for one in each if one.verdict is not None])
-        if verdict.word != "lost":
+        if verdict.label != "lost":
             charts, known = [view.chart for view in problem.views], [one.covariance for one in each]
             covariance = joint_covariance(charts, known, parameters, problem.model.mesh)
         return replace(progress, verdict=_with_symmetry(verdict, problem), covariance=covariance)
@@ -68,7 +68,7 @@ def judge_end(progress: FitProgress, renderer: Renderer, threads: int = 1) -> Fi
         with suppress(PoseViewerError), closing(probing()) as probe:
             features = gather_features(probe)
     verdict = _with_symmetry(judge(features), problem)
-    if features is not None and verdict.word != "lost":
+    if features is not None and verdict.label != "lost":
         # Raises where poses beside it are in no photo.
         unknown = PoseViewerError, OutsideChartError, np.linalg.LinAlgError
         with suppress(*unknown), closing(probing(is_fine=True)) as probe:
@@ -79,7 +79,7 @@ def judge_end(progress: FitProgress, renderer: Renderer, threads: int = 1) -> Fi
 def _with_symmetry(verdict: Verdict, problem: FitProblem) -> Verdict:
     """The verdict with a reason that names the turns that the model's symmetry leaves open."""
     turns = problem.model.symmetry.words
-    if not turns or verdict.word == "lost":
+    if not turns or verdict.label == "lost":
         return verdict
     reason = f"The model looks the same after {turns}: no photo tells these poses apart."
     return structs.replace(verdict, reasons=(*verdict.reasons, reason))

@@ -294,12 +294,12 @@ class Search:
     def _of_this_model(self, end: FitProgress) -> FitProgress:
         """The ``end``, doubtful where another model's proportions explain the only photo better."""
         verdict, views = end.verdict, end.problem.views
-        if verdict is None or verdict.word != "found" or len(views) > 1:
+        if verdict is None or verdict.label != "found" or len(views) > 1:
             return end
         said = other_proportions(end.problem, self._renderer, end.pose, self._threads)
         if not said:
             return end
-        verdict = structs.replace(verdict, word="doubtful", reasons=(said, *verdict.reasons))
+        verdict = structs.replace(verdict, label="doubtful", reasons=(said, *verdict.reasons))
         return replace(end, verdict=verdict, seconds=time.perf_counter() - self._began)
 
     def _kept(self, end: FitProgress) -> FitProgress:
@@ -342,7 +342,7 @@ def result_of(scene: Scene, index: int, progress: FitProgress) -> SearchResult:
     first = scene.views[problem.views[0].index]
     notes = [first.photo.focal_note(problem.chart.to_pose(progress.parameters).camera)]
     verdicts = () if verdict is None else verdict.views
-    if any(one.word != "found" for one in verdicts):
+    if any(one.label != "found" for one in verdicts):
         worst = min(range(len(verdicts)), key=lambda number: verdicts[number].probability)
         notes.append(
             f"{scene.views[problem.views[worst].index].name} goes least with the others: something "
@@ -404,7 +404,7 @@ def is_restarted(best: FitProgress, is_turned: bool) -> bool:
     """Whether another run follows, from the end of the search before (``is_turned``: turned)."""
     if not (best.may_continue and best.problem.is_structured) or best.verdict is None:
         return False
-    is_found = best.verdict.word == "found"
+    is_found = best.verdict.label == "found"
     return not is_sure(best) and not (is_found and is_turned)
 
 
@@ -424,7 +424,7 @@ def is_worse(after: FitProgress, before: FitProgress) -> bool:
     """Whether a further round has spoiled an object: what hides it now may stand there wrongly."""
     if after.verdict is None or before.verdict is None:
         return False
-    is_spoiled = before.verdict.word == "found" != after.verdict.word
+    is_spoiled = before.verdict.label == "found" != after.verdict.label
     known = before.verdict.probability - PROBABILITY_MARGIN
     return is_spoiled or after.verdict.probability < known
 

@@ -65,7 +65,7 @@ def test_the_features_speak_for_the_true_pose(case, truth):
     assert wrong is not None
     assert right.turn_margin > wrong.turn_margin
     assert right.spread_percent < wrong.spread_percent
-    assert judge(wrong).word == "lost"
+    assert judge(wrong).label == "lost"
     assert judge(right).probability > 0.5 > judge(wrong).probability
 
 
@@ -115,7 +115,7 @@ def test_the_end_of_a_fit_is_sure_and_the_same_on_any_threads(case):
     judged = judge_end(end, renderer)
     verdict, sure = judged.verdict, judged.covariance
     assert verdict is not None
-    assert verdict.word == "found"
+    assert verdict.label == "found"
     assert sure is not None
     assert np.linalg.eigvalsh(sure.matrix)[0] > 0.0
     assert (
@@ -127,7 +127,7 @@ def test_the_end_of_a_fit_is_sure_and_the_same_on_any_threads(case):
     far = problem.chart.to_pose(np.array([0.0, 0.0, 0.0, 30.0, 30.0, 0.0]))
     unseen = judge_end(replace(end, pose=far), renderer)
     assert unseen.verdict is not None
-    assert (unseen.verdict.word, unseen.verdict.probability) == ("lost", 0.0)
+    assert (unseen.verdict.label, unseen.verdict.probability) == ("lost", 0.0)
     assert unseen.covariance is None
 
 

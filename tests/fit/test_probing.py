@@ -146,7 +146,7 @@ def test_a_fit_that_would_end_turned_ends_right():
     *_, now = Search(scene_from(start), {0: make_renderer(CAN)}, threads=2).run()
     end = now.progress
     assert end.verdict is not None
-    assert end.verdict.word == "found"
+    assert end.verdict.label == "found"
     assert pose_error(CAN, end.pose, TRUTH).rotation_deg < 1.0
 
 
@@ -155,8 +155,8 @@ def test_the_verdict_tells_a_turned_can_from_a_right_one():
     problem = fitted_from(TRUTH)
     right, wrong = (judge(features_of(problem, p)) for p in (TRUTH, turned(TRUTH, 30.0)))
     assert right.features["turn_margin"] > 1.0 > wrong.features["turn_margin"]
-    assert right.word == "found"
-    assert wrong.word != "found"
+    assert right.label == "found"
+    assert wrong.label != "found"
     assert any("Turned about one of its own axes" in reason for reason in wrong.reasons)
     assert not any("Turned" in reason for reason in right.reasons)
 
@@ -193,4 +193,4 @@ def test_equal_poses_do_not_count_as_turned():
     assert as_any is not None
     assert as_round is not None
     assert as_any.turn_margin < 0.1 < 1.0 < as_round.turn_margin
-    assert judge(as_round).word == "found"
+    assert judge(as_round).label == "found"

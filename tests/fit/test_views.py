@@ -68,7 +68,7 @@ def test_views_of_several_sides_tell_the_depth(renderer):
         assert np.abs(moved - true).max() < 1.0
     verdict = end.progress.verdict
     assert verdict is not None
-    assert [verdict.word, *(one.word for one in verdict.views)] == ["found"] * 4
+    assert [verdict.label, *(one.label for one in verdict.views)] == ["found"] * 4
     joint = end.progress.covariance
     alone = replace(end.progress, problem=end.problem.alone[0])
     single = judge_end(alone, renderer).covariance

@@ -254,7 +254,7 @@ def ends_in(folder: Path, cases: Sequence[Case]) -> tuple[float, str]:
         else:
             record = load_pose(path)
             poses, found = [*poses, record.pose], [record.verdict]
-        verdicts += [verdict.word if verdict else "-" for verdict in found]
+        verdicts += [verdict.label if verdict else "-" for verdict in found]
     pairs = zip(poses, cases, strict=True)
     errors = [pose_error(load_model(c.mesh).mesh, pose, c.truth).percent for pose, c in pairs]
     return max(errors), " ".join(verdicts)

@@ -170,7 +170,7 @@ def _trial(case: Case, way: str, start: Pose, end: Scene, seconds: float) -> Tri
         100.0 * abs(depth) / distance,
         100.0 * across / mesh.diameter,
         deviations,
-        "" if end.verdict is None else end.verdict.word,
+        "" if end.verdict is None else end.verdict.label,
         error.percent > case.accuracy_percent + WRONG_PERCENT,
         seconds,
     )

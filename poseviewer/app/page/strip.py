@@ -138,4 +138,4 @@ def word_of(scene_object: SceneObject, index: int) -> str:
         return ""
     compared = {i for i, share in enumerate(result.seen) if share is not None} - {result.view}
     verdicts = zip((result.view, *sorted(compared)), result.verdict.views, strict=False)
-    return {i: verdict.word for i, verdict in verdicts}.get(index, "")
+    return {i: verdict.label for i, verdict in verdicts}.get(index, "")

@@ -195,7 +195,7 @@ def search_text(session: Session) -> str:
         f"{progress.evaluations} evaluations, restart {progress.restart}, "
         f"{progress.seconds:.1f} s  \n{sentence}"
     )
-    return text if progress.verdict is None else f"{text}  \n**Verdict: {progress.verdict.word}.**"
+    return text if progress.verdict is None else f"{text}  \n**Verdict: {progress.verdict.label}.**"
 
 
 def verdict_text(session: Session) -> str:
@@ -211,7 +211,7 @@ def verdict_text(session: Session) -> str:
     if covariance is not None:
         words = plain(covariance.words(session.document.mesh.unit))
         sure = f"\n\n**How sure, if right:** {words} (standard deviations)."
-    return f"**Verdict: {verdict.word}.** {verdict.share_right}.{sure}\n\n{reasons}"
+    return f"**Verdict: {verdict.label}.** {verdict.share_right}.{sure}\n\n{reasons}"
 
 
 def hidden_text(session: Session) -> str:
@@ -243,7 +243,7 @@ def ends_table(ends: Sequence[SearchUpdate], mesh: Mesh) -> str:
         "seconds": [f"{p.seconds:.1f}" for p in progress],
         "evaluations": [f"{p.evaluations:,}" for p in progress],
         "restarts": [str(p.restart) for p in progress],
-        "verdict": ["-" if p.verdict is None else p.verdict.word for p in progress],
+        "verdict": ["-" if p.verdict is None else p.verdict.label for p in progress],
     }
     table = "\n".join(f"| {name} | {' | '.join(values)} |" for name, values in rows.items())
     first, second = (p.pose for p in progress[:2])

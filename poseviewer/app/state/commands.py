@@ -438,7 +438,7 @@ def start_fitted(
         return session
     verdict, at = result and result.verdict, document.active
     is_same = compared(session.document.scene, at) == compared(document.scene, at)
-    if not (is_same and verdict and verdict.word == "found"):
+    if not (is_same and verdict and verdict.label == "found"):
         return stop_proposing()(session)
     session = take_start(index)(session)
     session = replace(session, document=found_at(session.document, latest))

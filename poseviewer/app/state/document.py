@@ -387,7 +387,7 @@ def verdict_of(one: SceneObject) -> str:
     """The end of the search for an object in a word."""
     if one.result is None:
         return "not searched" if one.is_placed else "not placed"
-    return "searched" if one.result.verdict is None else one.result.verdict.word
+    return "searched" if one.result.verdict is None else one.result.verdict.label
 
 
 def scale_at(chart: Chart, numbers: FloatArray) -> float | None:

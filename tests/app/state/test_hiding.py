@@ -203,7 +203,7 @@ def test_what_is_saved_as_seen_is_what_the_mask_leaves(scene):
         assert record.seen is not None
         assert 0.2 < record.seen < 0.8
         assert record.seen == pytest.approx(share_seen(now.document, mask), abs=0.03)
-        assert verdict_of(now.document.object) == record.verdict.word
+        assert verdict_of(now.document.object) == record.verdict.label
     # Painting asks for another search, and takes its word from the one before.
     painted = after(session, c.accept_search(), brush((150.0, 10.0)))
     assert record_of(painted).seen is None
