@@ -24,7 +24,7 @@ from scipy.special import chdtri
 from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.charts import LOG_FOCAL, Chart, has_focal
-from poseviewer.geometry.free_body_chart import LARGEST_LOGARITHM
+from poseviewer.geometry.free_body_chart import MAX_LOGARITHM
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import SIZE, ViewChart
@@ -138,7 +138,7 @@ class PoseCovariance:
         numbers = np.asarray(deviation, dtype=float)
         rotation = Rotation.from_rotvec(numbers[:3]).as_matrix() @ place.rotation
         middle = place.apply(self.centre) + np.array([numbers[3], numbers[4], 0.0])
-        logarithms = np.clip(numbers, -LARGEST_LOGARITHM, LARGEST_LOGARITHM)
+        logarithms = np.clip(numbers, -MAX_LOGARITHM, MAX_LOGARITHM)
         if isinstance(camera, Parallel):
             camera = replace(camera, scale=camera.scale * math.exp(logarithms[5]))
         else:

@@ -12,7 +12,7 @@ from msgspec import Meta, Struct, field
 
 from poseviewer.confidence.weights import FEATURES, FOUND_FROM, LOST_BELOW, OFFSET
 
-LEAST_SEEN = 0.35
+MIN_VISIBLE_FRACTION = 0.35
 """Share of the model that must be seen: with less, poses far off look right too."""
 PLAIN_FROM, PLAIN_OUTLINE, PLAIN_SEEN = 0.85, 0.9, 0.95
 """Share of the model of one look from which it is plain, and what a ``found`` one has at least of
@@ -25,9 +25,9 @@ PROBABILITY_MARGIN = 0.1
 """Probability that a turned pose must gain, and that a continued one may lose."""
 TURNED_THRESHOLD = 0.75
 """Probability that a turned pose must have: what none explains is not to be looked for far off."""
-LEAST_PROBABILITY = 0.01
+MIN_PROBABILITY = 0.01
 """Probability of one photo among several: none is sure enough to overrule all others."""
-LARGEST_SCORE = 4.0
+MAX_SCORE = 4.0
 """Standard deviations from the trials' mean at which a feature is cut off: it says no more then."""
 SMALL_SPREAD_PERCENT = 3.0
 """Spread below which searches from near by have come back."""
@@ -35,9 +35,9 @@ LOW_TURN_MARGIN = 0.3
 """Turn margin that right poses seldom have."""
 GOOD_OUTLINE, POOR_OUTLINE = 0.9, 0.75
 """Shares of the outline."""
-LEAST_OUTLINE = 0.65
+MIN_OUTLINE = 0.65
 """Share of the outline of a ``found`` pose: plain and flat things fit others' insides, too."""
-LEAST_WHOLE = 0.9
+WHOLE_FROM = 0.9
 """Share of the model below which it is said to be hidden in part."""
 
 Label = Literal["found", "doubtful", "lost"]
@@ -108,10 +108,10 @@ def judge(features: Features | None) -> Verdict:
         return Verdict("lost", 0.0, ("Hardly anything of the model is to be seen there.",))
     score = OFFSET
     for name, (mean, deviation, weight) in FEATURES.items():
-        away = (scaled(name, getattr(features, name)) - mean) / deviation
-        score += weight * min(max(away, -LARGEST_SCORE), LARGEST_SCORE)
-    probability = 1.0 / (1.0 + math.exp(-score)) if features.seen >= LEAST_SEEN else 0.0
-    outline, seen = (PLAIN_OUTLINE, PLAIN_SEEN) if features.is_plain else (LEAST_OUTLINE, 0.0)
+        away = (compress_feature(name, getattr(features, name)) - mean) / deviation
+        score += weight * min(max(away, -MAX_SCORE), MAX_SCORE)
+    probability = 1.0 / (1.0 + math.exp(-score)) if features.seen >= MIN_VISIBLE_FRACTION else 0.0
+    outline, seen = (PLAIN_OUTLINE, PLAIN_SEEN) if features.is_plain else (MIN_OUTLINE, 0.0)
     is_found = features.outline >= outline and features.seen >= seen
     label = _label(is_found and probability >= FOUND_FROM, probability < LOST_BELOW)
     return Verdict(label, probability, reasons_for(features), asdict(features))
@@ -128,7 +128,7 @@ def judge_together(views: Sequence[Verdict]) -> Verdict:
     pose of the set explains contradict the others, and say little of the pose.
     """
     each = np.array([one.probability for one in views])
-    odds = np.clip(each, LEAST_PROBABILITY, 1.0 - LEAST_PROBABILITY)
+    odds = np.clip(each, MIN_PROBABILITY, 1.0 - MIN_PROBABILITY)
     probability = float(1.0 / (1.0 + np.exp(-np.mean(np.log(odds / (1.0 - odds))))))
     confirm, deny = float(np.mean(each >= FOUND_FROM)), float(np.mean(each < LOST_BELOW))
     is_found = probability >= FOUND_FROM and confirm >= 0.5
@@ -139,7 +139,7 @@ def judge_together(views: Sequence[Verdict]) -> Verdict:
     return Verdict(label, probability, reasons, views=tuple(views))
 
 
-def scaled(name: str, value: float) -> float:
+def compress_feature(name: str, value: float) -> float:
     """Unbounded features by the inverse hyperbolic sine: a logarithm that takes 0 and less."""
     return math.asinh(value) if name.endswith(("_margin", "_percent")) else value
 
@@ -156,7 +156,7 @@ def reasons_for(features: Features) -> tuple[str, ...]:
         f"Turned about one of its own axes the model costs {cost}.": turn < LOW_TURN_MARGIN,
         f"Along {how}{outline:.0%} of its outline the photo has an edge of that direction.": True,
         f"Only {features.seen:.0%} of the model is seen: the rest lies on pixels left out.": (
-            features.seen < LEAST_WHOLE
+            features.seen < WHOLE_FROM
         ),
         "The model is flat and of one colour there: its outline alone tells where it is.": (
             features.is_plain

@@ -35,13 +35,13 @@ MARGIN_PX, INPAINT_PX = (81, 141), 5
 """Width and height by which the demo's car and shadow are dilated; radius of the inpainting."""
 EXPOSURE = 3.0
 """Factor of the light: with it the bundled car is as bright as its street, and hardly clipped."""
-LARGEST_SHARE = 0.8
+MAX_FILL = 0.8
 """Largest share of the photo's width and height that a random view of the vehicle fills."""
-TURN_DEG, LEAST_RISE_DEG, MOST_RISE_DEG, ROLL_DEG = 50.0, 4.0, 25.0, 3.0
+TURN_DEG, MIN_ELEVATION_DEG, MAX_ELEVATION_DEG, ROLL_DEG = 50.0, 4.0, 25.0, 3.0
 """Off the view straight at a side; up from the ground; about the line of sight."""
 DEPTH_PER_DIAMETER = 4.0
 """Depth of the vehicle under parallel projection, which no photo can tell."""
-MOST_DRAWS = 1000
+MAX_DRAWS = 1000
 """Draws of a start before it is given up that one is a pose of the chart."""
 
 
@@ -104,7 +104,7 @@ def draw_start(
     true = chart.from_pose(truth)
     size = np.abs(true) if reading == "relative" else chart.scales(true)
     random = np.random.default_rng(seed)
-    for _ in range(MOST_DRAWS):
+    for _ in range(MAX_DRAWS):
         parameters = true + share * size * random.uniform(-1.0, 1.0, len(true))
         try:
             pose = chart.to_pose(parameters)
@@ -113,7 +113,7 @@ def draw_start(
         except (OutsideChartError, SingularChartError):
             continue
     raise SingularChartError(
-        f"none of {MOST_DRAWS} starts up to {share:.0%} off is a pose of the vehicle chart; "
+        f"none of {MAX_DRAWS} starts up to {share:.0%} off is a pose of the vehicle chart; "
         "choose smaller --deviations"
     )
 
@@ -124,13 +124,13 @@ def random_view(
     """Draw a pose as people take cars: from a side, somewhat above, filling ``size`` (w, h) px."""
     side = math.pi * int(random.integers(2))
     turn = side + math.radians(random.uniform(-TURN_DEG, TURN_DEG))
-    rise = math.radians(random.uniform(LEAST_RISE_DEG, MOST_RISE_DEG))
+    rise = math.radians(random.uniform(MIN_ELEVATION_DEG, MAX_ELEVATION_DEG))
     roll = math.radians(random.uniform(-ROLL_DEG, ROLL_DEG))
     upright = ground_view(keypoints, turn, rise)
     rotation = Rotation.from_rotvec([0.0, 0.0, roll]).as_matrix() @ upright
     turned = (mesh.vertices - mesh.centre) @ rotation.T
     low, high = turned[:, :2].min(axis=0), turned[:, :2].max(axis=0)
-    scale = float(np.min(np.array(size) * LARGEST_SHARE / (high - low))) * random.uniform(0.75, 1.0)
+    scale = float(np.min(np.array(size) * MAX_FILL / (high - low))) * random.uniform(0.75, 1.0)
     free = np.array(size) / scale - (high - low)
     middle = 0.25 * free * random.uniform(-1.0, 1.0, 2)
     camera = Parallel(scale, size[0] / 2.0, size[1] / 2.0, *size)

@@ -16,7 +16,7 @@ SHARPNESS = 46.8
 """Exponent of Blinn-Phong highlights: that of a roughness of 0.45, as of car paint."""
 OVER_THE_SHOULDER = (0.0, -0.6, -0.8)
 """Camera frame (y down, z away): from behind and above the photographer."""
-WIDEST_ANGLE_DEG = 65.0
+MAX_LIGHT_ANGLE_DEG = 65.0
 SUPERSAMPLING = 4
 """Each pixel is the mean of this number squared of samples."""
 
@@ -49,7 +49,7 @@ def _tint(rng: np.random.Generator) -> FloatArray:
 
 def _direction(rng: np.random.Generator) -> FloatArray:
     """Uniform on the spherical cap around ``OVER_THE_SHOULDER``."""
-    cosine = rng.uniform(np.cos(np.radians(WIDEST_ANGLE_DEG)), 1.0)
+    cosine = rng.uniform(np.cos(np.radians(MAX_LIGHT_ANGLE_DEG)), 1.0)
     angle = rng.uniform(0.0, 2.0 * np.pi)
     sine = np.sqrt(1.0 - cosine**2)
     on_cap = np.array([sine * np.cos(angle), sine * np.sin(angle), cosine])

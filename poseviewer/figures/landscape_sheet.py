@@ -20,7 +20,7 @@ from poseviewer.geometry.charts import short_name
 COLOURS = "viridis"
 INK = "0.15"
 LEVELS = 15
-CELL_INCHES, SMALLEST_INCHES = 1.75, 3.6
+CELL_INCHES, MIN_SHEET_INCHES = 1.75, 3.6
 """Side of a map, and least side of all maps together."""
 DOTS_PER_INCH = 150
 ROW_INCHES = (3.9, 3.6)
@@ -44,7 +44,7 @@ def make_landscape_sheet(
     """Draw slices as far as known on a sheet, with a cross at the ``pose`` (d,), of ``what``."""
     parameters = sorted({i for piece in slices for i in (piece.first, piece.second)})
     columns, rows = parameters[:-1], parameters[1:]
-    side = max(CELL_INCHES * len(rows), SMALLEST_INCHES)
+    side = max(CELL_INCHES * len(rows), MIN_SHEET_INCHES)
     # A triangle leaves a corner free for the colour bar and the key; a single map does not.
     above = 0.65 if len(rows) > 1 else 2.0
     figure = Figure(figsize=(side + 1.2, side + 0.75 + above), facecolor="white")

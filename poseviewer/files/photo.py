@@ -20,7 +20,7 @@ from poseviewer.files.checks import LARGEST_DATA, Reading, quiet_libraries
 from poseviewer.files.structs import Distortion
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.image import Photo
-from poseviewer.geometry.lens import LARGEST_SIDE, Undistortion, undistort
+from poseviewer.geometry.lens import MAX_SIDE_PX, Undistortion, undistort
 
 ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
 """Endings of photo files."""
@@ -211,8 +211,8 @@ def load_calibrated_photo(path: str | Path, calibration: Calibration | None = No
 
 def undistorted(photo: Photo, undistortion: Undistortion) -> Photo:
     """The undistorted photo of one as taken; raises where it is too large or shows nothing."""
-    if max(photo.width, photo.height) > LARGEST_SIDE:
-        wanted = f"undistorted up to {LARGEST_SIDE} px a side, make it smaller first"
+    if max(photo.width, photo.height) > MAX_SIDE_PX:
+        wanted = f"undistorted up to {MAX_SIDE_PX} px a side, make it smaller first"
         raise PhotoFileError(f"{photo.name}: {photo.width}x{photo.height} px; {wanted}.")
     pixels, covered = undistort(photo.pixels, undistortion)
     if not covered.any():

@@ -22,11 +22,11 @@ import numpy as np
 from msgspec import structs
 
 from poseviewer.confidence.verdict import (
-    LEAST_WHOLE,
     PROBABILITY_MARGIN,
     SURE_BEHIND,
     SURE_FROM,
     TURNED_THRESHOLD,
+    WHOLE_FROM,
 )
 from poseviewer.fit.compared import ComparedView, enlarged
 from poseviewer.fit.judge import better_turn, judge_end
@@ -395,7 +395,7 @@ def is_sure(end: FitProgress) -> bool:
     """Whether a pose is probable enough to be trusted; less is asked where something hides it."""
     if end.verdict is None:
         return False
-    is_behind = end.verdict.features.get("seen", 1.0) < LEAST_WHOLE
+    is_behind = end.verdict.features.get("seen", 1.0) < WHOLE_FROM
     sure_from = SURE_BEHIND if is_behind or end.problem.is_among_others else SURE_FROM
     return end.verdict.probability >= sure_from
 

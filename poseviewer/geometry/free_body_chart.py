@@ -21,9 +21,9 @@ from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform, rotation_about
 
-LARGEST_LOGARITHM = 20.0
+MAX_LOGARITHM = 20.0
 """Numbers beyond it stand for no pose: e^20 is any photo's whole range of scales."""
-LARGEST = 1e9
+MAX_PARAMETER = 1e9
 """Nor do others beyond this: turns without a direction, shifts without digits."""
 
 _NUMBERS = ("rotation_x", "rotation_y", "rotation_z", "shift_x", "shift_y")
@@ -88,8 +88,8 @@ class FreeBodyChart(Chart):
         """The pose that lies ``numbers`` away from the start."""
         values = np.asarray(parameters, dtype=float).tolist()
         log_zoom = values[6] * self.focal_gain if self.free_focal else 0.0
-        sound = all(abs(value) <= LARGEST for value in values)  # and so is none that is nan
-        if not (sound and max(abs(values[5]), abs(log_zoom)) <= LARGEST_LOGARITHM):
+        sound = all(abs(value) <= MAX_PARAMETER for value in values)  # and so is none that is nan
+        if not (sound and max(abs(values[5]), abs(log_zoom)) <= MAX_LOGARITHM):
             raise OutsideChartError(f"numbers {parameters} out of all proportion")
         camera, start = self.start.camera, self.start.camera_from_model
         rotation = rotation_about(*values[:3]) @ start.rotation

@@ -24,7 +24,7 @@ COEFFICIENTS: dict[LensModel, tuple[int, ...]] = {"opencv": (4, 5, 8, 12, 14), "
 """Counts of coefficients by model: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]]; or the
 fisheye's k1 k2 k3 k4."""
 STRIP_PIXELS = 1 << 20
-LARGEST_SIDE = 32766
+MAX_SIDE_PX = 32766
 """px: OpenCV's ``remap`` counts pixels in 16 bits."""
 FIELD_SAMPLES = 4096
 SAME = 1e-9

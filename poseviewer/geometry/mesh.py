@@ -15,7 +15,7 @@ from poseviewer.errors import SettingsError
 from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.camera import Pose
 
-FEWEST_FOR_HULL = 100
+MIN_HULL_VERTICES = 100
 """Models of fewer vertices are taken for their own convex hull."""
 MOST_NAMES = 12
 """Parts that a message names."""
@@ -139,7 +139,7 @@ class Mesh:
 @lru_cache(maxsize=16)
 def hull_points(mesh: Mesh) -> FloatArray:
     """(k, 3): the vertices of the convex hull, with the model's box in any photo, cached."""
-    if len(mesh.vertices) < FEWEST_FOR_HULL:
+    if len(mesh.vertices) < MIN_HULL_VERTICES:
         return mesh.vertices
     try:
         corners = ConvexHull(mesh.vertices).vertices

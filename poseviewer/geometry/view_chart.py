@@ -15,7 +15,7 @@ import numpy as np
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.charts import Chart, OutsideChartError
-from poseviewer.geometry.free_body_chart import LARGEST_LOGARITHM, FreeBodyChart
+from poseviewer.geometry.free_body_chart import MAX_LOGARITHM, FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
 
 SIZE: Literal["log_size"] = "log_size"
@@ -93,6 +93,6 @@ class ViewChart(Chart):
 
 def _exp(logarithm: float) -> float:
     """Raises ``OutsideChartError``: out of all proportion."""
-    if not abs(logarithm) <= LARGEST_LOGARITHM:
+    if not abs(logarithm) <= MAX_LOGARITHM:
         raise OutsideChartError(f"a factor of e^{logarithm:g} is out of all proportion")
     return math.exp(logarithm)

@@ -17,9 +17,9 @@ OVERSAMPLING = 1.6
 """Points of the first round for each coefficient; later rounds draw one each."""
 TRUST_RADIUS = 1.1
 """Points that a model is fitted to, and its step, are no farther away, in reaches."""
-LEAST_SHRINKAGE = 0.3
+MIN_SHRINKAGE = 0.3
 """Least factor by which the reach shrinks in one round, along any axis."""
-LEAST_CURVATURE = 1e-2
+MIN_CURVATURE = 1e-2
 """Least curvature as a share of the greatest; smaller ones cannot be told from none."""
 
 
@@ -85,7 +85,7 @@ def minimise(
         is_minimum = losses[-1] <= losses[best] + options.least_gain
         centre, taken = (points[-1], losses[-1]) if is_minimum else (points[best], losses[best])
         rises = np.sqrt(2.0 * options.rise / curvatures)
-        axes = axes @ (directions * np.clip(rises, LEAST_SHRINKAGE, options.growth))
+        axes = axes @ (directions * np.clip(rises, MIN_SHRINKAGE, options.growth))
         failures = 0 if before - losses[best] > options.least_gain else failures + 1
         if failures >= options.patience:
             break
@@ -116,7 +116,7 @@ def _fit(
     hessian[rows, columns] = found[size + 1 :]
     curvatures, directions = np.linalg.eigh(hessian + hessian.T)
     curvatures = np.abs(curvatures)
-    curvatures = np.maximum(curvatures, LEAST_CURVATURE * curvatures.max() + 1e-300)
+    curvatures = np.maximum(curvatures, MIN_CURVATURE * curvatures.max() + 1e-300)
     step = -directions @ ((directions.T @ slope) / curvatures)
     length = float(np.linalg.norm(step))
     return step * min(1.0, TRUST_RADIUS / max(length, 1e-300)), directions, curvatures

@@ -42,7 +42,7 @@ AUTOMATIC = "auto"
 """Word in the place of a pose file: find a start."""
 MARGIN = 0.35
 """Reach of the compared pixels beyond the rectangle, as a share of its sides."""
-SMALLEST_SIDE_PX = 8
+MIN_SIDE_PX = 8
 """Least side of a rectangle about the object."""
 HULL_POINTS = 120
 """Directions in which the model's outermost vertices stand for its outline, to a per cent."""
@@ -72,7 +72,7 @@ PHOTO_SIDE_PX = 200.0
 ROUNDS = ((32, 24, 0.12, SIDE_PX), (10, 80, 0.08, 60.0))
 """Rounds of descents from the best poses so far: their number; evaluations of each; edge of its
 simplex, radians and shares of the radius; side of the rectangle on the level that it is made on."""
-MOST_PROPOSALS = 5
+MAX_HYPOTHESES = 5
 ODDS_POWER, EVEN_PIXELS = 4, 7**4
 """Odds of a pose by print: it is right or wrong alike where its pixels to the power are this."""
 LEAD_POWER, EVEN_LEAD, OTHERS_SHARE = 0.95, 0.09, 0.07
@@ -107,10 +107,10 @@ class StartQuery:
             return Rectangle(0.0, 0.0, photo.width, photo.height)
         left, top, width, height = self.rectangle
         inside = self.rectangle.intersection(Rectangle(0, 0, photo.width, photo.height))
-        if min(inside.width, inside.height) < SMALLEST_SIDE_PX:
+        if min(inside.width, inside.height) < MIN_SIDE_PX:
             raise QuickStartError(
                 f"--box {left},{top},{width},{height}: has no "
-                f"{SMALLEST_SIDE_PX}x{SMALLEST_SIDE_PX} px in the photo of "
+                f"{MIN_SIDE_PX}x{MIN_SIDE_PX} px in the photo of "
                 f"{photo.width}x{photo.height} px; give the object's left,top,width,height."
             )
         return Rectangle(*map(float, self.rectangle))
@@ -166,7 +166,7 @@ def propose(
     begin: BeginThread | None = None,
     watch: Callable[[], object] = lambda: None,
 ) -> list[Proposal]:
-    """Propose up to ``MOST_PROPOSALS`` starts, the likeliest first, with the same result each time:
+    """Propose up to ``MAX_HYPOTHESES`` starts, the likeliest first, with the same result each time:
     by print, by a vehicle's wheels, and in a rectangle by some 3,000 evaluations of small pictures
     on all cores. Each thread calls ``begin``, each step ``watch``, which may raise to stop it.
 
@@ -227,11 +227,11 @@ class _ViewSearch:
         proposals = self._try_all(views)
         for count, evaluations, edge, side_px in ROUNDS:
             proposals = self._descend(self._distinct(proposals, count), evaluations, edge, side_px)
-        return self._distinct(proposals, MOST_PROPOSALS)
+        return self._distinct(proposals, MAX_HYPOTHESES)
 
     def ranked(self, poses: Sequence[Pose], side_px: float) -> list[Proposal]:
         """Poses of several searches, scored anew over this one's region; those that differ."""
-        return self._distinct(self._scored(poses, self._level(side_px), 1), MOST_PROPOSALS)
+        return self._distinct(self._scored(poses, self._level(side_px), 1), MAX_HYPOTHESES)
 
     def _level(self, side_px: float) -> Level:
         """The level on which the rectangle, made square, has about ``side_px`` along each side."""

@@ -22,7 +22,7 @@ from poseviewer.starts.automatic import (
 )
 from poseviewer.starts.loading import Start
 
-MOST_SHARED = 0.3
+MAX_SHARED_FRACTION = 0.3
 """Share of the smaller one's pixels that two instances may share: one may stand before another."""
 
 
@@ -82,6 +82,6 @@ def _is_free(pose: Pose, placed: Sequence[PlacedModel]) -> bool:
     """Whether an instance at a pose stands where none of the others does."""
     for other in placed:
         one, two = (np.isfinite(depth_image(model)) for model in (replace(other, pose=pose), other))
-        if (one & two).sum() > MOST_SHARED * min(one.sum(), two.sum()):
+        if (one & two).sum() > MAX_SHARED_FRACTION * min(one.sum(), two.sum()):
             return False
     return True

@@ -31,8 +31,8 @@ from poseviewer.geometry.transform import RigidTransform, rotation_about, rotati
 from poseviewer.starts.loading import Start, StartCamera, StartInputs
 from poseviewer.starts.placing import surface_point
 
-FEWEST_PERSPECTIVE, FEWEST_PARALLEL, FEWEST_FOR_FOCAL = 4, 3, 6
-LEAST_SPREAD = 0.01
+MIN_PAIRS_PERSPECTIVE, MIN_PAIRS_PARALLEL, MIN_PAIRS_FOR_FOCAL = 4, 3, 6
+MIN_SPREAD = 0.01
 """Points whose second extent is below this share of the first one lie on a line."""
 PLANE_SPREAD = 0.001
 """And in a plane, whose two poses are asked for apart, where this holds of the third."""
@@ -44,9 +44,9 @@ AS_GOOD, AS_GOOD_PX = 1.5, 1.0
 """An answer is as good as the best one within this factor, or these px, of its error."""
 FOCALS = tuple(np.geomspace(0.25, 16.0, 13))
 """Focal lengths that are tried first, in longer sides of the photo: views of 127 to 3.6 degrees."""
-LEAST_ERROR_PX = 1.0
+MIN_ERROR_PX = 1.0
 """Standard deviation of a pair that is taken at least: few pairs can fit by chance."""
-LARGEST_DOUBT = 0.3
+MAX_FOCAL_DEVIATION = 0.3
 """Standard deviation of the logarithm of a focal length that is still an answer: 30 per cent."""
 HIDDEN_BEHIND = 0.02
 """A point is hidden where a surface lies before it by this share of the model's diameter."""
@@ -57,7 +57,7 @@ def start_from_pairs(inputs: StartInputs, pairs: PointPairs, known: StartCamera)
     camera, points, pixels = known.of(inputs.photo), pairs.points, pairs.pixels
     notes: list[str] = []
     fits: tuple[PairFit, ...] = ()
-    is_open = not known.knows_focal(inputs.photo) and len(points) >= FEWEST_FOR_FOCAL
+    is_open = not known.knows_focal(inputs.photo) and len(points) >= MIN_PAIRS_FOR_FOCAL
     if isinstance(camera, Perspective) and (known.free_focal or is_open):
         with suppress(*(() if known.free_focal else (QuickStartError,))):
             fit, doubt = focal_from_pairs(points, pixels, camera)
@@ -85,7 +85,7 @@ class PairFit(NamedTuple):
 
 def fewest_pairs(camera: Camera) -> int:
     """Number of pairs that a pose needs."""
-    return FEWEST_PARALLEL if isinstance(camera, Parallel) else FEWEST_PERSPECTIVE
+    return MIN_PAIRS_PARALLEL if isinstance(camera, Parallel) else MIN_PAIRS_PERSPECTIVE
 
 
 def poses_from_pairs(points: ArrayLike, pixels: ArrayLike, camera: Camera) -> tuple[PairFit, ...]:
@@ -134,7 +134,7 @@ def _checked(points: ArrayLike, pixels: ArrayLike, fewest: int) -> tuple[FloatAr
         )
     for places, where in ((points, "model"), (pixels, "photo")):
         extents = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
-        if extents[1] <= LEAST_SPREAD * extents[0]:
+        if extents[1] <= MIN_SPREAD * extents[0]:
             raise QuickStartError(
                 f"The {len(places)} point pairs lie on a line in the {where}, about which the "
                 "model could turn; add one beside the line."
@@ -177,10 +177,10 @@ def focal_from_pairs(
     length's standard deviation, as a share of it; raises ``QuickStartError``: it is open.
     """
     points, pixels = np.asarray(points, dtype=float), np.asarray(pixels, dtype=float)
-    if len(points) < FEWEST_FOR_FOCAL:
+    if len(points) < MIN_PAIRS_FOR_FOCAL:
         raise QuickStartError(
-            f"{len(points)} point pairs; the focal length needs at least {FEWEST_FOR_FOCAL}: add "
-            f"{FEWEST_FOR_FOCAL - len(points)}, or give the focal length."
+            f"{len(points)} point pairs; the focal length needs at least {MIN_PAIRS_FOR_FOCAL}: "
+            f"add {MIN_PAIRS_FOR_FOCAL - len(points)}, or give the focal length."
         )
     tried: list[PairFit] = []
     for focal in FOCALS:
@@ -190,7 +190,7 @@ def focal_from_pairs(
     if not tried:
         poses_from_pairs(points, pixels, camera)  # says why there is none
     fit, doubt = _refined(points, pixels, min(tried, key=lambda fit: fit.rms_px).pose)
-    if not doubt <= LARGEST_DOUBT:
+    if not doubt <= MAX_FOCAL_DEVIATION:
         raise QuickStartError(
             f"The point pairs leave the focal length open (by {min(doubt, 9.99):.0%}): add pairs "
             "nearer and farther away, or give the focal length."
@@ -224,7 +224,7 @@ def _refined(points: FloatArray, pixels: FloatArray, start: Pose) -> tuple[PairF
     end = least_squares(residuals, np.zeros(7), method="lm", max_nfev=2000)
     fit = fit_of(placed(end.x), points, pixels)
     freedom = max(2 * len(points) - 7, 1)
-    error = max(LEAST_ERROR_PX, math.sqrt(2.0 * end.cost / freedom))
+    error = max(MIN_ERROR_PX, math.sqrt(2.0 * end.cost / freedom))
     variances = np.linalg.pinv(end.jac.T @ end.jac, rcond=1e-14)
     return fit, error * math.sqrt(max(float(variances[6, 6]), 0.0))
 

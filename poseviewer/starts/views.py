@@ -19,7 +19,7 @@ RISES_DEG = (-2.0, 6.0, 14.0, 24.0, 36.0)
 ROLLS_DEG = (-6.0, 0.0, 6.0)
 CORRECTIONS = 3
 """The first guess takes the model for flat; each correction leaves a tenth of what is wrong."""
-NEAREST = 0.55
+MIN_DISTANCE = 0.55
 """Least distance of the camera from the model's centre, in diameters."""
 
 
@@ -97,7 +97,7 @@ def _place(box: Rectangle, turned: FloatArray, camera: Camera) -> tuple[FloatArr
         at = (wanted - [camera.cx, camera.cy]) / scale[:, None] - middle
         return np.column_stack([at, scale]), flat * scale[:, None]
     focal = np.array([camera.fx, camera.fy])
-    nearest = 2.0 * NEAREST * np.linalg.norm(turned, axis=2).max(axis=1)
+    nearest = 2.0 * MIN_DISTANCE * np.linalg.norm(turned, axis=2).max(axis=1)
     depth = np.maximum(np.sqrt(focal.prod()) / scale, nearest)
     pixel = wanted - middle * focal / depth[:, None]
     for _ in range(CORRECTIONS):

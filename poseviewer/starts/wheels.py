@@ -39,11 +39,11 @@ ASPECTS = (0.25, 0.33, 0.42, 0.53, 0.65, 0.78, 0.92)
 TILTS = np.radians([-24.0, -12.0, 0.0, 12.0, 24.0])
 """Angles of the longer half axis against the vertical; of nearly round ones one will do."""
 ROUND = 0.8
-LEAST_SUPPORT = 0.4
-MOST_TRIED, MOST_KEPT = 40, 24
+MIN_SUPPORT = 0.4
+MAX_TRIED, MAX_KEPT = 40, 24
 CLEAR_EDGES = 0.7
 """An edge is half as clear as can be where it is as steep as this share of all pixels is not."""
-OUTLINE, FEWEST_POINTS = 80, 8
+OUTLINE, MIN_OUTLINE_POINTS = 80, 8
 STEPS = 150
 """Evaluations to make one better."""
 
@@ -66,12 +66,12 @@ def find_ellipses(grey: NDArray[np.float32]) -> list[Supported]:
     for start in _tried_everywhere(edge_field(_resized(grey, coarse))):
         parameters = _improved(field, _scaled(start, fine / coarse))
         support = _support(field, parameters)
-        if support >= LEAST_SUPPORT and _is_wheel_like(parameters, field.shape[1]):
+        if support >= MIN_SUPPORT and _is_wheel_like(parameters, field.shape[1]):
             x, y, longer, shorter, tilt = _scaled(parameters, 1.0 / fine)
             ellipse = Ellipse(x, y, np.exp(longer), np.exp(shorter), tilt + np.pi / 2.0)
             ellipses.append(Supported(ellipse, support))
     ellipses.sort(key=lambda supported: -supported.support)
-    return non_maximum_suppression(ellipses, _is_same_ellipse, MOST_KEPT)
+    return non_maximum_suppression(ellipses, _is_same_ellipse, MAX_KEPT)
 
 
 def edge_field(grey: NDArray[np.float32]) -> FieldImage:
@@ -122,7 +122,7 @@ def _tried_everywhere(field: FieldImage) -> list[FloatArray]:
     best = np.full(field.shape, -1.0, np.float32)
     which = np.zeros(field.shape, np.intp)
     for index, (longer, shorter, tilt) in enumerate(shapes):
-        count = max(int(2.0 * np.pi * longer), FEWEST_POINTS)
+        count = max(int(2.0 * np.pi * longer), MIN_OUTLINE_POINTS)
         points, doubled, shares = _outline(longer, shorter, tilt, count)
         pattern[:] = 0.0
         x, y = np.rint(points.T).astype(int)  # of those left and above: from the far ends
@@ -142,7 +142,7 @@ def _tried_everywhere(field: FieldImage) -> list[FloatArray]:
         distance = np.hypot(*(new[:2] - kept[:2]))
         return bool(distance <= 0.25 * np.exp(kept[2]) and abs(new[2] - kept[2]) <= 0.2)
 
-    return non_maximum_suppression(candidates(), is_near, MOST_TRIED)
+    return non_maximum_suppression(candidates(), is_near, MAX_TRIED)
 
 
 def _improved(field: FieldImage, start: FloatArray) -> FloatArray:
@@ -190,8 +190,8 @@ LONGER_FOCALS = (1.6, 2.6, 4.2)
 """Focal lengths that are tried beside a guessed one, which is a wide lens's: in times of it."""
 MARGIN = 0.2
 """Share of a rectangle's sides that is compared beyond each of them."""
-MOST_PAIRS = 10
-SMALLEST_SIDE_PX = 16
+MAX_PAIRS = 10
+MIN_SIDE_PX = 16
 
 
 def find_wheel_pairs(
@@ -203,7 +203,7 @@ def find_wheel_pairs(
     left, top, width, height = (int(value) for value in rectangle)
     x, y = max(left, 0), max(top, 0)
     inside = grey[y : max(top + height, 0), x : max(left + width, 0)]
-    if min(inside.shape) < SMALLEST_SIDE_PX:
+    if min(inside.shape) < MIN_SIDE_PX:
         raise QuickStartError(
             f"The rectangle {left},{top},{width},{height} has no 16x16 px in the photo of "
             f"{grey.shape[1]}x{grey.shape[0]} px; give left,top,width,height around the car."
@@ -224,7 +224,7 @@ def find_wheel_pairs(
             f"No two wheels were found in {left},{top},{width},{height}; lay the rectangle closer "
             "about the car, or outline the wheels yourself (--wheels)."
         )
-    return [pair for _, pair in sorted(scored, key=lambda pair: -pair[0])[:MOST_PAIRS]]
+    return [pair for _, pair in sorted(scored, key=lambda pair: -pair[0])[:MAX_PAIRS]]
 
 
 def start_from_wheels(inputs: StartInputs, wheels: Wheels, known: StartCamera) -> Start:

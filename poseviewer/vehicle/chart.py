@@ -28,7 +28,7 @@ from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints
 
-LEAST_AXLE_COMPONENT = 0.05
+MIN_AXLE_COMPONENT = 0.05
 """Least part of the unit axle along the line of sight. Below it the chart is singular: the car is
 seen within about 3 degrees of head-on, and two wheels and an axle no longer fix its pose."""
 PARALLEL_BELOW = 1e-5
@@ -90,7 +90,7 @@ class VehicleChart(Chart):
         values = np.asarray(parameters, dtype=float).tolist()
         psi_x, psi_y = values[4], values[5]
         in_plane = psi_x * psi_x + psi_y * psi_y
-        outside = in_plane > 1.0 - LEAST_AXLE_COMPONENT**2
+        outside = in_plane > 1.0 - MIN_AXLE_COMPONENT**2
         if outside or not all(map(math.isfinite, values)):
             raise OutsideChartError(f"psi {parameters[4:6]} leaves no axle towards the camera")
         axle = (psi_x, psi_y, -math.sqrt(1.0 - in_plane))
@@ -115,10 +115,10 @@ class VehicleChart(Chart):
         if isinstance(pose.camera, Perspective) and min(rear[2], front[2]) <= 0.0:
             raise SingularChartError("the vehicle's wheels are not both in front of the camera")
         towards = -max(axle[2], *_along_sight(self.side, pose))
-        if towards < LEAST_AXLE_COMPONENT:
+        if towards < MIN_AXLE_COMPONENT:
             raise SingularChartError(
                 f"the vehicle is seen almost head-on or from straight behind (axle component "
-                f"{towards:.3f} along the view, at least {LEAST_AXLE_COMPONENT} wanted), where "
+                f"{towards:.3f} along the view, at least {MIN_AXLE_COMPONENT} wanted), where "
                 f"the vehicle chart is singular"
             )
         size = np.array([pose.camera.width, pose.camera.height])
@@ -147,7 +147,7 @@ class VehicleChart(Chart):
         x2, y2 = x1 + dx, y1 + dy
         towards = x1 * axle[0] + y1 * axle[1] + axle[2], x2 * axle[0] + y2 * axle[1] + axle[2]
         lengths = math.hypot(x1, y1, 1.0), math.hypot(x2, y2, 1.0)
-        if max(towards[0] / lengths[0], towards[1] / lengths[1]) > -LEAST_AXLE_COMPONENT:
+        if max(towards[0] / lengths[0], towards[1] / lengths[1]) > -MIN_AXLE_COMPONENT:
             raise OutsideChartError("a wheel is seen edge-on or from inside")
         ratio = towards[0] / towards[1]
         along = (x2 * ratio - x1, y2 * ratio - y1, ratio - 1.0)

@@ -7,7 +7,7 @@ import numpy as np
 from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.mesh import Mesh
 
-LEAST_ASIDE = 0.4
+MIN_SIDE_OFFSET = 0.4
 """Least offset of a side's wheels from the middle of the model, in shares of half its width."""
 
 
@@ -64,7 +64,7 @@ def keypoints_from_side(mesh: Mesh, rear: FloatArray, front: FloatArray) -> Vehi
     along = int(np.argmax(np.abs(front - rear)))
     away = ((rear + front) - (low + high)) / np.maximum(high - low, 1e-300)
     side, height = sorted({0, 1, 2} - {along}, key=lambda axis: -abs(away[axis]))
-    if abs(away[side]) < LEAST_ASIDE:
+    if abs(away[side]) < MIN_SIDE_OFFSET:
         raise ValueError("they are not both at one side of the model")
     axes = np.eye(3)
     outwards, up = np.sign(away[side]) * axes[side], -np.sign(away[height]) * axes[height]

@@ -28,10 +28,10 @@ from poseviewer.geometry.rectangle import non_maximum_suppression
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints, model_axes
 
-FEWEST_RIM_POINTS = 5
-LARGEST_RIM_ERROR = 0.1
+MIN_RIM_POINTS = 5
+MAX_RIM_ERROR = 0.1
 """Greatest distance of a rim's points from their ellipse, as a share of its longer half axis."""
-LEAST_FLATNESS = 0.02
+MIN_FLATNESS = 0.02
 """Shorter over longer half axis: what is below it is a line."""
 
 
@@ -59,7 +59,7 @@ class Ellipse:
             turned = {"a": self.b, "b": self.a, "angle": self.angle + math.pi / 2.0}
             for name, value in turned.items():
                 object.__setattr__(self, name, value)
-        if self.b < LEAST_FLATNESS * self.a:
+        if self.b < MIN_FLATNESS * self.a:
             raise QuickStartError(
                 f"An ellipse of {self.a:.0f} by {self.b:.2g} px is a wheel seen edge-on, which "
                 "gives no pose; use point pairs."
@@ -93,9 +93,9 @@ def ellipse_through(points: ArrayLike) -> Ellipse:
     Raises ``QuickStartError``: too few points, or no ellipse is near all of them.
     """
     points = np.asarray(points, dtype=float).reshape(-1, 2)
-    if len(np.unique(points, axis=0)) < FEWEST_RIM_POINTS:
+    if len(np.unique(points, axis=0)) < MIN_RIM_POINTS:
         raise QuickStartError(
-            f"{len(points)} points on the rim; an ellipse needs {FEWEST_RIM_POINTS} different ones."
+            f"{len(points)} points on the rim; an ellipse needs {MIN_RIM_POINTS} different ones."
         )
     middle = points.mean(axis=0)
     size = float(np.abs(points - middle).max())
@@ -105,7 +105,7 @@ def ellipse_through(points: ArrayLike) -> Ellipse:
     half = 0.5 * size * width, 0.5 * size * height
     ellipse = Ellipse(float(place[0]), float(place[1]), *half, math.radians(degrees))
     error = float(np.abs(ellipse.distances(points)).max())
-    if not error <= LARGEST_RIM_ERROR * ellipse.a:
+    if not error <= MAX_RIM_ERROR * ellipse.a:
         raise QuickStartError(
             f"No ellipse runs near all of these {len(points)} points ({error:.0f} px off at best); "
             "click points of one rim, all around it."
@@ -114,9 +114,9 @@ def ellipse_through(points: ArrayLike) -> Ellipse:
 
 
 RIM_POINTS = 24
-LARGEST_ERROR = 0.15
+MAX_WHEEL_ERROR = 0.15
 """Largest error of two wheels of this car, by the smaller one's radius (of a disk of its area)."""
-SMALLEST_RADIUS, LARGEST_RADIUS = 0.04, 0.4
+MIN_RADIUS, MAX_RADIUS = 0.04, 0.4
 """Bounds of a wheel's radius, in wheelbases: from a hub cap to a tractor's tyre."""
 AS_GOOD, AS_GOOD_PX = 1.5, 0.5
 """An answer is as good as the best one within this factor, or these px, of its error."""
@@ -156,7 +156,7 @@ def poses_from_wheels(
         with suppress(OutsideChartError):
             fits.append(_fitted(side, axle, wheels, up, camera))
     fits.sort(key=lambda fit: fit.error_px)
-    limit = LARGEST_ERROR * min(math.sqrt(wheel.a * wheel.b) for wheel in wheels)
+    limit = MAX_WHEEL_ERROR * min(math.sqrt(wheel.a * wheel.b) for wheel in wheels)
     if not fits or not fits[0].error_px <= limit:
         best = f"{fits[0].error_px:.0f} px off at best" if fits else "no upright car"
         raise QuickStartError(
@@ -205,7 +205,7 @@ def _fitted(
     scale, start = [0.01, 0.01, 0.01, 0.01, 0.1, 0.1, 0.1], _start(chart, axle, wheels, up)
     end = least_squares(residuals, start, method="lm", x_scale=scale, max_nfev=400)
     pose, radius = chart.to_pose(end.x[:6]), math.exp(end.x[6])
-    if not SMALLEST_RADIUS <= radius / side.wheelbase <= LARGEST_RADIUS:
+    if not MIN_RADIUS <= radius / side.wheelbase <= MAX_RADIUS:
         raise OutsideChartError("not the radius of a wheel")
     towards = -pose.camera_from_model.apply(side.rear_wheel)
     if isinstance(pose.camera, Parallel):

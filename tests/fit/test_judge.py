@@ -27,7 +27,7 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.starts.loading import open_photo
-from poseviewer.vehicle.chart import LEAST_AXLE_COMPONENT, VehicleChart
+from poseviewer.vehicle.chart import MIN_AXLE_COMPONENT, VehicleChart
 from tests.geometry.test_charts import make_keypoints
 from tests.opened import by, locked
 
@@ -74,7 +74,7 @@ def test_a_pose_at_the_border_of_its_chart_has_motions(case):
     problem, mesh = case[0], case[0].model.mesh
     camera = Parallel(60.0, 100.0, 80.0, 200, 160)
     chart = VehicleChart(make_keypoints(np.random.default_rng(3)).left, camera)
-    flattest = np.sqrt(1.0 - LEAST_AXLE_COMPONENT**2) - 1e-9
+    flattest = np.sqrt(1.0 - MIN_AXLE_COMPONENT**2) - 1e-9
     parameters = np.array([0.3, 0.6, 0.3, 0.01, 0.0, flattest])
     with pytest.raises(OutsideChartError):
         chart.to_pose(parameters + 1e-4 * np.eye(6)[5])

@@ -20,7 +20,7 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import roc_auc_score
 
 from poseviewer.confidence import weights as verdict_weights
-from poseviewer.confidence.verdict import LARGEST_SCORE, scaled
+from poseviewer.confidence.verdict import MAX_SCORE, compress_feature
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError, SettingsError
 from poseviewer.evaluation.trials import Trial
 from poseviewer.figures.text_table import Table
@@ -75,7 +75,7 @@ class Calibration:
     def probabilities(self, trials: Sequence[JudgedTrial]) -> FloatArray:
         """(N,): that each is right."""
         away = (np.array([trial.features for trial in trials]) - self.mean) / self.deviation
-        score = np.clip(away, -LARGEST_SCORE, LARGEST_SCORE) @ self.weights + self.offset
+        score = np.clip(away, -MAX_SCORE, MAX_SCORE) @ self.weights + self.offset
         return 1.0 / (1.0 + np.exp(-score))
 
 
@@ -87,7 +87,7 @@ def load_judged(
     for row in (row for path in tables for row in load_rows(path, Trial) if row.evidence):
         features = dict(part.split("=", 1) for part in row.evidence.split())
         limit = known.get(row.set, row.accuracy_percent) + BEYOND_TRUTH_PERCENT
-        weighed = tuple(scaled(name, float(features[name])) for name in NAMES)
+        weighed = tuple(compress_feature(name, float(features[name])) for name in NAMES)
         trials.append(JudgedTrial(row.case, row.set, row.error_percent_end < limit, weighed))
     sets = sorted({trial.set for trial in trials})
     if unknown := set(known) - set(sets):
@@ -105,7 +105,7 @@ def calibrate(trials: Sequence[JudgedTrial]) -> Calibration:
         )
     features = np.array([trial.features for trial in trials])
     mean, deviation = features.mean(axis=0), np.maximum(features.std(axis=0), 1e-9)
-    away = np.clip((features - mean) / deviation, -LARGEST_SCORE, LARGEST_SCORE)
+    away = np.clip((features - mean) / deviation, -MAX_SCORE, MAX_SCORE)
     model = LogisticRegression(C=1.0 / PENALTY, solver="newton-cholesky", tol=1e-9).fit(away, right)
     probabilities = model.predict_proba(away)[:, 1]
 

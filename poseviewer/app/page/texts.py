@@ -14,7 +14,7 @@ from poseviewer.files.mesh.size import size_words
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.starts.point_pairs import fewest_pairs
-from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS
+from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS
 
 PREPARING = "Preparing the first picture ..."
 USUAL_HINT = (
@@ -83,12 +83,12 @@ def hint_of(session: Session) -> str:
             name = "front" if marks.hubs else "rear"
             what = f"press the middle of the {name} wheel on the model at the right"
         case "wheels":
-            wheel, point = divmod(len(marks.rims), FEWEST_RIM_POINTS)
+            wheel, point = divmod(len(marks.rims), MIN_RIM_POINTS)
             if wheel == WHEELS:
                 what = "space: search from here"
             else:
                 name = ("rear", "front")[wheel]
-                what = f"click the {name} wheel's rim: point {point + 1} of {FEWEST_RIM_POINTS}"
+                what = f"click the {name} wheel's rim: point {point + 1} of {MIN_RIM_POINTS}"
         case "pairs":
             number = len(marks.points)
             if marks.waits_for_pixel:
@@ -120,7 +120,7 @@ def marks_text(session: Session) -> str:
     if session.tool == "wheels" and document.model.keypoints is None:
         lines.append("the model's wheels first: one side's rear and front one")
     elif session.tool == "wheels":
-        lines.append(f"{len(marks.rims)} of {WHEELS * FEWEST_RIM_POINTS} points on the rims")
+        lines.append(f"{len(marks.rims)} of {WHEELS * MIN_RIM_POINTS} points on the rims")
     elif marks.points and len(marks.pixels) < fewest:
         lines.append(f"{_counted(fewest - len(marks.pixels), 'more pair')} needed")
     elif marks.points:

@@ -28,7 +28,7 @@ from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.geometry.view import View
 from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.vehicle.chart import VehicleChart
-from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS, Ellipse, ellipse_through
+from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS, Ellipse, ellipse_through
 
 MOST_STEPS = 200
 MOST_OPENED = 4
@@ -70,8 +70,8 @@ class Marks:
     @property
     def ellipses(self) -> tuple[Ellipse, ...]:
         """Ellipses of the rear and the front wheel, as far as they have their points."""
-        count = len(self.rims) // FEWEST_RIM_POINTS
-        pieces = [self.rims[i * FEWEST_RIM_POINTS :][:FEWEST_RIM_POINTS] for i in range(count)]
+        count = len(self.rims) // MIN_RIM_POINTS
+        pieces = [self.rims[i * MIN_RIM_POINTS :][:MIN_RIM_POINTS] for i in range(count)]
         return tuple(ellipse_through(piece) for piece in pieces)
 
 

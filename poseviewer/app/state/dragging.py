@@ -24,7 +24,7 @@ from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.overlay.contour import is_within_outline
 from poseviewer.starts.placing import surface_point, with_point_at
-from poseviewer.vehicle.chart import LEAST_AXLE_COMPONENT, VehicleChart
+from poseviewer.vehicle.chart import MIN_AXLE_COMPONENT, VehicleChart
 
 REACH = 14.0
 """A pin or a mark is taken is_within_outline this distance (px of the screen)."""
@@ -264,7 +264,7 @@ def with_vehicle_pin(
     pins[pin] = pixel
     size = np.array([chart.camera.width, chart.camera.height])
     psi = (pins[2] - pins[0]) / _axle_length(chart)
-    rim = math.sqrt(1.0 - LEAST_AXLE_COMPONENT**2) - 1e-6
+    rim = math.sqrt(1.0 - MIN_AXLE_COMPONENT**2) - 1e-6
     psi *= min(1.0, rim / max(float(np.linalg.norm(psi)), 1e-12))
     return np.concatenate([pins[0] / size, (pins[1] - pins[0]) / size, psi])
 

@@ -13,7 +13,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.starts.placing import surface_point
 from poseviewer.starts.point_pairs import (
-    FEWEST_FOR_FOCAL,
+    MIN_PAIRS_FOR_FOCAL,
     fewest_pairs,
     fit_of,
     focal_from_pairs,
@@ -21,7 +21,7 @@ from poseviewer.starts.point_pairs import (
     poses_from_pairs,
 )
 from poseviewer.vehicle.vehicle_keypoints import keypoints_from_side
-from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS, Ellipse, Wheels, poses_from_wheels
+from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS, Ellipse, Wheels, poses_from_wheels
 
 MARKING = {"pairs": ("pixels", "points"), "wheels": ("rims",)}
 """Fields of ``Marks`` by each tool that sets marks, the places on the photo first."""
@@ -79,7 +79,7 @@ def with_mark(
     if tool == "wheels":
         if document.model.keypoints is None:
             return with_hub(document, point, seen)
-        if len(marks.rims) == WHEELS * FEWEST_RIM_POINTS:
+        if len(marks.rims) == WHEELS * MIN_RIM_POINTS:
             raise QuickStartError("Both wheels are outlined; drag their points, or clear them.")
     elif not marks.waits_for_pixel:
         if len(marks.points) == MOST_PAIRS:
@@ -145,7 +145,7 @@ def lay_wheels(
         raise QuickStartError(
             "The wheels were found in another photo or for another model; look for them again."
         )
-    rims = (*rear.outline(FEWEST_RIM_POINTS), *front.outline(FEWEST_RIM_POINTS))
+    rims = (*rear.outline(MIN_RIM_POINTS), *front.outline(MIN_RIM_POINTS))
     return session.with_document(document.with_marks(rims=rims, note="").at_pose(pose))
 
 
@@ -171,7 +171,7 @@ def _pose_of_pairs(document: Document) -> Pose | None:
     (points, pixels), pose = document.marks.correspondences, document.pose
     if len(points) < fewest_pairs(pose.camera):
         return None
-    free = document.settings.free_focal and len(points) >= FEWEST_FOR_FOCAL
+    free = document.settings.free_focal and len(points) >= MIN_PAIRS_FOR_FOCAL
     free = free and len(document.scene.views) == 1  # the cameras of several views are known
     if free and isinstance(pose.camera, Perspective):
         return focal_from_pairs(points, pixels, pose.camera)[0].pose

@@ -50,7 +50,7 @@ colour. Negative they stand where there is no colour yet."""
 COLUMN_OF, ROW_OF, GREY, PLANE, PAINT = 12, 13, 15, 16, 12
 """The entries of a face's plane that are the pixel which its first three are of, and its grey
 reflectance; how many entries there are, and how many of its paint."""
-MOST_PIECES = 6  # a triangle cut by five planes has eight corners
+MAX_PIECES = 6  # a triangle cut by five planes has eight corners
 
 COLUMN, STATE, LISTED = 4, 5, 6  # rows of a chunk's boxes; 0 to 3: left, top, right, bottom
 HIDDEN, DRAWN, LARGE = np.int32(0), np.int32(1), np.int32(2)  # states of a face
@@ -320,7 +320,7 @@ def _cut(large, shape, vertices, camera, planes, painting):
     """
     faces, screen, depths, normals = shape
     kinds, paint, texel_areas, count_of_levels, paints, levels = painting
-    size = MOST_PIECES * large.shape[0]
+    size = MAX_PIECES * large.shape[0]
     owners, places = np.empty(size, np.int32), np.empty((size, 3, 2), np.int64)
     values = np.empty((size, 3), np.float32)
     one, other, near, pieces = np.empty((8, 4)), np.empty((8, 4)), camera[16], 0
