@@ -31,7 +31,7 @@ from poseviewer.render.pyramid.levels import Level, make_level
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import PhotoAttributes, Renderer
 from poseviewer.starts.loading import Start, StartInputs
-from poseviewer.starts.printed import SURE_PIXELS, printed_poses
+from poseviewer.starts.texture_features import SURE_INLIERS, poses_from_features
 from poseviewer.starts.views import ViewPoses, even_rotations, ground_views, poses_filling
 from poseviewer.starts.wheels import likely_wheels
 from poseviewer.vehicle.chart import visible_side
@@ -145,19 +145,19 @@ class StartQuery:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Proposal:
+class PoseHypothesis:
     """A start pose that was found."""
 
     pose: Pose
     loss: float
     """On the last level: to be compared with other proposals of the same search."""
-    odds: float = 0.0
+    probability: float = 0.0
     """Probability that it is right."""
 
     @property
     def percent(self) -> str:
         """The odds in whole per cent, below 100: none is certain."""
-        return f"{min(self.odds, 0.99):.0%}"
+        return f"{min(self.probability, 0.99):.0%}"
 
 
 def propose(
@@ -165,7 +165,7 @@ def propose(
     renderer: Renderer | None = None,
     begin: BeginThread | None = None,
     watch: Callable[[], object] = lambda: None,
-) -> list[Proposal]:
+) -> list[PoseHypothesis]:
     """Propose up to ``MAX_HYPOTHESES`` starts, the likeliest first, with the same result each time:
     by print, by a vehicle's wheels, and in a rectangle by some 3,000 evaluations of small pictures
     on all cores. Each thread calls ``begin``, each step ``watch``, which may raise to stop it.
@@ -189,26 +189,26 @@ def propose(
         sentence = "No view of the model fits there; lay the rectangle closer about the object."
     if not proposals:
         raise QuickStartError(sentence)
-    return with_odds(proposals)
+    return with_probabilities(proposals)
 
 
-def _printed(query: StartQuery, watch: Callable[[], object]) -> list[Proposal]:
+def _printed(query: StartQuery, watch: Callable[[], object]) -> list[PoseHypothesis]:
     """Proposals by the model's print, of those that enough pixels agree on."""
     inputs = query.inputs
-    poses = printed_poses(inputs, query.camera, query.box, watch)
+    poses = poses_from_features(inputs, query.camera, query.box, watch)
     return [
-        Proposal(pose, -pixels, pixels**ODDS_POWER / (pixels**ODDS_POWER + EVEN_PIXELS))
+        PoseHypothesis(pose, -pixels, pixels**ODDS_POWER / (pixels**ODDS_POWER + EVEN_PIXELS))
         for pose, pixels in poses
-        if pixels >= SURE_PIXELS
+        if pixels >= SURE_INLIERS
     ]
 
 
-def with_odds(proposals: Sequence[Proposal]) -> list[Proposal]:
+def with_probabilities(proposals: Sequence[PoseHypothesis]) -> list[PoseHypothesis]:
     """Proposals, the best first, with their odds by the first one's lead over the second."""
     lead = proposals[1].loss - proposals[0].loss if len(proposals) > 1 else 1.0
     first = lead**LEAD_POWER / (lead**LEAD_POWER + EVEN_LEAD)
     odds = [first] + [OTHERS_SHARE * (1.0 - first)] * (len(proposals) - 1)
-    return [replace(own, odds=share) for own, share in zip(proposals, odds, strict=True)]
+    return [replace(own, probability=share) for own, share in zip(proposals, odds, strict=True)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -222,14 +222,14 @@ class _ViewSearch:
     begin: BeginThread | None
     watch: Callable[[], object]
 
-    def best_views(self, views: ViewPoses) -> list[Proposal]:
+    def best_views(self, views: ViewPoses) -> list[PoseHypothesis]:
         """The best views that differ, improved round by round."""
         proposals = self._try_all(views)
         for count, evaluations, edge, side_px in ROUNDS:
             proposals = self._descend(self._distinct(proposals, count), evaluations, edge, side_px)
         return self._distinct(proposals, MAX_HYPOTHESES)
 
-    def ranked(self, poses: Sequence[Pose], side_px: float) -> list[Proposal]:
+    def ranked(self, poses: Sequence[Pose], side_px: float) -> list[PoseHypothesis]:
         """Poses of several searches, scored anew over this one's region; those that differ."""
         return self._distinct(self._scored(poses, self._level(side_px), 1), MAX_HYPOTHESES)
 
@@ -239,31 +239,33 @@ class _ViewSearch:
         factor = max(1, round(area**0.5 / side_px))
         return make_level(self.photo, self.renderer, factor, COVERED * area)
 
-    def _scored(self, poses: Sequence[Pose], level: Level, *chunk: int) -> list[Proposal]:
-        def score(own: Renderer, pose: Pose) -> Proposal:
+    def _scored(self, poses: Sequence[Pose], level: Level, *chunk: int) -> list[PoseHypothesis]:
+        def score(own: Renderer, pose: Pose) -> PoseHypothesis:
             self.watch()
-            return Proposal(pose, registration_loss(own.moments(pose, level.photo)))
+            return PoseHypothesis(pose, registration_loss(own.moments(pose, level.photo)))
 
         with RendererPool(level.renderer, begin=self.begin) as pool:
             return list(pool.map(score, poses, *chunk))
 
-    def _try_all(self, views: ViewPoses) -> list[Proposal]:
+    def _try_all(self, views: ViewPoses) -> list[PoseHypothesis]:
         shaped = np.flatnonzero(views.aspect_errors <= ASPECT_THRESHOLD)
         if not len(shaped):
             shaped = np.argsort(views.aspect_errors)[: len(views.poses) // 10 + 1]
         scored = self._scored([views.poses[i] for i in shaped], self._level(SIDE_PX))
         # Half of the logarithm goes to each of width and height, half of that to each side.
         costs = RECTANGLE_WEIGHT * 4.0 * (views.aspect_errors[shaped] / 4.0) ** 2
-        return [Proposal(p.pose, p.loss + float(c)) for p, c in zip(scored, costs, strict=True)]
+        return [
+            PoseHypothesis(p.pose, p.loss + float(c)) for p, c in zip(scored, costs, strict=True)
+        ]
 
     def _descend(
-        self, starts: Sequence[Proposal], evaluations: int, edge: float, side_px: float
-    ) -> list[Proposal]:
+        self, starts: Sequence[PoseHypothesis], evaluations: int, edge: float, side_px: float
+    ) -> list[PoseHypothesis]:
         """Ends of short descents from the starts."""
         level, mesh = self._level(side_px), self.query.inputs.mesh
         worst = LossScale.of(level.photo).worst
 
-        def descend(own: Renderer, start: Proposal) -> Proposal:
+        def descend(own: Renderer, start: PoseHypothesis) -> PoseHypothesis:
             chart = FreeBodyChart(start.pose, mesh.centre, mesh.diameter / 2.0)
 
             def loss_at(parameters: FloatArray) -> float:
@@ -279,7 +281,7 @@ class _ViewSearch:
                 lambda points: map(loss_at, points), np.zeros(6), edge * np.eye(6), TOLERANCES
             )
             *_, last = islice(states, evaluations)
-            return Proposal(chart.to_pose(last.best), last.value)
+            return PoseHypothesis(chart.to_pose(last.best), last.value)
 
         with RendererPool(level.renderer, begin=self.begin) as pool:
             return list(pool.map(descend, starts, at_a_time=1))
@@ -293,7 +295,7 @@ class _ViewSearch:
         share = float(off @ off) / wanted.area
         return share if np.isfinite(share) else BEHIND_CAMERA
 
-    def _distinct(self, proposals: Sequence[Proposal], most: int) -> list[Proposal]:
+    def _distinct(self, proposals: Sequence[PoseHypothesis], most: int) -> list[PoseHypothesis]:
         """The best whose pictures of the model differ."""
         reach = DISTANCE * float(np.hypot(*self.rectangle[2:]))
         ordered = sorted(proposals, key=lambda proposal: proposal.loss)
@@ -306,7 +308,9 @@ class _ViewSearch:
         return [proposal for proposal, _ in kept]
 
 
-def _with_wheels(search: _ViewSearch, views: list[Proposal], side_px: float) -> list[Proposal]:
+def _with_wheels(
+    search: _ViewSearch, views: list[PoseHypothesis], side_px: float
+) -> list[PoseHypothesis]:
     """Proposals by a vehicle's two wheels, and ``views`` that put them there; else the views."""
     query, keypoints = search.query, search.query.inputs.keypoints
     if keypoints is None:
@@ -333,7 +337,7 @@ def _shows(pose: Pose, keypoints: VehicleKeypoints, wheels: Wheels) -> bool:
 
 def best_start(
     query: StartQuery,
-    proposals: Sequence[Proposal],
+    proposals: Sequence[PoseHypothesis],
     renderer: Renderer,
     watch: Callable[[], object] = lambda: None,
 ) -> Start:

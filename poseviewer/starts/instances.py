@@ -15,7 +15,7 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.render.types import Renderer
 from poseviewer.starts.automatic import (
     BeginThread,
-    Proposal,
+    PoseHypothesis,
     StartQuery,
     best_start,
     propose,
@@ -32,7 +32,7 @@ def propose_beside(
     renderer: Renderer,
     begin: BeginThread | None = None,
     watch: Callable[[], object] = lambda: None,
-) -> list[Proposal]:
+) -> list[PoseHypothesis]:
     """Propose starts as ``propose``, where none of the ``placed`` instances is; perhaps none."""
     proposals = propose(_beside(query, placed), renderer, begin, watch)
     return [own for own in proposals if _is_free(own.pose, placed)]

@@ -11,13 +11,13 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Pose
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.starts.views import looking
+from poseviewer.starts.views import look_along
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints, model_axes
 
 FILLED = 0.6
 """Share of the photo's width, or of its height, that the model is made to fill."""
 FRAMINGS = 12
-"""Rounds of ``framed``: in perspective the box changes its shape on the way, by less each time."""
+"""Rounds of ``fit_into_rectangle``: in perspective the box changes its shape on the way."""
 FLAT = np.cos(np.radians(3.0))
 """Faces of the hull that are turned by less from each other carry the model together."""
 PREFERENCE = 2.0
@@ -39,21 +39,23 @@ def look_from(side: str, mesh: Mesh, keypoints: VehicleKeypoints | None, camera:
     """The model in the photo's middle, filling ``FILLED``, from one of ``SIDES``."""
     if side not in SIDES:
         raise SettingsError(f"no side {side!r} to look from; wanted one of {', '.join(SIDES)}")
-    right, behind, up = standing_axes(mesh, keypoints)
+    right, behind, up = upright_axes(mesh, keypoints)
     stand = np.array(SIDES[side])
     from_camera = -(stand[0] * right + stand[1] * behind + stand[2] * up)
     forward = from_camera / np.linalg.norm(from_camera)
     # Looking straight down or up, the front of the model is at the upper edge of the photo.
     upwards = up if abs(forward @ up) < 0.99 else -behind
-    rotation = looking(forward, upwards)
+    rotation = look_along(forward, upwards)
     far = np.array([0.0, 0.0, 2.0 * mesh.diameter])
     pose = Pose(camera, RigidTransform(rotation, far - rotation @ mesh.centre))
     width, height = FILLED * camera.width, FILLED * camera.height
     left, top = (camera.width - width) / 2.0, (camera.height - height) / 2.0
-    return framed(pose, mesh, (left, top, width, height))
+    return fit_into_rectangle(pose, mesh, (left, top, width, height))
 
 
-def framed(pose: Pose, mesh: Mesh, rectangle: tuple[float, float, float, float]) -> Pose:
+def fit_into_rectangle(
+    pose: Pose, mesh: Mesh, rectangle: tuple[float, float, float, float]
+) -> Pose:
     """Move the model, keeping its rotation, so that its box just fits into a rectangle."""
     left, top, *wanted = rectangle
     middle, points = np.array([left, top]) + np.array(wanted) / 2.0, hull_points(mesh)
@@ -83,7 +85,7 @@ def with_point_at(
     return Pose(camera, RigidTransform(rotation, place - rotation @ np.asarray(point)))
 
 
-def standing_axes(
+def upright_axes(
     mesh: Mesh, keypoints: VehicleKeypoints | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Unit vectors (3,) to the model's right, back and top: by a vehicle's wheels, by glTF's rule,

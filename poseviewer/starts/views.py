@@ -49,10 +49,10 @@ def ground_view(keypoints: VehicleKeypoints, turn: float, rise: float) -> FloatA
     """(3, 3): camera from model, upright, ``turn`` rad from its right to its back, ``rise`` up."""
     right, behind, up = model_axes(keypoints)
     level = math.cos(turn) * right + math.sin(turn) * behind
-    return looking(-(math.cos(rise) * level + math.sin(rise) * up), up)
+    return look_along(-(math.cos(rise) * level + math.sin(rise) * up), up)
 
 
-def looking(forward: FloatArray, up: FloatArray) -> FloatArray:
+def look_along(forward: FloatArray, up: FloatArray) -> FloatArray:
     """(3, 3): the axes of a camera that looks along one unit vector (3,), another one upwards."""
     down = -(up - (up @ forward) * forward)
     down = down / np.linalg.norm(down)

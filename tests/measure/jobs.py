@@ -33,7 +33,7 @@ from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import rotation_angle
 from poseviewer.starts.loading import load_model
-from poseviewer.starts.placing import SIDES, framed, look_from, surface_point
+from poseviewer.starts.placing import SIDES, fit_into_rectangle, look_from, surface_point
 from tests.app.app_process import REPOSITORY, AppProcess
 from tests.app.browser import AppPage, open_browser
 from tests.app.page.test_quick_start import BOX
@@ -135,7 +135,7 @@ def by_drag(hand: Hand) -> None:
 def by_pairs(hand: Hand) -> None:
     """Four points that model and photo show, as far from one another as may be."""
     truth, mesh, frame = hand.cases[0].truth, hand.models[0].mesh, Rectangle(0, 0, *hand.size)
-    now = framed(hand.look_from("three-quarter"), mesh, frame.expand(-ALONE_MARGIN))
+    now = fit_into_rectangle(hand.look_from("three-quarter"), mesh, frame.expand(-ALONE_MARGIN))
 
     def is_seen(pose: Pose, point: FloatArray) -> bool:
         hit = surface_point(mesh, pose, pose.project(point))

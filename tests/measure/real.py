@@ -37,7 +37,13 @@ from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import rotation_angle
 from poseviewer.geometry.view import View
 from poseviewer.render.pool import processors
-from poseviewer.starts.automatic import Proposal, StartQuery, best_start, outermost_points, propose
+from poseviewer.starts.automatic import (
+    PoseHypothesis,
+    StartQuery,
+    best_start,
+    outermost_points,
+    propose,
+)
 from poseviewer.starts.loading import StartInputs
 from tests.meshes import box_of
 
@@ -96,7 +102,7 @@ def start_trials(cases: Sequence[Case]) -> Iterator[Trial]:
         photo, camera = open_photo(case.photo), case.truth.camera
         for box in (None, careless_box(case.name, model.mesh, case.truth)):
             query = StartQuery(StartInputs(photo, model.mesh, model.keypoints), camera, box)
-            began, proposals = time.perf_counter(), list[Proposal]()
+            began, proposals = time.perf_counter(), list[PoseHypothesis]()
             with suppress(QuickStartError):  # nothing was found
                 proposals = propose(query, renderer)
             seconds = time.perf_counter() - began

@@ -59,9 +59,9 @@ from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.frames import camera_as_integer_centres
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.starts.automatic import Proposal
+from poseviewer.starts.automatic import PoseHypothesis
 from poseviewer.starts.loading import scale_of_sight
-from poseviewer.starts.placing import framed, look_from, surface_point
+from poseviewer.starts.placing import fit_into_rectangle, look_from, surface_point
 from poseviewer.vehicle.chart import VehicleChart
 
 Projection = Literal["perspective", "parallel"]
@@ -172,7 +172,7 @@ def release(session: Session) -> Session:
             return session
         return _placed(session, held.model_from)
     if tool == "box" and document.marks.box is not None:
-        pose = framed(document.pose, document.mesh, document.marks.box)
+        pose = fit_into_rectangle(document.pose, document.mesh, document.marks.box)
         session = replace(session, document=before).with_document(put(document, pose))
         return propose_starts()(session)
     if tool in MARKING:
@@ -412,7 +412,7 @@ def stop_proposing(session: Session) -> Session:
 def starts_proposed(
     session: Session,
     document: Document,
-    starts: tuple[Proposal, ...],
+    starts: tuple[PoseHypothesis, ...],
     outlines: tuple[FloatArray, ...],
 ) -> Session:
     """List the starts that were asked for at ``document``; take the likeliest, unless the model

@@ -27,7 +27,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.starts.automatic import Proposal, StartQuery
+from poseviewer.starts.automatic import PoseHypothesis, StartQuery
 from poseviewer.starts.loading import StartInputs
 
 NO_LINES = np.zeros((0, 2, 2))
@@ -149,7 +149,7 @@ class ProposedStarts:
 
     document: Document
     """Document that they were asked for at."""
-    starts: tuple[Proposal, ...] = ()
+    starts: tuple[PoseHypothesis, ...] = ()
     """The likeliest first; none while they are looked for."""
     outlines: tuple[FloatArray, ...] = ()
     """(n, 2, 2) of each: line segments in px of the photo."""

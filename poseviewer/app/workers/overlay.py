@@ -29,7 +29,7 @@ from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.contour import Sketch, quick_silhouette, silhouette
 from poseviewer.render.overlay.edges import find_lines
 from poseviewer.render.overlay.styles import ModelInPhoto, Relight, draw_style, line_scale
-from poseviewer.starts.placing import framed
+from poseviewer.starts.placing import fit_into_rectangle
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -216,7 +216,7 @@ def picturing(notify: Callable[[], None]) -> Job[Document, Edit]:
         photo, mesh = document.photo, document.mesh
         whole = Rectangle(0.0, 0.0, photo.width, photo.height)
         factor = min(1.0, ALONE_PX / max(photo.width, photo.height))
-        pose = framed(document.pose, mesh, whole.expand(-ALONE_MARGIN)).rescale(factor)
+        pose = fit_into_rectangle(document.pose, mesh, whole.expand(-ALONE_MARGIN)).rescale(factor)
         ground = np.full((pose.camera.height, pose.camera.width, 3), ALONE_GROUND, np.uint8)
         view = ModelInPhoto(ground, mesh, renderer(mesh), pose, opacity=1.0)
         yield show(document, alone=(pose, draw_style("solid", view)))

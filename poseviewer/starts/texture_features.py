@@ -29,17 +29,17 @@ VIEWS, VIEW_SIZES_PX, BORDER_PX = 42, (320, 160), 20
 """Views of the model; its diameters in them; free pixels about it."""
 DISTANCE = 5.0
 """From the model's centre to the camera, in diameters."""
-CONTRAST, MOST_IN_VIEW, MOST_IN_PHOTO = 0.01, 800, 10_000
+CONTRAST, MAX_FEATURES_PER_VIEW, MAX_FEATURES_IN_PHOTO = 0.01, 800, 10_000
 """Least contrast of a point, and the most points."""
 PHOTO_SIDE, ENLARGED = 1920, 2.0
 """px: longer side to which a photo is scaled, enlarged by no more than this."""
 RATIO = 0.85
 """Most distance of the nearest descriptor, by that of the second."""
-FEWEST = 6
+MIN_MATCHES = 6
 """Matches that a pose needs: four give it."""
-SURE_PIXELS, MOST_COPIES = 10, 5
+SURE_INLIERS, MAX_COPIES = 10, 5
 """Pixels from which a pose is right nearly always; copies of the model that are looked for."""
-ITERATIONS, CONFIDENCE, OFF_PX = 500, 0.999, 4.0
+ITERATIONS, CONFIDENCE, MAX_REPROJECTION_PX = 500, 0.999, 4.0
 """RANSAC's most draws and wanted probability; px of the scaled photo by which a point agrees."""
 
 
@@ -51,16 +51,16 @@ class Points(NamedTuple):
     descriptors: NDArray[np.float32]
 
 
-class PrintedPose(NamedTuple):
+class FeaturePose(NamedTuple):
     """A pose, and the number of different pixels of the photo that agree on it."""
 
     pose: Pose
-    pixels: int
+    inliers: int
 
 
-def printed_poses(
+def poses_from_features(
     inputs: StartInputs, camera: Camera, region: Rectangle, watch: Callable[[], object]
-) -> list[PrintedPose]:
+) -> list[FeaturePose]:
     """Poses that most matches in a region of the photo agree on, for each copy of the model that
     is seen there, the surest first; ``watch`` is called between views, and may raise.
     """
@@ -70,27 +70,27 @@ def printed_poses(
     views = model_points(mesh)
     watch()
     points, scale = _photo_points(inputs, region)
-    poses: list[PrintedPose] = []
-    while len(poses) < MOST_COPIES:
-        agreeing: list[PrintedPose] = []
+    poses: list[FeaturePose] = []
+    while len(poses) < MAX_COPIES:
+        agreeing: list[FeaturePose] = []
         for view in views:
             watch()
-            agreeing += _agreeing(view, points, camera, OFF_PX / scale)
+            agreeing += _ransac(view, points, camera, MAX_REPROJECTION_PX / scale)
         if not agreeing:
             break
-        poses.append(max(agreeing, key=lambda printed: printed.pixels))
-        if poses[-1].pixels < SURE_PIXELS:
+        poses.append(max(agreeing, key=lambda printed: printed.inliers))
+        if poses[-1].inliers < SURE_INLIERS:
             break
         outline = cv2.convexHull(poses[-1].pose.project(hull_points(mesh)).astype(np.float32))
         is_left = [cv2.pointPolygonTest(outline, pixel, False) < 0 for pixel in points.at]
         points = Points(points.at[is_left], points.descriptors[is_left])
-    return sorted(poses, key=lambda printed: -printed.pixels)
+    return sorted(poses, key=lambda printed: -printed.inliers)
 
 
 @lru_cache(maxsize=4)
 def model_points(mesh: Mesh) -> tuple[Points, ...]:
     """The points of each view that has enough of them."""
-    return tuple(view for view in _views(mesh) if len(view.at) >= FEWEST)
+    return tuple(view for view in _views(mesh) if len(view.at) >= MIN_MATCHES)
 
 
 def _views(mesh: Mesh) -> Iterator[Points]:
@@ -109,7 +109,7 @@ def _view(mesh: Mesh, renderer: Renderer, rotation: FloatArray, size: int) -> Po
     view = renderer.render(pose)
     shaded = view.reflectance @ GREY_WEIGHTS * (0.5 + 0.5 * np.abs(view.normals[..., 2]))
     inside = cv2.erode(view.mask.astype(np.uint8), np.ones((5, 5)))
-    pixels, descriptors = _sift(shaded, MOST_IN_VIEW, inside)
+    pixels, descriptors = _sift(shaded, MAX_FEATURES_PER_VIEW, inside)
     columns, rows = pixels.T.astype(int)
     depth = depth_image(PlacedModel(mesh, pose))[rows, columns]
     points = (camera.rays(pixels) * depth[:, None] - place) @ rotation
@@ -126,7 +126,7 @@ def _photo_points(inputs: StartInputs, region: Rectangle) -> tuple[Points, float
     size = [max(round(side * scale), 1) for side in part.shape[::-1]]
     how = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
     scaled = cv2.resize(part, size, interpolation=how)
-    pixels, descriptors = _sift(np.asarray(scaled, np.float32), MOST_IN_PHOTO)
+    pixels, descriptors = _sift(np.asarray(scaled, np.float32), MAX_FEATURES_IN_PHOTO)
     pixels = pixels * (part.shape[1] / size[0]) + [left, top]
     if mask is not None:
         columns, rows = pixels.astype(int).T
@@ -147,11 +147,11 @@ def _sift(grey: NDArray[Any], most: int, mask: Any = None) -> Points:
     return Points(at, np.sqrt(shares, dtype=np.float32))
 
 
-def _agreeing(
+def _ransac(
     view: Points, photo: Points, camera: Perspective, off_px: float
-) -> Iterator[PrintedPose]:
+) -> Iterator[FeaturePose]:
     """The pose that most matches of a view agree on, if any."""
-    if len(photo.at) < FEWEST:
+    if len(photo.at) < MIN_MATCHES:
         return
     alike = view.descriptors @ photo.descriptors.T
     rows, nearest = np.arange(len(alike)), np.argmax(alike, axis=1)
@@ -159,7 +159,7 @@ def _agreeing(
     alike[rows, nearest] = -1.0
     is_clear = 1.0 - first < RATIO**2 * (1.0 - alike.max(axis=1))
     points, pixels = view.at[is_clear], photo.at[nearest[is_clear]]
-    if len(points) < FEWEST:
+    if len(points) < MIN_MATCHES:
         return
     matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
     try:
@@ -179,4 +179,4 @@ def _agreeing(
         rotation = np.asarray(cv2.Rodrigues(turn)[0], float)
         pose = Pose(camera, RigidTransform(rotation, np.asarray(place[:, 0], float)))
         different = np.unique(np.round(pixels[np.asarray(agreeing, int)[:, 0]]), axis=0)
-        yield PrintedPose(pose, len(different))
+        yield FeaturePose(pose, len(different))
