@@ -33,15 +33,12 @@ from poseviewer.files.masks import save_pose_and_mask
 from poseviewer.files.photo import photo_text, save_image
 from poseviewer.files.photo_sets import LoadedViews, SetChoice
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene_file import save_scene
+from poseviewer.files.scene_json import save_scene
 from poseviewer.fit.lighting import relit
 from poseviewer.fit.loss import LossScale, Unexplained
 from poseviewer.fit.problem import FitProblem, make_problem, numbers_of, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
-from poseviewer.fit.scene import LoadedModel, SceneObject
-from poseviewer.fit.scene import Scene as SceneData
 from poseviewer.fit.search import Search, SearchProgress, result_of
-from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.slices import Slice, landscape
 from poseviewer.fit.visibility import Visibility, hiding, visibility
 from poseviewer.geometry.arrays import FloatArray
@@ -50,13 +47,16 @@ from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.geometry.view import View
+from poseviewer.geometry.world_pose import View
 from poseviewer.render.overlay import RENDER_STYLES
 from poseviewer.render.overlay.styles import SOLID_OPACITY, ModelInPhoto, Picture, draw_style
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import visible_fraction
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import AttributeImage, Renderer
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import LoadedModel, SceneObject
+from poseviewer.scene.types import Scene as SceneData
 from poseviewer.starts.automatic import AUTOMATIC, StartQuery
 from poseviewer.starts.instances import find_instances, with_instances
 from poseviewer.starts.loading import (

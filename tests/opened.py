@@ -4,13 +4,13 @@ from dataclasses import replace
 from typing import Any
 
 from poseviewer.fit.problem import FitProblem
-from poseviewer.fit.scene import LoadedModel, Scene, scene_at
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.view import View
+from poseviewer.geometry.world_pose import View
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import LoadedModel, Scene, scene_at
 
 
 def scene_of(

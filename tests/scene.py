@@ -7,11 +7,11 @@ import numpy as np
 
 from poseviewer.files.photo import save_image
 from poseviewer.files.pose import PoseRecord, save_pose
-from poseviewer.fit.scene import PlacedModel
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.scene.types import PlacedModel
 from tests.meshes import make_bumpy
 from tests.several import LIGHT, coloured, lit_models, save_model
 

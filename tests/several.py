@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from poseviewer.files.formats.bop import MODEL_FILE, BopObject, save_bop_images
 from poseviewer.files.photo import save_image
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene_file import ObjectRecord, SceneRecord, ViewRecord, save_scene
-from poseviewer.fit.scene import PlacedModel
+from poseviewer.files.scene_json import ObjectRecord, SceneRecord, ViewRecord, save_scene
 from poseviewer.fit.visibility import visibility
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
@@ -25,6 +24,7 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import Renderer
+from poseviewer.scene.types import PlacedModel
 from tests.meshes import make_box, make_bumpy
 
 CAMERA = Perspective(420.0, 420.0, 160.5, 120.5, 320, 240)

@@ -17,11 +17,11 @@ from poseviewer.files.keypoints import keypoints_path
 from poseviewer.files.photo import load_photo, save_image
 from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.fit.progress import FitProgress, Status
-from poseviewer.fit.scene import LoadedModel
-from poseviewer.fit.settings import Limits
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.scene.settings import Limits
+from poseviewer.scene.types import LoadedModel
 from poseviewer.starts.loading import load_model
 from tests.commands import run
 from tests.view_sets import DISTANCE, MESH, START, TRUTH, make_views

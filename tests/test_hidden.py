@@ -11,10 +11,10 @@ from poseviewer.app.workers.opening import open_scene
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.files.masks import mask_as_png
 from poseviewer.files.pose import load_pose
-from poseviewer.files.scene_file import ObjectRecord, SceneRecord, ViewRecord, save_scene
-from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.files.scene_json import ObjectRecord, SceneRecord, ViewRecord, save_scene
 from poseviewer.geometry.mask import Mask
 from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.scene.settings import FitSettings, Limits
 from poseviewer.starts.loading import load_model
 from tests.commands import run
 from tests.scene import Scene

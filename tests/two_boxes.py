@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 
 from poseviewer.files.photo import save_image
-from poseviewer.fit.scene import PlacedModel
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.scene.types import PlacedModel
 from tests.meshes import make_printed
 from tests.scene import Scene
 from tests.several import LIGHT, lit_models, save_model

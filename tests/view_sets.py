@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -15,15 +14,16 @@ from poseviewer.files.formats.bop import BopObject
 from poseviewer.files.photo import save_image
 from poseviewer.files.photo_sets import LoadedViews
 from poseviewer.files.pose import PoseRecord, save_pose
-from poseviewer.files.structs import PhotoReference, Transform
-from poseviewer.fit.scene import PlacedModel
+from poseviewer.files.scene_json import SceneRecord, ViewRecord, save_scene
+from poseviewer.files.structs import PhotoReference
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.geometry.view import View
+from poseviewer.geometry.world_pose import View
+from poseviewer.scene.types import PlacedModel
 from tests.meshes import make_box, make_bumpy
 from tests.several import coloured, lit_models, save_model, write_bop_scene
 from tests.writing import write
@@ -94,16 +94,14 @@ def make_views(unit: float = 1.0, scale: float | None = 1.0) -> LoadedViews:
     return LoadedViews("set", tuple(views), None, scale)
 
 
-def write_set(folder: Path, **more: Any) -> Path:
-    """The cameras of the photos as version 0.1.0 wrote them; ``more``: what else the file says."""
-    camera = {"fx": 600.0, "fy": 600.0, "cx": 160.0, "cy": 120.0}
-    places = [msgspec.to_builtins(Transform.of(place)) for place in CAMERAS_FROM_SET]
-    views = [
-        {"photo": name, "camera": camera, "camera_from_set": place}
-        for name, place in zip(NAMES, places, strict=True)
-    ]
-    data = {"format": "poseviewer-views", "version": 1, "views": views, **more}
-    return write(folder / "set.json", data)
+def write_set(folder: Path, **fields: Any) -> Path:
+    """Write a scene file without objects: the cameras of the photos, and other fields."""
+    views = tuple(
+        ViewRecord.of(folder / name, CAMERA, place=place)
+        for name, place in zip(NAMES, CAMERAS_FROM_SET, strict=True)
+    )
+    save_scene(folder / "set.json", SceneRecord(views=views, **fields))
+    return folder / "set.json"
 
 
 def write_views(folder: Path) -> tuple[Path, Path, Path]:
@@ -123,7 +121,7 @@ def write_two(folder: Path) -> tuple[Path, Path, Path]:
         save_image(folder / name, lit)
     save_model(folder / "ball.ply", MESH)
     save_model(folder / "box.ply", BOX)
-    return write_set(folder, scale=1.0), folder / "ball.ply", folder / "box.ply"
+    return write_set(folder), folder / "ball.ply", folder / "box.ply"
 
 
 def write_colmap(model: Path, names: Sequence[str] = NAMES) -> Path:

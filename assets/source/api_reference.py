@@ -15,7 +15,7 @@ from typing import Any
 from poseviewer import api, errors
 from poseviewer.files import photo_sets
 from poseviewer.files import pose as pose_file
-from poseviewer.files import scene_file as scene_file
+from poseviewer.files import scene_json as scene_file
 from poseviewer.fit import progress, search, settings, slices, visibility
 from poseviewer.fit import scene as scene_data
 from poseviewer.geometry import camera, transform, view

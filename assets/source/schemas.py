@@ -11,7 +11,7 @@ import msgspec
 from msgspec import Meta
 
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene_file import SceneRecord
+from poseviewer.files.scene_json import SceneRecord
 from poseviewer.files.structs import PROJECTIONS
 from poseviewer.files.symmetry import SymmetryFile
 

@@ -151,12 +151,7 @@ class Reviewer:
         # Whether to keep to a start is here for a person to say.
         settings = replace(queue.batch.settings, keep_start=False)
         document = document.with_own(region=settings.region)
-        document = document.with_object(settings=replace(settings, region=None), id=str(job.row))
-        draft = queue.batch.folder / r.DRAFTS / f"{job.key}.json"
-        if draft.is_file():
-            note = f"{draft} has a correction that was not accepted: drop it on the page to go on."
-            return with_notes(document, [note])
-        return document
+        return document.with_object(settings=replace(settings, region=None), id=str(job.row))
 
 
 def _task(run: Callable[[Session], Result], draws: bool = False) -> Task:

@@ -23,8 +23,8 @@ from poseviewer.files.formats.bop import (
 )
 from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.files.writing import make_folder
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Camera, Perspective, Pose
+from poseviewer.scene.settings import FitSettings
 
 STARTS = "starts"
 """Subfolder of the results for the start poses of a scene's rows."""

@@ -22,11 +22,11 @@ from poseviewer.batch.results import (
 )
 from poseviewer.errors import BatchError, PoseViewerError, SettingsError
 from poseviewer.files.photo import save_image
-from poseviewer.fit.scene import LoadedModel
-from poseviewer.fit.settings import FitSettings
 from poseviewer.render.overlay.styles import Picture
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import Renderer
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import LoadedModel
 from poseviewer.starts.automatic import AUTOMATIC
 from poseviewer.starts.loading import load_model
 

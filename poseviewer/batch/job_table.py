@@ -13,7 +13,7 @@ from typing import Any
 
 from poseviewer.errors import BatchError
 from poseviewer.files.checks import Reading
-from poseviewer.fit.settings import FitSettings, settings_as_json
+from poseviewer.scene.settings import FitSettings, settings_as_json
 
 COLUMNS = ("photo", "model", "start")
 BOX = "box"

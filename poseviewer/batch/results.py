@@ -20,7 +20,7 @@ from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import BatchError, PoseViewerError
 from poseviewer.files.checks import Reading, is_there
 from poseviewer.files.writing import lock_file, write_json, write_whole
-from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
+from poseviewer.scene.settings import FitSettings, settings_as_json, settings_from_json
 
 ROWS, POSES, PICTURES = "rows", "poses", "pictures"
 TABLE, REPORT, MANIFEST = "results.csv", "report.html", "batch.json"

@@ -24,8 +24,6 @@ from poseviewer.files.writing import write_whole
 from poseviewer.geometry.mask import Mask
 from poseviewer.render.overlay.styles import Picture
 
-DRAFTS = "review"
-"""The folder in which version 0.1.0 kept poses that were being corrected."""
 BY_HAND = "Set by hand."
 
 

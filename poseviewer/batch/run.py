@@ -27,9 +27,9 @@ from poseviewer.batch.results import (
 from poseviewer.cluster import run_on_cluster
 from poseviewer.errors import BatchError
 from poseviewer.files.writing import make_folder, require_replaceable
-from poseviewer.fit.settings import FitSettings
 from poseviewer.processes import run_in_processes
 from poseviewer.render.pool import processors
+from poseviewer.scene.settings import FitSettings
 
 DIED = "each process that fitted it died; is there memory enough for the photo and the model?"
 

@@ -70,7 +70,7 @@ def _opening(options: Namespace) -> Callable[[], Document]:
         if not (path.is_file() or (path == files.views and path.is_dir())):
             raise SettingsError(f"{path}: no such file; check the path")
     if files.scene is not None:  # a damaged file is said before there is a page
-        from poseviewer.files.scene_file import load_scene
+        from poseviewer.files.scene_json import load_scene
 
         load_scene(files.scene)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from poseviewer.cli import options as table
 from poseviewer.cli.terminal import progress_bar, tell, tell_of_compiling
 from poseviewer.errors import SettingsError
-from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.scene.settings import FitSettings, Limits
 
 if TYPE_CHECKING:  # help texts come before all that
     from poseviewer.api import Find, Scene

@@ -18,7 +18,7 @@ from poseviewer.files.formats.conversion import METRES, ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 
 if TYPE_CHECKING:
-    from poseviewer.files.scene_file import SceneRecord
+    from poseviewer.files.scene_json import SceneRecord
 
 SCENE = "scene"
 """Name of the format of scene files."""

@@ -103,7 +103,7 @@ def _print_model(path: Path) -> None:
 
 
 def _print_scene(path: Path) -> None:
-    from poseviewer.files.scene_file import load_scene
+    from poseviewer.files.scene_json import load_scene
 
     scene = load_scene(path)
     for own in scene.views:
@@ -124,7 +124,6 @@ def _print_scene(path: Path) -> None:
 
 def _print_pose(path: Path) -> None:
     from poseviewer.files.pose import load_pose
-    from poseviewer.files.scene_file import scene_of_pose
     from poseviewer.files.structs import ModelReference, PhotoReference, projection_of
 
     record, unknown = load_pose(path), "not said"
@@ -136,7 +135,6 @@ def _print_pose(path: Path) -> None:
         lens = record.undistortion.lens.model
         distortion = f"{lens}, undone: the camera is that of the undistorted photo"
     unexplained = f"{record.unexplained or 0.0:.3f} (0: all explained, 1: nothing)"
-    count = len(scene_of_pose(path, record).views)
     _print(
         pose=path.name,
         photo=f"{photo.file or unknown}{size}",
@@ -151,7 +149,6 @@ def _print_pose(path: Path) -> None:
         sure=() if sure is None else sure.words(model.unit),
         mask=record.mask or (),
         without=record.without,
-        set=f"one of {count} photos" if record.in_set else (),
         symmetry=record.turns.symmetry.words if record.turns else (),
         note=record.warnings,
     )

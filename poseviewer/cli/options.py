@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from poseviewer.errors import SettingsError
-from poseviewer.fit.settings import CHOICES, Limits
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay import RENDER_STYLES
+from poseviewer.scene.settings import CHOICES, Limits
 
 T = TypeVar("T")
 

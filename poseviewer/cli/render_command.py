@@ -25,7 +25,7 @@ def run(options: Namespace) -> int:
     from poseviewer.files.file_set import is_scene_file
     from poseviewer.files.formats.conversion import require_file
     from poseviewer.files.pose import load_pose
-    from poseviewer.files.scene_file import load_scene, scene_of_pose
+    from poseviewer.files.scene_json import load_scene, scene_of_pose
 
     path = options.scene
     scene = load_scene(path) if is_scene_file(path) else scene_of_pose(path, load_pose(path))

@@ -10,7 +10,7 @@ from poseviewer.cli.case import refuse_with_paper
 from poseviewer.cli.terminal import ignore, progress_bar, say, tell
 from poseviewer.errors import EXIT_INTERRUPTED, SettingsError
 from poseviewer.evaluation.plan import KINDS, READINGS, Plan
-from poseviewer.fit.settings import Limits
+from poseviewer.scene.settings import Limits
 
 PLAN = Plan(out=Path())
 SMALLEST_SIDE_PX = 32

@@ -4,7 +4,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
 
-from poseviewer.fit.settings import ChartName, FitSettings, Limits, LossName, PixelsName, SearchName
+from poseviewer.scene.settings import (
+    ChartName,
+    FitSettings,
+    Limits,
+    LossName,
+    PixelsName,
+    SearchName,
+)
 
 Kind = Literal["plain", "background", "photo-parallel", "photo-perspective"]
 KINDS: dict[Kind, str] = {

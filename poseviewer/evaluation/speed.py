@@ -24,8 +24,6 @@ from poseviewer.files.demo import demo_case
 from poseviewer.files.pose import load_pose
 from poseviewer.fit.loss import lighting_loss
 from poseviewer.fit.problem import make_problem
-from poseviewer.fit.scene import Scene
-from poseviewer.fit.settings import LOSSES, FitSettings, Limits, LossName
 from poseviewer.fit.slices import landscape
 from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.geometry.camera import Pose
@@ -39,6 +37,8 @@ from poseviewer.render.pyramid.simplified import simplify
 from poseviewer.render.renderers import RendererName, make_renderer
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes, Renderer
+from poseviewer.scene.settings import LOSSES, FitSettings, Limits, LossName
+from poseviewer.scene.types import Scene
 from poseviewer.starts.loading import open_photo
 
 PACKAGES = ("poseviewer", "numpy", "numba", "scipy", "pyrender")

@@ -33,11 +33,11 @@ from poseviewer.files.formats.bop import MODEL_FILE, load_bop_images
 from poseviewer.files.formats.bop_models import MODELS_INFO, load_bop_estimates, load_bop_models
 from poseviewer.files.table import append_row, load_rows
 from poseviewer.files.writing import make_folder, sha256_of, write_json, write_whole
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.processes import run_in_processes
+from poseviewer.scene.settings import FitSettings
 
 ABOUT, TRIALS, SUMMARY, FIGURE = "study.json", "trials.csv", "study.md", "reliability.png"
 FOCAL_OFF = 1.1, 1.0 / 1.1

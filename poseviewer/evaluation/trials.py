@@ -15,18 +15,18 @@ from poseviewer.errors import PoseViewerError
 from poseviewer.evaluation.cases import Case
 from poseviewer.files.photo import load_photo
 from poseviewer.fit.problem import pose_loss
-from poseviewer.fit.scene import LoadedModel, SceneObject, scene_at
-from poseviewer.fit.scene import Scene as FitScene
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import LOG_FOCAL
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.symmetry_group import Symmetry
-from poseviewer.geometry.view import View
+from poseviewer.geometry.world_pose import View
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import Renderer
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import LoadedModel, SceneObject, scene_at
+from poseviewer.scene.types import Scene as FitScene
 from poseviewer.starts.loading import load_model
 
 FOUND_PX, FOUND_PERCENT = 1.0, 1.0

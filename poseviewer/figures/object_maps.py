@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.conversion import metres_per_unit
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.scene_file import SceneRecord
+from poseviewer.files.scene_json import SceneRecord
 from poseviewer.files.writing import make_folder, write_whole
-from poseviewer.fit.scene import PlacedModel
 from poseviewer.fit.visibility import depth_image, visibility_of_depths
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.scene.types import PlacedModel
 
 DEEPEST = 65535
 """Largest number of 16 bits."""

@@ -185,14 +185,14 @@ class Reading:
             raise self.error(found, "give them in the model's unit")
         return data
 
-    def require_format(self, data: dict[str, Any], name: str, newest: int = 1) -> None:
-        """Raise unless ``format`` is absent or equals ``name``, in a version up to the newest."""
+    def require_format(self, data: dict[str, Any], name: str, wanted: int = 1) -> None:
+        """Raise unless ``format`` and ``version`` are absent or are those that are wanted."""
         if data.get("format", name) != name:
             raise self.error(f"format is {kind_of(data['format'])}", f"wanted {name!r}")
-        version = data.get("version", 1)
-        if version is True or version not in range(1, newest + 1):
-            wanted = f"this poseviewer reads versions up to {newest}, try a newer one"
-            raise self.error(f"version is {kind_of(version)}", wanted)
+        version = data.get("version", wanted)
+        if version is True or version != wanted:
+            found = f"version is {kind_of(version)}"
+            raise self.error(found, f"this poseviewer reads version {wanted}")
 
     def decoded(
         self, data: Any, kind: type[Value], what: str = "", raw: Sequence[str] = ()

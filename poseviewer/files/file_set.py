@@ -25,7 +25,7 @@ from poseviewer.files.mesh.named import bare_name, find_named, plain_name
 from poseviewer.files.mesh.references import names_in
 from poseviewer.files.photo import ENDINGS as PICTURES
 from poseviewer.files.photo import RAW_ENDINGS, was_taken_by_a_camera
-from poseviewer.files.structs import SCENE, VIEWS
+from poseviewer.files.structs import SCENE
 from poseviewer.files.symmetry import symmetry_path
 
 Kind = Literal["photo", "model", "pose"]
@@ -207,7 +207,7 @@ def _kind_of(path: Path, as_pose: bool, sole: bool) -> str:
     if path.name == CAMERAS or (of_colmap and model_file(path.parent, "images").is_file()):
         return "reconstruction"
     data = _json_of(path) if is_json else {}
-    if data.get("format") in (SCENE, VIEWS) or isinstance(data.get("frames"), list):
+    if data.get("format") == SCENE or isinstance(data.get("frames"), list):
         return "set"
     if "camera_from_model" in data:
         return "pose"

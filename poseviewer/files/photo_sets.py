@@ -1,15 +1,13 @@
 """Views from files: of scene files, and of sets of photos whose cameras know their poses to one
-another: COLMAP's models, ``transforms.json`` of nerfstudio and NeRF, BOP scenes, and our own JSON
-of earlier versions (``SetFile``).
+another: COLMAP's models, ``transforms.json`` of nerfstudio and NeRF, and BOP scenes.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path, PurePosixPath
-from typing import Annotated
 
-from msgspec import Meta, Struct, structs
+from msgspec import structs
 
 from poseviewer.files import structs as s
 from poseviewer.files.checks import Reading, is_there, kind_of
@@ -17,44 +15,15 @@ from poseviewer.files.colmap_model import model_file
 from poseviewer.files.formats.bop import CAMERAS, UNIT, WORLD, load_bop_images
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.reconstructions import colmap_views, frame_view
-from poseviewer.files.scene_file import ViewRecord, load_scene, open_view
+from poseviewer.files.scene_json import ViewRecord, load_scene, open_view
 from poseviewer.geometry.camera import Perspective
-from poseviewer.geometry.lens import Lens
-from poseviewer.geometry.view import View
+from poseviewer.geometry.world_pose import View
 
 KIND = "set of photos"
 COLMAP_FOLDERS = ("", "sparse/0", "sparse")
 """Folders of a project in which its model may lie."""
 PHOTO_FOLDERS = ("", "images", "../images", "../../images", "..", "../..")
 """Folders of its photos, from the model's folder."""
-
-
-class SetView(Struct, frozen=True):
-    """A photo of a set, its camera as taken, and its lens."""
-
-    photo: Annotated[str, Meta(min_length=1)]
-    camera: s.CameraNumbers
-    camera_from_set: s.Transform
-    distortion: s.LensNumbers | None = None
-    mask: str | None = None
-
-    def __post_init__(self) -> None:
-        self.camera.perspective(1, 1)
-
-    def record(self, folder: Path) -> ViewRecord:
-        """The view as scenes say it; its photo and its mask lie in this folder."""
-        camera, known = self.camera.perspective(0, 0), self.distortion
-        lens = known and Lens.of(known.lens.model, known.coefficients)
-        place, mask = self.camera_from_set.rigid, self.mask and folder / self.mask
-        return ViewRecord.of(folder / self.photo, camera, None, lens, place, mask or None)
-
-
-class SetFile(Struct, frozen=True):
-    """A set of photos as earlier versions say it."""
-
-    views: tuple[SetView, ...]
-    unit: str | None = None
-    scale: s.Positive | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,17 +109,11 @@ def _views(
         entries = (data | reading.object(frame, "a frame") for frame in frames)
         chosen = (e for e in entries if _is_chosen(str(e.get("file_path")), choice.photos))
         return (frame_view(reading, own, ConvertOptions()) for own in chosen), None, None
-    if data.get("format") == s.SCENE:
-        scene = load_scene(path)
-        return scene.views, scene.unit, None if scene.free_scale or scene.unit else 1.0
-    if data.get("format") != s.VIEWS:
+    if data.get("format") != s.SCENE:
         found = f"format is {kind_of(data.get('format'))}"
-        raise reading.error(found, f"wanted {s.SCENE!r} or {s.VIEWS!r}, or nerfstudio's frames")
-    reading.require_format(data, s.VIEWS)
-    said = reading.decoded(data, SetFile, raw=("photo", "mask"))
-    # The units tell the scale where it is left out; null says that it is not known.
-    scale = said.scale if "scale" in data or said.unit is not None else 1.0
-    return [view.record(path.parent) for view in said.views], said.unit, scale
+        raise reading.error(found, f"wanted {s.SCENE!r}, or nerfstudio's frames")
+    scene = load_scene(path)
+    return scene.views, scene.unit, None if scene.free_scale or scene.unit else 1.0
 
 
 def _of_colmap(reading: Reading, model: Path, choice: SetChoice) -> list[ViewRecord]:

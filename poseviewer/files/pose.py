@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from msgspec import Meta, Struct, field, structs
+from msgspec import field, structs
 
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
@@ -17,23 +17,6 @@ from poseviewer.files.writing import json_bytes, write_whole
 from poseviewer.geometry.camera import Pose
 
 FORMAT: Literal["poseviewer-pose"] = "poseviewer-pose"
-
-
-class PlaceInSet(s.Transform, frozen=True):
-    """x_in_set = size * rotation @ x_in_model + translation, in the set's unit."""
-
-    size: s.Positive
-    size_was_free: bool = False
-
-
-class PoseInSet(Struct, frozen=True):
-    """Written by earlier versions where the pose was found on several photos: where the model is in
-    their frame, and the pose in each photo, as in a pose file.
-    """
-
-    set_from_model: PlaceInSet
-    views: Annotated[tuple[PoseRecord, ...], Meta(min_length=1)]
-    unit: str | None = None
 
 
 class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
@@ -62,7 +45,6 @@ class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     seen: s.Number | None = None
     notes: tuple[str, ...] = ()
     turns: SymmetryTurns | None = field(name="symmetry", default=None)
-    in_set: PoseInSet | None = field(name="set", default=None)
     chart: s.ChartParameters | None = None
     warnings: tuple[str, ...] = ()
     """Sentences on how the file was read; not written."""

@@ -22,8 +22,8 @@ AnyCamera = TypeVar("AnyCamera", bound=Camera)
 Focal = Annotated[float, Meta(ge=1.0 / LARGEST_PX, le=LARGEST_PX)]
 PrincipalPoint = Annotated[float, Meta(ge=-LARGEST_PX, le=LARGEST_PX)]
 Sha256 = Annotated[str, Meta(extra_json_schema={"pattern": "^[0-9a-fA-F]{64}$"})]
-SCENE, VIEWS = "poseviewer-scene", "poseviewer-views"
-"""Names of formats."""
+SCENE = "poseviewer-scene"
+"""Name of the format of scene files."""
 Projection = Literal["perspective", "parallel"]
 NEEDED: dict[Projection, tuple[str, ...]] = {"perspective": ("fx", "fy"), "parallel": ("scale",)}
 """Numbers of a camera beside its principal point, by its projection."""

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError
 from poseviewer.fit.loss import Loss, fewest_pixels, registration_loss, whole_photo_loss
-from poseviewer.fit.scene import Scene
-from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.visibility import Hiding
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import Chart
@@ -21,6 +19,8 @@ from poseviewer.geometry.mesh import Mesh, hull_in_photo
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.pyramid.levels import downsample, with_structure
 from poseviewer.render.types import PhotoAttributes
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import Scene
 
 LEAST_COLOUR = 0.02
 """Standard deviation across the main line of a photo's colours, of 1: less is their noise."""

@@ -9,12 +9,12 @@ from poseviewer.errors import SettingsError
 from poseviewer.fit.compared import box_near
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.progress import FitProgress
-from poseviewer.fit.scene import Scene
-from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.pool import processors
 from poseviewer.render.renderers import make_renderer
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import Scene
 
 Watch = Callable[[str, FitProgress], Any]
 

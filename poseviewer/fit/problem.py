@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from poseviewer.errors import SettingsError, SingularChartError
 from poseviewer.fit.compared import ComparedView, compared_view
 from poseviewer.fit.loss import LossScale
-from poseviewer.fit.scene import LoadedModel, Scene
-from poseviewer.fit.settings import ChartName, FitSettings
 from poseviewer.fit.visibility import Hiding, hiding
 from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.camera import Perspective, Pose
@@ -22,6 +20,8 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.render.types import PhotoAttributes, Renderer
+from poseviewer.scene.settings import ChartName, FitSettings
+from poseviewer.scene.types import LoadedModel, Scene
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 

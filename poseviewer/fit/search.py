@@ -42,8 +42,6 @@ from poseviewer.fit.problem import (
 )
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.proportions import other_proportions
-from poseviewer.fit.scene import Scene, SearchResult
-from poseviewer.fit.settings import settings_as_json
 from poseviewer.fit.stages import fit_pose
 from poseviewer.fit.visibility import Hiding, visibility
 from poseviewer.geometry.camera import Perspective, Pose
@@ -51,6 +49,8 @@ from poseviewer.geometry.charts import LOG_FOCAL
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.pyramid.levels import visible_fraction
 from poseviewer.render.types import Renderer
+from poseviewer.scene.settings import settings_as_json
+from poseviewer.scene.types import Scene, SearchResult
 
 MOST_CONTINUED = 3
 """Number of searches continued from the end of the one before, until the pose is trusted."""

@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.fit.scene import PlacedModel
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.scene.types import PlacedModel
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer

@@ -17,7 +17,6 @@ import numpy as np
 from poseviewer.errors import QuickStartError, SettingsError
 from poseviewer.fit.loss import LossScale, registration_loss
 from poseviewer.fit.problem import make_problem
-from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Pose
@@ -30,6 +29,7 @@ from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, make_level
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import PhotoAttributes, Renderer
+from poseviewer.scene.settings import FitSettings, Limits
 from poseviewer.starts.loading import Start, StartInputs
 from poseviewer.starts.texture_features import SURE_INLIERS, poses_from_features
 from poseviewer.starts.views import ViewPoses, even_rotations, ground_views, poses_filling

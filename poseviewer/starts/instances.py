@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from poseviewer.errors import QuickStartError
-from poseviewer.fit.scene import PlacedModel, Scene
 from poseviewer.fit.visibility import NOTHING, depth_image, visibility
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.render.types import Renderer
+from poseviewer.scene.types import PlacedModel, Scene
 from poseviewer.starts.automatic import (
     BeginThread,
     PoseHypothesis,

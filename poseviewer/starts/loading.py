@@ -23,7 +23,7 @@ from poseviewer.files.photo_sets import (
     with_names,
 )
 from poseviewer.files.pose import PoseRecord, check_against, load_pose
-from poseviewer.files.scene_file import (
+from poseviewer.files.scene_json import (
     InViewRecord,
     ModelFile,
     ObjectRecord,
@@ -33,21 +33,20 @@ from poseviewer.files.scene_file import (
     load_scene,
     open_view,
     place_of,
-    scene_of_pose,
     view_record,
 )
 from poseviewer.files.structs import CameraNumbers, ChartParameters, Distortion, Uncertainty
 from poseviewer.files.symmetry import SymmetryTurns, load_symmetry
 from poseviewer.files.writing import sha256_of
-from poseviewer.fit.scene import InView, LoadedModel, Scene, SceneObject, SearchResult, scene_at
-from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import same_undistortion
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.geometry.view import View, scale_by_sight
+from poseviewer.geometry.world_pose import View, scale_by_sight
+from poseviewer.scene.settings import FitSettings, settings_as_json, settings_from_json
+from poseviewer.scene.types import InView, LoadedModel, Scene, SceneObject, SearchResult, scene_at
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 
 NOTABLE = 1e-3
@@ -255,16 +254,12 @@ def open_views(
     loaded = views if isinstance(views, LoadedViews) else load_views(views, choice)
     own = model_without(model, settings.without or ())
     record = PoseRecord.of(start) if isinstance(start, Pose) else load_pose(start)
-    first, notes, masks, recorded = _view_of(loaded, record, view), (), {}, None
+    first, notes = _view_of(loaded, record, view), ()
     photo = loaded.views[first].photo
     if not isinstance(start, Pose):
         record = load_pose(start, photo.width, photo.height)
         notes = (*record.warnings, *check_against(record.photo, photo.sha256))
         notes += check_against(record.model, own.sha256)
-        if record.in_set is not None:
-            of_set = scene_of_pose(Path(start), record)
-            recorded = 1.0 / of_set.objects[0].place.scale
-            masks = _masks_of(of_set, loaded)
     if not isinstance(record.pose.camera, Perspective):
         raise SettingsError(
             f"{photo.name}: a start under parallel projection, and the set's cameras are "
@@ -277,16 +272,14 @@ def open_views(
         )
     _, record, of_camera = _matched(photo, record)
     known = scale or known_scale(loaded, own.mesh)
-    scale = known or recorded
-    if scale is None:
-        scale = scale_of_sight(loaded.views, first, own.mesh, record.pose, loaded.name)
+    scale = known or scale_of_sight(loaded.views, first, own.mesh, record.pose, loaded.name)
     order = (first, *(i for i in range(len(loaded.views)) if i != first))
-    masked = tuple(replace(loaded.views[i], mask=masks.get(i, loaded.views[i].mask)) for i in order)
-    place = masked[0].world_from_model(record.pose, 1.0 / scale)
-    of_files = [note for file in (*(v.photo for v in masked), own) for note in notes_of(file)]
+    ordered = tuple(loaded.views[i] for i in order)
+    place = ordered[0].world_from_model(record.pose, 1.0 / scale)
+    of_files = [note for file in (*(v.photo for v in ordered), own) for note in notes_of(file)]
     notes = tuple(dict.fromkeys([*of_files, *notes, *of_camera]))
     objects = (SceneObject("1", own, place, settings),)
-    return Scene(masked, objects, loaded.name, loaded.unit, known is None, notes)
+    return Scene(ordered, objects, loaded.name, loaded.unit, known is None, notes)
 
 
 def known_scale(views: LoadedViews, mesh: Mesh) -> float | None:
@@ -464,10 +457,3 @@ def _view_of(views: LoadedViews, record: PoseRecord, view: str | None) -> int:
         f"{views.name}: {problem}; name the photo that the start is a pose in with --view, one of "
         f"{', '.join(names[:8])}{more}."
     )
-
-
-def _masks_of(of_set: SceneRecord, views: LoadedViews) -> dict[int, Mask]:
-    """The masks that a pose file of earlier versions names, by the views' numbers."""
-    known = {own.path.name: own.mask for own in of_set.views if own.mask is not None}
-    pairs = [(i, v.photo, known.get(Path(v.name).name)) for i, v in enumerate(views.views)]
-    return {i: load_mask(mask, photo.width, photo.height) for i, photo, mask in pairs if mask}

@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.fit.scene import PlacedModel
 from poseviewer.fit.visibility import depth_image
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Perspective, Pose
@@ -22,6 +21,7 @@ from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import Renderer
+from poseviewer.scene.types import PlacedModel
 from poseviewer.starts.loading import StartInputs
 from poseviewer.starts.views import even_rotations
 

@@ -20,12 +20,12 @@ from scipy import fft, ndimage, optimize
 from poseviewer.errors import QuickStartError
 from poseviewer.fit.loss import lighting_loss, registration_loss
 from poseviewer.fit.problem import make_problem
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Perspective
 from poseviewer.geometry.rectangle import Rectangle, non_maximum_suppression
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import Moments
+from poseviewer.scene.settings import FitSettings
 from poseviewer.starts.loading import Start, StartCamera, StartInputs
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 from poseviewer.vehicle.wheel_pose import Ellipse, WheelFit, Wheels, poses_from_wheels

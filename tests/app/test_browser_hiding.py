@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, expect
 from poseviewer.api import load
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import load_pose
-from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.scene.settings import FitSettings, Limits
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage
 from tests.scene import Scene, make_scene

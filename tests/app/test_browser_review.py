@@ -6,7 +6,7 @@ import pytest
 from playwright.sync_api import Browser
 
 from poseviewer.batch.run import open_batch
-from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.scene.settings import FitSettings, Limits
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage
 from tests.batches import fit_all, write_table

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Locator
 
-from poseviewer.files.scene_file import load_scene
+from poseviewer.files.scene_json import load_scene
 from poseviewer.geometry.pose_error import pose_error
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage

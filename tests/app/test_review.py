@@ -19,14 +19,13 @@ from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import prepare
 from poseviewer.app.workers.opening import open_autosaved
 from poseviewer.app.workers.tasks import Task
-from poseviewer.batch.results import load_batch
 from poseviewer.batch.run import open_batch
 from poseviewer.errors import BatchError
 from poseviewer.files.masks import mask_beside
 from poseviewer.files.pose import load_pose
 from poseviewer.files.state.autosave import load_autosave
 from poseviewer.fit.progress import Status
-from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.scene.settings import FitSettings, Limits
 from tests.batches import fit_all, write_table
 from tests.scene import make_scene
 
@@ -165,13 +164,6 @@ def test_a_session_that_ended_in_a_row_comes_back_to_it(review: Review, tmp_path
     (path,) = (tmp_path / "state" / "sessions").iterdir()
     opened = open_autosaved(load_autosave(path))
     assert review.row_at(opened) == 2
-
-
-def test_a_draft_of_an_earlier_version_is_named(out: Path) -> None:
-    (out / "review").mkdir()
-    for job in load_batch(out).jobs:
-        (out / "review" / f"{job.key}.json").write_text("{}")
-    assert any("drop it" in text for text in Reviewer(out).open_first().scene.notes)
 
 
 def test_the_list_says_of_each_row_what_came_of_it(review: Review) -> None:

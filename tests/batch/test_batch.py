@@ -19,8 +19,8 @@ from poseviewer.errors import BatchError
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import load_pose
 from poseviewer.files.writing import OLD_PART_S, write_whole
-from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.pose_error import pose_error
+from poseviewer.scene.settings import FitSettings, Limits
 from tests.batches import write_table
 from tests.commands import read_rows, run
 from tests.ctrl_c import ctrl_c_ends_them

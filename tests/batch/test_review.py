@@ -15,9 +15,9 @@ from poseviewer.errors import PoseViewerError
 from poseviewer.files.formats.bop import BopObject, read_bop
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.pose import load_pose
-from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.scene.settings import FitSettings, Limits
 from tests.batches import fit_all
 from tests.commands import read_rows
 from tests.scene import Scene

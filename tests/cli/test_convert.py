@@ -11,7 +11,7 @@ from PIL import Image
 from poseviewer.api import load
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
-from poseviewer.files.scene_file import load_scene
+from poseviewer.files.scene_json import load_scene
 from poseviewer.geometry.camera import Perspective
 from tests.commands import run
 from tests.files.formats.cases import HEIGHT, WIDTH

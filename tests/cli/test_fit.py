@@ -18,7 +18,7 @@ from poseviewer.files.demo import demo_case
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
-from poseviewer.files.scene_file import load_scene
+from poseviewer.files.scene_json import load_scene
 from poseviewer.geometry.pose_error import pose_error
 from tests.commands import run
 from tests.ctrl_c import ctrl_c_ends_them

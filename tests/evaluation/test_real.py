@@ -9,7 +9,7 @@ import pytest
 from poseviewer.evaluation.plan import Plan
 from poseviewer.evaluation.study import real_tasks
 from poseviewer.fit.search import Search
-from poseviewer.fit.settings import Limits
+from poseviewer.scene.settings import Limits
 from tests.commands import read_rows, run
 from tests.evaluation.real_folder import write_real_folder
 from tests.scene import make_scene

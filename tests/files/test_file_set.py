@@ -141,7 +141,7 @@ def test_what_the_model_at_hand_misses_may_come_later(tmp_path: Path) -> None:
         ),
         (["1.json", "2.json"], CAMERA, "2 files of cameras: 1.json, 2.json; wanted one, nothing"),
         (["1.json", "2.json"], {"format": "poseviewer-scene"}, "2 scene files: 1.json, 2.json;"),
-        (["1.json", "2.json"], {"format": "poseviewer-views"}, "2 sets of photos: 1.json, 2.json"),
+        (["1.json", "2.json"], {"frames": []}, "2 sets of photos: 1.json, 2.json"),
         (["notes.txt"], "x", "notes.txt: not the name of a photo, a model or a pose file; wanted "),
         (["car.mtl"], "x", "car.mtl: of a model that did not come along; drop them together."),
         (["a.txt", "b.mov"], "x", "2 files: none is a photo, a model or a pose file; wanted one "),

@@ -9,7 +9,6 @@ import pytest
 from poseviewer.errors import PoseFileError, PoseViewerError
 from poseviewer.files.file_set import is_scene_file
 from poseviewer.files.photo_sets import SetChoice, load_views
-from poseviewer.files.scene_file import SceneRecord, ViewRecord, save_scene
 from tests.view_sets import (
     CAMERA,
     CAMERAS_FROM_SET,
@@ -44,22 +43,12 @@ def require_same_cameras(found, names=NAMES) -> None:
 def test_our_own_file_is_read(folder):
     found = load_views(folder / "set.json")
     require_same_cameras(found)
+    assert not is_scene_file(folder / "set.json")
     assert found.scale == 1.0
     assert load_views(write_set(folder, unit="mm")).scale is None
-    assert load_views(write_set(folder, scale=None)).scale is None
-
-
-def test_a_scene_without_objects_is_a_set(folder):
-    views = tuple(
-        ViewRecord.of(folder / name, CAMERA, place=place)
-        for name, place in zip(NAMES, CAMERAS_FROM_SET, strict=True)
-    )
-    save_scene(folder / "rig.json", SceneRecord(views=views, free_scale=True))
-    assert not is_scene_file(folder / "rig.json")
-    found = load_views(folder / "rig.json", SetChoice(("a", "c")))
-    assert [view.name for view in found.views] == ["a.png", "c.png"]
-    assert found.scale is None
-    require_same_cameras(load_views(folder / "rig.json"))
+    assert load_views(write_set(folder, free_scale=True)).scale is None
+    chosen = load_views(folder / "set.json", SetChoice(("a", "c")))
+    assert [view.name for view in chosen.views] == ["a.png", "c.png"]
 
 
 def test_a_colmap_project_is_read_and_its_scale_is_not_known(folder):
@@ -101,7 +90,9 @@ def test_every_photo_has_its_own_lens(folder):
     def mix(data):
         for view, model in zip(data["views"], models, strict=True):
             if model is not None:
-                view["distortion"] = {"model": model, "coefficients": [-0.1, 0.02, 0.0, 0.0]}
+                cameras = dict.fromkeys(("camera_as_taken", "camera_undistorted"), view["camera"])
+                lens = {"model": model, "coefficients": [-0.1, 0.02, 0.0, 0.0]}
+                view["distortion"] = lens | cameras
 
     views = load_views(edit(folder / "set.json", mix)).views
     known = [view.photo.undistortion for view in views]
@@ -114,14 +105,22 @@ def test_every_photo_has_its_own_lens(folder):
     ("change", "said"),
     [
         (lambda data: data.update(views=data["views"][:1]), "1 photo; a set has two or more"),
-        (lambda data: data["views"][1].update(photo="a.png"), "a.png and a.png are one photo"),
+        (
+            lambda data: data["views"][1]["photo"].update(file="a.png"),
+            "a.png and a.png are one photo",
+        ),
         (lambda data: data["views"][1].pop("camera"), "camera is missing"),
         (lambda data: data["views"][0]["camera"].update(fx=1e29), r"camera\.fx is 1e\+29"),
-        (lambda data: data.update(scale=-1), "scale is -1"),
+        (lambda data: data.update(free_scale=-1), "free_scale is -1"),
         (lambda data: data.update(format="x"), "format is 'x'"),
         (
             lambda data: data["views"][2].update(
-                distortion={"model": "opencv", "coefficients": [0.1, 0.2]}
+                distortion={
+                    "model": "opencv",
+                    "coefficients": [0.1, 0.2],
+                    "camera_as_taken": data["views"][2]["camera"],
+                    "camera_undistorted": data["views"][2]["camera"],
+                }
             ),
             r"views\[2\].distortion.coefficients is a list of 2",
         ),
@@ -136,7 +135,7 @@ def test_what_is_wrong_is_said_in_a_sentence(folder, change, said):
 def test_names_that_no_file_can_have_are_those_of_photos_that_are_not_there(folder):
     path = folder / "set.json"
     with pytest.raises(PoseViewerError, match=r"no such file|cannot be read"):
-        load_views(edit(path, lambda data: data["views"][1].update(photo="x" * 100_000)))
+        load_views(edit(path, lambda data: data["views"][1]["photo"].update(file="x" * 9_999)))
     with pytest.raises(PoseViewerError, match="1 of the 3 photos"):
         load_views(write_colmap(folder / "model", (NAMES[0], "x" * 10_000, NAMES[2])))
 

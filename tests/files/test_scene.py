@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +10,8 @@ from msgspec import structs
 
 from assets.source.schemas import KINDS, schema
 from poseviewer.errors import PoseViewerError
-from poseviewer.files.masks import mask_text, save_pose_and_mask
-from poseviewer.files.pose import PoseRecord, save_pose
-from poseviewer.files.scene_file import (
+from poseviewer.files.masks import mask_text
+from poseviewer.files.scene_json import (
     InViewRecord,
     Place,
     SceneRecord,
@@ -22,15 +20,12 @@ from poseviewer.files.scene_file import (
     save_scene,
 )
 from poseviewer.files.state.uploads import taken_out
-from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.starts.loading import open_scene
 from tests.schemas import json_schema, load_valid
-from tests.several import CAMERA, IDS, STARTS, TRUTH, make_three
+from tests.several import CAMERA, IDS, make_three
 from tests.writing import edit
-
-V1 = Path(__file__).parents[1] / "fixtures" / "v0_1_0" / "three.scene.json"
 
 
 @pytest.fixture
@@ -39,10 +34,10 @@ def path(tmp_path: Path) -> Path:
 
 
 def told(path: Path) -> SceneRecord:
-    """The scene of version 0.1.0 with two photos, and all that a scene can say of an object."""
+    """A scene of two photos, and all that a file can say of an object."""
     turned = RigidTransform.from_rotation_vector([0.1, 0.2, 0.3], [1.0 / 3.0, 0.0, 0.1])
     shutil.copy(path.with_name("three.png"), path.with_name("again.png"))
-    mask, scene = Mask.of(np.tri(240, 320)), load_scene(version_1(path))
+    mask, scene = Mask.of(np.tri(240, 320)), load_scene(path)
     second = ViewRecord.of(path.with_name("again.png"), CAMERA, "0" * 64, None, turned, mask)
     own = (InViewRecord(region=(1.0, 2.0, 30.5, 40.0)), InViewRecord(mask_text(mask), None, False))
     first = structs.replace(
@@ -81,27 +76,6 @@ def test_the_schemas_are_those_of_the_structs(kind):
     assert json.loads(schema(kind)) == json_schema(kind)
 
 
-def version_1(path: Path) -> Path:
-    """The scene file of version 0.1.0 in the place of another."""
-    shutil.copy(V1, path)
-    return path
-
-
-def test_a_pose_may_be_a_file_with_its_mask_in_version_1(path, tmp_path):
-    white = Mask.of(np.ones((240, 320)))
-    camera = json.loads(V1.read_text())["camera"]
-    pose = Pose(replace(CAMERA, fx=camera["fx"], fy=camera["fy"]), TRUTH[1].pose.camera_from_model)
-    save_pose_and_mask(tmp_path / "front.json", PoseRecord.of(pose), white)
-    edit(version_1(path), lambda data: data["objects"][1].update(pose="front.json"))
-    scene = load_scene(path)
-    place = scene.pose(1).camera_from_model
-    assert np.array_equal(place.translation, pose.camera_from_model.translation)
-    mask = open_scene(scene).mask(1)
-    assert mask is not None
-    assert np.array_equal(mask.weights, white.weights)
-    assert open_scene(scene).mask(0) is None
-
-
 def test_the_same_model_may_be_there_twice(path):
     edit(path, lambda data: data["objects"].append({**data["objects"][0], "id": "again"}))
     opened = open_scene(path)
@@ -118,7 +92,7 @@ def test_the_same_model_may_be_there_twice(path):
         (lambda d: d["objects"][1].update(in_views=[{}, {}]), r"\[1\].in_views is a list of 2"),
         (lambda d: d.update(free_scale=True), "its scale is not known, and it has 3 objects"),
         (lambda d: d.update(format="poseviewer-pose"), "wanted 'poseviewer-scene'"),
-        (lambda d: d.update(version=3), "version is 3"),
+        (lambda d: d.update(version=1), "version is 1; this poseviewer reads version 2"),
         (lambda d: d["views"].clear(), "views is a list of 0; wanted a list of"),
         (lambda d: d["views"][0]["photo"].pop("width"), r"views\[0\].photo.width is missing"),
         (lambda d: d["views"][0]["camera"].update(fx=1e9), r"views\[0\].camera.fx is 1000000000"),
@@ -130,24 +104,6 @@ def test_what_is_wrong_is_said(path, change, words):
     with pytest.raises(PoseViewerError, match=words) as error:
         load_scene(path)
     assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda d: d["objects"][1].update(pose="gone.json"), "gone.json, and there is no"),
-        (lambda d: d["objects"][1].pop("pose"), "pose is missing"),
-        (lambda d: d["objects"][1]["pose"].clear(), "camera_from_model is missing"),
-        (lambda d: d["objects"].clear(), "objects is a list of 0; wanted a list of one or more"),
-        (lambda d: d["objects"][0].update(pose="other.json"), "'ball' is by another camera"),
-    ],
-)
-def test_what_is_wrong_in_version_1_is_said(path, tmp_path, change, words):
-    other = Pose(replace(CAMERA, fx=500.0), STARTS[0].pose.camera_from_model)
-    save_pose(tmp_path / "other.json", PoseRecord.of(other))
-    edit(version_1(path), change)
-    with pytest.raises(PoseViewerError, match=words):
-        load_scene(path)
 
 
 def test_another_size_or_unit_is_said(path):

@@ -8,8 +8,8 @@ from poseviewer.cli import main as cli
 from poseviewer.errors import SettingsError
 from poseviewer.fit.identification import identify, shared_settings
 from poseviewer.fit.problem import make_problem
-from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.scene.settings import FitSettings, Limits
 from poseviewer.starts.loading import open_photo
 
 BRIEFLY = FitSettings(limits=Limits(evaluations=150))

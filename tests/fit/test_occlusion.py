@@ -14,8 +14,6 @@ from poseviewer.files.pose import load_pose
 from poseviewer.fit.compared import enlarged
 from poseviewer.fit.occlusion import find_hidden
 from poseviewer.fit.problem import pose_loss
-from poseviewer.fit.scene import LoadedModel, PlacedModel, scene_at
-from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.visibility import hiding
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
@@ -24,8 +22,10 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.geometry.view import View
+from poseviewer.geometry.world_pose import View
 from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import LoadedModel, PlacedModel, scene_at
 from tests.meshes import make_box, make_bumpy, make_mesh
 from tests.several import LIGHT, coloured, lit_models
 

@@ -11,13 +11,13 @@ from poseviewer.files.pose import load_pose
 from poseviewer.fit.loss import lighting_loss, whole_photo_loss
 from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
 from poseviewer.fit.progress import Status
-from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.moments import model_attributes
 from poseviewer.render.pyramid.levels import downsample
 from poseviewer.render.types import PhotoAttributes
+from poseviewer.scene.settings import FitSettings
 from tests.fit.test_problem import MESH, MODEL, RENDERER, true_pose
 
 POSE = true_pose(320)

@@ -15,9 +15,7 @@ from poseviewer.files.demo import demo_case
 from poseviewer.fit.judge import better_turn, gather_features
 from poseviewer.fit.probing import TURNS_DEG, Probe
 from poseviewer.fit.problem import FitProblem, make_problem
-from poseviewer.fit.scene import Scene
 from poseviewer.fit.search import Search
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh
@@ -25,6 +23,8 @@ from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.renderers import make_renderer
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import Scene
 from tests.meshes import make_mesh
 from tests.opened import locked, scene_of
 from tests.renderers import require_opengl

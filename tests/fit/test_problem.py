@@ -7,8 +7,6 @@ import pytest
 
 from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
-from poseviewer.fit.scene import LoadedModel
-from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
@@ -17,6 +15,8 @@ from poseviewer.optimise.restart_options import RestartOptions
 from poseviewer.render.pyramid.levels import downsample, with_structure
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes
+from poseviewer.scene.settings import FitSettings, Limits
+from poseviewer.scene.types import LoadedModel
 from tests.meshes import make_bumpy
 from tests.several import lit_on_noise
 
@@ -44,7 +44,7 @@ def make_problem(width: int, **settings) -> FitProblem:
 
 
 def make_structured(width: int, factor: int, is_refined: bool = False, **settings) -> FitProblem:
-    """The problem by classes and edges, on a photo ``factor`` times downsample."""
+    """The problem by classes and edges, on a photo ``factor`` times smaller."""
     lit = make_problem(width, **settings)
     plain = replace(lit.photo, clipped=False, colour_reflectance=False)
     fine = downsample(plain, 1) if is_refined else None

@@ -7,8 +7,8 @@ import pytest
 
 from poseviewer.api import make_scene
 from poseviewer.confidence.verdict import FOUND_FROM
-from poseviewer.fit.scene import Scene
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.scene.types import Scene
 from poseviewer.starts.loading import load_model, open_photo
 from tests.meshes import make_box, merged
 from tests.scene import make_scene_of

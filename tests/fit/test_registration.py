@@ -9,14 +9,13 @@ from poseviewer.api import load
 from poseviewer.errors import SettingsError
 from poseviewer.files.demo import demo_case
 from poseviewer.fit.problem import make_problem
-from poseviewer.fit.scene import Scene as FitScene
-from poseviewer.fit.settings import FitSettings, settings_as_json, settings_from_json
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.optimise.restart_options import RestartOptions
 from poseviewer.render.types import PhotoAttributes
+from poseviewer.scene.settings import FitSettings, settings_as_json, settings_from_json
+from poseviewer.scene.types import Scene as FitScene
 from tests.meshes import make_box
 from tests.opened import by, scene_of
 
@@ -76,26 +75,21 @@ def test_the_papers_method_is_grey_on_clipped_or_whole_pixels(chosen, used):
     assert made.channels.shape == (120, 160, 1)
     assert not made.colour_reflectance
     written = settings_as_json(settings)
-    assert settings_from_json(written) == settings
-    old = {**written, "rules": {"scouts": 7, "scout_x_tolerance": 0.5}}  # of version 0.1.0
-    del old["options"]
-    options = RestartOptions(multi_starts=7, multi_start_x_tolerance=0.5)
-    old["limits"]["unknown"] = 3
-    assert settings_from_json(old) == replace(settings, options=options)
+    assert settings_from_json(written | {"unknown": 3}) == settings
     with pytest.raises(SettingsError, match=r"`\$\.limits\.seconds`; take them out"):
         settings_from_json({"limits": {"seconds": "many"}})
 
 
 @pytest.mark.parametrize(
-    ("old", "loss", "search"),
+    ("chosen", "loss", "search"),
     [
-        ({"method": "paper"}, "paper", "simplex"),
-        ({"method": "default"}, "default", "models"),
-        ({"method": "default", "pixels": "clip"}, "default", "simplex"),
+        ({"loss": "paper"}, "paper", "simplex"),
+        ({}, "default", "models"),
+        ({"pixels": "clip"}, "default", "simplex"),
     ],
 )
-def test_files_of_one_choice_are_searched_as_before(old, loss, search):
-    settings = settings_from_json(old)
+def test_the_loss_chooses_its_search(chosen, loss, search):
+    settings = settings_from_json(chosen)
     assert (settings.loss, settings.searched_by, settings.method) == (loss, search, loss)
 
 

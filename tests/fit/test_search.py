@@ -10,12 +10,12 @@ from poseviewer.confidence.verdict import SURE_BEHIND, SURE_FROM, Verdict
 from poseviewer.fit import search as searching
 from poseviewer.fit.problem import make_problem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
-from poseviewer.fit.scene import Scene
 from poseviewer.fit.search import Search, is_focal_moved, is_restarted, is_taken
-from poseviewer.fit.settings import Limits
 from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.fit.visibility import Hiding
 from poseviewer.render.renderers import make_renderer
+from poseviewer.scene.settings import Limits
+from poseviewer.scene.types import Scene
 from poseviewer.starts.loading import open_photo
 
 FOUND, UNSURE, LOST = (

@@ -8,14 +8,14 @@ import pytest
 
 from poseviewer.errors import SettingsError
 from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
-from poseviewer.fit.scene import LoadedModel
-from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.slices import Slice, landscape
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.types import Moments, PhotoAttributes, Renderer
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import LoadedModel
 from tests.meshes import make_box
 
 PLACE = RigidTransform(np.eye(3), np.array([0.0, 0.0, 5.0]))

@@ -12,14 +12,14 @@ from poseviewer.confidence.verdict import Verdict
 from poseviewer.fit import search as searching
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.progress import Status
-from poseviewer.fit.scene import LoadedModel, PlacedModel, Scene, SceneObject
 from poseviewer.fit.search import CHANGED, MOST_ROUNDS, Search
-from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.visibility import hiding
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.geometry.view import View
+from poseviewer.geometry.world_pose import View
 from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.scene.settings import FitSettings, Limits
+from poseviewer.scene.types import LoadedModel, PlacedModel, Scene, SceneObject
 from tests.meshes import make_box, make_sphere
 from tests.several import CAMERA, LIGHT, MESHES, STARTS, TRUTH, coloured, lit_models, make_photo
 

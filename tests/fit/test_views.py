@@ -9,13 +9,13 @@ from poseviewer.confidence.pose_covariance import region_reach
 from poseviewer.errors import SettingsError
 from poseviewer.fit.judge import judge_end
 from poseviewer.fit.problem import FitProblem, make_problem, pose_loss
-from poseviewer.fit.scene import InView, LoadedModel, Scene
 from poseviewer.fit.search import Search
-from poseviewer.fit.settings import FitSettings
 from poseviewer.fit.slices import landscape
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import InView, LoadedModel, Scene
 from poseviewer.starts.loading import open_views
 from tests.opened import locked
 from tests.view_sets import CAMERA, DISTANCE, MESH, START, TRUTH, focal_length, make_views

@@ -8,12 +8,12 @@ from scipy.ndimage import distance_transform_edt
 
 from poseviewer.errors import SettingsError
 from poseviewer.fit.problem import make_problem
-from poseviewer.fit.scene import PlacedModel
 from poseviewer.fit.visibility import MARGIN_PX, NOTHING, depth_image, hiding, visibility
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.types import PhotoAttributes
+from poseviewer.scene.types import PlacedModel
 from tests.meshes import make_box, make_sphere
 from tests.opened import scene_of
 

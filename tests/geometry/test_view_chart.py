@@ -6,8 +6,8 @@ import pytest
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.geometry.view import scale_by_sight
 from poseviewer.geometry.view_chart import ViewChart
+from poseviewer.geometry.world_pose import scale_by_sight
 from tests.view_sets import CAMERA, CAMERAS_FROM_SET, MESH, START, TRUTH, focal_length, make_views
 
 REFERENCE = FreeBodyChart.near(MESH, TRUTH[0])

@@ -1,9 +1,9 @@
 """Mutants of good files, and what their readers say: ``python -m tests.measure.fuzz --seconds 60``.
 
-``fuzz_corpus.zip`` holds ``READER/NUMBER/FILE``: small good files, written by version 0.1.0, the
-first one opened and the others beside it. A finding is whatever is no sentence for the user (a
-``PoseViewerError``): another exception, a warning, more than 2 s of processor time, more than 1 GB,
-a crash. Exit code 1 on a finding; a mutant follows from the seed, the reader's name and its number.
+``fuzz_corpus.zip`` holds ``READER/NUMBER/FILE``: small good files, the first one opened and the
+others beside it. A finding is whatever is no sentence for the user (a ``PoseViewerError``): another
+exception, a warning, more than 2 s of processor time, more than 1 GB, a crash. Exit code 1 on a
+finding; a mutant follows from the seed, the reader's name and its number.
 """
 
 import argparse
@@ -40,11 +40,11 @@ from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.photo_sets import SetChoice, load_views
 from poseviewer.files.pose import load_pose
-from poseviewer.files.scene_file import load_scene, scene_of_pose
+from poseviewer.files.scene_json import load_scene
 from poseviewer.files.state import uploads
 from poseviewer.files.state.autosave import load_autosave
 from poseviewer.files.symmetry import load_symmetry
-from poseviewer.fit.settings import FitSettings
+from poseviewer.scene.settings import FitSettings
 from tests.app.state.documents import BUMPY, CAR, make_session
 from tests.writing import write
 
@@ -90,7 +90,6 @@ READERS: dict[str, Reader] = {
     "mesh": load_mesh,
     "photo": load_photo,
     "pose": lambda path: load_pose(path, *PHOTO_SIZE),
-    "pose_in_a_set": lambda path: scene_of_pose(path, load_pose(path, 320, 240)),
     "scene": load_scene,
     "views": load_views,
     "views_in_folder": lambda path: load_views(path.parent),

@@ -16,7 +16,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import msgspec
 import numpy as np
 from numpy.typing import ArrayLike
 from playwright.sync_api import Browser, Error
@@ -25,10 +24,9 @@ from poseviewer.app.workers.overlay import ALONE_MARGIN
 from poseviewer.evaluation.cases import Case, load_cases, load_starts
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import PoseRecord, load_pose, save_pose
-from poseviewer.files.scene_file import load_scene
-from poseviewer.files.structs import Transform
+from poseviewer.files.scene_json import SceneRecord, ViewRecord, load_scene, save_scene
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import rotation_angle
@@ -38,7 +36,6 @@ from tests.app.app_process import REPOSITORY, AppProcess
 from tests.app.browser import AppPage, open_browser
 from tests.app.page.test_quick_start import BOX
 from tests.measure.real import DATA
-from tests.writing import write
 
 WINDOW, OPEN, PLACE, FIT, FOLDER = (1500, 900), 1, 2, 3, "Quick start"
 Words = Sequence[str | Path]
@@ -200,16 +197,13 @@ def from_start(cases: Sequence[Case], folder: Path) -> Words:
 
 def in_views(cases: Sequence[Case], folder: Path) -> Words:
     """Photos of one thing, whose cameras are known in its frame."""
-    views = list[object]()
+    views = []
     for case in cases:
-        camera = case.truth.camera
-        assert isinstance(camera, Perspective)
-        numbers = {"fx": camera.fx, "fy": camera.fy, "cx": camera.cx - 0.5, "cy": camera.cy - 0.5}
-        place = msgspec.to_builtins(Transform.of(case.truth.camera_from_model))
-        name = f"photos/{case.photo.name}"
-        views.append({"photo": name, "camera": numbers, "camera_from_set": place})
-    data = {"format": "poseviewer-views", "version": 1, "scale": 1.0, "views": views}
-    return "--views", write(folder / "set.json", data), cases[0].mesh
+        truth = case.truth
+        view = ViewRecord.of(case.photo, truth.camera, place=truth.camera_from_model)
+        views.append(view)
+    save_scene(folder / "set.json", SceneRecord(views=tuple(views)))
+    return "--views", folder / "set.json", cases[0].mesh
 
 
 def fitted(cases: Sequence[Case], folder: Path) -> Words:

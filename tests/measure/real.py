@@ -35,7 +35,7 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import PoseError, pose_error
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import rotation_angle
-from poseviewer.geometry.view import View
+from poseviewer.geometry.world_pose import View
 from poseviewer.render.pool import processors
 from poseviewer.starts.automatic import (
     PoseHypothesis,

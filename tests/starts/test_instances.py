@@ -13,7 +13,7 @@ from poseviewer.errors import SettingsError
 from poseviewer.evaluation.cases import load_cases
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
-from poseviewer.files.scene_file import load_scene
+from poseviewer.files.scene_json import load_scene
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.software.software_renderer import SoftwareRenderer

@@ -11,12 +11,12 @@ from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.pose import load_pose
-from poseviewer.files.scene_file import load_scene, save_scene
-from poseviewer.fit.scene import InView, SearchResult
-from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.files.scene_json import load_scene, save_scene
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
+from poseviewer.scene.settings import FitSettings, Limits
+from poseviewer.scene.types import InView, SearchResult
 from poseviewer.starts.loading import open_photo, open_scene, open_views, record_of
 from tests.several import IDS, make_three
 from tests.view_sets import DISTANCE, NAMES, TRUTH, make_views, write_views

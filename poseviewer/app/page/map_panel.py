@@ -24,10 +24,10 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state.session import LandscapeUpdate, Session, Whose
 from poseviewer.confidence.pose_covariance import ellipse
 from poseviewer.errors import PoseViewerError
-from poseviewer.fit.settings import LOSSES
 from poseviewer.fit.slices import Pair, Slice
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.charts import OutsideChartError, short_name, tooltip
+from poseviewer.scene.settings import LOSSES
 
 LEVELS = 128
 """Steps of colour: more cannot be told apart, and make every picture larger."""

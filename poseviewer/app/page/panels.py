@@ -34,11 +34,11 @@ from poseviewer.app.state.session import SearchUpdate, Session
 from poseviewer.app.workers.exporting import CONVERTED
 from poseviewer.app.workers.tasks import Request, ShowHelp, download, find_wheels
 from poseviewer.files.formats.conversion import METRES
-from poseviewer.fit.settings import LOSSES, SEARCHES
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel
 from poseviewer.geometry.charts import short_name, tooltip
 from poseviewer.geometry.frames import camera_as_integer_centres
+from poseviewer.scene.settings import LOSSES, SEARCHES
 from poseviewer.starts.placing import SIDES
 
 MOST_PARAMETERS = 7

@@ -14,11 +14,11 @@ from poseviewer.app.page.controls import jpeg_url, on_press
 from poseviewer.app.page.handles import path_of
 from poseviewer.app.state.session import Session
 from poseviewer.files.photo import Photo
-from poseviewer.fit.scene import SceneObject
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import scaled_size
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.styles import LINE_COLOUR
+from poseviewer.scene.types import SceneObject
 
 THUMBNAIL = 240
 """Pixels of a small picture's longer side."""

@@ -52,13 +52,13 @@ from poseviewer.app.state.session import (
     is_in_sight,
 )
 from poseviewer.errors import PoseViewerError, QuickStartError, SettingsError
-from poseviewer.fit.settings import LOSSES, FitSettings, LossName
 from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.frames import camera_as_integer_centres
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.scene.settings import LOSSES, FitSettings, LossName
 from poseviewer.starts.automatic import PoseHypothesis
 from poseviewer.starts.loading import scale_of_sight
 from poseviewer.starts.placing import fit_into_rectangle, look_from, surface_point

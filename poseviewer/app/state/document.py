@@ -14,8 +14,6 @@ from poseviewer.app.state.camera_change import with_camera
 from poseviewer.errors import SingularChartError
 from poseviewer.fit.compared import box_near
 from poseviewer.fit.problem import FitProblem, moved, numbers_of
-from poseviewer.fit.scene import InView, LoadedModel, Scene, SceneObject
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.charts import Chart
@@ -25,8 +23,10 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform, Similarity
-from poseviewer.geometry.view import View
 from poseviewer.geometry.view_chart import ViewChart
+from poseviewer.geometry.world_pose import View
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import InView, LoadedModel, Scene, SceneObject
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS, Ellipse, ellipse_through
 

@@ -14,7 +14,6 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from poseviewer.app.state.document import Document
-from poseviewer.fit.scene import PlacedModel
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
@@ -23,11 +22,12 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.overlay.contour import is_within_outline
+from poseviewer.scene.types import PlacedModel
 from poseviewer.starts.placing import surface_point, with_point_at
 from poseviewer.vehicle.chart import MIN_AXLE_COMPONENT, VehicleChart
 
 REACH = 14.0
-"""A pin or a mark is taken is_within_outline this distance (px of the screen)."""
+"""A pin or a mark is taken within this distance (px of the screen)."""
 MODEL_REACH = 12.0
 """The model is taken also this far (px of the screen) beside its convex outline."""
 LEAST_LEVER = 8.0

@@ -7,7 +7,7 @@ from poseviewer.app.state.document import Document, ObjectState
 from poseviewer.app.state.edits import edit
 from poseviewer.app.state.session import OF_A_PHOTO, Session, is_in_sight
 from poseviewer.errors import SettingsError
-from poseviewer.fit.scene import InView, LoadedModel, SceneObject
+from poseviewer.scene.types import InView, LoadedModel, SceneObject
 from poseviewer.starts.placing import look_from
 
 MOST_OBJECTS = 30

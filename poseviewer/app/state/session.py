@@ -19,14 +19,14 @@ from poseviewer.errors import SettingsError
 from poseviewer.figures.map_archive import LossMaps
 from poseviewer.fit.loss import Unexplained
 from poseviewer.fit.progress import FitProgress
-from poseviewer.fit.scene import Scene, SearchResult
 from poseviewer.fit.search import SearchProgress
-from poseviewer.fit.settings import LOSSES, FitSettings, LossName
 from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.scene.settings import LOSSES, FitSettings, LossName
+from poseviewer.scene.types import Scene, SearchResult
 from poseviewer.starts.automatic import PoseHypothesis, StartQuery
 from poseviewer.starts.loading import StartInputs
 

@@ -20,7 +20,7 @@ from poseviewer.app.workers.worker import Job
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.keypoints import load_keypoints, save_keypoints
 from poseviewer.files.masks import mask_path, save_pose_and_mask
-from poseviewer.files.scene_file import place_of, save_scene
+from poseviewer.files.scene_json import place_of, save_scene
 from poseviewer.files.state.autosave import (
     AutosavedSession,
     SessionFile,
@@ -29,7 +29,7 @@ from poseviewer.files.state.autosave import (
 )
 from poseviewer.files.state.uploads import taken_out
 from poseviewer.files.structs import CameraNumbers
-from poseviewer.fit.scene import LoadedModel
+from poseviewer.scene.types import LoadedModel
 from poseviewer.starts.loading import pose_record, record_of
 
 PERIOD_S = 0.5

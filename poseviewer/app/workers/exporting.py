@@ -21,9 +21,9 @@ from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.masks import mask_as_png, mask_path
 from poseviewer.files.pose import pose_bytes
 from poseviewer.files.state.uploads import safe_path
-from poseviewer.fit.scene import Scene, SearchResult
-from poseviewer.fit.settings import settings_as_json
 from poseviewer.render.overlay.styles import SOLID_OPACITY, Picture
+from poseviewer.scene.settings import settings_as_json
+from poseviewer.scene.types import Scene, SearchResult
 from poseviewer.starts.loading import pose_record, record_of
 
 Export = Literal["pose", "overlay", "sheet", "maps-npz"] | str

@@ -26,13 +26,13 @@ from poseviewer.errors import PoseViewerError, SettingsError, sentence_of
 from poseviewer.fit import search as fit
 from poseviewer.fit.problem import make_problem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
-from poseviewer.fit.scene import Scene
-from poseviewer.fit.settings import LOSSES
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.overlay.contour import quick_silhouette
 from poseviewer.render.pool import processors
 from poseviewer.render.types import Renderer
+from poseviewer.scene.settings import LOSSES
+from poseviewer.scene.types import Scene
 from poseviewer.starts.automatic import best_start
 from poseviewer.starts.instances import propose_beside
 

@@ -17,11 +17,11 @@ from poseviewer.app.workers.jobs import for_one_thread
 from poseviewer.app.workers.worker import Job, lower_priority
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.problem import FitProblem
-from poseviewer.fit.settings import FitSettings, LossName
 from poseviewer.fit.slices import QUICK_SIZES, Slice, landscape, quick_level, strides
 from poseviewer.fit.stages import make_stages
 from poseviewer.render.pool import RendererPool, processors
 from poseviewer.render.types import Renderer
+from poseviewer.scene.settings import FitSettings, LossName
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer

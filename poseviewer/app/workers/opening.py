@@ -16,14 +16,14 @@ from poseviewer.files.file_set import FileSet
 from poseviewer.files.photo import load_calibrated_photo, load_photo
 from poseviewer.files.photo_sets import LoadedViews, SetChoice, load_views
 from poseviewer.files.pose import load_pose
-from poseviewer.files.scene_file import ObjectRecord, ViewRecord, load_scene
+from poseviewer.files.scene_json import ObjectRecord, ViewRecord, load_scene
 from poseviewer.files.state.autosave import AutosavedSession
-from poseviewer.fit.scene import InView, LoadedModel
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Camera, Parallel, Pose
 from poseviewer.geometry.lens import same_undistortion
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.geometry.view import View
+from poseviewer.geometry.world_pose import View
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import InView, LoadedModel
 from poseviewer.starts import loading
 from poseviewer.starts.loading import (
     Start,

@@ -15,12 +15,12 @@ from poseviewer.app.state.objects import MOST_OBJECTS
 from poseviewer.app.state.session import Outlines, Session
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.app.workers.worker import Job
-from poseviewer.fit.scene import PlacedModel
 from poseviewer.fit.visibility import visibility_of_depths
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.overlay.contour import quick_silhouette, select_visible_lines
+from poseviewer.scene.types import PlacedModel
 
 MOST_SAMPLES = 400_000
 """Most samples of the picture that tells which object hides which."""

@@ -20,7 +20,6 @@ from poseviewer.errors import PoseViewerError
 from poseviewer.fit.lighting import relit
 from poseviewer.fit.loss import LossScale, Unexplained, mean_over
 from poseviewer.fit.problem import ComparedView, make_problem
-from poseviewer.fit.scene import PlacedModel, Scene
 from poseviewer.fit.visibility import DepthImage, depth_image
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
@@ -29,6 +28,7 @@ from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.contour import Sketch, quick_silhouette, silhouette
 from poseviewer.render.overlay.edges import find_lines
 from poseviewer.render.overlay.styles import ModelInPhoto, Relight, draw_style, line_scale
+from poseviewer.scene.types import PlacedModel, Scene
 from poseviewer.starts.placing import fit_into_rectangle
 
 if TYPE_CHECKING:  # numba takes a quarter of a second

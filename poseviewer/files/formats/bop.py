@@ -18,7 +18,7 @@ from poseviewer.errors import PoseFileError
 from poseviewer.files.camera_forms import camera_of_matrix
 from poseviewer.files.checks import LARGEST_DATA, Reading, checked_rotation
 from poseviewer.files.formats import conversion as c
-from poseviewer.files.scene_file import ModelFile, ObjectRecord, Place, SceneRecord, ViewRecord
+from poseviewer.files.scene_json import ModelFile, ObjectRecord, Place, SceneRecord, ViewRecord
 from poseviewer.files.structs import checked_camera
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.camera import Perspective

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec import structs
 
 from poseviewer.errors import PhotoFileError, PoseFileError, printable
-from poseviewer.files import scene_file as s
+from poseviewer.files import scene_json as s
 from poseviewer.files.checks import Reading, checked_rotation
 from poseviewer.files.photo import is_stored_turned, load_photo, save_photo
 from poseviewer.files.structs import Transform, checked_camera

@@ -26,7 +26,7 @@ from poseviewer.files.checks import LARGEST_DATA, Reading
 from poseviewer.files.formats import conversion as c
 from poseviewer.files.mesh.gltf import gltf_header, parents_of, world_matrix
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.scene_file import SceneRecord, ViewRecord, open_view
+from poseviewer.files.scene_json import SceneRecord, ViewRecord, open_view
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import HALF_PIXEL, OPENGL_FROM_OPENCV

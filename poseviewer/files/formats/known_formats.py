@@ -13,7 +13,7 @@ from poseviewer.files.formats.meshlab import MESHLAB
 from poseviewer.files.formats.reconstructions import COLMAP, NERFSTUDIO
 from poseviewer.files.masks import load_mask, mask_as_png, mask_path
 from poseviewer.files.pose import load_pose, pose_bytes
-from poseviewer.files.scene_file import SceneRecord, load_scene, scene_contents, scene_of_pose
+from poseviewer.files.scene_json import SceneRecord, load_scene, scene_contents, scene_of_pose
 
 
 def write_own(scene: SceneRecord, out: Path, *_: object) -> dict[Path, bytes]:

@@ -24,7 +24,7 @@ from poseviewer.files.camera_forms import cameras_in, load_tree, matrix_text
 from poseviewer.files.cameras import Calibration, load_calibration
 from poseviewer.files.checks import Reading, checked_rotation, rotation_of
 from poseviewer.files.formats import conversion as c
-from poseviewer.files.scene_file import ModelFile, ObjectRecord, Place, SceneRecord, ViewRecord
+from poseviewer.files.scene_json import ModelFile, ObjectRecord, Place, SceneRecord, ViewRecord
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_as_integer_centres
 from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.transform import RigidTransform, Similarity

@@ -14,7 +14,7 @@ import numpy as np
 from poseviewer.files.checks import Reading
 from poseviewer.files.formats import conversion as c
 from poseviewer.files.mesh.named import bare_name
-from poseviewer.files.scene_file import SceneRecord, ViewRecord, relative_name
+from poseviewer.files.scene_json import SceneRecord, ViewRecord, relative_name
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_with_rows_from_below
 from poseviewer.geometry.transform import RigidTransform, Similarity

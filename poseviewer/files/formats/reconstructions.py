@@ -19,7 +19,7 @@ from poseviewer.files.camera_forms import cameras_in
 from poseviewer.files.checks import Reading, is_there
 from poseviewer.files.colmap_model import colmap_cameras, colmap_images, image_pose, model_file
 from poseviewer.files.formats import conversion as c
-from poseviewer.files.scene_file import SceneRecord, ViewRecord, relative_name
+from poseviewer.files.scene_json import SceneRecord, ViewRecord, relative_name
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.transform import Similarity
 

@@ -1,7 +1,7 @@
 """Sessions saved while they run, so that one that crashed can be opened again.
 
 A session is a scene, its files named by absolute paths and its masks in it, and what the user works
-on. Version 1 had a pose file's content for each object of a photo, or a set of photos by its file.
+on.
 """
 
 import json
@@ -13,17 +13,14 @@ from pathlib import Path
 from typing import IO, Any
 
 import msgspec
-from msgspec import Struct, structs
+from msgspec import Struct
 
 from poseviewer.errors import AutosaveError, PoseViewerError
-from poseviewer.files import scene_file as s
+from poseviewer.files import scene_json as s
 from poseviewer.files.checks import LARGEST_DATA, Reading
-from poseviewer.files.masks import INLINE, load_mask
-from poseviewer.files.photo_sets import SetChoice, load_views
-from poseviewer.files.pose import record_from_json
+from poseviewer.files.masks import load_mask
 from poseviewer.files.structs import Number
 from poseviewer.files.writing import lock_file, write_whole, writing_to
-from poseviewer.geometry.view import world_from_pose
 
 FORMAT, VERSION = "poseviewer-autosave", 2
 EXPIRY_S = 30 * 24 * 3600.0
@@ -151,10 +148,7 @@ def _lock_path(path: Path) -> Path:
 
 def _from_json(reading: Reading, data: dict[str, Any]) -> AutosavedSession:
     reading.require_format(data, FORMAT, VERSION)
-    if data.get("version") == VERSION:
-        session = reading.decoded(data, AutosavedSession, raw=("file", "mask"))
-    else:
-        session = _from_version_1(reading, data)
+    session = reading.decoded(data, AutosavedSession, raw=("file", "mask"))
     scene = session.scene
     s.require_whole(reading, scene)
     for index, view in enumerate(scene.views):
@@ -165,49 +159,3 @@ def _from_json(reading: Reading, data: dict[str, Any]) -> AutosavedSession:
     if not 0 <= session.active_view < len(scene.views):
         raise reading.error(f"active_view is {session.active_view}", "wanted one of the views")
     return session
-
-
-def _from_version_1(reading: Reading, old: dict[str, Any]) -> AutosavedSession:
-    """Session of version 0.1.0: an object as if it were alone, and the others likewise."""
-    size = old["pose"]["exact"]["width"], old["pose"]["exact"]["height"]
-    own, kept = record_from_json(reading, old["pose"]["file"], *size), old["views"]
-    photo, sha256 = Path(old["photo"] or old["photo_name"]), old["photo_sha256"]
-    views = [s.ViewRecord.of(photo, own.pose.camera, sha256, own.undistortion)]
-    names, unit, scales, left_out = [old["photo_name"]], None, (1.0, 1.0), ()
-    if kept is not None:
-        folder = None if kept["folder"] is None else Path(kept["folder"])
-        choice = SetChoice(tuple(kept["photos"]), folder, kept["rig_object"])
-        loaded = load_views(kept["path"], choice)
-        views, unit = [s.view_record(view) for view in loaded.views], loaded.unit
-        names, left_out = [view.name for view in loaded.views], kept["left_out"]
-        scales = 1.0 / kept["scale"], 1.0 / kept["start_scale"]
-    at, objects = [entry.photo.sha256 for entry in views].index(sha256), []
-    for entry in sorted((old, *old["others"]), key=lambda entry: entry["number"]):
-        masks = {names[0]: entry["mask"]} if kept is None else kept["masks"]
-        record, start = (
-            record_from_json(reading, entry[k]["file"], *size) for k in ("pose", "start")
-        )
-        place, start_place = (
-            s.place_of(world_from_pose(views[at].camera, views[at].place.rigid, said.pose, scale))
-            for said, scale in zip((record, start), scales, strict=True)
-        )
-        in_views = (
-            s.InViewRecord(masks.get(name) and INLINE + masks[name], None, name not in left_out)
-            for name in names
-        )
-        model = Path(entry["model"] or entry["model_name"])
-        made = s.ObjectRecord.of(str(entry["number"]), model, record, views[at], entry["name"])
-        made = structs.replace(
-            made,
-            result=made.result and structs.replace(made.result, view=at, seen=()),
-            place=place,
-            start=start_place,
-            start_cameras=(start.numbers,) if kept is None and start.numbers.fx else (),
-            in_views=tuple(in_views),
-            **{key: entry[key] for key in ("settings", "hidden", "locked")},
-        )
-        objects.append(made)
-    free = kept is not None and kept["free_size"]
-    scene = s.SceneRecord(views=tuple(views), objects=tuple(objects), unit=unit, free_scale=free)
-    more = {"active_object": str(old["number"]), "active_view": at, "photo_names": tuple(names)}
-    return AutosavedSession(saved_at=old["saved_at"], scene=scene, **more)

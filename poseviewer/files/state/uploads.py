@@ -24,7 +24,7 @@ from poseviewer.files.file_set import MOST_FILES, ModelFiles, is_of_system, mode
 from poseviewer.files.mesh.load import READERS
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.photo import ENDINGS
-from poseviewer.files.scene_file import SceneRecord, with_files
+from poseviewer.files.scene_json import SceneRecord, with_files
 from poseviewer.files.state.autosave import files_of_sessions
 from poseviewer.files.writing import sha256_of, writing_to
 

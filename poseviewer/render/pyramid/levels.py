@@ -104,7 +104,7 @@ def downsample(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
 def with_structure(
     photo: PhotoAttributes, factor: int = 1, is_steep: bool = False
 ) -> PhotoAttributes:
-    """The photo ``factor`` times downsample, with its classes and edges; ``is_steep`` as of
+    """The photo ``factor`` times smaller, with its classes and edges; ``is_steep`` as of
     ``make_structure``.
     """
     photo = downsample(photo, factor)

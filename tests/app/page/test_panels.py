@@ -13,9 +13,9 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state.session import SearchRequest, SearchUpdate, Session
 from poseviewer.app.workers.jobs import ends_of, run_search
 from poseviewer.app.workers.opening import open_files
-from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.scene.settings import FitSettings, Limits
 from poseviewer.starts.loading import load_model
 
 

@@ -10,10 +10,10 @@ from poseviewer.app.workers.overlay import ALONE_MARGIN
 from poseviewer.files.demo import demo_case
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
-from poseviewer.fit.scene import LoadedModel
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.scene.types import LoadedModel
 from poseviewer.starts.loading import load_model
 from poseviewer.starts.placing import fit_into_rectangle, look_from, surface_point
 from tests.app.app_process import AppProcess

@@ -15,8 +15,8 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state.session import Session
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.files.pose import load_pose
-from poseviewer.fit.scene import SearchResult
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.scene.types import SearchResult
 from tests.app.state.documents import BUMPY, PARALLEL, PERSPECTIVE, after, make_photo, make_session
 
 

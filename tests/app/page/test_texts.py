@@ -25,7 +25,7 @@ from poseviewer.app.state import hiding as h
 from poseviewer.app.state.session import Losses
 from poseviewer.app.workers.exporting import saved_scene
 from poseviewer.confidence.verdict import Verdict
-from poseviewer.fit.scene import SearchResult
+from poseviewer.scene.types import SearchResult
 from poseviewer.starts.loading import pose_record
 from tests.app.state.documents import PERSPECTIVE, after, make_photo, make_session
 from tests.meshes import make_two_boxes

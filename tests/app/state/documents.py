@@ -11,13 +11,13 @@ from poseviewer.app.state.dragging import Drag
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import SearchRequest, Session
 from poseviewer.errors import PoseViewerError
-from poseviewer.fit.scene import LoadedModel, scene_at
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.geometry.view import View
+from poseviewer.geometry.world_pose import View
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import LoadedModel, scene_at
 from poseviewer.starts.placing import look_from
 from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints
 from tests.meshes import make_box, make_bumpy

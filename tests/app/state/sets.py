@@ -5,12 +5,12 @@ from pathlib import Path
 
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.session import Session
-from poseviewer.fit.scene import LoadedModel, Scene, SceneObject
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.geometry.view import View
+from poseviewer.geometry.world_pose import View
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import LoadedModel, Scene, SceneObject
 from tests import several
 from tests.app.state.documents import make_photo
 from tests.view_sets import CAMERA, CAMERAS_FROM_SET, MESH, NAMES, TRUTH

@@ -9,8 +9,8 @@ from poseviewer.app.state.objects import show_view
 from poseviewer.app.state.session import Session
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
-from poseviewer.fit.scene import SearchResult
 from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.scene.types import SearchResult
 from tests.app.state.documents import after, make_document
 from tests.app.state.sets import make_set_session
 from tests.view_sets import MESH

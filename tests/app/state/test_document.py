@@ -7,9 +7,9 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state.camera_change import with_camera
 from poseviewer.app.state.document import MOST_OPENED, History
 from poseviewer.app.state.dragging import radius_in_photo
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.scene.settings import FitSettings
 from poseviewer.starts.placing import look_from
 from poseviewer.vehicle.chart import VehicleChart
 from tests.app.state.documents import (

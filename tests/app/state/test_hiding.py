@@ -15,10 +15,10 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import run_search
 from poseviewer.app.workers.opening import open_files
 from poseviewer.files.pose import PoseRecord
-from poseviewer.fit.scene import SearchResult
-from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.geometry.mask import Mask
 from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.scene.settings import FitSettings, Limits
+from poseviewer.scene.types import SearchResult
 from poseviewer.starts.loading import pose_record
 from tests.app.state.documents import (
     HEIGHT,

@@ -8,7 +8,7 @@ from poseviewer.app.state import commands as c
 from poseviewer.app.state.session import SearchUpdate, Session
 from poseviewer.app.workers.jobs import run_search
 from poseviewer.app.workers.opening import open_files
-from poseviewer.fit.settings import FitSettings, Limits
+from poseviewer.scene.settings import FitSettings, Limits
 from tests.app.state.documents import after, asked_of, assert_same_pose, make_document
 
 SETTINGS = FitSettings(grey=True, seed=3, limits=Limits(evaluations=40))

@@ -18,8 +18,8 @@ from poseviewer.app.state.objects import (
 )
 from poseviewer.app.state.session import Session
 from poseviewer.confidence.verdict import Verdict
-from poseviewer.fit.scene import LoadedModel, SearchResult
 from poseviewer.geometry.camera import Parallel, Pose
+from poseviewer.scene.types import LoadedModel, SearchResult
 from tests.app.state.documents import (
     CAR,
     PERSPECTIVE,

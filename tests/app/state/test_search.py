@@ -9,9 +9,9 @@ from poseviewer.app.state.session import LandscapeUpdate, Preparation, SearchUpd
 from poseviewer.app.workers.jobs import run_search
 from poseviewer.app.workers.maps import maps
 from poseviewer.app.workers.opening import open_files
-from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.scene.settings import FitSettings, Limits
 from tests.app.state.documents import (
     after,
     asked_of,

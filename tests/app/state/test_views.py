@@ -15,12 +15,12 @@ from poseviewer.app.state.objects import (
 )
 from poseviewer.app.state.session import Session
 from poseviewer.fit.problem import make_problem
-from poseviewer.fit.scene import LoadedModel, SearchResult
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.scene.types import LoadedModel, SearchResult
 from tests.app.state.documents import after, asked_of, assert_same_pose, refused
 from tests.app.state.sets import SCALE, make_set_session
 from tests.meshes import make_box

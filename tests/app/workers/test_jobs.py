@@ -23,11 +23,11 @@ from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.overlay import LossReader, OverlayDrawer, draw_fine_lines
 from poseviewer.errors import SettingsError
 from poseviewer.fit.problem import make_problem, pose_loss
-from poseviewer.fit.settings import FitSettings, Limits
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.scene.settings import FitSettings, Limits
 from tests.app.state.documents import after, held
 from tests.app.state.sets import document_of
 from tests.several import TRUTH

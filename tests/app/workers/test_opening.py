@@ -28,8 +28,8 @@ from poseviewer.files.file_set import FileSet, model_files, sort_set
 from poseviewer.files.photo import load_calibrated_photo, save_image
 from poseviewer.files.pose import save_pose
 from poseviewer.files.state.autosave import load_autosave
-from poseviewer.fit.scene import SearchResult
 from poseviewer.geometry.lens import same_undistortion
+from poseviewer.scene.types import SearchResult
 from poseviewer.starts.loading import load_model, pose_record
 from tests.app.state.documents import after as edited
 from tests.app.state.documents import assert_same_pose

@@ -13,7 +13,7 @@ from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.bop import BOP, load_bop_images, read_bop
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene_file import scene_of_pose
+from poseviewer.files.scene_json import scene_of_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.transform import RigidTransform
 from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record

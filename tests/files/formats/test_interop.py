@@ -16,7 +16,7 @@ from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.gltf import GLTF
 from poseviewer.files.formats.meshlab import MESHLAB, read_meshlab
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.scene_file import load_scene, scene_of_pose
+from poseviewer.files.scene_json import load_scene, scene_of_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.render.software.software_renderer import SoftwareRenderer

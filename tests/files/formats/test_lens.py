@@ -13,7 +13,7 @@ from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import PoseRecord, save_pose
-from poseviewer.files.scene_file import scene_of_pose
+from poseviewer.files.scene_json import scene_of_pose
 from poseviewer.files.structs import Distortion
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Lens, Undistortion, undistort

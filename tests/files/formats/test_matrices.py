@@ -13,7 +13,7 @@ from poseviewer.errors import PoseViewerError
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.pose import load_pose
-from poseviewer.files.scene_file import scene_of_pose
+from poseviewer.files.scene_json import scene_of_pose
 from tests.files.formats.cases import perspective_record
 
 K = np.array([[300.0, 0.0, 111.5], [0.0, 270.0, 65.5], [0.0, 0.0, 1.0]])

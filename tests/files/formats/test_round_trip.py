@@ -13,7 +13,7 @@ from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene_file import SceneRecord, scene_of_pose
+from poseviewer.files.scene_json import SceneRecord, scene_of_pose
 from poseviewer.geometry.transform import RigidTransform
 from tests.files.formats.cases import (
     HEIGHT,

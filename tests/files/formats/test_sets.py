@@ -10,7 +10,7 @@ from poseviewer.cli.main import main
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.photo_sets import SetChoice, load_views
-from poseviewer.files.scene_file import (
+from poseviewer.files.scene_json import (
     ModelFile,
     ObjectRecord,
     SceneRecord,
@@ -20,7 +20,7 @@ from poseviewer.files.scene_file import (
 )
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.geometry.view import world_from_pose
+from poseviewer.geometry.world_pose import world_from_pose
 from tests.view_sets import CAMERA, CAMERAS_FROM_SET, MESH, NAMES, TRUTH, write_views
 
 UNIT = 2.5

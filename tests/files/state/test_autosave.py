@@ -1,4 +1,4 @@
-"""Sessions: written and read back, left behind by a killed process, damaged, of version 1."""
+"""Sessions: written and read back, left behind by a killed process, damaged."""
 
 import json
 import logging
@@ -15,9 +15,8 @@ from msgspec import structs
 
 from poseviewer.errors import AutosaveError
 from poseviewer.files.masks import mask_text
-from poseviewer.files.scene_file import (
-    InViewRecord,
-)
+from poseviewer.files.pose import PoseRecord
+from poseviewer.files.scene_json import InViewRecord, ObjectRecord, SceneRecord, ViewRecord
 from poseviewer.files.state.autosave import (
     AutosavedSession,
     SessionFile,
@@ -27,22 +26,26 @@ from poseviewer.files.state.autosave import (
     load_autosave,
 )
 from poseviewer.geometry.mask import Mask
+from tests.several import CAMERA, IDS, STARTS
 
-OLD = Path(__file__).parents[2] / "fixtures" / "v0_1_0" / "autosaved_three.json"
 ODD = os.fsdecode("/photos/Straße 道".encode() + b"\xff\xfe.jpg")
 """A path that is no text."""
 
 
 def session(**changes: Any) -> AutosavedSession:
-    """A session of version 0.1.0 with a mask and a photo that is oddly called."""
-    kept = load_autosave(OLD)
-    (view,), first = kept.scene.views, kept.scene.objects[0]
-    mask = mask_text(Mask.of(np.tri(view.photo.height, view.photo.width)))
-    view = structs.replace(view, mask=mask, photo=structs.replace(view.photo, file=ODD))
+    """A session of three objects, with a mask and a photo that is oddly called."""
+    mask = mask_text(Mask.of(np.tri(240, 320)))
+    view, objects = ViewRecord.of(Path(ODD), CAMERA, "0" * 64, mask=Path(mask)), []
+    for number, (name, placed) in enumerate(zip(IDS, STARTS, strict=True), 1):
+        model = Path(f"/photos/three/{name}.ply")
+        objects.append(ObjectRecord.of(str(number), model, PoseRecord.of(placed.pose), view))
     own = InViewRecord(mask, (1.0, 2.0, 3.0, 4.5), False)
-    objects = (structs.replace(first, in_views=(own,), locked=True), *kept.scene.objects[1:])
-    scene = structs.replace(kept.scene, views=(view,), objects=objects)
-    return structs.replace(kept, saved_at=1.7e9 + 1.0 / 3.0, scene=scene, **changes)
+    objects[0] = structs.replace(objects[0], in_views=(own,), locked=True)
+    scene = SceneRecord(views=(view,), objects=tuple(objects))
+    kept = AutosavedSession(
+        saved_at=1.7e9 + 1.0 / 3.0, active_object="1", photo_names=("three.png",), scene=scene
+    )
+    return structs.replace(kept, **changes)
 
 
 def saved(folder: Path, session: AutosavedSession) -> Path:
@@ -127,7 +130,7 @@ def _changed(data: dict[str, Any], where: str, value: Any) -> str:
     ("where", "value"),
     [
         ("format", "poseviewer-pose"),
-        ("version", 3),
+        ("version", 1),
         ("scene", None),
         ("active_object", "gone"),
         ("active_view", 1),

@@ -1,6 +1,5 @@
 """Uploads are kept on disk under their own names, and never outside."""
 
-import json
 import os
 import stat
 import struct
@@ -17,6 +16,9 @@ from hypothesis import strategies as st
 from poseviewer.errors import FileSetError
 from poseviewer.files.file_set import MOST_FILES
 from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.pose import PoseRecord
+from poseviewer.files.scene_json import ObjectRecord, SceneRecord, ViewRecord
+from poseviewer.files.state.autosave import AutosavedSession, SessionFile
 from poseviewer.files.state.uploads import (
     LARGEST_UPLOAD,
     display_name,
@@ -27,8 +29,10 @@ from poseviewer.files.state.uploads import (
     why_not_sent,
     why_unfit,
 )
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.transform import RigidTransform
 
-OLD = Path(__file__).parents[2] / "fixtures" / "v0_1_0" / "autosaved_three.json"
+NEAR = RigidTransform(np.eye(3), np.array([0.0, 0.0, 5.0]))
 
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 ODD_NAMES = (
@@ -182,9 +186,13 @@ def test_of_old_and_broken_uploads_those_that_a_session_names_stay(
     uploads = tmp_path / "uploads"
     used, other = (keep(uploads, {"maps/a.png": data}) for data in (b"used", b"other"))
     (tmp_path / "sessions").mkdir()
-    name = json.dumps(str(used / "maps" / "a.png"))
-    kept = OLD.read_text().replace('"/photos/three/three.png"', name)
-    (tmp_path / "sessions" / "session-1.json").write_text(kept)
+    camera = Perspective(100.0, 100.0, 4.0, 3.0, 8, 6)
+    view = ViewRecord.of(used / "maps" / "a.png", camera)
+    item = ObjectRecord.of("1", Path("m.ply"), PoseRecord.of(Pose(camera, NEAR)), view)
+    scene = SceneRecord(views=(view,), objects=(item,))
+    file = SessionFile(tmp_path / "sessions")
+    file.save(AutosavedSession(saved_at=0.0, active_object="1", scene=scene))
+    file.close()
     left, under_way = uploads / "new-a", uploads / "new-b"
     for place in (left, under_way):
         (place / "set").mkdir(parents=True)

@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import SettingsError
-from poseviewer.fit.settings import FitSettings
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh, hull_in_photo
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
 from poseviewer.geometry.transform import Similarity
-from poseviewer.geometry.view import View
+from poseviewer.geometry.world_pose import View
+from poseviewer.scene.settings import FitSettings
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 
 

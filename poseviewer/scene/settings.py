@@ -140,34 +140,18 @@ class FitSettings:
         return replace(self, loss=loss, **{name: getattr(like, name) for name in OF_LOSS})
 
 
-OLD_NAMES = {
-    "method": "loss",
-    "rules": "options",
-    "scouts": "multi_starts",
-    "scout_x_tolerance": "multi_start_x_tolerance",
-    "scout_f_tolerance": "multi_start_f_tolerance",
-}
-"""Fields by their names in files of version 0.1.0."""
-
-
 def settings_as_json(settings: FitSettings) -> dict[str, Any]:
     """The settings as JSON holds them; what is not set is left out."""
     return {key: value for key, value in msgspec.to_builtins(settings).items() if value is not None}
 
 
 def settings_from_json(data: Mapping[str, Any]) -> FitSettings:
-    """The settings from ``settings_as_json``, of version 0.1.0 too; names that are not known are
-    left out.
+    """The settings from ``settings_as_json``; names that are not known are left out.
 
     Raises:
         SettingsError: a value makes no sense.
     """
     try:
-        return msgspec.convert(_with_new_names(data), FitSettings)
+        return msgspec.convert(data, FitSettings)
     except msgspec.ValidationError as error:
         raise SettingsError(f"settings of a file: {error}; take them out of it.") from None
-
-
-def _with_new_names(data: Any) -> Any:
-    is_leaf = not isinstance(data, Mapping)
-    return data if is_leaf else {OLD_NAMES.get(k, k): _with_new_names(v) for k, v in data.items()}

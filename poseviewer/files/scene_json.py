@@ -1,7 +1,7 @@
 """Scene files: JSON that says which models are where in which photos (``scene.schema.json``).
 
 The structs are what a file of version 2 holds, and what the program hands about: there, files are
-absolute paths. Version 1 was one photo; an object's pose was a pose file's words, or a pose file.
+absolute paths.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 from base64 import b64decode
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -23,18 +22,16 @@ from poseviewer.files.checks import Reading, is_there, kind_of
 from poseviewer.files.masks import INLINE, load_mask, mask_text
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.photo import load_photo, undistorted
-from poseviewer.files.pose import PoseRecord, check_against, record_from_json
+from poseviewer.files.pose import PoseRecord, check_against
 from poseviewer.files.symmetry import SymmetryTurns
 from poseviewer.files.writing import json_bytes, write_whole
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform, Similarity
-from poseviewer.geometry.view import View, pose_in_view, world_from_pose
+from poseviewer.geometry.world_pose import View, pose_in_view, world_from_pose
 
 KIND = "scene file"
-OF_VIEW = ("projection", "camera", "distortion", "photo")
-"""Fields that version 1 had once for the poses of all objects."""
 AS_IN_POSE = ("loss", "unexplained", "verdict", "uncertainty", "chart", "settings", "notes")
 """Fields that results share with pose files."""
 
@@ -318,64 +315,19 @@ def load_scene(path: str | Path, inside: Path | None = None) -> SceneRecord:
         data = reading.load_object()
         if data.get("format") != s.SCENE:
             raise reading.error(f"format is {kind_of(data.get('format'))}", f"wanted {s.SCENE!r}")
-        reading.require_format(data, s.SCENE, newest=2)
-        if data.get("version") == 2:
-            scene = reading.decoded(data, SceneRecord, raw=("file", "mask"))
-        else:
-            scene = _from_version_1(reading, data, find)
+        reading.require_format(data, s.SCENE, wanted=2)
+        scene = reading.decoded(data, SceneRecord, raw=("file", "mask"))
         require_whole(reading, scene)
         warnings = tuple(dict.fromkeys(reading.warnings))
         return structs.replace(with_files(scene, find), warnings=warnings)
 
 
-def _from_version_1(reading: Reading, data: dict[str, Any], find: Named) -> SceneRecord:
-    """The scene that JSON of version 1 says, the names of its files as they are."""
-    entries, view_said = data.get("objects"), {key: data.get(key) for key in OF_VIEW}
-    if not isinstance(entries, list) or not entries:
-        raise reading.error(f"objects is {kind_of(entries)}", "wanted a list of one or more")
-    view, objects = reading.decoded(view_said, ViewRecord, raw=("file",)), []
-    for number, entry in enumerate(entries):
-        what = f"objects[{number}]"
-        pose, mask = reading.object(entry, what).get("pose"), entry.get("mask")
-        if isinstance(pose, str):
-            file = Path(find(pose, f"{what}.pose"))
-            pose = Reading(file).load_object()
-            beside = reading.text(pose.get("mask"), f"{what}.pose.mask")
-            mask = str(file.with_name(bare_name(beside))) if beside and not mask else mask
-        pose = {**view_said, **reading.object(pose, f"{what}.pose")}
-        if "scale" in pose:  # each is as large as the photo has it
-            pose["camera"] = {**pose["camera"], "scale": pose["scale"]}
-        own = replace(reading, path=Path(f"{reading.path.name}, {what}.pose"))
-        record = record_from_json(own, pose, view.photo.width, view.photo.height)
-        if len({_camera_said(record), _camera_said(view)}) > 1:
-            found = f"the pose of object {entry.get('id')!r} is by another camera than the scene's"
-            raise reading.error(found, "fit the object again with the scene's camera")
-        model = reading.decoded(entry.get("model"), ModelFile, f"{what}.model", raw=("file",))
-        name, key = (reading.text(entry.get(key), f"{what}.{key}") or "" for key in ("name", "id"))
-        made = ObjectRecord.of(key, Path(model.file), record, view, name)
-        in_views = (InViewRecord(reading.text(mask, f"{what}.mask")),) if mask else ()
-        objects.append(structs.replace(made, model=model, in_views=in_views))
-    return SceneRecord(views=(view,), objects=tuple(objects))
-
-
 def scene_of_pose(path: Path, record: PoseRecord) -> SceneRecord:
-    """The scene of a pose file, whose photos, model and masks lie beside it, or not; of several
-    views where an earlier version said the pose in several photos.
-    """
+    """The scene of a pose file, whose photo, model and mask lie beside it, or not."""
     model, view = record.model or s.ModelReference(), _view_of_pose(path, record)
     item = ObjectRecord.of("1", _beside(path, model.file), record, view, model.file or "")
     more: dict[str, Any] = {"software": record.software, "warnings": record.warnings}
-    if (said := record.in_set) is None:
-        return SceneRecord(views=(view,), objects=(item,), **more)
-    place, size, views = said.set_from_model.rigid, said.set_from_model.size, []
-    for entry in said.views:
-        moved = entry.place.rigid
-        moved = RigidTransform(moved.rotation, size * moved.translation) @ place.inverse()
-        views.append(structs.replace(_view_of_pose(path, entry), place=s.Transform.of(moved)))
-    result = structs.replace(item.result or Result(), seen=())
-    item = structs.replace(item, place=place_of(Similarity(place, size)), result=result)
-    more |= {"unit": said.unit, "free_scale": said.set_from_model.size_was_free}
-    return SceneRecord(views=tuple(views), objects=(item,), **more)
+    return SceneRecord(views=(view,), objects=(item,), **more)
 
 
 def _view_of_pose(path: Path, record: PoseRecord) -> ViewRecord:
@@ -391,11 +343,6 @@ def _beside(path: Path, name: str | None) -> Path:
     """The file of a name in the folder of a pose; a name is no path."""
     folder = path if path.is_dir() else path.parent
     return folder / bare_name(name) if name else Path()
-
-
-def _camera_said(record: s.CameraRecord) -> tuple[Any, ...]:
-    """A camera's numbers but for the scale, which is each object's own."""
-    return record.projection, structs.replace(record.numbers, scale=None), record.distortion
 
 
 def with_files(scene: SceneRecord, name: Named, name_inline: Named | None = None) -> SceneRecord:
