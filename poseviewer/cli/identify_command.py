@@ -2,8 +2,6 @@
 share a frame: the start is meant for each of them.
 """
 
-from __future__ import annotations
-
 from argparse import Namespace
 from typing import TYPE_CHECKING
 
