@@ -12,7 +12,7 @@ import msgspec
 from poseviewer.cli import options as table
 from poseviewer.cli.case import calibration_of
 from poseviewer.cli.terminal import say
-from poseviewer.errors import printable
+from poseviewer.errors import list_names, printable
 
 if TYPE_CHECKING:
     from poseviewer.files.cameras import Calibration
@@ -85,14 +85,13 @@ def _print_model(path: Path) -> None:
     if keypoints is not None:
         wheels = f"wheelbase {keypoints.left.wheelbase:.4g}: the vehicle chart is used"
     names = [name or "(unnamed)" for name in mesh.part_names]
-    more = [f"... ({len(names) - 8} more)"] if len(names) > 8 else []
     reflectance = "colours of the file" if mesh.has_reflectance else "none: constant"
     if mesh.textures:
         reflectance = f"{len(mesh.textures)} texture(s)"
     _print(
         model=path.name,
         triangles=f"{len(mesh.faces):,} on {len(mesh.vertices):,} vertices",
-        parts=f"{len(names)}: {', '.join(names[:8] + more)}",
+        parts=f"{len(names)}: {list_names(names)}",
         box=f"{' to '.join(map(_vector, mesh.bounds))}, diagonal {mesh.diameter:.6g}",
         size=size_words(mesh),
         reflectance=reflectance,

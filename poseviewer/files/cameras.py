@@ -6,7 +6,7 @@ from collections import defaultdict
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
-from poseviewer.errors import CalibrationFileError
+from poseviewer.errors import CalibrationFileError, list_names
 from poseviewer.files.camera_forms import TREES, FileCamera, cameras_in, is_matrix, load_tree
 from poseviewer.files.checks import Reading
 from poseviewer.files.colmap_model import colmap_cameras, colmap_images
@@ -46,7 +46,6 @@ def _colmap_cameras(reading: Reading) -> list[FileCamera]:
 
 ROUNDING_PX = 1.0
 """By how much a picture's size may differ from an exact scaling: programs round and cut off."""
-MOST_NAMES = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +92,7 @@ def _chosen(
     reading: Reading, choice: Calibration, cameras: list[FileCamera], photo: str
 ) -> FileCamera:
     names = [repr(camera.name) if camera.name else "one without a name" for camera in cameras]
-    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
-    known = ", ".join(names[:MOST_NAMES]) + more
+    known = list_names(names)
     if choice.camera is not None:
         named = [camera for camera in cameras if camera.name == choice.camera]
         if not named:

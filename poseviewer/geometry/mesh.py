@@ -11,14 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from poseviewer.errors import SettingsError
+from poseviewer.errors import SettingsError, list_names
 from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.camera import Pose
 
 MIN_HULL_VERTICES = 100
 """Models of fewer vertices are taken for their own convex hull."""
-MOST_NAMES = 12
-"""Parts that a message names."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,11 +100,12 @@ class Mesh:
             return self
         if not wanted:
             return whole
+        known = list_names([part or "(unnamed)" for part in parts])
         if unknown := [name for name in names if name not in parts]:
-            raise SettingsError(f"the model has no part {unknown[0]!r}; it has {_listed(parts)}.")
+            raise SettingsError(f"the model has no part {unknown[0]!r}; it has {known}.")
         if wanted >= set(parts):
             raise SettingsError(
-                f"nothing would be left of the model, whose parts are {_listed(parts)}; "
+                f"nothing would be left of the model, whose parts are {known}; "
                 "leave one of them in."
             )
         stays = np.array([name not in wanted for name in parts])
@@ -158,8 +157,3 @@ def principal_axes(mesh: Mesh) -> FloatArray:
     """(3, 3): unit axes in the model's frame, a row each, by its hull's scatter, shortest first."""
     points = hull_points(mesh)
     return np.linalg.eigh(np.cov(points.T))[1].T
-
-
-def _listed(names: tuple[str, ...]) -> str:
-    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
-    return ", ".join(name or "(unnamed)" for name in names[:MOST_NAMES]) + more

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from poseviewer.errors import list_names
 from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform
@@ -138,9 +139,7 @@ class Symmetry:
         """Such as ``every turn about (0, 0, 1), half a turn about (1, 0, 0)``; empty for none."""
         if self.is_any_rotation:
             return "every rotation"
-        named = [turn.words for turn in self.symmetry_axes]
-        more = [f"{len(named) - MAX_NAMED_AXES} more"] if len(named) > MAX_NAMED_AXES else []
-        return ", ".join([*named[:MAX_NAMED_AXES], *more])
+        return list_names([turn.words for turn in self.symmetry_axes], MAX_NAMED_AXES)
 
     def transforms(self) -> tuple[RigidTransform, ...]:
         """All symmetries, the identity first, continuous ones in steps of at most ``STEP``."""

@@ -8,7 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from poseviewer.errors import CalibrationFileError, PoseFileError, SettingsError, printable
+from poseviewer.errors import (
+    CalibrationFileError,
+    PoseFileError,
+    SettingsError,
+    list_names,
+    printable,
+)
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.formats.conversion import METRES
 from poseviewer.files.keypoints import load_keypoints
@@ -452,8 +458,7 @@ def _view_of(views: LoadedViews, record: PoseRecord, view: str | None) -> int:
     if len(alike) == 1:
         return alike[0]
     problem = f"there is no photo {wanted}" if wanted else "the start does not say in which photo"
-    more = f" and {len(names) - 8} more" if len(names) > 8 else ""
     raise PoseFileError(
         f"{views.name}: {problem}; name the photo that the start is a pose in with --view, one of "
-        f"{', '.join(names[:8])}{more}."
+        f"{list_names(names)}."
     )

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from msgspec import structs
 
-from poseviewer.errors import PhotoFileError, PoseFileError, printable
+from poseviewer.errors import PhotoFileError, PoseFileError, list_names, printable
 from poseviewer.files import scene_json as s
 from poseviewer.files.checks import Reading, checked_rotation
 from poseviewer.files.photo import is_stored_turned, load_photo, save_photo
@@ -28,8 +28,6 @@ from poseviewer.geometry.transform import RigidTransform, Similarity
 
 Entry = TypeVar("Entry")
 Contents = Mapping[Path, str | bytes]
-MOST_NAMED = 10
-"""Number of images in a message."""
 METRES = {"km": 1000.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Length units by name, in metres."""
 
@@ -109,9 +107,8 @@ class ConvertOptions:
             found = (
                 f"{len(chosen)} of its {len(known)} {kind} are {repr(image) if image else 'meant'}"
             )
-            names = printable(", ".join(name for name, _ in known[:MOST_NAMED]))
-            more = " ..." if len(known) > MOST_NAMED else ""
-            raise reading.error(found, f"wanted one, choose it with --image NAME ({names}{more})")
+            names = printable(list_names([name for name, _ in known]))
+            raise reading.error(found, f"wanted one, choose it with --image NAME ({names})")
         return chosen[0]
 
     def scene_of(
