@@ -115,7 +115,9 @@ def _print_scene(path: Path) -> None:
         at = f"{item.path.name} at {_vector(place.translation)}, {word}"
         _print(object=f"{item.id}: {at}" + (f" ({item.name})" if item.name else ""))
         if len(scene.views) > 1:
-            rows = ", ".join(str([float(x) for x in row]) for row in item.place.similarity.matrix)
+            rows = ", ".join(
+                str([float(x) for x in row]) for row in item.place.similarity.as_matrix()
+            )
             unit = f" ({scene.unit})" if scene.unit else ""
             _print(world=f"the frame of the photos{unit}: x_in_world = [{rows}] @ x_in_model")
     _print(note=scene.warnings)

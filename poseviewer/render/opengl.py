@@ -15,7 +15,7 @@ from poseviewer.errors import RendererUnavailableError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.mesh import Mesh, hull_points
-from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.moments import moments_of_images
 from poseviewer.render.texture import TexturePyramid, double_areas, mip_levels
 from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes, Renderer
@@ -245,4 +245,4 @@ def clip_from_world(mesh: Mesh, pose: Pose) -> FloatArray | None:
     place = RigidTransform(
         pose.camera_from_model.rotation, pose.camera_from_model.apply(mesh.centre)
     )
-    return clip_from_camera @ Similarity(place).matrix
+    return clip_from_camera @ place.as_matrix()

@@ -248,7 +248,7 @@ def in_one_world(scene: s.SceneRecord) -> tuple[list[FloatArray], list[Pose]]:
         pose, ratio = scene.pose(index), 1.0
         if isinstance(pose.camera, Parallel) and isinstance(camera, Parallel):
             ratio = pose.camera.scale / camera.scale  # as large in the picture, and no farther
-        place = Similarity(OPENGL_FROM_OPENCV @ pose.camera_from_model, ratio).matrix
+        place = Similarity(OPENGL_FROM_OPENCV @ pose.camera_from_model, ratio).as_matrix()
         place[:2, 3] *= ratio
         places.append(place)
     return places, [Pose(camera, OPENGL_FROM_OPENCV.inverse())]

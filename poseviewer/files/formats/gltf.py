@@ -32,7 +32,7 @@ from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import HALF_PIXEL, OPENGL_FROM_OPENCV
 from poseviewer.geometry.image import linear_from_srgb
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.geometry.transform import RigidTransform
 
 PLANE_BEHIND = 1.05
 """Distance of the photo's plane, in those of the model's furthest point."""
@@ -64,7 +64,7 @@ def write_gltf(
     index = {path: file.add_mesh(mesh) for path, mesh in meshes.items()}
     models = []
     for item, place in zip(scene.objects, places, strict=True):
-        moved = place @ Similarity(RigidTransform(np.eye(3), _origin(meshes[item.path]))).matrix
+        moved = place @ RigidTransform(np.eye(3), _origin(meshes[item.path])).as_matrix()
         matrix = moved.T.ravel().tolist()
         models.append(file.add("nodes", name=item.label, mesh=index[item.path], matrix=matrix))
     nodes = [file.add("nodes", name="models", scale=[scale] * 3, children=models)]
@@ -182,7 +182,7 @@ class _Glb:
         extras = {"width": camera.width, "height": camera.height,
                   "cx": camera.cx - HALF_PIXEL, "cy": camera.cy - HALF_PIXEL}  # fmt: skip
         entry = {"extras": {"poseviewer": extras}, "type": kind, kind: lens}
-        place = Similarity((OPENGL_FROM_OPENCV @ pose.camera_from_model).inverse()).matrix
+        place = (OPENGL_FROM_OPENCV @ pose.camera_from_model).inverse().as_matrix()
         place[:3, 3] *= scale
         index = self.add("cameras", name=name, **entry)
         return self.add("nodes", name=name, camera=index, matrix=place.T.ravel().tolist())

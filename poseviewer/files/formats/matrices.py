@@ -27,7 +27,7 @@ from poseviewer.files.formats import conversion as c
 from poseviewer.files.scene_json import ModelFile, ObjectRecord, Place, SceneRecord, ViewRecord
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_as_integer_centres
 from poseviewer.geometry.lens import opencv_matrix
-from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.geometry.transform import RigidTransform
 
 ENDINGS, STORAGES = (".txt", ".npy", ".json"), (".yml", ".yaml", ".json")
 """Endings of matrices' and of OpenCV's files."""
@@ -74,7 +74,7 @@ def write_matrix(scene: SceneRecord, out: Path, options: c.ConvertOptions, *_: A
     """Write the matrix camera from model in the form of the file's ending."""
     c.perspective_of(scene.views[0].camera, "matrix")
     place = scene.pose(0).camera_from_model
-    rows = Similarity(OPENGL_FROM_OPENCV @ place if options.opengl else place).matrix
+    rows = (OPENGL_FROM_OPENCV @ place if options.opengl else place).as_matrix()
     match out.suffix.lower():
         case ".npy":
             memory = BytesIO()
@@ -121,7 +121,7 @@ def write_dope(scene: SceneRecord, out: Path, options: c.ConvertOptions, *_: Any
     factor = options.lengths_in(UNIT, scene, "DOPE")
     for index, item in enumerate(scene.objects):
         place = scene.pose(index).camera_from_model
-        quaternion = Rotation.from_matrix(place.rotation).as_quat().tolist()
+        quaternion = np.roll(place.as_quaternion(), -1).tolist()
         place = {"location": (place.translation * factor).tolist(), "quaternion_xyzw": quaternion}
         objects.append({"class": item.label, **place})
     numbers = {name: float(getattr(shifted, name)) for name in ("fx", "fy", "cx", "cy")}
