@@ -176,7 +176,7 @@ def box_near(mesh: Mesh, start: Pose) -> Rectangle:
     # Where the start fills the photo and more, the photo is all there is to look at.
     low, high = np.clip([outline.min(axis=0), outline.max(axis=0)], -reach, 2 * reach)
     margin = NEAR_MARGIN * float(np.linalg.norm(high - low))
-    return Rectangle.from_corners(*np.floor(low - margin), *np.ceil(high + margin))
+    return Rectangle.from_corners(np.floor(low - margin), np.ceil(high + margin))
 
 
 def working_factor(mesh: Mesh, start: Pose, most: float = WORKING_PIXELS) -> int:

@@ -128,8 +128,8 @@ class StartQuery:
     def photo(self) -> PhotoAttributes:
         """The photo as the default method compares it, about the box in its region."""
         wide = self.box.expand(2.0 * MARGIN)
-        corners = max(int(wide.left), 0), max(int(wide.top), 0)
-        region = Rectangle.from_corners(*corners, int(wide.right) + 1, int(wide.bottom) + 1)
+        low = max(int(wide.left), 0), max(int(wide.top), 0)
+        region = Rectangle.from_corners(low, (int(wide.right) + 1, int(wide.bottom) + 1))
         if self.settings.region is not None:
             both = region.intersection(Rectangle(*self.settings.region))
             region = both if both.area > 0.0 else region
@@ -364,7 +364,7 @@ def best_start(
 def outline_box(pose: Pose, points: FloatArray) -> Rectangle:
     """The rectangle about points (k, 3) of a model in the photo, px."""
     outline = pose.project(points)
-    return Rectangle.from_corners(*outline.min(axis=0), *outline.max(axis=0))
+    return Rectangle.from_corners(outline.min(axis=0), outline.max(axis=0))
 
 
 @lru_cache(maxsize=4)

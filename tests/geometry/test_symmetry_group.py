@@ -90,10 +90,10 @@ def test_all_equals_have_one_canonical_pose(symmetry, seed):
 
 def test_motions_and_axes_give_the_same_as_turns():
     motions = SYMMETRIES["prism"].transforms()[1:]
-    again = Symmetry.from_transforms(motions, [], [], 3.0)
+    again = Symmetry.from_transforms(motions, [], 3.0)
     assert len(again.transforms()) == 10
     np.testing.assert_allclose(again.centre, CENTRE)
-    can = Symmetry.from_transforms(SYMMETRIES["half"].transforms()[1:], [X], [CENTRE - 7 * X], 3.0)
+    can = Symmetry.from_transforms(SYMMETRIES["half"].transforms()[1:], [(X, CENTRE - 7 * X)], 3.0)
     assert can.words == "every turn about (1, 0, 0), half a turn about (0, 0, 1)"
 
 
@@ -111,5 +111,5 @@ def test_what_never_closes_is_refused():
         Symmetry.from_axes(CENTRE, [SymmetryAxis(Z, 7), SymmetryAxis(slanted, 2)])
     aside = RigidTransform(SYMMETRIES["half"].rotations[1], np.array([5.0, 0.0, 0.0]))
     with pytest.raises(ValueError, match="no common point"):
-        Symmetry.from_transforms([*SYMMETRIES["half"].transforms(), aside], [], [], 3.0)
+        Symmetry.from_transforms([*SYMMETRIES["half"].transforms(), aside], [], 3.0)
     assert NO_SYMMETRY.is_none

@@ -15,7 +15,7 @@ from poseviewer.app.page.handles import path_of
 from poseviewer.app.state.session import Session
 from poseviewer.files.photo import Photo
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import scaled_size
+from poseviewer.geometry.camera import size_at_scale
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.styles import LINE_COLOUR
 from poseviewer.scene.types import SceneObject
@@ -45,7 +45,7 @@ def _small_pictures(photos: tuple[Photo, ...]) -> list[str]:
 
 def _small_picture(photo: Photo) -> str:
     factor = min(1.0, THUMBNAIL / max(photo.width, photo.height))
-    size = scaled_size(photo.width, photo.height, factor)
+    size = size_at_scale(photo.width, photo.height, factor)
     return jpeg_url(photo.as_rgb8(*size)[..., ::-1], QUALITY)
 
 
@@ -96,7 +96,7 @@ def _piece(photo: Photo, outline: FloatArray) -> tuple[str, Rectangle]:
     whole = Rectangle(0, 0, photo.width, photo.height)
     part = whole
     if outline.size:
-        about = Rectangle.from_corners(*outline.min(axis=(0, 1)), *outline.max(axis=(0, 1)))
+        about = Rectangle.from_corners(outline.min(axis=(0, 1)), outline.max(axis=(0, 1)))
         part = about.expand(BESIDE).intersection(whole)
     left, top, right, bottom = map(int, (part.left, part.top, part.right, part.bottom))
     pixels = np.ascontiguousarray(photo.pixels[top : bottom + 1, left : right + 1])

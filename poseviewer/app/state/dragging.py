@@ -91,7 +91,7 @@ def draw_rectangle(tool: str, start: FloatArray) -> Drag:
     def follow(document: Document, point: FloatArray) -> Document:
         size = [document.photo.width, document.photo.height]
         low, high = np.sort(np.clip([start, point], 0, size), axis=0)
-        corners = (*map(int, np.floor(low)), *map(int, np.ceil(high)))
+        corners = [*map(int, np.floor(low))], [*map(int, np.ceil(high))]
         rectangle = Rectangle.from_corners(*corners)
         shown = None if min(rectangle.width, rectangle.height) < LEAST_SIDE else rectangle
         if tool == "region":

@@ -71,8 +71,8 @@ class BopModel(Struct, frozen=True):
         """The symmetry as the program has it."""
         matrices = np.reshape(self.discrete, (-1, 4, 4))
         discrete = [RigidTransform.from_matrix(matrix) for matrix in matrices]
-        axes, offsets = [t.unit for t in self.continuous], [t.offset for t in self.continuous]
-        return Symmetry.from_transforms(discrete, axes, offsets, self.diameter)
+        continuous = [(t.unit, np.array(t.offset)) for t in self.continuous]
+        return Symmetry.from_transforms(discrete, continuous, self.diameter)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,7 +23,7 @@ from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
-from poseviewer.geometry.lens import SAME, LensModel
+from poseviewer.geometry.lens import CAMERA_TOLERANCE, LensModel
 from poseviewer.geometry.transform import RigidTransform, Similarity
 
 Entry = TypeVar("Entry")
@@ -302,7 +302,7 @@ def _as_taken(
     if not isinstance(camera, Perspective):
         return None
     if undistortion is not None:
-        if not np.allclose(astuple(camera), astuple(undistortion.camera), rtol=SAME):
+        if not np.allclose(astuple(camera), astuple(undistortion.camera), rtol=CAMERA_TOLERANCE):
             return None
         lens, camera = undistortion.lens, undistortion.taken
         model, k = lens.model, lens.coefficients

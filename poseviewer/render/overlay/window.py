@@ -25,7 +25,7 @@ class Window:
 
     def pose(self, pose: Pose) -> Pose:
         """Pose in the image that the window is."""
-        camera = pose.camera.crop(self.left, self.top, self.width, self.height)
+        camera = pose.camera.crop(self.left, self.top, (self.width, self.height))
         cut = replace(pose, camera=camera)
         return cut if self.samples == 1.0 else cut.rescale(self.samples)
 
