@@ -40,7 +40,7 @@ TURN_GAIN = 0.02
 """Loss that a turned pose must gain on the coarse level, as in a search's last stage."""
 OUTLINE_OVERLAP = 0.75
 """Intersection over union of two poses' pictures from which their outlines count as the same."""
-MODELS = quadratic.QuadraticOptions(reach=0.1, rise=0.3, rounds=3, least_gain=-math.inf)
+MODELS = quadratic.QuadraticOptions(0.1, 0.3, rounds=3, min_gain=-math.inf)
 """From 5 % of the model's size at its rim down to a search's last rise; always so many rounds."""
 FOCAL_MODELS = replace(MODELS, rounds=4, growth=2.0)
 """``MODELS`` with a free focal length: beside it and the depth the loss is flat for long."""
@@ -168,8 +168,8 @@ def inverse_curvature(
     *_, last = quadratic.minimise(lambda steps: iter(losses(steps)), at, scale, options)
     if last.axes is None or not np.isfinite([last.value, *last.axes.ravel()]).all():
         raise np.linalg.LinAlgError
-    # Along each of its axes a the model rises by the options' rise: a^T H a = 2 rise.
-    return last.value, last.axes @ last.axes.T / (2.0 * options.rise)
+    # Along each of its axes a the model rises to the contour: a^T H a = 2 contour_level.
+    return last.value, last.axes @ last.axes.T / (2.0 * options.contour_level)
 
 
 def better_turn(

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -22,9 +22,9 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import level_pose
 from poseviewer.optimise import cma_es, quadratic, simplex_restarts
 from poseviewer.optimise.cma_es import CmaOptions
+from poseviewer.optimise.protocol import Minimiser, State
 from poseviewer.optimise.quadratic import QuadraticOptions
 from poseviewer.optimise.restart_options import RestartOptions
-from poseviewer.optimise.state import State
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, coarsest_level, lighter_level, with_structure
 from poseviewer.render.types import Renderer
@@ -34,13 +34,13 @@ FEWEST_PIXELS = 5000
 """Pixels of the model at the start on the coarsest level: on coarser ones side valleys reach it."""
 FEWEST_OF_STRUCTURE = 2000
 """``FEWEST_PIXELS`` where classes and edges are compared, which reach farther than shades do."""
-COARSE_POPULATION = CmaOptions(least_sigma=0.04)
+COARSE_POPULATION = CmaOptions(min_sigma=0.04)
 """Ends early: the coarse minimum is up to 5 % beside the photo's."""
-FINE_POPULATION = CmaOptions(sigma=0.06, population=16, generations=24, least_sigma=2e-3)
+FINE_POPULATION = CmaOptions(sigma=0.06, population=16, generations=24, min_sigma=2e-3)
 """On the photo itself: as wide as the coarse level can be wrong, past its side valleys."""
-LAST_MODELS = QuadraticOptions(reach=2.0, rise=0.6)
+LAST_MODELS = QuadraticOptions(sampling_radius=2.0, contour_level=0.6)
 """Reach in deviations of the population; its least gain moves the model a twentieth of a pixel."""
-REFINING_MODELS = QuadraticOptions(reach=1.0, rise=0.3)
+REFINING_MODELS = QuadraticOptions(sampling_radius=1.0, contour_level=0.3)
 """Reach in that of the models before: the fine photo's minimum is a pixel away at most."""
 COARSE_SIMPLEX = RestartOptions(
     step=0.2, multi_starts=4, multi_start_step=0.2, multi_start_x_tolerance=0.05,
@@ -65,14 +65,17 @@ REFINE_TOLERANCE = 1.0
 """Loss on the photo by which a refined pose has left the valley: ten times the minima's gap."""
 
 
+Options = TypeVar("Options")
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Stage:
+class Stage(Generic[Options]):
     """A pyramid level of each view's photo, and the minimiser that searches it."""
 
     levels: tuple[Level, ...]
-    minimise: Callable[..., Iterator[State]]
-    """One of ``poseviewer.optimise``, which takes ``options``."""
-    options: Any
+    minimise: Minimiser[Options]
+    options: Options
+    """Options of the minimiser."""
     along_axes: bool = False
     """Whether lengths are measured along the axes that the stage before found."""
     rescore_every: float = 0.0
@@ -108,10 +111,10 @@ def make_stages(
         )
     populations, last = (COARSE_POPULATION, FINE_POPULATION), LAST_MODELS
     if not is_structured:
-        nearness = PAPER_SHARE * COARSE_POPULATION.nearness
-        populations = tuple(replace(options, nearness=nearness) for options in populations)
-        gain = PAPER_SHARE * last.least_gain
-        last = replace(last, rise=PAPER_SHARE * last.rise, least_gain=gain)
+        weight = PAPER_SHARE * COARSE_POPULATION.prior_weight
+        populations = tuple(replace(options, prior_weight=weight) for options in populations)
+        level, gain = PAPER_SHARE * last.contour_level, PAPER_SHARE * last.min_gain
+        last = replace(last, contour_level=level, min_gain=gain)
     stages = tuple(
         Stage(levels, cma_es.minimise, options, rescore_every=RESCORE_EVERY)
         for levels, options in zip((least, light), populations, strict=True)

@@ -155,7 +155,7 @@ def test_a_search_ends_without_what_is_hidden_there():
     culled_at: list[Pose] = []
 
     class Recording(SoftwareRenderer):
-        def culled(self, pose: Pose) -> SoftwareRenderer:
+        def cull(self, pose: Pose) -> SoftwareRenderer:
             culled_at.append(pose)
             return super().cull(pose)
 
