@@ -1,7 +1,6 @@
-"""Evidence on a pose, from the losses about it: for its verdict, its covariance, a better turn."""
+"""Evidence on a pose, from the losses about it: for its verdict, and for a better turn."""
 
 import math
-from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
 from functools import partial
@@ -9,10 +8,10 @@ from functools import partial
 import numpy as np
 from msgspec import structs
 
-from poseviewer.confidence.pose_covariance import PoseCovariance, joint_covariance, spread
+from poseviewer.confidence.pose_covariance import joint_covariance
 from poseviewer.confidence.verdict import Features, Verdict, judge, judge_together
 from poseviewer.errors import PoseViewerError
-from poseviewer.fit.loss import LossScale
+from poseviewer.fit.covariance import find_covariance
 from poseviewer.fit.outline import outline_support
 from poseviewer.fit.probing import Probe
 from poseviewer.fit.problem import FitProblem
@@ -20,7 +19,6 @@ from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose, level_pose
 from poseviewer.geometry.charts import OutsideChartError
-from poseviewer.optimise import quadratic
 from poseviewer.render.pyramid.levels import model_mask, visible_fraction
 from poseviewer.render.types import AttributeImage, Renderer
 
@@ -40,12 +38,6 @@ TURN_GAIN = 0.02
 """Loss that a turned pose must gain on the coarse level, as in a search's last stage."""
 OUTLINE_OVERLAP = 0.75
 """Intersection over union of two poses' pictures from which their outlines count as the same."""
-MODELS = quadratic.QuadraticOptions(0.1, 0.3, rounds=3, min_gain=-math.inf)
-"""From 5 % of the model's size at its rim down to a search's last rise; always so many rounds."""
-FOCAL_MODELS = replace(MODELS, rounds=4, growth=2.0)
-"""``MODELS`` with a free focal length: beside it and the depth the loss is flat for long."""
-FOCAL_SPREAD = 1.4
-"""Factor of the standard deviations with a free focal length, for the region to hold as often."""
 
 
 def judge_end(progress: FitProgress, renderer: Renderer, threads: int = 1) -> FitProgress:
@@ -138,38 +130,6 @@ def _distances_of_returns(probe: Probe) -> list[float]:
     own = (np.zeros(size), MINIMUM_EDGE, MINIMUM_EVALUATIONS)
     (minimum, _), *ends = probe.descend([own, *descents])
     return [probe.distance(minimum, end) for end, _ in ends]
-
-
-def find_covariance(probe: Probe, seen: float) -> PoseCovariance:
-    """Covariance of a pose by the curvature of the loss, and by ``spread``.
-
-    Raises ``PoseViewerError``, ``OutsideChartError``, ``LinAlgError``: none is known beside it.
-    """
-    is_free = probe.chart.free_focal
-    options = FOCAL_MODELS if is_free else MODELS
-    least, inverse = inverse_curvature(probe.losses, len(probe.motions), options)
-    factor = spread(LossScale.of(probe.photo).unexplained(least), seen)
-    factor *= FOCAL_SPREAD if is_free else 1.0
-    covariance = factor**2 * probe.motions.T @ inverse @ probe.motions
-    chart = probe.chart
-    return PoseCovariance.from_chart(probe.model.mesh, chart.start, chart, covariance)
-
-
-def inverse_curvature(
-    losses: Callable[[Sequence[FloatArray]], FloatArray],
-    size: int,
-    options: quadratic.QuadraticOptions = MODELS,
-) -> tuple[float, FloatArray]:
-    """Least loss about 0, and the inverse (k, k) of its second derivatives there.
-
-    Raises ``LinAlgError`` where ``losses``, of points (``size``,), are not finite.
-    """
-    at, scale = np.zeros(size), np.eye(size)
-    *_, last = quadratic.minimise(lambda steps: iter(losses(steps)), at, scale, options)
-    if last.axes is None or not np.isfinite([last.value, *last.axes.ravel()]).all():
-        raise np.linalg.LinAlgError
-    # Along each of its axes a the model rises to the contour: a^T H a = 2 contour_level.
-    return last.value, last.axes @ last.axes.T / (2.0 * options.contour_level)
 
 
 def better_turn(

@@ -1,4 +1,4 @@
-"""What all minimisers take and yield."""
+"""Types that every minimiser takes and yields."""
 
 from __future__ import annotations
 

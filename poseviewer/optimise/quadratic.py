@@ -65,7 +65,8 @@ def minimise(
     coefficients = (size + 1) * (size + 2) // 2
     points, losses = np.empty((0, size)), np.empty(0)
     axes, centre = np.array(options.sampling_radius * scale, dtype=float), np.array(x0, dtype=float)
-    failures, value, best_before = 0, np.inf, np.inf
+    value = best_before = np.inf
+    failures = 0
 
     def evaluate(samples: Sequence[FloatArray]) -> Iterator[State]:
         nonlocal points, losses

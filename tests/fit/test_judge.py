@@ -9,12 +9,9 @@ import numpy as np
 import pytest
 
 from poseviewer.confidence.verdict import judge
+from poseviewer.fit.covariance import FOCAL_MODELS, MODELS, find_covariance, inverse_curvature
 from poseviewer.fit.judge import (
-    FOCAL_MODELS,
-    MODELS,
-    find_covariance,
     gather_features,
-    inverse_curvature,
     judge_end,
 )
 from poseviewer.fit.probing import Probe, free_motions
