@@ -1,4 +1,4 @@
-"""Several instances of one model in a photo: each is looked for beside those that are placed."""
+"""Several instances of one model in a photo, each searched for beside those that are placed."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -23,7 +23,7 @@ from poseviewer.starts.automatic import (
 from poseviewer.starts.loading import Start
 
 MAX_SHARED_FRACTION = 0.3
-"""Share of the smaller one's pixels that two instances may share: one may stand before another."""
+"""Share of the smaller one's pixels that two instances may share: one may occlude another."""
 
 
 def propose_beside(
@@ -33,22 +33,37 @@ def propose_beside(
     begin: BeginThread | None = None,
     watch: Callable[[], object] = lambda: None,
 ) -> list[PoseHypothesis]:
-    """Propose starts as ``propose``, where none of the ``placed`` instances is; perhaps none."""
-    proposals = propose(_beside(query, placed), renderer, begin, watch)
-    return [own for own in proposals if _is_free(own.pose, placed)]
+    """Propose starts as ``propose``, which may be none, where no ``placed`` instance is.
+
+    Args:
+        query: the photo, the model and where to search.
+        placed: instances with their poses.
+        renderer: of the model.
+        begin: called by each thread first.
+        watch: called in each step; it may raise to stop the search.
+    """
+    hypotheses = propose(_without_placed(query, placed), renderer, begin, watch)
+    return [hypothesis for hypothesis in hypotheses if _is_free(hypothesis.pose, placed)]
 
 
 def find_instances(
     query: StartQuery, count: int, renderer: Renderer, watch: Callable[[], object]
 ) -> list[Start]:
-    """Find starts of up to ``count`` instances, the likeliest first; raises as ``propose``."""
-    proposals, starts = propose(query, renderer, watch=watch), list[Start]()
+    """Find starts of up to ``count`` instances, the likeliest first; raises as ``propose``.
+
+    Args:
+        query: the photo, the model and where to search.
+        count: of instances.
+        renderer: of the model.
+        watch: called in each step; it may raise to stop the search.
+    """
+    hypotheses, starts = propose(query, renderer, watch=watch), list[Start]()
     while len(starts) < count:
         placed = [PlacedModel(query.inputs.mesh, start.pose) for start in starts]
-        left = [own for own in proposals if _is_free(own.pose, placed)]
+        rest = [hypothesis for hypothesis in hypotheses if _is_free(hypothesis.pose, placed)]
         with suppress(QuickStartError):
-            left = left or propose_beside(query, placed, renderer, watch=watch)
-        start = best_start(_beside(query, placed), left, renderer, watch) if left else None
+            rest = rest or propose_beside(query, placed, renderer, watch=watch)
+        start = best_start(_without_placed(query, placed), rest, renderer, watch) if rest else None
         if start is None or not _is_free(start.pose, placed):
             break
         starts.append(start)
@@ -56,7 +71,7 @@ def find_instances(
 
 
 def with_instances(scene: Scene, starts: Sequence[Start]) -> Scene:
-    """The scene with further instances of its only object: ``bottle`` is beside ``bottle 2``."""
+    """Return the scene with more instances of its only object: ``bottle`` beside ``bottle 2``."""
     if not starts:
         return scene
     first, stem = scene.objects[0], Path(scene.objects[0].model.name).stem
@@ -69,8 +84,8 @@ def with_instances(scene: Scene, starts: Sequence[Start]) -> Scene:
     return scene
 
 
-def _beside(query: StartQuery, placed: Sequence[PlacedModel]) -> StartQuery:
-    """The query without the pixels that show placed models."""
+def _without_placed(query: StartQuery, placed: Sequence[PlacedModel]) -> StartQuery:
+    """Return the query without the pixels that show placed models."""
     if not placed:
         return query
     free, mask = visibility(placed).nearest == NOTHING, query.inputs.mask
@@ -79,9 +94,10 @@ def _beside(query: StartQuery, placed: Sequence[PlacedModel]) -> StartQuery:
 
 
 def _is_free(pose: Pose, placed: Sequence[PlacedModel]) -> bool:
-    """Whether an instance at a pose stands where none of the others does."""
+    """Tell whether an instance at a pose stands where none of the others does."""
     for other in placed:
-        one, two = (np.isfinite(depth_image(model)) for model in (replace(other, pose=pose), other))
-        if (one & two).sum() > MAX_SHARED_FRACTION * min(one.sum(), two.sum()):
+        pair = replace(other, pose=pose), other
+        a, b = (np.isfinite(depth_image(model)) for model in pair)
+        if (a & b).sum() > MAX_SHARED_FRACTION * min(a.sum(), b.sum()):
             return False
     return True

@@ -1,7 +1,7 @@
-"""Poses from print: points of a photo that look like points of the model's surface.
+"""Poses from texture features: points of a photo that look like points of the model's surface.
 
 SIFT points of views of the model, lit from the camera, are matched with the photo's by D. Lowe's
-ratio test, view by view; RANSAC over SQPNP finds the pose that most matches of a view agree on.
+ratio test, view by view; RANSAC over SQPnP finds the pose with most inliers among a view's matches.
 """
 
 from collections.abc import Callable, Iterator
@@ -25,25 +25,41 @@ from poseviewer.scene.types import PlacedModel
 from poseviewer.starts.loading import StartInputs
 from poseviewer.starts.views import even_rotations
 
-VIEWS, VIEW_SIZES_PX, BORDER_PX = 42, (320, 160), 20
-"""Views of the model; its diameters in them; free pixels about it."""
+VIEWS = 42
+"""Rotations of the model that are rendered."""
+VIEW_SIZES_PX = (320, 160)
+"""Diameters of the model in its views."""
+BORDER_PX = 20
+"""Free pixels about the model in a view."""
 DISTANCE = 5.0
-"""From the model's centre to the camera, in diameters."""
-CONTRAST, MAX_FEATURES_PER_VIEW, MAX_FEATURES_IN_PHOTO = 0.01, 800, 10_000
-"""Least contrast of a point, and the most points."""
-PHOTO_SIDE, ENLARGED = 1920, 2.0
-"""px: longer side to which a photo is scaled, enlarged by no more than this."""
+"""Distance of the camera from the model's centre, in diameters."""
+CONTRAST = 0.01
+"""Smallest contrast of a feature: models are less sharp than photos."""
+MAX_FEATURES_PER_VIEW = 800
+"""Features of one view: more take longer."""
+MAX_FEATURES_IN_PHOTO = 10_000
+"""Features of the photo: more take longer."""
+PHOTO_SIDE_PX = 1920
+"""Longer side to which a photo is scaled."""
+MAX_ENLARGEMENT = 2.0
+"""Factor by which a small photo is enlarged at most."""
 RATIO = 0.85
-"""Most distance of the nearest descriptor, by that of the second."""
+"""Largest distance of the nearest descriptor, by that of the second."""
 MIN_MATCHES = 6
-"""Matches that a pose needs: four give it."""
-SURE_INLIERS, MAX_COPIES = 10, 5
-"""Pixels from which a pose is right nearly always; copies of the model that are looked for."""
-ITERATIONS, CONFIDENCE, MAX_REPROJECTION_PX = 500, 0.999, 4.0
-"""RANSAC's most draws and wanted probability; px of the scaled photo by which a point agrees."""
+"""Matches that a pose needs: four give it, two confirm it."""
+SURE_INLIERS = 10
+"""Inliers from which a pose is right nearly always."""
+MAX_COPIES = 5
+"""Copies of the model that are searched for."""
+ITERATIONS = 500
+"""Largest number of RANSAC's draws."""
+CONFIDENCE = 0.999
+"""Probability that RANSAC draws inliers alone once."""
+MAX_REPROJECTION_PX = 4.0
+"""RANSAC's threshold, px of the scaled photo, within which a match is an inlier."""
 
 
-class Points(NamedTuple):
+class Features(NamedTuple):
     """Points with descriptors (n, 128) of unit length."""
 
     at: FloatArray
@@ -52,7 +68,7 @@ class Points(NamedTuple):
 
 
 class FeaturePose(NamedTuple):
-    """A pose, and the number of different pixels of the photo that agree on it."""
+    """A pose, and the number of different pixels of the photo that are its inliers."""
 
     pose: Pose
     inliers: int
@@ -61,68 +77,73 @@ class FeaturePose(NamedTuple):
 def poses_from_features(
     inputs: StartInputs, camera: Camera, region: Rectangle, watch: Callable[[], object]
 ) -> list[FeaturePose]:
-    """Poses that most matches in a region of the photo agree on, for each copy of the model that
-    is seen there, the surest first; ``watch`` is called between views, and may raise.
+    """Find the poses with most inliers in a region, one for each copy, the surest first.
+
+    Args:
+        inputs: photo and model.
+        camera: of the photo.
+        region: of the photo.
+        watch: called between views; it may raise to stop the search.
     """
     if not isinstance(camera, Perspective):
         return []
     mesh = inputs.mesh
-    views = model_points(mesh)
+    views = model_features(mesh)
     watch()
-    points, scale = _photo_points(inputs, region)
+    features, scale = _photo_features(inputs, region)
     poses: list[FeaturePose] = []
     while len(poses) < MAX_COPIES:
-        agreeing: list[FeaturePose] = []
+        candidates: list[FeaturePose] = []
         for view in views:
             watch()
-            agreeing += _ransac(view, points, camera, MAX_REPROJECTION_PX / scale)
-        if not agreeing:
+            candidates += _ransac(view, features, camera, MAX_REPROJECTION_PX / scale)
+        if not candidates:
             break
-        poses.append(max(agreeing, key=lambda printed: printed.inliers))
+        poses.append(max(candidates, key=lambda candidate: candidate.inliers))
         if poses[-1].inliers < SURE_INLIERS:
             break
         outline = cv2.convexHull(poses[-1].pose.project(hull_points(mesh)).astype(np.float32))
-        is_left = [cv2.pointPolygonTest(outline, pixel, False) < 0 for pixel in points.at]
-        points = Points(points.at[is_left], points.descriptors[is_left])
-    return sorted(poses, key=lambda printed: -printed.inliers)
+        is_beside = [cv2.pointPolygonTest(outline, pixel, False) < 0 for pixel in features.at]
+        features = Features(features.at[is_beside], features.descriptors[is_beside])
+    return sorted(poses, key=lambda candidate: -candidate.inliers)
 
 
 @lru_cache(maxsize=4)
-def model_points(mesh: Mesh) -> tuple[Points, ...]:
-    """The points of each view that has enough of them."""
-    return tuple(view for view in _views(mesh) if len(view.at) >= MIN_MATCHES)
+def model_features(mesh: Mesh) -> tuple[Features, ...]:
+    """Return the features of each view that has enough of them."""
+    return tuple(view for view in _view_features(mesh) if len(view.at) >= MIN_MATCHES)
 
 
-def _views(mesh: Mesh) -> Iterator[Points]:
+def _view_features(mesh: Mesh) -> Iterator[Features]:
     renderer = make_renderer(mesh)
     for rotation in even_rotations(VIEWS):
         sizes = [_view(mesh, renderer, rotation, size) for size in VIEW_SIZES_PX]
-        yield Points(*map(np.concatenate, zip(*sizes, strict=True)))
+        yield Features(*map(np.concatenate, zip(*sizes, strict=True)))
 
 
-def _view(mesh: Mesh, renderer: Renderer, rotation: FloatArray, size: int) -> Points:
-    """Points of a view in which the model's diameter has a ``size``, px."""
+def _view(mesh: Mesh, renderer: Renderer, rotation: FloatArray, size: int) -> Features:
+    """Return the features of a view in which the model's diameter has a ``size``, px."""
     side, focal = size + 2 * BORDER_PX, DISTANCE * size
     camera = Perspective(focal, focal, side / 2, side / 2, side, side)
-    place = np.array([0.0, 0.0, DISTANCE * mesh.diameter]) - rotation @ mesh.centre
-    pose = Pose(camera, RigidTransform(rotation, place))
+    translation = np.array([0.0, 0.0, DISTANCE * mesh.diameter]) - rotation @ mesh.centre
+    pose = Pose(camera, RigidTransform(rotation, translation))
     view = renderer.render(pose)
     shaded = view.reflectance @ GREY_WEIGHTS * (0.5 + 0.5 * np.abs(view.normals[..., 2]))
     inside = cv2.erode(view.mask.astype(np.uint8), np.ones((5, 5)))
     pixels, descriptors = _sift(shaded, MAX_FEATURES_PER_VIEW, inside)
     columns, rows = pixels.T.astype(int)
     depth = depth_image(PlacedModel(mesh, pose))[rows, columns]
-    points = (camera.rays(pixels) * depth[:, None] - place) @ rotation
-    return Points(points, descriptors)
+    points = (camera.rays(pixels) * depth[:, None] - translation) @ rotation
+    return Features(points, descriptors)
 
 
-def _photo_points(inputs: StartInputs, region: Rectangle) -> tuple[Points, float]:
-    """Points of a region where the mask shows them, and the factor by which it was scaled."""
+def _photo_features(inputs: StartInputs, region: Rectangle) -> tuple[Features, float]:
+    """Return the features of a region that count, and the factor by which it was scaled."""
     photo, mask = inputs.photo, inputs.mask
     inside = region.intersection(Rectangle(0, 0, photo.width, photo.height))
     left, top = int(inside.left), int(inside.top)
     part = photo.grey()[top : int(inside.bottom) + 1, left : int(inside.right) + 1]
-    scale = min(PHOTO_SIDE / max(part.shape), ENLARGED)
+    scale = min(PHOTO_SIDE_PX / max(part.shape), MAX_ENLARGEMENT)
     size = [max(round(side * scale), 1) for side in part.shape[::-1]]
     how = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
     scaled = cv2.resize(part, size, interpolation=how)
@@ -132,51 +153,51 @@ def _photo_points(inputs: StartInputs, region: Rectangle) -> tuple[Points, float
         columns, rows = pixels.astype(int).T
         is_shown = mask.weights[rows, columns] > 0.0
         pixels, descriptors = pixels[is_shown], descriptors[is_shown]
-    return Points(pixels, descriptors), scale
+    return Features(pixels, descriptors), scale
 
 
-def _sift(grey: NDArray[Any], most: int, mask: Any = None) -> Points:
-    """Points at pixels (n, 2), with RootSIFT descriptors (R. Arandjelovic, CVPR 2012)."""
+def _sift(grey: NDArray[Any], max_count: int, mask: Any = None) -> Features:
+    """Return points at pixels (n, 2), with RootSIFT descriptors (R. Arandjelovic, CVPR 2012)."""
     pixels = np.clip(255.0 * grey + 0.5, 0.0, 255.0).astype(np.uint8)
-    sift = cv2.SIFT.create(most, contrastThreshold=CONTRAST)
+    sift = cv2.SIFT.create(max_count, contrastThreshold=CONTRAST)
     points, descriptors = sift.detectAndCompute(pixels, mask)
     if not len(points):
-        return Points(np.zeros((0, 2)), np.zeros((0, 128), np.float32))
+        return Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32))
     shares = descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-9)
     at = np.array([point.pt for point in points]) + 0.5
-    return Points(at, np.sqrt(shares, dtype=np.float32))
+    return Features(at, np.sqrt(shares, dtype=np.float32))
 
 
 def _ransac(
-    view: Points, photo: Points, camera: Perspective, off_px: float
+    view: Features, photo: Features, camera: Perspective, threshold_px: float
 ) -> Iterator[FeaturePose]:
-    """The pose that most matches of a view agree on, if any."""
+    """Yield the pose with most inliers among the matches of a view, if any."""
     if len(photo.at) < MIN_MATCHES:
         return
-    alike = view.descriptors @ photo.descriptors.T
-    rows, nearest = np.arange(len(alike)), np.argmax(alike, axis=1)
-    first = alike[rows, nearest]
-    alike[rows, nearest] = -1.0
-    is_clear = 1.0 - first < RATIO**2 * (1.0 - alike.max(axis=1))
+    cosines = view.descriptors @ photo.descriptors.T
+    rows, nearest = np.arange(len(cosines)), np.argmax(cosines, axis=1)
+    first = cosines[rows, nearest]
+    cosines[rows, nearest] = -1.0
+    is_clear = 1.0 - first < RATIO**2 * (1.0 - cosines.max(axis=1))
     points, pixels = view.at[is_clear], photo.at[nearest[is_clear]]
     if len(points) < MIN_MATCHES:
         return
     matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
     try:
-        is_solved, turn, place, agreeing = cv2.solvePnPRansac(
+        is_solved, vector, translation, inliers = cv2.solvePnPRansac(
             points,
             pixels,
             matrix,
             None,
             iterationsCount=ITERATIONS,
-            reprojectionError=off_px,
+            reprojectionError=threshold_px,
             confidence=CONFIDENCE,
             flags=cv2.SOLVEPNP_SQPNP,
         )
-    except cv2.error:  # matches in one point
+    except cv2.error:  # all matches are one point
         return
-    if is_solved and agreeing is not None and place[2, 0] > 0.0:
-        rotation = np.asarray(cv2.Rodrigues(turn)[0], float)
-        pose = Pose(camera, RigidTransform(rotation, np.asarray(place[:, 0], float)))
-        different = np.unique(np.round(pixels[np.asarray(agreeing, int)[:, 0]]), axis=0)
+    if is_solved and inliers is not None and translation[2, 0] > 0.0:
+        rotation = np.asarray(cv2.Rodrigues(vector)[0], float)
+        pose = Pose(camera, RigidTransform(rotation, np.asarray(translation[:, 0], float)))
+        different = np.unique(np.round(pixels[np.asarray(inliers, int)[:, 0]]), axis=0)
         yield FeaturePose(pose, len(different))
