@@ -29,8 +29,10 @@ from poseviewer.scene.types import LoadedModel, SceneObject, scene_at
 from poseviewer.scene.types import Scene as FitScene
 from poseviewer.starts.loading import load_model
 
-FOUND_PX, FOUND_PERCENT = 1.0, 1.0
-"""Largest error of a pose that is found: on photos drawn by OpenGL, and beyond the truth's own."""
+FOUND_PX = 1.0
+"""Largest error of a pose that is found on a photo drawn by OpenGL."""
+FOUND_PERCENT = 1.0
+"""Largest error of a pose that is found, beyond the truth's own, by the model's size."""
 FOCAL_DEVIATIONS = "focal_deviations"
 """Name of the error of a focal length among the evidence."""
 MODELS_KEPT = 16
@@ -45,7 +47,7 @@ class Trial:
     set: str
     """Kind of photo, or the set of the case."""
     visible: float = math.nan
-    """Share of the model's pixels that nothing hides."""
+    """Fraction of the model's pixels that nothing occludes."""
     traits: str = ""
     """Properties that make the case easy or hard, with commas between."""
     method: str
@@ -92,8 +94,8 @@ KEY = ("case", "method", "pixels", "reading", "percent", "degrees", "draw")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Task:
-    """A trial that is to be run."""
+class TrialTask:
+    """A trial to run."""
 
     case: Case
     start: Pose
@@ -108,30 +110,33 @@ class Task:
     @property
     def identity(self) -> dict[str, Any]:
         """Values of the columns ``KEY``."""
-        settings, own = self.settings, {name: getattr(self, name) for name in KEY[3:]}
-        return {"case": self.case.name, "method": settings.method, "pixels": settings.pixels} | own
+        settings, start = self.settings, {name: getattr(self, name) for name in KEY[3:]}
+        case = {"case": self.case.name, "method": settings.method, "pixels": settings.pixels}
+        return case | start
 
     def open(self) -> tuple[FitScene, Renderer]:
-        """Photo, model and start, the others locked, and a renderer of the model."""
+        """Open photo, model and start, the others locked, and a renderer of the model."""
         case = self.case
-        model, renderer = open_model(case.mesh)
+        model, renderer = load_cached_model(case.mesh)
         keypoints = model.keypoints if self.settings.chart == "vehicle" else None
         symmetry = case.bop.symmetry if case.bop else model.whole_symmetry
         model = replace(model, keypoints=keypoints, whole_symmetry=symmetry)
-        photo = open_photo(case.photo)
+        photo = load_cached_photo(case.photo)
         view = View(photo.name, photo, self.start.camera)
         scene = scene_at(view, model, self.start, self.settings)
         for other in self.others:
             truth = scene.views[0].world_from_model(other.truth)
-            known = SceneObject(other.name, open_model(other.mesh)[0], truth, locked=True)
+            known = SceneObject(other.name, load_cached_model(other.mesh)[0], truth, locked=True)
             scene = replace(scene, objects=(*scene.objects, known))
         return scene, renderer
 
     def run(self) -> Trial:
-        """Compare the end of a fit, which is the start where none can begin, with the truth."""
+        """Compare the end of a fit, or the start where none can begin, with the truth."""
         scene, renderer = self.open()
-        model, case, truth = scene.objects[0].model, self.case, self.case.truth
-        result, outcome, began = None, {}, perf_counter()
+        model, case = scene.objects[0].model, self.case
+        truth = case.truth
+        result, outcome = None, dict[str, Any]()
+        began = perf_counter()
         try:
             result = make_scene(scene, renderer, 0).fit()
         except PoseViewerError as error:
@@ -166,7 +171,7 @@ class Task:
 
 
 def _outcome(result: Scene, truth: Pose) -> dict[str, Any]:
-    """Columns of a search that ended; the truth's loss is that of the chart's nearest pose."""
+    """Return the columns of a search that ended."""
     progress, problem = result.progress, result.problem
     assert progress is not None  # it was searched for
     verdict = progress.verdict
@@ -178,6 +183,7 @@ def _outcome(result: Scene, truth: Pose) -> dict[str, Any]:
         "end": " ".join(repr(float(number)) for number in progress.parameters),
         "loss_start": progress.start_loss,
         "loss_end": progress.loss,
+        # Of the pose in the chart nearest to the truth.
         "loss_truth": pose_loss(problem, result.renderer, problem.chart.from_pose(truth)),
         "evaluations": progress.evaluations,
         "status": progress.status.name,
@@ -190,24 +196,31 @@ def _outcome(result: Scene, truth: Pose) -> dict[str, Any]:
 def symmetric_distances(
     vertices: FloatArray, pose: Pose, truth: Pose, symmetry: Symmetry
 ) -> tuple[float, float]:
-    """MSSD (in the model's unit) and MSPD (px) of Hodan et al., *BOP Challenge 2020*."""
+    """Compute MSSD (in the model's unit) and MSPD (px) of Hodan et al., *BOP Challenge 2020*.
+
+    Args:
+        vertices: (V, 3), of the model.
+        pose: the estimate.
+        truth: the true pose.
+        symmetry: of the model.
+    """
     points, pixels = pose.camera_from_model.apply(vertices), pose.project(vertices)
     off = []
-    for moved in (motion.apply(vertices) for motion in symmetry.transforms()):
-        away = points - truth.camera_from_model.apply(moved), pixels - truth.project(moved)
+    for equal in (motion.apply(vertices) for motion in symmetry.transforms()):
+        away = points - truth.camera_from_model.apply(equal), pixels - truth.project(equal)
         off.append([np.linalg.norm(distances, axis=1).max() for distances in away])
     in_space, in_photo = np.nan_to_num(off, nan=np.inf, posinf=np.inf).min(axis=0)
     return float(in_space), float(in_photo)
 
 
 @lru_cache(maxsize=MODELS_KEPT)
-def open_model(path: Path) -> tuple[LoadedModel, Renderer]:
-    """LRU cache of models and their renderers; raises what ``load_model`` raises."""
+def load_cached_model(path: Path) -> tuple[LoadedModel, Renderer]:
+    """Load a model and its renderer, cached; raises as ``load_model``."""
     model = load_model(path)
     return model, make_renderer(model.mesh)
 
 
 @lru_cache(maxsize=2)
-def open_photo(path: Path) -> Photo:
-    """LRU cache of photos; raises what ``load_photo`` raises."""
+def load_cached_photo(path: Path) -> Photo:
+    """Load a photo, cached; raises as ``load_photo``."""
     return load_photo(path)

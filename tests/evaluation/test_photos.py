@@ -6,7 +6,7 @@ import pytest
 from poseviewer.errors import SingularChartError
 from poseviewer.evaluation.photos import demo_photo, draw_start, make_seed, random_view
 from poseviewer.evaluation.plan import READINGS
-from poseviewer.evaluation.trials import open_model
+from poseviewer.evaluation.trials import load_cached_model
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.vehicle.chart import VehicleChart
@@ -34,7 +34,7 @@ def test_views_show_the_whole_vehicle_from_a_side(tmp_path):
 def car():
     """The demo's key points and true pose, and its chart."""
     case = demo_photo("photo-parallel")
-    keypoints = open_model(case.mesh)[0].keypoints
+    keypoints = load_cached_model(case.mesh)[0].keypoints
     assert keypoints is not None
     return keypoints, case.truth, VehicleChart.near(keypoints, case.truth)
 

@@ -4,7 +4,7 @@ import pytest
 
 from poseviewer.evaluation.speed import (
     SpeedReport,
-    demo_with_truth,
+    load_demo,
     make_workload,
     measure_speed,
     time_paths,
@@ -17,7 +17,7 @@ MAP_SIZE = 3
 
 @pytest.fixture(scope="module")
 def work():
-    return make_workload(*demo_with_truth(), 5_000, 320)
+    return make_workload(load_demo(), 5_000, 320)
 
 
 @pytest.fixture(scope="module")

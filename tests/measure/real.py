@@ -25,8 +25,8 @@ from poseviewer.api import Scene, load
 from poseviewer.cli.options import listed, whole
 from poseviewer.confidence.pose_covariance import region_reach
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError, QuickStartError
-from poseviewer.evaluation.cases import Case, load_cases, load_starts, visibility
-from poseviewer.evaluation.trials import open_model, open_photo
+from poseviewer.evaluation.cases import Case, load_cases, load_starts, visibility_label
+from poseviewer.evaluation.trials import load_cached_model, load_cached_photo
 from poseviewer.files.photo import load_photo
 from poseviewer.files.photo_sets import LoadedViews
 from poseviewer.geometry.arrays import FloatArray
@@ -98,8 +98,8 @@ def is_tuning(name: str) -> bool:
 def start_trials(cases: Sequence[Case]) -> Iterator[Trial]:
     """Automatic starts in the whole photo and in a rectangle, and the fits from them."""
     for case in cases:
-        model, renderer = open_model(case.mesh)
-        photo, camera = open_photo(case.photo), case.truth.camera
+        model, renderer = load_cached_model(case.mesh)
+        photo, camera = load_cached_photo(case.photo), case.truth.camera
         for box in (None, careless_box(case.name, model.mesh, case.truth)):
             query = StartQuery(StartInputs(photo, model.mesh, model.keypoints), camera, box)
             began, proposals = time.perf_counter(), list[PoseHypothesis]()
@@ -122,7 +122,7 @@ def start_trials(cases: Sequence[Case]) -> Iterator[Trial]:
 
 
 def _set_of(case: Case) -> str:
-    return case.set + f", {visibility(case.visible)}" * (case.visible >= 0.0)
+    return case.set + f", {visibility_label(case.visible)}" * (case.visible >= 0.0)
 
 
 def is_right(error: PoseError) -> bool:
@@ -145,7 +145,7 @@ def careless_box(name: str, mesh: Mesh, truth: Pose) -> Rectangle:
 
 
 def _fit(case: Case, start: Pose, way: str) -> Trial:
-    model, renderer = open_model(case.mesh)
+    model, renderer = load_cached_model(case.mesh)
     scene = load(case.photo, model, start, renderer=renderer)
     began = time.perf_counter()
     end = scene.fit(threads=processors())
@@ -153,7 +153,7 @@ def _fit(case: Case, start: Pose, way: str) -> Trial:
 
 
 def _trial(case: Case, way: str, start: Pose, end: Scene, seconds: float) -> Trial:
-    model, _ = open_model(case.mesh)
+    model, _ = load_cached_model(case.mesh)
     mesh, symmetry = model.mesh, model.whole_symmetry
     error = pose_error(mesh, end.pose, case.truth, symmetry)
     centre = case.truth.camera_from_model.apply(mesh.centre)
@@ -197,7 +197,10 @@ def view_trials(
                 chosen.append(other)
         if len(chosen) < 3:
             continue
-        model, start = open_model(first.mesh)[0], Pose(first.truth.camera, starts[first.name])
+        model, start = (
+            load_cached_model(first.mesh)[0],
+            Pose(first.truth.camera, starts[first.name]),
+        )
         for count in (count for count in counts if count <= len(chosen)):
             if count == 1:
                 yield _fit(first, start, "1 photo")
