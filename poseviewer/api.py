@@ -27,7 +27,7 @@ from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseViewerError as PoseViewerError
 from poseviewer.errors import SettingsError
-from poseviewer.figures.loss_maps import LossMaps
+from poseviewer.figures.map_archive import LossMaps
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.masks import save_pose_and_mask
 from poseviewer.files.photo import save_image
@@ -47,10 +47,10 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.render.overlay import LOOKS
-from poseviewer.render.overlay.looks import SOLID_OPACITY, ModelInPhoto, Picture, draw_look
+from poseviewer.render.overlay import RENDER_STYLES
+from poseviewer.render.overlay.styles import SOLID_OPACITY, ModelInPhoto, Picture, draw_style
 from poseviewer.render.pool import RendererPool
-from poseviewer.render.pyramid.levels import seen_share
+from poseviewer.render.pyramid.levels import visible_fraction
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import AttributeImage, Renderer
 from poseviewer.scene.assets import ModelFile
@@ -298,15 +298,16 @@ class PosedScene:
         self, look: str = "outline", *, opacity: float = SOLID_OPACITY, view: int | None = None
     ) -> Picture:
         """Draw the objects over a photo (height, width, 3), RGB, by default that of the view whose
-        chart is used, in one of ``render.overlay.LOOKS``, without what others hide.
+        chart is used, in one of ``render.overlay.RENDER_STYLES``, without what others hide.
 
         ``opacity`` is that of the look ``solid``, in [0, 1].
 
         Raises:
             PoseViewerError: there is no such look; the settings do not go with an object.
         """
-        if look not in LOOKS:
-            raise SettingsError(f"there is no look {look!r}; choose one of {', '.join(LOOKS)}")
+        if look not in RENDER_STYLES:
+            wanted = f"choose one of {', '.join(RENDER_STYLES)}"
+            raise SettingsError(f"there is no look {look!r}; {wanted}")
         view = self.view_index if view is None else view
         photo = self.views[view].photo
         picture = photo.as_rgb8(photo.width, photo.height)
@@ -332,7 +333,7 @@ class PosedScene:
             return relit(photo, self.renderer, placed.pose, image)
 
         shown = ModelInPhoto(picture, placed.mesh, self.renderer, placed.pose, relight, opacity)
-        drawn = draw_look(look, shown)
+        drawn = draw_style(look, shown)
         return drawn if in_front is None else np.where(in_front.hidden[..., None], picture, drawn)
 
     def draw(self, path: str | Path, look: str = "outline") -> tuple[Path, ...]:
@@ -509,7 +510,7 @@ class FitResult(PosedScene):
     @property
     def seen(self) -> float:
         """Share of the object's pixels in the photo that count, as nothing else hides them."""
-        return seen_share(self.problem.photo, self.renderer, self.pose)
+        return visible_fraction(self.problem.photo, self.renderer, self.pose)
 
     @property
     def view_results(self) -> tuple[ViewResult, ...]:

@@ -1,5 +1,7 @@
 """Errors that a user can cause."""
 
+from collections.abc import Sequence
+
 LONGEST_MESSAGE = 1000
 """Characters: sentences take some hundreds, and paths in them some hundreds more."""
 
@@ -15,6 +17,12 @@ def printable(text: str, longest: int | None = None) -> str:
         half = longest // 2 - 1
         shown = f"{shown[:half]}…{shown[-half:]}"
     return shown
+
+
+def list_names(names: Sequence[str], limit: int = 8) -> str:
+    """List the first ``limit`` names, and say how many more there are."""
+    more = f" and {len(names) - limit:,} more" if len(names) > limit else ""
+    return ", ".join(names[:limit]) + more
 
 
 class PoseViewerError(Exception):

@@ -119,4 +119,4 @@ def make_soup(seed: int, triangles=300, spread=1.0, size=0.5) -> Mesh:
 def box_of(pose: Pose, points: np.ndarray) -> Rectangle:
     """The rectangle about ``points`` (k, 3) of the model in the photo, px."""
     seen = pose.project(points)
-    return Rectangle.from_corners(*seen.min(axis=0).tolist(), *seen.max(axis=0).tolist())
+    return Rectangle.from_corners(seen.min(axis=0).tolist(), seen.max(axis=0).tolist())

@@ -75,7 +75,7 @@ def lit_models(
     factor: float = 3.0,
 ) -> NDArray[np.uint8]:
     """A noisy photo of models before a ``ground``: grey, or a picture ``factor`` times as large."""
-    large = [replace(one, pose=one.pose.scaled(factor)) for one in models]
+    large = [replace(one, pose=one.pose.rescale(factor)) for one in models]
     seen = visibility(large)
     lit = np.broadcast_to(np.asarray(ground, float), (*seen.nearest.shape, 3))
     for index, one in enumerate(large):

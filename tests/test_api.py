@@ -36,7 +36,7 @@ def test_the_lines_of_the_readme_find_the_pose_of_the_demo(tmp_path, monkeypatch
     photo = load_photo(case.photo)
     save_image(tmp_path / "photo.jpg", photo.as_rgb8(photo.width // 2, photo.height // 2))
     start = load_pose(case.start, photo.width, photo.height)
-    save_pose(tmp_path / "start.json", PoseRecord.of(start.pose.scaled(0.5)))
+    save_pose(tmp_path / "start.json", PoseRecord.of(start.pose.rescale(0.5)))
     shutil.copy(case.model, tmp_path / "car.glb")
     shutil.copy(keypoints_path(case.model), keypoints_path(tmp_path / "car.glb"))
     readme = (REPOSITORY / "README.md").read_text(encoding="utf-8")
@@ -44,7 +44,7 @@ def test_the_lines_of_the_readme_find_the_pose_of_the_demo(tmp_path, monkeypatch
     monkeypatch.chdir(tmp_path)
     exec(compile(lines[0], "README.md", "exec"), {})
     assert capsys.readouterr().out.startswith("found ")
-    found = load_pose(tmp_path / "pose.json", photo.width // 2, photo.height // 2).pose.scaled(2.0)
+    found = load_pose(tmp_path / "pose.json", photo.width // 2, photo.height // 2).pose.rescale(2.0)
     truth = load_pose(case.truth, photo.width, photo.height).pose
     assert pose_error(load_model(case.model).mesh, found, truth).percent < 1.0
     assert (tmp_path / "maps.png").stat().st_size > 10_000
@@ -165,7 +165,7 @@ def test_settings_are_given_by_name_and_kept_in_the_record(scene):
 def test_mistakes_are_one_sentence(scene, changes, said):
     given = {"photo": scene.photo, "model": scene.model, "start": scene.start} | changes
     if given["start"] == "small":
-        given["start"] = load_pose(scene.start, 160, 120).pose.scaled(0.5)
+        given["start"] = load_pose(scene.start, 160, 120).pose.rescale(0.5)
     with pytest.raises(poseviewer.PoseViewerError, match=said):
         poseviewer.load(**given)
 
@@ -182,7 +182,7 @@ def test_a_camera_that_contradicts_the_others_is_named_and_does_no_harm():
     choice = poseviewer.SetChoice(view="a.png")
     found = poseviewer.load(views, model, START, choice=choice, limits=Limits(1500)).fit()
     assert found.verdict is not None
-    assert found.verdict.word != "found"
+    assert found.verdict.label != "found"
     assert found.record.notes[0].startswith("c.png goes least with the others")
     at, true = (p.camera_from_model.apply(MESH.centre) for p in (found.pose, TRUTH[0]))
     assert np.abs(at - true).max() < 0.003 * DISTANCE

@@ -60,7 +60,7 @@ def test_parts_are_left_out_by_name_and_by_the_pose_file(scene, halves, tmp_path
     more = {"without": ("left",), "renderer": renderer}  # which draws the whole model
     case = load(scene.photo, model, scene.start, QUICK, **more)
     assert case.mesh.part_names == ("right",)
-    assert case.renderer.covers(case.pose).sum() < 0.8 * renderer.covers(case.pose).sum()
+    assert case.renderer.render_mask(case.pose).sum() < 0.8 * renderer.render_mask(case.pose).sum()
     case.save(tmp_path / "a.json")
     again = load(scene.photo, halves, tmp_path / "a.json", QUICK)
     assert again.mesh.left_out == ("left",)

@@ -21,7 +21,7 @@ from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.image import Photo
-from poseviewer.geometry.symmetry_group import Symmetry, Turn
+from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.assets import PhotoFile
 from poseviewer.scene.types import PlacedModel, Scene, View
@@ -74,7 +74,7 @@ def make_pixels(index: int, light: tuple[float, float, float]) -> NDArray[np.uin
 
 
 BOX = coloured(make_box((1.3, 2.2, 0.9)), (0.5, 0.7, 1.0))
-BOX_SYMMETRY = Symmetry.from_turns(BOX.centre, [Turn(axis, 2) for axis in np.eye(3)])
+BOX_SYMMETRY = Symmetry.from_axes(BOX.centre, [SymmetryAxis(axis, 2) for axis in np.eye(3)])
 SET_FROM_BOX = RigidTransform.from_rotation_vector(
     [0.5, 0.5, 0.1], SET_FROM_MODEL.apply(MESH.centre) + np.array([2.1, 0.2, 0.3])
 )

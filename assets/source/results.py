@@ -30,15 +30,15 @@ from poseviewer.evaluation.report import (
     NONE,
     Share,
     calibration_table,
-    grouped,
+    group_by,
     median,
     reliability_panels,
     study_table,
 )
 from poseviewer.evaluation.speed import PATHS, SpeedReport
-from poseviewer.evaluation.trials import KEY, Task, Trial
+from poseviewer.evaluation.trials import KEY, Trial, TrialTask
 from poseviewer.figures.landscape_sheet import figure_bytes, make_landscape_row
-from poseviewer.figures.loss_maps import LossMaps
+from poseviewer.figures.map_archive import LossMaps
 from poseviewer.figures.study_sheet import Panel, make_study_sheet
 from poseviewer.figures.text_table import Table
 from poseviewer.files.table import load_rows
@@ -142,7 +142,7 @@ def landscapes(folder: Path, size: int) -> dict[str, LossMaps]:
     for kind in DRAWN:
         (case,) = make_photos(plan, kind, print)
         for settings in plan.settings(kind):
-            task = Task(case, case.truth, replace(settings, lock=HELD))
+            task = TrialTask(case, case.truth, replace(settings, lock=HELD))
             registration = make_registration(*task.open(), 0)
             maps[f"{LABELS[kind]}, {settings.pixels}"] = registration.landscape(size=size)
     return maps
@@ -151,7 +151,7 @@ def landscapes(folder: Path, size: int) -> dict[str, LossMaps]:
 def missed_table(trials: Iterable[Trial], maps: Mapping[str, LossMaps]) -> Table:
     """Tabulate misses of the paper's method, and where its loss is least on the maps."""
     rows, own = [], [trial for trial in trials if trial.method == "paper"]
-    for name, some in grouped(own, lambda t: f"{LABELS[t.set]}, {t.pixels}").items():
+    for name, some in group_by(own, lambda t: f"{LABELS[t.set]}, {t.pixels}").items():
         missed = [trial for trial in some if not trial.found]
         lower = sum(trial.loss_end < trial.loss_truth for trial in missed)
         least = _least(maps[name]) if name in maps else (NONE, NONE, NONE)
@@ -172,9 +172,9 @@ def _least(maps: LossMaps) -> tuple[str, ...]:
 
 def error_table(studies: Mapping[str, Sequence[Trial]]) -> Table:
     """Tabulate errors by set and deviation, and on tabletops by how much is seen."""
-    groups = grouped(studies["real"], lambda trial: (SETS[trial.set], trial.degrees))
+    groups = group_by(studies["real"], lambda trial: (SETS[trial.set], trial.degrees))
     for name, words in (("clutter", "tabletops"), ("among", "tabletops, others given")):
-        seen = grouped(studies[name], lambda trial: visibility_label(trial.visible))
+        seen = group_by(studies[name], lambda trial: visibility_label(trial.visible))
         groups |= {(f"{words}, {label}", 15): some for label, some in seen.items()}
     rows = []
     for (name, degrees), some in groups.items():
@@ -204,9 +204,9 @@ def search_table(studies: Mapping[str, Sequence[Trial]]) -> Table:
         return "the study's" if trial.percent else photos, trial.method
 
     every = [t for name in ("paper", "real", "clutter", *SEARCHES) for t in studies[name]]
-    starts, rows = grouped(every, start), []
+    starts, rows = group_by(every, start), []
     both = [trial for trial in every if len({t.method for t in starts[start(trial)]}) > 1]
-    for names, some in sorted(grouped(both, line).items()):
+    for names, some in sorted(group_by(both, line).items()):
         cells = *names, str(len(some)), str(Share.of(some)), COLUMNS["end"](some)
         rows.append((*cells, COLUMNS["evaluations"](some)))
     columns = "photos", "method", "fits", "right, %", "error, %", "evaluations"
@@ -218,7 +218,7 @@ def error_panel(studies: Mapping[str, Sequence[Trial]]) -> Panel:
     lines: dict[str, list[Point]] = {}
     for study, name in {"clutter": "alone", "among": "the others' poses given"}.items():
         ordered = sorted(studies[study], key=lambda trial: trial.visible)
-        classes = grouped(ordered, lambda t: int(np.searchsorted(SEEN_FROM, t.visible, "right")))
+        classes = group_by(ordered, lambda t: int(np.searchsorted(SEEN_FROM, t.visible, "right")))
         lines[name] = [
             (100.0 * mean(t.visible for t in some), *median(t.error_percent_end for t in some))
             for some in classes.values()
@@ -232,7 +232,7 @@ def calibration_panel(trials: Iterable[Trial]) -> Panel:
     """True share against the stated probability, by how much is seen."""
     judged = sorted((t for t in trials if t.probability >= 0.0), key=lambda t: t.probability)
     lines: dict[str, list[Point]] = {"true as stated": [(0.0,) * 4, (100.0,) * 4]}
-    for label, some in sorted(grouped(judged, lambda t: visibility_label(t.visible)).items()):
+    for label, some in sorted(group_by(judged, lambda t: visibility_label(t.visible)).items()):
         if len(some) < FEWEST:
             continue
         pieces = np.array_split(range(len(some)), min(4, len(some) // FEWEST))
@@ -247,7 +247,7 @@ def calibration_panel(trials: Iterable[Trial]) -> Panel:
 def speed_panels(report: SpeedReport, trials: Sequence[Trial]) -> list[Panel]:
     """Milliseconds of an evaluation by path, and seconds of a fit by kind of photo."""
     kinds, fits = list(LABELS), {}
-    groups = grouped(trials, lambda t: (f"a fit, {t.method}, {t.pixels}", kinds.index(t.set)))
+    groups = group_by(trials, lambda t: (f"a fit, {t.method}, {t.pixels}", kinds.index(t.set)))
     for (name, kind), some in sorted(groups.items()):
         fits.setdefault(name, []).append((kind, *median(trial.seconds for trial in some)))
     paths = [median(1e3 * seconds for seconds in path.seconds) for path in report.paths]
@@ -319,8 +319,8 @@ def write_page(folder: Path, page: Path, readme: Path, options: str, size: int =
 def readme_table(studies: Mapping[str, Sequence[Trial]], day: date) -> str:
     """Rows for the README, with method and day of the last measurement."""
     real = [trial for trial in studies["real"] if SETS[trial.set] != SINGLE]
-    groups, rows = grouped(real, lambda trial: SETS[trial.set]), []
-    groups |= grouped(studies["clutter"], lambda t: f"tabletops, {visibility_label(t.visible)}")
+    groups, rows = group_by(real, lambda trial: SETS[trial.set]), []
+    groups |= group_by(studies["clutter"], lambda t: f"tabletops, {visibility_label(t.visible)}")
     for name, some in groups.items():
         shares = (str(_within(some, limit)) for limit in (1.0, 5.0))
         rows.append((name, str(len(some)), COLUMNS["end"](some), *shares))

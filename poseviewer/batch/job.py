@@ -22,7 +22,7 @@ from poseviewer.batch.results import (
 from poseviewer.errors import BatchError, PoseViewerError, SettingsError
 from poseviewer.files.photo import save_image
 from poseviewer.files.scene_assets import load_model
-from poseviewer.render.overlay.looks import Picture
+from poseviewer.render.overlay.styles import Picture
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import Renderer
 from poseviewer.scene.assets import ModelFile
@@ -90,7 +90,7 @@ def _keep(job: Job, plan: Batch, fitted: FitResult, picture: Picture) -> JobResu
     numbers = {name: getattr(progress, name) for name in names}
     numbers |= {"seconds": round(progress.seconds, 3), **standard_deviations(fitted.covariance)}
     if verdict is not None:
-        numbers |= {"verdict": verdict.word, "probability": round(verdict.probability, 4)}
+        numbers |= {"verdict": verdict.label, "probability": round(verdict.probability, 4)}
         numbers |= {"reasons": "\n".join(verdict.reasons)}
     result = JobResult(progress.status.value, pose=pose, picture=drawn, **numbers)
     try:

@@ -22,7 +22,7 @@ from poseviewer.files.photo import save_image
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.mask import Mask
-from poseviewer.render.overlay.looks import Picture
+from poseviewer.render.overlay.styles import Picture
 
 BY_HAND = "Set by hand."
 

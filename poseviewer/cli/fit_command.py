@@ -71,7 +71,7 @@ def run(options: Namespace) -> int:
 def without_lost(result: FitResult, wanted: int) -> FitResult:
     """Hide lost instances unless all are lost; print how many are left."""
     ends, scene = result.progress_by_object, result.scene
-    lost = [i for i, end in ends.items() if end.verdict and end.verdict.word == "lost"]
+    lost = [i for i, end in ends.items() if end.verdict and end.verdict.label == "lost"]
     for index in lost if len(lost) < len(ends) else ():
         scene = scene.with_object(index, hidden=True)
     if len(ends) - len(lost) < wanted:
@@ -121,7 +121,7 @@ def _print_end(result: FitResult) -> None:
     )
     if len(result.views) > 1:
         for view in result.view_results:
-            word = "" if view.verdict is None else f", {view.verdict.word} by it alone"
+            word = "" if view.verdict is None else f", {view.verdict.label} by it alone"
             share = "" if view.seen is None else f", {view.seen:.0%} of the model seen"
             say(f"{view.view.name}: {view.scale.text(view.loss)}{share}{word}")
     else:
@@ -137,7 +137,7 @@ def _print_end(result: FitResult) -> None:
         say(f"scale: {scale:.6g} lengths of the model's unit in one of the set's")
     if verdict is None:
         return
-    say(f"verdict: {verdict.word} ({verdict.share_right})")
+    say(f"verdict: {verdict.label} ({verdict.share_right})")
     notes = () if result.object.result is None else result.object.result.notes
     for reason in (*verdict.reasons, *notes):
         say(f"  {reason}")

@@ -12,7 +12,7 @@ import msgspec
 from poseviewer.cli import options as table
 from poseviewer.cli.case import calibration_of
 from poseviewer.cli.terminal import say
-from poseviewer.errors import PhotoFileError, printable
+from poseviewer.errors import PhotoFileError, list_names, printable
 
 if TYPE_CHECKING:
     from poseviewer.files.cameras import Calibration
@@ -117,14 +117,13 @@ def _print_model(path: Path) -> None:
     if keypoints is not None:
         wheels = f"wheelbase {keypoints.left.wheelbase:.4g}: the vehicle chart is used"
     names = [name or "(unnamed)" for name in mesh.part_names]
-    more = [f"... ({len(names) - 8} more)"] if len(names) > 8 else []
     reflectance = "colours of the file" if mesh.has_reflectance else "none: constant"
     if mesh.textures:
         reflectance = f"{len(mesh.textures)} texture(s)"
     _print(
         model=path.name,
         triangles=f"{len(mesh.faces):,} on {len(mesh.vertices):,} vertices",
-        parts=f"{len(names)}: {', '.join(names[:8] + more)}",
+        parts=f"{len(names)}: {list_names(names)}",
         box=f"{' to '.join(map(_vector, mesh.bounds))}, diagonal {mesh.diameter:.6g}",
         size=size_words(mesh),
         reflectance=reflectance,
@@ -143,11 +142,13 @@ def _print_scene(path: Path) -> None:
         _print(scene=path.name, photo=f"{own.name}, {size}")
     for index, item in enumerate(scene.objects):
         place, result = scene.pose(index).camera_from_model, item.result
-        word = "not judged" if not result or result.verdict is None else result.verdict.word
+        word = "not judged" if not result or result.verdict is None else result.verdict.label
         at = f"{item.model.name} at {_vector(place.translation)}, {word}"
         _print(object=f"{item.id}: {at}" + (f" ({item.name})" if item.name else ""))
         if len(scene.views) > 1:
-            rows = ", ".join(str([float(x) for x in row]) for row in item.world_from_model.matrix)
+            rows = ", ".join(
+                str([float(x) for x in row]) for row in item.world_from_model.as_matrix()
+            )
             unit = f" ({scene.unit})" if scene.unit else ""
             _print(world=f"the frame of the photos{unit}: x_in_world = [{rows}] @ x_in_model")
     _print(note=scene.notes)
@@ -176,7 +177,7 @@ def _print_pose(path: Path) -> None:
         rotation="; ".join(_vector(row) for row in transform.rotation) + " (camera_from_model)",
         translation=f"{_vector(transform.translation)} (camera_from_model)",
         unexplained=unknown if record.unexplained is None else unexplained,
-        verdict=unknown if record.verdict is None else record.verdict.word,
+        verdict=unknown if record.verdict is None else record.verdict.label,
         sure=() if sure is None else sure.words(model.unit),
         mask=record.mask or (),
         without=record.without,

@@ -10,45 +10,63 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import Meta, Struct, field
 
-from poseviewer.confidence.weights import FEATURES, FOUND_FROM, LOST_BELOW, OFFSET
-
-LEAST_SEEN = 0.35
+# Written by ``python -m tests.measure.calibrate --write`` from 156 trials, 123 of them right:
+FEATURES: dict[str, tuple[float, float, float]] = {
+    "turn_margin": (1.077, 0.6585, 1.584),
+    "spread_percent": (1.679, 0.544, -0.9448),
+    "outline": (0.8347, 0.1425, 0.9164),
+    "seen": (1, 0.166, 1.265),
+}
+"""Mean and standard deviation of each feature among the trials, and its weight."""
+OFFSET = 2.63
+"""Score, as logarithm of the odds, of a pose whose features are the means."""
+FOUND_FROM = 0.81
+"""Probability from which the verdict is ``found``."""
+LOST_BELOW = 0.5
+"""Probability below which the verdict is ``lost``."""
+# End of what is written.
+MIN_VISIBLE_FRACTION = 0.35
 """Share of the model that must be seen: with less, poses far off look right too."""
-PLAIN_FROM, PLAIN_OUTLINE, PLAIN_SEEN = 0.85, 0.9, 0.95
-"""Share of the model of one look from which it is plain, and what a ``found`` one has at least of
-its outline and of itself: inside it a larger thing of that look fits as well."""
+MIN_OUTLINE = 0.65
+"""Share of the outline of a ``found`` pose: plain and flat things fit others' insides, too."""
+PLAIN_FROM = 0.85
+"""Share of the model of one normal and reflectance from which it is plain."""
+PLAIN_OUTLINE = 0.9
+"""``MIN_OUTLINE`` of a plain model, which fits inside larger things of its look."""
+PLAIN_SEEN = 0.95
+"""Share of a plain model that is seen at a ``found`` pose, for the same reason."""
 SURE_FROM = 0.93
-"""Probability from which a pose is neither continued nor, after an estimate, given up for it."""
+"""Probability from which a search neither goes on nor gives a pose up for an estimate."""
 SURE_BEHIND = 0.8
 """``SURE_FROM`` behind something: that makes the verdict less sure of right poses too."""
 PROBABILITY_MARGIN = 0.1
 """Probability that a turned pose must gain, and that a continued one may lose."""
 TURNED_THRESHOLD = 0.75
-"""Probability that a turned pose must have: what none explains is not to be looked for far off."""
-LEAST_PROBABILITY = 0.01
+"""Probability that a turned pose must have: a pose that none explains is not far off."""
+MIN_PROBABILITY = 0.01
 """Probability of one photo among several: none is sure enough to overrule all others."""
-LARGEST_SCORE = 4.0
+MAX_SCORE = 4.0
 """Standard deviations from the trials' mean at which a feature is cut off: it says no more then."""
 SMALL_SPREAD_PERCENT = 3.0
 """Spread below which searches from near by have come back."""
 LOW_TURN_MARGIN = 0.3
 """Turn margin that right poses seldom have."""
-GOOD_OUTLINE, POOR_OUTLINE = 0.9, 0.75
-"""Shares of the outline."""
-LEAST_OUTLINE = 0.65
-"""Share of the outline of a ``found`` pose: plain and flat things fit others' insides, too."""
-LEAST_WHOLE = 0.9
-"""Share of the model below which it is said to be hidden in part."""
+GOOD_OUTLINE = 0.9
+"""Share of the outline that is told without reserve."""
+POOR_OUTLINE = 0.75
+"""Share of the outline below which it is told as poor."""
+WHOLE_FROM = 0.9
+"""Share of the model from which it counts as seen whole."""
 
-Word = Literal["found", "doubtful", "lost"]
-
-WORDS: tuple[Word, ...] = ("lost", "doubtful", "found")
-"""From bad to good."""
+Label = Literal["found", "doubtful", "lost"]
+"""Verdict in one word."""
+LABELS: tuple[Label, ...] = ("lost", "doubtful", "found")
+"""Labels from bad to good."""
 
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """Numbers that tell right poses from wrong ones; all finite."""
+    """Evidence that tells right poses from wrong ones; all numbers are finite."""
 
     turn_margin: float
     """Loss that the best turn by 15 to 45 degrees about an axis of the model adds, in robust
@@ -74,79 +92,80 @@ class Verdict(Struct, frozen=True, omit_defaults=True):
     name; views: the verdicts by each of several compared views alone.
     """
 
-    word: Word
+    label: Label = field(name="word")
     probability: Annotated[float, Meta(ge=0.0, le=1.0)]
     reasons: tuple[str, ...] = ()
     features: Mapping[str, float] = field(name="evidence", default_factory=dict)
     views: tuple[Verdict, ...] = ()
 
     def __str__(self) -> str:
-        return self.word
+        return self.label
 
     @property
     def share_right(self) -> str:
-        """Clause with the ``percent_right``, as people read it behind the word."""
-        share = percent_right(self.word, self.probability)
+        """Clause with the ``percent_right``, to be read behind the label."""
+        share = percent_right(self.label, self.probability)
         return f"{share} % of comparable calibration fits were right"
 
 
-def percent_right(word: str, probability: float) -> int:
-    """Probability of a verdict in whole per cent, kept within the bounds of its word and below 100.
+def percent_right(label: str, probability: float) -> int:
+    """Round a probability to whole per cent below 100, within the bounds of its label.
 
-    The word asks for more than the number where photos disagree; a reader sees one answer.
+    Where photos disagree the label asks for more than the probability; a reader sees one answer.
     """
     found, lost = math.ceil(100.0 * FOUND_FROM), math.ceil(100.0 * LOST_BELOW)
-    low, high = {"found": (found, 99), "lost": (0, lost - 1)}.get(word, (lost, found - 1))
+    low, high = {"found": (found, 99), "lost": (0, lost - 1)}.get(label, (lost, found - 1))
     return min(max(math.floor(100.0 * probability), low), high)
 
 
 def judge(features: Features | None) -> Verdict:
-    """Verdict by logistic regression on the features, of probability 0 where too little of the
-    model is seen; None: it is not to be seen at the pose.
-    """
+    """Judge a pose by logistic regression on its features; None: the model is not seen there."""
     if features is None:
         return Verdict("lost", 0.0, ("Hardly anything of the model is to be seen there.",))
     score = OFFSET
     for name, (mean, deviation, weight) in FEATURES.items():
-        away = (scaled(name, getattr(features, name)) - mean) / deviation
-        score += weight * min(max(away, -LARGEST_SCORE), LARGEST_SCORE)
-    probability = 1.0 / (1.0 + math.exp(-score)) if features.seen >= LEAST_SEEN else 0.0
-    outline, seen = (PLAIN_OUTLINE, PLAIN_SEEN) if features.is_plain else (LEAST_OUTLINE, 0.0)
+        z = (compress_feature(name, getattr(features, name)) - mean) / deviation
+        score += weight * min(max(z, -MAX_SCORE), MAX_SCORE)
+    probability = 1.0 / (1.0 + math.exp(-score)) if features.seen >= MIN_VISIBLE_FRACTION else 0.0
+    outline, seen = (PLAIN_OUTLINE, PLAIN_SEEN) if features.is_plain else (MIN_OUTLINE, 0.0)
     is_found = features.outline >= outline and features.seen >= seen
-    word = _word(is_found and probability >= FOUND_FROM, probability < LOST_BELOW)
-    return Verdict(word, probability, reasons_for(features), asdict(features))
+    label = _label(is_found and probability >= FOUND_FROM, probability < LOST_BELOW)
+    return Verdict(label, probability, reasons_for(features), asdict(features))
 
 
-def _word(is_found: bool, is_lost: bool) -> Word:
+def _label(is_found: bool, is_lost: bool) -> Label:
     return "found" if is_found else "lost" if is_lost else "doubtful"
 
 
 def judge_together(views: Sequence[Verdict]) -> Verdict:
-    """Verdict on one pose by the mean log odds of its photos, as if they repeated each other.
+    """Judge one pose by the mean log odds of its photos, as if they repeated each other.
 
-    ``found`` needs half of them as probable, ``lost`` most of them as improbable: a few that no
-    pose of the set explains contradict the others, and say little of the pose.
+    ``found`` needs half of the photos as probable, ``lost`` most of them as improbable: a few that
+    no pose of the set explains contradict the others, and say little of the pose.
     """
-    each = np.array([one.probability for one in views])
-    odds = np.clip(each, LEAST_PROBABILITY, 1.0 - LEAST_PROBABILITY)
+    each = np.array([view.probability for view in views])
+    odds = np.clip(each, MIN_PROBABILITY, 1.0 - MIN_PROBABILITY)
     probability = float(1.0 / (1.0 + np.exp(-np.mean(np.log(odds / (1.0 - odds))))))
     confirm, deny = float(np.mean(each >= FOUND_FROM)), float(np.mean(each < LOST_BELOW))
     is_found = probability >= FOUND_FROM and confirm >= 0.5
-    word = _word(is_found, probability < LOST_BELOW and deny > 0.5)
-    words = [one.word for one in views]
-    said = ", ".join(f"{words.count(w)} {w}" for w in reversed(WORDS) if w in words)
-    reasons = (f"By each of the {len(views)} photos alone it is: {said}.",)
-    return Verdict(word, probability, reasons, views=tuple(views))
+    label = _label(is_found, probability < LOST_BELOW and deny > 0.5)
+    labels = [view.label for view in views]
+    counts = ", ".join(
+        f"{labels.count(name)} {name}" for name in reversed(LABELS) if name in labels
+    )
+    reasons = (f"By each of the {len(views)} photos alone it is: {counts}.",)
+    return Verdict(label, probability, reasons, views=tuple(views))
 
 
-def scaled(name: str, value: float) -> float:
-    """Unbounded features by the inverse hyperbolic sine: a logarithm that takes 0 and less."""
+def compress_feature(name: str, value: float) -> float:
+    """Compress an unbounded feature by asinh: a logarithm that takes 0 and less."""
     return math.asinh(value) if name.endswith(("_margin", "_percent")) else value
 
 
 def reasons_for(features: Features) -> tuple[str, ...]:
-    """Sentences for and against the pose."""
-    spread, turn, outline = features.spread_percent, features.turn_margin, features.outline
+    """Return sentences for and against a pose."""
+    spread, outline = features.spread_percent, features.outline
+    turn = features.turn_margin
     is_back = spread < SMALL_SPREAD_PERCENT
     end = "came back to it" if is_back else f"ended {spread:.0f} % of the model's size away"
     cost = "less on the coarse photo" if turn < 0.0 else "hardly more: it may be turned"
@@ -156,7 +175,7 @@ def reasons_for(features: Features) -> tuple[str, ...]:
         f"Turned about one of its own axes the model costs {cost}.": turn < LOW_TURN_MARGIN,
         f"Along {how}{outline:.0%} of its outline the photo has an edge of that direction.": True,
         f"Only {features.seen:.0%} of the model is seen: the rest lies on pixels left out.": (
-            features.seen < LEAST_WHOLE
+            features.seen < WHOLE_FROM
         ),
         "The model is flat and of one colour there: its outline alone tells where it is.": (
             features.is_plain

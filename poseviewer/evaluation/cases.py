@@ -16,9 +16,12 @@ from poseviewer.files.photo import load_photo
 from poseviewer.files.structs import CameraNumbers, Positive, Transform
 from poseviewer.geometry.camera import Pose
 
-CASES, STARTS = "cases.json", "starts.json"
+CASES = "cases.json"
+"""Name of the list of cases in a folder."""
+STARTS = "starts.json"
+"""Name of the list of starts."""
 SHARES = {0.9: "seen 90 % and more", 0.5: "seen 50-90 %", 0.0: "seen to less than 50 %"}
-"""Label of a visible share, by the least share that it is for."""
+"""Labels of visible fractions, by the smallest fraction that each is for."""
 _PIXELS = re.compile(r"^exact|(\d+(?:\.\d+)?) px")
 
 
@@ -32,11 +35,11 @@ class Case:
     mesh: Path
     truth: Pose
     accuracy_percent: float = 0.0
-    """Error of the truth itself, as a share of the model's size in the photo."""
+    """Error of the truth itself, per cent of the model's size in the photo."""
     visible: float = math.nan
-    """Share of the model's pixels that nothing hides; nan: unknown."""
+    """Fraction of the model's pixels that nothing occludes; nan: unknown."""
     is_drawn: bool = False
-    """Whether OpenGL drew the photo: the pose counts as found within 1 px."""
+    """Whether OpenGL drew the photo, so that a pose is found within 1 px."""
     bop: BopModel | None = None
     """Diameter and symmetries of the model in a BOP data set."""
 
@@ -46,7 +49,7 @@ def visibility_label(visible: float) -> str:
     return next((label for least, label in SHARES.items() if visible >= least), "")
 
 
-class Entry(Struct, frozen=True):
+class CaseEntry(Struct, frozen=True):
     """A case of ``cases.json``; pixel centres are at integers."""
 
     id: str
@@ -64,7 +67,7 @@ class Entry(Struct, frozen=True):
         self.camera.perspective(1, 1)
 
     def accuracy_percent(self, reading: Reading) -> float:
-        """Largest error of the truth, by the model's size in the photo."""
+        """Return the largest error of the truth, per cent of the model's size in the photo."""
         match = _PIXELS.search(self.accuracy)
         if match is None:
             accuracy = f"accuracy of {self.id} is {self.accuracy!r}"
@@ -82,9 +85,9 @@ class CaseStart(Struct, frozen=True):
 
 
 def load_cases(folder: Path, pattern: str = "") -> list[Case]:
-    """Load the cases whose id contains the pattern, or with ``*`` or ``?`` in it matches whole."""
+    """Load the cases whose id contains the pattern, or matches one with ``*`` or ``?`` in it."""
     reading, cases = Reading(folder / CASES, kind="list of cases"), []
-    for entry in reading.decoded(reading.load_object().get("cases"), list[Entry], "cases"):
+    for entry in reading.decoded(reading.load_object().get("cases"), list[CaseEntry], "cases"):
         if fnmatchcase(entry.id, pattern if set("*?") & set(pattern) else f"*{pattern}*"):
             path = folder / entry.photo
             photo = load_photo(path)

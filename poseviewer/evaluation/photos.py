@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import SettingsError, SingularChartError
 from poseviewer.evaluation.cases import Case
-from poseviewer.evaluation.plan import DRAWN, Kind, Plan, Reading
+from poseviewer.evaluation.plan import DRAWN, Kind, Plan, ReadingName
 from poseviewer.evaluation.synthetic import photograph, random_lighting
 from poseviewer.evaluation.trials import fetch_model
 from poseviewer.files.demo import demo_case
@@ -30,19 +30,29 @@ from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 
 PHOTOS = "photos"
+"""Folder of drawn photos in that of the study."""
 QUALITY = {"highlights": 0.4, "blur_px": 0.7, "noise": 2.0}
-MARGIN_PX, INPAINT_PX = (81, 141), 5
-"""Width and height by which the demo's car and shadow are dilated; radius of the inpainting."""
+"""Options of ``photograph``: those of a good camera."""
+MARGIN_PX = (81, 141)
+"""Width and height by which the demo's car and shadow are dilated."""
+INPAINT_PX = 5
+"""Radius of the inpainting."""
 EXPOSURE = 3.0
 """Factor of the light: with it the bundled car is as bright as its street, and hardly clipped."""
-LARGEST_SHARE = 0.8
+MAX_FILL = 0.8
 """Largest share of the photo's width and height that a random view of the vehicle fills."""
-TURN_DEG, LEAST_RISE_DEG, MOST_RISE_DEG, ROLL_DEG = 50.0, 4.0, 25.0, 3.0
-"""Off the view straight at a side; up from the ground; about the line of sight."""
+MAX_AZIMUTH_DEG = 50.0
+"""Largest angle of a random view from the one straight at a side."""
+MIN_ELEVATION_DEG = 4.0
+"""Smallest elevation of a random view."""
+MAX_ELEVATION_DEG = 25.0
+"""Largest elevation of a random view."""
+MAX_ROLL_DEG = 3.0
+"""Largest roll of a random view."""
 DEPTH_PER_DIAMETER = 4.0
 """Depth of the vehicle under parallel projection, which no photo can tell."""
-MOST_DRAWS = 1000
-"""Draws of a start before it is given up that one is a pose of the chart."""
+MAX_DRAWS = 1000
+"""Draws of a start after which none is expected to be a pose of the chart."""
 
 
 def make_seed(*words: object) -> int:
@@ -51,7 +61,7 @@ def make_seed(*words: object) -> int:
 
 
 def make_photos(plan: Plan, kind: Kind, tell: Callable[[str], None]) -> list[Case]:
-    """Load the demo's photo of a kind, or draw the plan's, unless there, at random by its seed."""
+    """Load the demo's photo of a kind, or draw the plan's that are not there yet by its seed."""
     if kind not in DRAWN:
         return [demo_photo(kind)]
     folder, model = plan.out / PHOTOS, plan.model or demo_case().model
@@ -71,11 +81,10 @@ def make_photos(plan: Plan, kind: Kind, tell: Callable[[str], None]) -> list[Cas
             random = np.random.default_rng(seed)
             pose = random_view(vehicle.mesh, vehicle.keypoints, plan.size, random)
             light, ground = random_lighting(random), np.zeros(3)
-            light = replace(
-                light, ambient=EXPOSURE * light.ambient, intensity=EXPOSURE * light.intensity
-            )
+            ambient, intensity = EXPOSURE * light.ambient, EXPOSURE * light.intensity
+            light = replace(light, ambient=ambient, intensity=intensity)
             if kind != "plain":
-                ground = _piece(_demo_without_its_car(), plan.size, random)
+                ground = _random_piece(_demo_without_its_car(), plan.size, random)
             save_image(photo, photograph(vehicle.mesh, pose, light, ground, seed=seed, **QUALITY))
             save_pose(truth, PoseRecord.of(pose))  # last: where it is, the photo is whole
         pose = load_pose(truth, *plan.size).pose
@@ -95,16 +104,25 @@ def draw_start(
     keypoints: VehicleKeypoints,
     truth: Pose,
     free_focal: bool,
-    reading: Reading,
+    reading: ReadingName,
     share: float,
     seed: int,
 ) -> Pose:
-    """Draw a pose of the same side, each vehicle parameter off by up to ``share``."""
+    """Draw a pose of the same side, each vehicle parameter off by up to a share.
+
+    Args:
+        keypoints: of the vehicle.
+        truth: the true pose.
+        free_focal: whether the focal length is a parameter.
+        reading: what the share is of.
+        share: largest deviation.
+        seed: of the random numbers.
+    """
     chart = VehicleChart.near(keypoints, truth, free_focal)
     true = chart.from_pose(truth)
     size = np.abs(true) if reading == "relative" else chart.scales(true)
     random = np.random.default_rng(seed)
-    for _ in range(MOST_DRAWS):
+    for _ in range(MAX_DRAWS):
         parameters = true + share * size * random.uniform(-1.0, 1.0, len(true))
         try:
             pose = chart.to_pose(parameters)
@@ -113,7 +131,7 @@ def draw_start(
         except (OutsideChartError, SingularChartError):
             continue
     raise SingularChartError(
-        f"none of {MOST_DRAWS} starts up to {share:.0%} off is a pose of the vehicle chart; "
+        f"none of {MAX_DRAWS} starts up to {share:.0%} off is a pose of the vehicle chart; "
         "choose smaller --deviations"
     )
 
@@ -121,16 +139,23 @@ def draw_start(
 def random_view(
     mesh: Mesh, keypoints: VehicleKeypoints, size: tuple[int, int], random: np.random.Generator
 ) -> Pose:
-    """Draw a pose as people take cars: from a side, somewhat above, filling ``size`` (w, h) px."""
+    """Draw a pose as people take cars: from a side, somewhat above, filling the photo.
+
+    Args:
+        mesh: the vehicle.
+        keypoints: of the vehicle.
+        size: (width, height) of the photo, px.
+        random: gives the random numbers.
+    """
     side = math.pi * int(random.integers(2))
-    turn = side + math.radians(random.uniform(-TURN_DEG, TURN_DEG))
-    rise = math.radians(random.uniform(LEAST_RISE_DEG, MOST_RISE_DEG))
-    roll = math.radians(random.uniform(-ROLL_DEG, ROLL_DEG))
-    upright = ground_view(keypoints, turn, rise)
+    azimuth = side + math.radians(random.uniform(-MAX_AZIMUTH_DEG, MAX_AZIMUTH_DEG))
+    elevation = math.radians(random.uniform(MIN_ELEVATION_DEG, MAX_ELEVATION_DEG))
+    roll = math.radians(random.uniform(-MAX_ROLL_DEG, MAX_ROLL_DEG))
+    upright = ground_view(keypoints, azimuth, elevation)
     rotation = Rotation.from_rotvec([0.0, 0.0, roll]).as_matrix() @ upright
-    turned = (mesh.vertices - mesh.centre) @ rotation.T
-    low, high = turned[:, :2].min(axis=0), turned[:, :2].max(axis=0)
-    scale = float(np.min(np.array(size) * LARGEST_SHARE / (high - low))) * random.uniform(0.75, 1.0)
+    vertices = (mesh.vertices - mesh.centre) @ rotation.T
+    low, high = vertices[:, :2].min(axis=0), vertices[:, :2].max(axis=0)
+    scale = float(np.min(np.array(size) * MAX_FILL / (high - low))) * random.uniform(0.75, 1.0)
     free = np.array(size) / scale - (high - low)
     middle = 0.25 * free * random.uniform(-1.0, 1.0, 2)
     camera = Parallel(scale, size[0] / 2.0, size[1] / 2.0, *size)
@@ -138,29 +163,31 @@ def random_view(
     return Pose(camera, RigidTransform(rotation, centre - rotation @ mesh.centre))
 
 
-def _piece(
+def _random_piece(
     picture: NDArray[np.uint8], size: tuple[int, int], random: np.random.Generator
 ) -> NDArray[np.float32]:
-    """(h, w, 3) in [0, 1]: a piece of the picture, mirrored now and then, in the photo's size."""
+    """Draw a piece (h, w, 3) of the picture in [0, 1], sometimes mirrored, of the photo's size."""
     height, width = picture.shape[:2]
     scale = random.uniform(0.8, 1.0) * min(width / size[0], height / size[1])
-    wide, high = (max(1, int(scale * side)) for side in size)
-    left = int(random.integers(width - wide + 1))
-    top = int(random.integers(height - high + 1))
-    piece = picture[top : top + high, left : left + wide]
+    w, h = (max(1, int(scale * side)) for side in size)
+    left = int(random.integers(width - w + 1))
+    top = int(random.integers(height - h + 1))
+    piece = picture[top : top + h, left : left + w]
     piece = piece[:, ::-1] if random.random() < 0.5 else piece
-    way = cv2.INTER_AREA if wide > size[0] or high > size[1] else cv2.INTER_LINEAR
+    mode = cv2.INTER_AREA if w > size[0] or h > size[1] else cv2.INTER_LINEAR
     light = piece.astype(np.float32) / np.float32(255.0)
-    return np.asarray(cv2.resize(light, size, interpolation=way), np.float32)
+    return np.asarray(cv2.resize(light, size, interpolation=mode), np.float32)
 
 
 @cache
 def _demo_without_its_car() -> NDArray[np.uint8]:
-    """(h, w, 3) RGB: the demo's photo half as large, inpainted where the car was."""
+    """Return the demo's photo (h, w, 3) half as large, inpainted where the car was."""
     case = demo_photo("photo-perspective")
     width, height = case.truth.camera.width, case.truth.camera.height
     picture = load_photo(case.photo).as_rgb8(width, height)
-    covered = SoftwareRenderer(fetch_model(case.mesh)[0].mesh).covers(case.truth).astype(np.uint8)
+    covered = (
+        SoftwareRenderer(fetch_model(case.mesh)[0].mesh).render_mask(case.truth).astype(np.uint8)
+    )
     covered = cv2.dilate(covered, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, MARGIN_PX))
     half = width // 2, height // 2
     small = cv2.resize(picture, half, interpolation=cv2.INTER_AREA)

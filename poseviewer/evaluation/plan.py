@@ -1,4 +1,4 @@
-"""Plans of studies: what is fitted, from where, and how often."""
+"""Plans of studies: their photos, starts and settings."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,10 +22,11 @@ KINDS: dict[Kind, str] = {
 }
 """Labels in tables: photos drawn by OpenGL (on black, as the paper's), and the demo's."""
 DRAWN = ("plain", "background")
-Reading = Literal["relative", "absolute"]
+"""Kinds of photos that are drawn."""
+ReadingName = Literal["relative", "absolute"]
 """``relative``: each parameter is off by up to a share of its own value, as in the paper.
 ``absolute``: by up to that share of its scale, which is harder for parameters near 0."""
-READINGS: tuple[Reading, ...] = get_args(Reading)
+READINGS: tuple[ReadingName, ...] = get_args(ReadingName)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,12 +40,12 @@ class Plan:
     """None: all that the loss has for a kind of photo."""
     limits: Limits = field(default_factory=Limits)
     starts: int = 10
-    """For each kind of photo, pixels, reading and deviation."""
+    """Number for each kind of photo, pixels, reading and deviation."""
     photos: int = 5
-    """Synthetic ones of each kind; starts take turns on them."""
+    """Number of synthetic photos of each kind; starts take turns on them."""
     deviations: tuple[float, ...] = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
-    """Per cent."""
-    readings: tuple[Reading, ...] = READINGS
+    """Deviations of starts, per cent."""
+    readings: tuple[ReadingName, ...] = READINGS
     kinds: tuple[Kind, ...] = tuple(KINDS)
     size: tuple[int, int] = (640, 480)
     """Size of synthetic photos, px."""
@@ -55,20 +56,21 @@ class Plan:
     """Folder of ``cases.json`` and ``starts.json``."""
     degrees: tuple[int, ...] = (5, 15)
     cases: str = ""
-    """A pattern of their ids, see ``load_cases``; empty: all."""
+    """Pattern of the cases' ids, see ``load_cases``; "": all."""
     draws: int = 5
     among_others: bool = False
     """Whether the true poses of the other cases of each photo are given."""
     free_focal: bool = False
-    """Whether starts are a tenth off in focal length, too, and that is searched for."""
+    """Whether starts are a tenth off in focal length, too, which is searched for."""
     bop: Path | None = None
     """A table of BOP results."""
     dataset: Path | None = None
     """Folder of ``models`` and ``test``; None: the nearest above the table."""
 
     def settings(self, kind: Kind | None = None) -> list[FitSettings]:
-        """Settings of fits on a kind of photo of a vehicle, by the paper's loss on the whole of
-        drawn ones, and clipped but on black ground; None: of models that may be no vehicle.
+        """Return the settings of fits on a kind of photo of a vehicle; None: of any model.
+
+        The paper's loss takes drawn photos whole and, but on black ground, clipped to the model.
         """
         chart: ChartName = "vehicle" if kind else "free-body"
         pixels: tuple[PixelsName, ...] = (self.pixels or "near",)

@@ -19,9 +19,11 @@ from poseviewer.geometry.arrays import FloatArray
 Key = TypeVar("Key", bound=Hashable)
 Column = Callable[[Sequence[Trial]], str]
 NONE = "-"
+"""Text of a cell without a value."""
 LABELS = {str(kind): label for kind, label in KINDS.items()}
+"""Labels of the kinds of photos."""
 THRESHOLDS = {"mssd": np.arange(0.05, 0.501, 0.05), "mspd": np.arange(5.0, 50.1, 5.0)}
-"""Shares of the model's diameter; px of a photo that is 640 px wide."""
+"""Thresholds of BOP: shares of the model's diameter; px of a photo that is 640 px wide."""
 
 
 class Share(NamedTuple):
@@ -33,7 +35,7 @@ class Share(NamedTuple):
 
     @classmethod
     def of(cls, trials: Iterable[Trial], test: Callable[[Trial], bool] = lambda t: t.found) -> Self:
-        """Share of trials that pass a test; nan where there are no trials."""
+        """Compute the share of trials that pass a test; nan where there are none."""
         flags = [test(trial) for trial in trials]
         if not flags:
             return cls(math.nan, math.nan, math.nan)
@@ -51,7 +53,7 @@ def _values(trials: Iterable[Trial], name: str) -> FloatArray:
 
 
 def median(values: Iterable[float]) -> tuple[float, float, float]:
-    """Median and its 95 % interval, which order statistics give (nan of fewer than six values)."""
+    """Return the median and its 95 % interval by order statistics (nan for under six values)."""
     array = np.array([*values])
     low, high = quantile_test(array, p=0.5).confidence_interval(0.95)
     return float(np.median(array)), float(low), float(high)
@@ -67,7 +69,7 @@ def _median(name: str, shown: str) -> Column:
 
 
 def is_called_found(trial: Trial) -> bool:
-    """Whether the verdict is ``found``."""
+    """Tell whether the verdict is ``found``."""
     return trial.verdict == "found"
 
 
@@ -77,6 +79,7 @@ COLUMNS: Mapping[str, Column] = {
     "evaluations": _median("evaluations", ".0f"),
     "seconds": _median("seconds", ".2g"),
 }
+"""Functions of trials by the heads of their columns."""
 
 
 def study_table(trials: Sequence[Trial]) -> Table:
@@ -87,9 +90,9 @@ def study_table(trials: Sequence[Trial]) -> Table:
         return trial.method, trial.reading or "angle", ", ".join(filter(None, label)), trial.pixels
 
     deviations, rows = sorted({_deviation(trial) for trial in trials}), []
-    for (method, reading, label, pixels), some in sorted(grouped(trials, line).items()):
+    for (method, reading, label, pixels), some in sorted(group_by(trials, line).items()):
         name = f"{method}: {label}" + ("" if pixels == "near" else f", {pixels}")
-        at = grouped(some, _deviation)
+        at = group_by(some, _deviation)
         shares = (str(Share.of(at.get(deviation, ()))) for deviation in deviations)
         rows.append((name, reading, *shares, *(of(some) for of in COLUMNS.values())))
     offs = (f"{degrees}°" if degrees else f"{percent:g} %" for percent, degrees in deviations)
@@ -98,17 +101,17 @@ def study_table(trials: Sequence[Trial]) -> Table:
 
 
 def reliability_panels(trials: Sequence[Trial]) -> list[list[Panel]]:
-    """Shares found against the deviation: a row for a reading, a panel for a kind of photo."""
+    """Plot shares found by deviation: a row for each reading, a panel for each kind of photo."""
     percents, rows = sorted({trial.percent for trial in trials}), []
     axes = {"ylabel": "found, %", "ylim": (-3, 103), "xscale": "log", "xticks": percents}
     axes |= {"xticklabels": [f"{percent:g}" for percent in percents]}
     axes |= {"xlim": (percents[0] / 1.3, percents[-1] * 1.3)}
-    for reading, of_reading in sorted(grouped(trials, lambda t: t.reading).items(), reverse=True):
+    for reading, of_reading in sorted(group_by(trials, lambda t: t.reading).items(), reverse=True):
         rows.append([])
-        for kind, of_kind in grouped(of_reading, lambda t: t.set).items():
+        for kind, of_kind in group_by(of_reading, lambda t: t.set).items():
             lines = {
-                name: [(x, *Share.of(at)) for x, at in grouped(own, lambda t: t.percent).items()]
-                for name, own in grouped(of_kind, lambda t: f"{t.method}, {t.pixels}").items()
+                name: [(x, *Share.of(at)) for x, at in group_by(own, lambda t: t.percent).items()]
+                for name, own in group_by(of_kind, lambda t: f"{t.method}, {t.pixels}").items()
             }
             names = {"title": LABELS[kind], "xlabel": f"{reading} deviation, %"}
             rows[-1].append(Panel({k: sorted(v) for k, v in lines.items()}, axes | names))
@@ -116,7 +119,7 @@ def reliability_panels(trials: Sequence[Trial]) -> list[list[Panel]]:
 
 
 def calibration_table(trials: Iterable[Trial]) -> Table:
-    """Tabulate the stated probability and the true share by stratum: what makes a case hard."""
+    """Tabulate the stated probability and the true share by what makes a case hard."""
     judged = [trial for trial in trials if not math.isnan(trial.probability)]
     strata: dict[str, list[Trial]] = {}
     for trial in judged:
@@ -129,7 +132,7 @@ def calibration_table(trials: Iterable[Trial]) -> Table:
         rows.append((name, str(len(some)), f"{100.0 * stated:.0f}", *right))
     sure = [t for t in judged if is_called_found(t) and FOCAL_DEVIATIONS in t.evidence]
     reach = region_reach(1)
-    for name, some in grouped(sure, lambda trial: LABELS.get(trial.set, trial.set)).items():
+    for name, some in group_by(sure, lambda trial: LABELS.get(trial.set, trial.set)).items():
         right = Share.of(some, lambda t: float(_evidence(t)[FOCAL_DEVIATIONS]) <= reach)
         name = f"{name}: focal length within {reach:.2f} stated deviations"
         rows.append((name, str(len(some)), f"{100.0 * REGION:.0f}", str(right), NONE, NONE))
@@ -145,8 +148,8 @@ def bop_table(trials: Sequence[Trial], targets: int) -> Table:
     """Tabulate average recalls before and after, of all targets and of each object's fits."""
     names = [f"{error}_{when}" for error in THRESHOLDS for when in ("start", "end")]
     rows = []
-    for method, own in grouped(trials, lambda trial: f"{trial.method}, {trial.pixels}").items():
-        objects = sorted(grouped(own, lambda trial: trial.set).items())
+    for method, own in group_by(trials, lambda trial: f"{trial.method}, {trial.pixels}").items():
+        objects = sorted(group_by(own, lambda trial: trial.set).items())
         groups = [("all targets", own, targets)]
         groups += [(f"fits of {name}", some, len(some)) for name, some in objects]
         for name, some, count in groups:
@@ -164,7 +167,7 @@ def bop_table(trials: Sequence[Trial], targets: int) -> Table:
 
 
 def average_recall(errors: FloatArray, thresholds: FloatArray, targets: int) -> float:
-    """Share of ``targets`` within a threshold, mean over thresholds; no error counts as outside."""
+    """Average the share of ``targets`` within each threshold, outside without an error."""
     return float((errors[:, None] < thresholds).sum(axis=0).mean()) / targets
 
 
@@ -172,7 +175,7 @@ def _deviation(trial: Trial) -> tuple[float, int]:
     return trial.percent, trial.degrees
 
 
-def grouped(trials: Iterable[Trial], key: Callable[[Trial], Key]) -> dict[Key, list[Trial]]:
+def group_by(trials: Iterable[Trial], key: Callable[[Trial], Key]) -> dict[Key, list[Trial]]:
     """Group trials by a key, in the order in which keys come."""
     groups: dict[Key, list[Trial]] = {}
     for trial in trials:

@@ -1,8 +1,8 @@
 """Speed of this machine: evaluations on each path, a fit by each method, fifteen maps.
 
-The paths from a pose to its loss are a: pyrender's picture, read back and summed by NumPy, as the
-paper did it; d: the software renderer, which draws and sums in one kernel, on one thread; e: the
-same on all cores; f: the GPU, many poses in one submission.
+The paths from a pose to its loss are a: pyrender's picture, read back and summed by NumPy, as in
+the paper; d: the software renderer, which draws and sums in one kernel, on one thread; e: the
+software renderer on all cores; f: the GPU, many poses in one submission.
 """
 
 import math
@@ -42,26 +42,34 @@ from poseviewer.scene.types import Scene
 from poseviewer.starts.loading import open_photo
 
 PACKAGES = ("poseviewer", "numpy", "numba", "scipy", "pyrender")
+"""Packages whose versions are told."""
 PATHS: dict[str, tuple[RendererName, str]] = {
     "a": ("opengl", "pyrender, read back, NumPy"),
     "d": ("software", "software, one thread"),
     "e": ("software", "software, all cores"),
     "f": ("gpu", "GPU, many poses at once"),
 }
+"""Renderers and labels of the paths, by their letters."""
 POSES = 8
+"""Different poses that are evaluated in turn."""
 JITTER = 0.01
-"""Greatest distance of a measured pose from the true one, as a share of each parameter's scale."""
+"""Largest distance of a measured pose from the true one, as a share of each parameter's scale."""
 BURST = 4
 """Counted runs of a path before the next path's turn."""
 GPU_POSES = 512
 """Poses of one submission to a GPU."""
-TRIANGLES, WIDTH_PX, MAP_SIZE = 50_000, 640, 41
+TRIANGLES = 50_000
+"""Triangles of the model."""
+WIDTH_PX = 640
+"""Width of the photo."""
+MAP_SIZE = 41
+"""Points along a side of a map."""
 PAPER_MS = 210.0
-"""Jayawardena, Hutter and Brewer on their machine of 2010, in C: OpenGL's 170 ms, the loss's 40."""
+"""ms of the paper's authors on their machine of 2010, in C: OpenGL's 170, the loss's 40."""
 
 
 class Workload(NamedTuple):
-    """The demo's model in some number of triangles, poses about the true one, the grey photo."""
+    """A decimated model, poses about the true one, and the grey photo."""
 
     mesh: Mesh
     poses: tuple[Pose, ...]
@@ -70,19 +78,19 @@ class Workload(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Seconds of each run of something."""
+    """Seconds of each run on a path, or of a whole search."""
 
     name: str
-    """A letter of ``PATHS``, of which a run is one evaluation; or words."""
+    """A letter of ``PATHS``, of which a run is one evaluation; or a label."""
     threads: int
     seconds: tuple[float, ...]
     end: str = ""
-    """End of the run, in words."""
+    """How the run ended."""
 
 
 @dataclass(frozen=True, slots=True)
 class SpeedReport:
-    """All that one run measured."""
+    """Timings of this machine."""
 
     machine: str
     """Processor, cores, load, adapters of OpenGL and of the GPU, versions of packages."""
@@ -92,7 +100,7 @@ class SpeedReport:
     """Fits, and fifteen maps."""
 
     def as_markdown(self) -> str:
-        """Machine, versions and tables."""
+        """Write machine, versions and tables."""
         times = {path.name: 1e3 * np.array(path.seconds) for path in self.paths}
         first, rows = np.median(times.get("a", math.nan)), []
         for name, ms in times.items():
@@ -110,35 +118,42 @@ class SpeedReport:
         return f"{self.machine}\n\n{paths.as_markdown()}\n\n{wholes.as_markdown()}"
 
 
-def demo_with_truth() -> tuple[Scene, Pose]:
-    """Load the bundled demo, and its true pose."""
+class Demo(NamedTuple):
+    """The bundled demo and its true pose."""
+
+    scene: Scene
+    truth: Pose
+
+
+def load_demo() -> Demo:
+    """Load the bundled demo and its true pose."""
     files = demo_case()
-    demo = open_photo(files.photo, files.model, files.start)
-    photo = demo.views[0].photo
-    return demo, load_pose(files.truth, photo.width, photo.height).pose
+    scene = open_photo(files.photo, files.model, files.start)
+    photo = scene.views[0].photo
+    return Demo(scene, load_pose(files.truth, photo.width, photo.height).pose)
 
 
 def measure_speed(
     quick: bool, tell: Callable[[str], None], map_size: int = MAP_SIZE
 ) -> SpeedReport:
-    """Measure; ``tell`` hears what comes. ``quick``: fewer runs, and fits are cut short."""
+    """Measure; ``tell`` takes news. ``quick``: fewer runs, and fits are cut short."""
     load = f", load {os.getloadavg()[0]:.1f} at the start" if hasattr(os, "getloadavg") else ""
     opengl, gpu = opengl_renderer_name(), _gpu_name()
     adapters = f"OpenGL: {opengl or 'none'}; GPU: {gpu or 'none'}"
     versions = [f"python {platform.python_version()}", *(f"{p} {version(p)}" for p in PACKAGES)]
     machine = f"{_cpu()}, {processors()} cores{load}; {adapters}.\n{', '.join(versions)}."
-    demo, truth = demo_with_truth()
+    demo = load_demo()
     tell(f"timing the paths: {TRIANGLES:,} triangles, {WIDTH_PX} px")
-    work = make_workload(demo, truth, TRIANGLES, WIDTH_PX)
+    work = make_workload(demo, TRIANGLES, WIDTH_PX)
     letters = "a" * bool(opengl) + "de" + "f" * bool(gpu)
     paths = tuple(time_paths(work, letters, 4 if quick else 12))
     tell(f"making maps of {map_size}x{map_size}")
-    maps, fits = time_maps(demo, truth, map_size), []
+    maps, fits = time_maps(demo, map_size), []
     for loss in LOSSES:
         limit_s = 15.0 if quick else 30.0
         tell(f"fitting by --method {loss}, for {limit_s:.0f} s at most")
-        fits.append(time_fit(demo, truth, loss, limit_s))
-    covered = SoftwareRenderer(work.mesh).covers(work.poses[0])
+        fits.append(time_fit(demo, loss, limit_s))
+    covered = SoftwareRenderer(work.mesh).render_mask(work.poses[0])
     size = f"{covered.shape[1]}x{covered.shape[0]}"
     about = f"{TRIANGLES:,} triangles, {size}, {covered.sum():,} covered pixels"
     return SpeedReport(machine, about, paths, (*fits, maps))
@@ -160,12 +175,12 @@ def _gpu_name() -> str | None:
     return None
 
 
-def make_workload(demo: Scene, truth: Pose, triangles: int, width: int) -> Workload:
-    """Simplify the demo's model to about ``triangles``, and its photo to a width."""
-    mesh = simplify(demo.objects[0].mesh, triangles)
-    truth = truth.scaled(width / demo.views[0].photo.width)
+def make_workload(demo: Demo, triangles: int, width: int) -> Workload:
+    """Decimate the demo's model to about ``triangles``, and scale its photo to a width."""
+    mesh, image = simplify(demo.scene.objects[0].mesh, triangles), demo.scene.views[0].photo
+    truth = demo.truth.rescale(width / image.width)
     width, height = truth.camera.width, truth.camera.height
-    grey = demo.views[0].photo.as_rgb8(width, height) @ (GREY_WEIGHTS / 255.0)
+    grey = image.as_rgb8(width, height) @ (GREY_WEIGHTS / 255.0)
     photo = PhotoAttributes(grey[..., None].astype(np.float32), np.ones(grey.shape, np.float32))
     chart = FreeBodyChart.near(mesh, truth)
     middle = chart.from_pose(truth)
@@ -176,7 +191,7 @@ def make_workload(demo: Scene, truth: Pose, triangles: int, width: int) -> Workl
 
 
 def time_paths(work: Workload, letters: str, rounds: int) -> list[Timing]:
-    """Time some paths in turn, each turn's first run not counted, as it refills the caches."""
+    """Time paths in turn; each turn's first run, which refills the caches, does not count."""
 
     def loss(renderer: Renderer, pose: Pose) -> float:
         return lighting_loss(renderer.moments(pose, work.photo))
@@ -202,24 +217,26 @@ def time_paths(work: Workload, letters: str, rounds: int) -> list[Timing]:
     return [Timing(name, paths[name][0].threads, tuple(each)) for name, each in seconds.items()]
 
 
-def time_fit(demo: Scene, truth: Pose, loss: LossName, limit_s: float) -> Timing:
+def time_fit(demo: Demo, loss: LossName, limit_s: float) -> Timing:
     """Time a fit from the demo's start, 8 % off in each parameter, without the verdict."""
+    scene = demo.scene
     settings = FitSettings(loss, limits=Limits(seconds=limit_s))
-    problem, _ = make_problem(demo.with_object(0, settings=settings))
-    renderer = SoftwareRenderer(demo.objects[0].mesh)
+    problem, _ = make_problem(scene.with_object(0, settings=settings))
+    renderer = SoftwareRenderer(scene.objects[0].mesh)
     threads = 1 if loss == "paper" else processors()
     make_stages(problem, renderer)  # simplifies the model, which is then kept
     *_, end = fit_pose(problem, renderer, threads)
-    error = pose_error(demo.objects[0].mesh, end.pose, truth).percent
+    error = pose_error(scene.objects[0].mesh, end.pose, demo.truth).percent
     status = end.status.name.lower().replace("_", " ")
     words = f"{end.evaluations:,} evaluations, {status}, {error:.2f} % off"
     return Timing(f"fit of the demo, --method {loss}", threads, (end.seconds,), words)
 
 
-def time_maps(demo: Scene, truth: Pose, size: int) -> Timing:
-    """Time the maps of all pairs of parameters about the demo's true pose, on all cores."""
-    problem, _ = make_problem(demo.with_pose(0, truth))
-    with RendererPool(SoftwareRenderer(demo.objects[0].mesh)) as pool:
+def time_maps(demo: Demo, size: int) -> Timing:
+    """Time the maps of all pairs of parameters about the true pose, on all cores."""
+    scene, truth = demo.scene.with_pose(0, demo.truth), demo.truth
+    problem, _ = make_problem(scene)
+    with RendererPool(SoftwareRenderer(scene.objects[0].mesh)) as pool:
         # A thread's first picture of a size takes its buffers.
         count = 2 * CHUNK * pool.threads
         list(pool.map(lambda own, _: own.moments(truth, problem.photo), range(count)))

@@ -1,4 +1,4 @@
-"""A study: its folder, its trials on all processors, and its report.
+"""Studies: their folders, trials on all processors, and reports.
 
 Poses of a BOP data set are scored as in Hodan et al., *BOP Challenge 2020 on 6D Object
 Localization* (2020). Where a fit is not sure to be better, its estimate is kept.
@@ -24,7 +24,13 @@ from poseviewer.evaluation.report import (
     reliability_panels,
     study_table,
 )
-from poseviewer.evaluation.trials import KEY, Task, Trial, fetch_model, fetch_photo
+from poseviewer.evaluation.trials import (
+    KEY,
+    Trial,
+    TrialTask,
+    fetch_model,
+    fetch_photo,
+)
 from poseviewer.figures.landscape_sheet import figure_bytes
 from poseviewer.figures.study_sheet import make_study_sheet
 from poseviewer.files.checks import Reading
@@ -39,38 +45,47 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.processes import run_in_processes
 from poseviewer.scene.settings import FitSettings
 
-ABOUT, TRIALS, SUMMARY, FIGURE = "study.json", "trials.csv", "study.md", "reliability.png"
+ABOUT = "study.json"
+"""File that tells how a study was made."""
+TRIALS = "trials.csv"
+"""Table of trials."""
+SUMMARY = "study.md"
+"""Report."""
+FIGURE = "reliability.png"
+"""Figure of the report."""
 FOCAL_OFF = 1.1, 1.0 / 1.1
-"""Factors of the starts' focal lengths, where these are to be found."""
+"""Factors of the starts' focal lengths, where these are searched for."""
 EXPLAINED = (
     "Found, and right: within 1 px where OpenGL drew the photo, else within the accuracy of the "
     "truth + 1 % of the model's size in the photo, as which errors at start and end (medians) are "
     "given. Called found: by the verdict. Intervals hold the true share with 95 %."
 )
+"""Legend of the tables."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Run:
+class StudyRun:
     """A study with its folder open."""
 
     out: Path
     rows: list[Trial]
-    """Rows of the table; earlier runs' come first."""
-    left: Sequence[Task]
+    """Rows of the table, those of earlier runs first."""
+    left: Sequence[TrialTask]
     """The tasks that have no row yet."""
     targets: int
     """Targets of a BOP data set, with and without an estimate."""
 
     def trials(self, jobs: int, scheduler: str | None = None) -> Iterator[Trial]:
-        """Run what is left, on a Dask ``scheduler`` or in ``jobs`` processes, and without any where
-        one job is wanted; each row is in the file when it comes.
+        """Run what is left, on a Dask ``scheduler`` or in ``jobs`` processes (1: in this one).
+
+        Each row is in the file when it is yielded.
         """
         trials = ((task, task.run()) for task in self.left)
         if scheduler:
             named = {f"study-{self.out}-{[*task.identity.values()]}": task for task in self.left}
-            trials = run_on_cluster(Task.run, named, scheduler)
+            trials = run_on_cluster(TrialTask.run, named, scheduler)
         elif jobs > 1:
-            trials = run_in_processes(Task.run, self.left, jobs)
+            trials = run_in_processes(TrialTask.run, self.left, jobs)
         for _, trial in trials:
             if trial is None:
                 raise SettingsError(
@@ -82,8 +97,8 @@ class Run:
             yield trial
 
 
-def open_study(plan: Plan, tell: Callable[[str], None]) -> Run:
-    """Make the photos, or read cases and starts; see which trials are left."""
+def open_study(plan: Plan, tell: Callable[[str], None]) -> StudyRun:
+    """Make photos, or read cases and starts, and find which trials are left."""
     tasks, targets = None, 0
     given = {name: getattr(plan, name) for name in ("out", "model", "real", "bop", "dataset")}
     # Workers of a cluster have another working folder.
@@ -107,14 +122,13 @@ def open_study(plan: Plan, tell: Callable[[str], None]) -> Run:
     rows = load_rows(plan.out / TRIALS, Trial)
     done = {tuple(getattr(row, name) for name in KEY) for row in rows}
     left = [task for task in tasks if tuple(task.identity.values()) not in done]
-    return Run(plan.out, rows, left, targets)
+    return StudyRun(plan.out, rows, left, targets)
 
 
-def write_report(run: Run) -> str:
-    """Write the summary of all rows in the folder, with a figure of deviations; returns its tables
-    (Markdown).
-    """
-    tables, explained, figure = [study_table(run.rows)], EXPLAINED, ""
+def write_report(run: StudyRun) -> str:
+    """Write the summary of all rows, with a figure of deviations; returns its tables (Markdown)."""
+    tables, explained = [study_table(run.rows)], EXPLAINED
+    figure = ""
     if run.targets:
         tables = [bop_table(run.rows, run.targets)]
         explained = "A target without an estimate counts as not found."
@@ -130,13 +144,13 @@ def write_report(run: Run) -> str:
     return shown
 
 
-def deviation_tasks(plan: Plan, tell: Callable[[str], None]) -> list[Task]:
-    """Make the photos of all kinds, or take those that are there, and draw the starts."""
+def deviation_tasks(plan: Plan, tell: Callable[[str], None]) -> list[TrialTask]:
+    """Make the photos of all kinds that are not there yet, and draw the starts."""
     tasks = []
     for kind in plan.kinds:
         cases = make_photos(plan, kind, tell)
         free_focal = kind == "photo-perspective"
-        # Photo by photo: what a process has loaded serves the next trials as well.
+        # Photo by photo: a process loads each once.
         for draw in sorted(range(plan.starts), key=lambda draw: draw % len(cases)):
             index = draw % len(cases)
             case = cases[index]
@@ -149,12 +163,12 @@ def deviation_tasks(plan: Plan, tell: Callable[[str], None]) -> list[Task]:
                 share = percent / 100.0
                 start = draw_start(keypoints, case.truth, free_focal, reading, share, seed)
                 settings = replace(settings, free_focal=free_focal, seed=seed)
-                tasks.append(Task(case, start, settings, reading, percent, draw=draw))
+                tasks.append(TrialTask(case, start, settings, reading, percent, draw=draw))
     return tasks
 
 
-def real_tasks(plan: Plan, folder: Path) -> list[Task]:
-    """Make the trials of matching cases, among others with their photo's other true poses."""
+def real_tasks(plan: Plan, folder: Path) -> list[TrialTask]:
+    """Make the trials of matching cases; among others with the true poses of these."""
     starts, (settings,) = load_starts(folder, plan.degrees, plan.draws), plan.settings()
     settings = replace(settings, free_focal=plan.free_focal)
     givers = load_cases(folder) if plan.among_others else []
@@ -165,14 +179,14 @@ def real_tasks(plan: Plan, folder: Path) -> list[Task]:
             if start.case == case.name:
                 pose = Pose(case.truth.camera, start.camera_from_model.rigid)
                 if plan.free_focal:
-                    pose = _zoomed(pose, fetch_model(case.mesh)[0].mesh, FOCAL_OFF[start.draw % 2])
+                    pose = _zoom(pose, fetch_model(case.mesh)[0].mesh, FOCAL_OFF[start.draw % 2])
                 off = start.degrees, start.draw
-                tasks.append(Task(case, pose, settings, "", 0.0, *off, others))
+                tasks.append(TrialTask(case, pose, settings, "", 0.0, *off, others))
     return tasks
 
 
-def _zoomed(pose: Pose, mesh: Mesh, factor: float) -> Pose:
-    """The pose by a longer focal length, farther off, so that the model is as large."""
+def _zoom(pose: Pose, mesh: Mesh, factor: float) -> Pose:
+    """Return the pose by another focal length at a distance where the model is as large."""
     chart = FreeBodyChart.near(mesh, pose, free_focal=True)
     return chart.to_pose(np.array([0.0] * 6 + [math.log(factor) / chart.focal_gain]))
 
@@ -188,9 +202,10 @@ def bop_folder(table: Path, dataset: Path | None) -> Path:
     )
 
 
-def bop_tasks(table: Path, folder: Path, settings: FitSettings) -> tuple[list[Task], int]:
-    """Make the fits of all targets from their best estimates by score; and count the targets."""
-    models, tasks, targets = load_bop_models(folder / "models" / MODELS_INFO), [], 0
+def bop_tasks(table: Path, folder: Path, settings: FitSettings) -> tuple[list[TrialTask], int]:
+    """Make the fits of all targets from their best estimates by score, and count the targets."""
+    models, tasks = load_bop_models(folder / "models" / MODELS_INFO), list[TrialTask]()
+    targets = 0
     estimates = sorted(load_bop_estimates(table), key=lambda estimate: estimate.score)
     best = {(e.scene, e.image, e.object_id): e.place for e in estimates}
     for scene in sorted({key[0] for key in best}):
@@ -220,15 +235,15 @@ def bop_tasks(table: Path, folder: Path, settings: FitSettings) -> tuple[list[Ta
                     f"{scene}/{image.number}/{number}", name, path, mesh,
                     Pose(camera, target.place), bop=models[number],
                 )  # fmt: skip
-                tasks.append(Task(case, Pose(camera, start), settings))
+                tasks.append(TrialTask(case, Pose(camera, start), settings))
     if not tasks:
         raise SettingsError(f"{table}: no estimate of a target in {folder / 'test'}")
-    tasks.sort(key=lambda task: task.case.mesh)  # what a process has loaded serves again
+    tasks.sort(key=lambda task: task.case.mesh)  # a process loads each model once
     return tasks, targets
 
 
 def _open_folder(plan: Plan, about: dict[str, Any], files: Sequence[Path]) -> None:
-    """Make the folder, or see that its rows were made in the same way."""
+    """Make the folder, or check that its rows were made in the same way."""
     about = {"evaluations": plan.limits.evaluations, **about}
     about["files"] = {path.name: sha256_of(path) for path in files}
     make_folder(plan.out, SettingsError)

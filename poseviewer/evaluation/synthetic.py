@@ -15,10 +15,11 @@ from poseviewer.render.opengl import OpenGLRenderer
 SHARPNESS = 46.8
 """Exponent of Blinn-Phong highlights: that of a roughness of 0.45, as of car paint."""
 OVER_THE_SHOULDER = (0.0, -0.6, -0.8)
-"""Camera frame (y down, z away): from behind and above the photographer."""
-WIDEST_ANGLE_DEG = 65.0
+"""Direction of the sun in the camera frame: from behind and above the photographer."""
+MAX_LIGHT_ANGLE_DEG = 65.0
+"""Largest angle of a light from that direction."""
 SUPERSAMPLING = 4
-"""Each pixel is the mean of this number squared of samples."""
+"""Samples along each side of a pixel, which is their mean."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,24 +49,30 @@ def _tint(rng: np.random.Generator) -> FloatArray:
 
 
 def _direction(rng: np.random.Generator) -> FloatArray:
-    """Uniform on the spherical cap around ``OVER_THE_SHOULDER``."""
-    cosine = rng.uniform(np.cos(np.radians(WIDEST_ANGLE_DEG)), 1.0)
+    """Draw a direction evenly on the spherical cap around ``OVER_THE_SHOULDER``."""
+    cosine = rng.uniform(np.cos(np.radians(MAX_LIGHT_ANGLE_DEG)), 1.0)
     angle = rng.uniform(0.0, 2.0 * np.pi)
     sine = np.sqrt(1.0 - cosine**2)
     on_cap = np.array([sine * np.cos(angle), sine * np.sin(angle), cosine])
-    turn = Rotation.align_vectors([OVER_THE_SHOULDER], [(0.0, 0.0, 1.0)])[0]
-    return turn.apply(on_cap)
+    rotation = Rotation.align_vectors([OVER_THE_SHOULDER], [(0.0, 0.0, 1.0)])[0]
+    return rotation.apply(on_cap)
 
 
 def cut_out(
     renderer: OpenGLRenderer, pose: Pose, lighting: Lighting, highlights: float = 0.0
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Draw the picture before any background: RGB times coverage (h, w, 3), coverage (h, w).
+    """Draw the model without background: RGB times coverage (h, w, 3), and coverage (h, w).
 
-    Both in [0, 1]. RGB is ``reflectance (ambient + sum of intensity max(0, n.l))`` and
-    ``highlights`` times those of Blinn and Phong, clamped, in display-encoded values.
+    Both are in [0, 1]. RGB is ``reflectance (ambient + sum of intensity max(0, n.l))`` plus
+    highlights of Blinn and Phong, clamped, in display-encoded values.
+
+    Args:
+        renderer: of the model.
+        pose: of the model.
+        lighting: of the scene.
+        highlights: factor of the highlights.
     """
-    camera, fine = pose.camera, pose.scaled(SUPERSAMPLING)
+    camera, fine = pose.camera, pose.rescale(SUPERSAMPLING)
     image = renderer.render(fine)
     rows, columns = np.nonzero(image.mask)
     normals = image.normals[image.mask].astype(float)
@@ -100,10 +107,17 @@ def photograph(
     noise: float = 0.0,
     seed: int = 0,
 ) -> NDArray[np.uint8]:
-    """(h, w, 3) RGB. ``background``: RGB in [0, 1], one or a picture (h, w, 3) of them.
+    """Draw a photo (h, w, 3), in the thread of ``opengl`` alone.
 
-    ``blur_px`` is the standard deviation of the lens's blur, ``noise`` that of the sensor's noise,
-    in grey levels of 255, and ``seed`` that noise's. One thread only, as ``opengl``.
+    Args:
+        mesh: the model.
+        pose: of the model.
+        lighting: of the scene.
+        background: RGB in [0, 1], one or a picture (h, w, 3) of them.
+        highlights: factor of the highlights.
+        blur_px: standard deviation of the lens's blur.
+        noise: standard deviation of the sensor's noise, grey levels of 255.
+        seed: of the noise.
     """
     renderer = OpenGLRenderer(mesh)
     try:

@@ -28,8 +28,10 @@ from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Scene, SceneObject, View, scene_at
 
-FOUND_PX, FOUND_PERCENT = 1.0, 1.0
-"""Largest error of a pose that is found: on photos drawn by OpenGL, and beyond the truth's own."""
+FOUND_PX = 1.0
+"""Largest error of a pose that is found on a photo drawn by OpenGL."""
+FOUND_PERCENT = 1.0
+"""Largest error of a pose that is found, beyond the truth's own, by the model's size."""
 FOCAL_DEVIATIONS = "focal_deviations"
 """Name of the error of a focal length among the evidence."""
 MODELS_KEPT = 16
@@ -44,7 +46,7 @@ class Trial:
     set: str
     """Kind of photo, or the set of the case."""
     visible: float = math.nan
-    """Share of the model's pixels that nothing hides."""
+    """Fraction of the model's pixels that nothing occludes."""
     traits: str = ""
     """Properties that make the case easy or hard, with commas between."""
     method: str
@@ -91,8 +93,8 @@ KEY = ("case", "method", "pixels", "reading", "percent", "degrees", "draw")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Task:
-    """A trial that is to be run."""
+class TrialTask:
+    """A trial to run."""
 
     case: Case
     start: Pose
@@ -107,8 +109,9 @@ class Task:
     @property
     def identity(self) -> dict[str, Any]:
         """Values of the columns ``KEY``."""
-        settings, own = self.settings, {name: getattr(self, name) for name in KEY[3:]}
-        return {"case": self.case.name, "method": settings.method, "pixels": settings.pixels} | own
+        settings, start = self.settings, {name: getattr(self, name) for name in KEY[3:]}
+        case = {"case": self.case.name, "method": settings.method, "pixels": settings.pixels}
+        return case | start
 
     def open(self) -> tuple[Scene, Renderer]:
         """Photo, model and start, the others locked, and a renderer of the model."""
@@ -131,10 +134,12 @@ class Task:
         return scene, renderer
 
     def run(self) -> Trial:
-        """Compare the end of a fit, which is the start where none can begin, with the truth."""
+        """Compare the end of a fit, or the start where none can begin, with the truth."""
         scene, renderer = self.open()
-        model, case, truth = scene.objects[0].model, self.case, self.case.truth
-        result, outcome, began = None, {}, perf_counter()
+        model, case = scene.objects[0].model, self.case
+        truth = case.truth
+        result, outcome = None, dict[str, Any]()
+        began = perf_counter()
         try:
             result = make_registration(scene, renderer, 0).fit()
         except PoseViewerError as error:
@@ -181,10 +186,11 @@ def _outcome(result: FitResult, truth: Pose) -> dict[str, Any]:
         "end": " ".join(repr(float(number)) for number in progress.parameters),
         "loss_start": progress.start_loss,
         "loss_end": progress.loss,
+        # Of the pose in the chart nearest to the truth.
         "loss_truth": pose_loss(problem, result.renderer, problem.chart.from_pose(truth)),
         "evaluations": progress.evaluations,
         "status": progress.status.name,
-        "verdict": "" if verdict is None else verdict.word,
+        "verdict": "" if verdict is None else verdict.label,
         "probability": math.nan if verdict is None else verdict.probability,
         "evidence": " ".join(f"{name}={value:.6g}" for name, value in evidence.items()),
     }
@@ -193,11 +199,18 @@ def _outcome(result: FitResult, truth: Pose) -> dict[str, Any]:
 def symmetric_distances(
     vertices: FloatArray, pose: Pose, truth: Pose, symmetry: Symmetry
 ) -> tuple[float, float]:
-    """MSSD (in the model's unit) and MSPD (px) of Hodan et al., *BOP Challenge 2020*."""
+    """Compute MSSD (in the model's unit) and MSPD (px) of Hodan et al., *BOP Challenge 2020*.
+
+    Args:
+        vertices: (V, 3), of the model.
+        pose: the estimate.
+        truth: the true pose.
+        symmetry: of the model.
+    """
     points, pixels = pose.camera_from_model.apply(vertices), pose.project(vertices)
     off = []
-    for moved in (motion.apply(vertices) for motion in symmetry.transforms()):
-        away = points - truth.camera_from_model.apply(moved), pixels - truth.project(moved)
+    for equal in (motion.apply(vertices) for motion in symmetry.transforms()):
+        away = points - truth.camera_from_model.apply(equal), pixels - truth.project(equal)
         off.append([np.linalg.norm(distances, axis=1).max() for distances in away])
     in_space, in_photo = np.nan_to_num(off, nan=np.inf, posinf=np.inf).min(axis=0)
     return float(in_space), float(in_photo)

@@ -1,4 +1,4 @@
-"""A loss landscape on one sheet: a map for every two numbers, in a triangle as a corner plot."""
+"""Loss landscapes on one sheet: a map for every two parameters, in a triangle as a corner plot."""
 
 from collections.abc import Mapping, Sequence
 from io import BytesIO
@@ -18,16 +18,23 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.charts import short_name
 
 COLOURS = "viridis"
+"""Matplotlib's colour map of losses."""
 INK = "0.15"
+"""Colour of axes and texts."""
 LEVELS = 15
-CELL_INCHES, SMALLEST_INCHES = 1.75, 3.6
-"""Side of a map, and least side of all maps together."""
+"""Number of contours."""
+CELL_INCHES = 1.75
+"""Side of a map."""
+MIN_SHEET_INCHES = 3.6
+"""Smallest side of all maps together."""
 DOTS_PER_INCH = 150
+"""Resolution of pictures."""
 ROW_INCHES = (3.9, 3.6)
 """Width of each of several maps side by side, and height of their sheet."""
-POSE_COLOUR, MINIMUM_COLOUR = "#e4002b", "#ffffff"
+POSE_COLOUR = "#e4002b"
+"""Colour of the pose's cross."""
 
-_MINIMUM = {"marker": "o", "markersize": 4.5, "markerfacecolor": MINIMUM_COLOUR}
+_MINIMUM = {"marker": "o", "markersize": 4.5, "markerfacecolor": "#ffffff"}
 _MINIMUM |= {"markeredgecolor": "black", "markeredgewidth": 0.7, "label": "least of the map"}
 _POSE = {"marker": "x", "markersize": 7, "markeredgecolor": POSE_COLOUR}
 _POSE |= {"markeredgewidth": 1.6, "label": "current pose"}
@@ -41,10 +48,18 @@ def make_landscape_sheet(
     title: str = "",
     what: str = "loss",
 ) -> Figure:
-    """Draw slices as far as known on a sheet, with a cross at the ``pose`` (d,), of ``what``."""
+    """Draw slices as far as known on a sheet.
+
+    Args:
+        slices: at most one of each pair of parameters.
+        names: of all parameters.
+        pose: (d,), where a cross is drawn.
+        title: of the sheet.
+        what: label of the colours.
+    """
     parameters = sorted({i for piece in slices for i in (piece.first, piece.second)})
     columns, rows = parameters[:-1], parameters[1:]
-    side = max(CELL_INCHES * len(rows), SMALLEST_INCHES)
+    side = max(CELL_INCHES * len(rows), MIN_SHEET_INCHES)
     # A triangle leaves a corner free for the colour bar and the key; a single map does not.
     above = 0.65 if len(rows) > 1 else 2.0
     figure = Figure(figsize=(side + 1.2, side + 0.75 + above), facecolor="white")
@@ -67,12 +82,13 @@ def make_landscape_sheet(
 def make_landscape_row(
     maps: Mapping[str, tuple[Slice, FloatArray]], names: Sequence[str], share: float
 ) -> Figure:
-    """Draw maps of several losses side by side by their titles, each with its own colour bar, a
-    cross at the true pose (d,) and the rectangle of numbers that are off by a ``share``.
+    """Draw maps of several losses, each with the true pose (d,), side by side by their titles.
+
+    A rectangle in each shows parameters that are off by a ``share``.
     """
     figure = Figure((ROW_INCHES[0] * len(maps), ROW_INCHES[1]), layout="constrained")
-    every = figure.subplots(1, len(maps), squeeze=False)[0]
-    for axes, (title, (piece, pose)) in zip(every, maps.items(), strict=True):
+    all_axes = figure.subplots(1, len(maps), squeeze=False)[0]
+    for axes, (title, (piece, pose)) in zip(all_axes, maps.items(), strict=True):
         scale, at = _range([piece.losses]), pose[[piece.first, piece.second]]
         _draw_map(axes, piece, pose, scale)
         low, size = (1.0 - share) * at, 2.0 * share * at
@@ -88,14 +104,15 @@ def make_landscape_row(
 
 
 def _range(losses: Sequence[FloatArray]) -> Normalize:
-    """Range of the known losses; never empty."""
+    """Return the range of the known losses; never empty."""
     known = np.concatenate([a[np.isfinite(a)] for a in losses])
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     return Normalize(low, max(high, low + 1e-6))
 
 
 def _draw_map(axes: Axes, piece: Slice, pose: FloatArray, scale: Normalize) -> None:
-    x, y, losses = piece.first_values, piece.second_values, piece.filled()
+    x, y = piece.first_values, piece.second_values
+    losses = piece.filled()
     levels = np.linspace(float(scale.vmin or 0.0), float(scale.vmax or 1.0), LEVELS + 1)
     if np.isfinite(losses).all():
         axes.contourf(x, y, losses, levels, cmap=COLOURS, norm=scale, extend="both")
@@ -112,7 +129,7 @@ def _draw_map(axes: Axes, piece: Slice, pose: FloatArray, scale: Normalize) -> N
 def _name_axes(
     axes: Axes, piece: Slice, names: Sequence[str], cell: float, at: tuple[bool, bool]
 ) -> None:
-    """Label a map ``cell`` inches wide; ``at``: whether it is at the left and lower side."""
+    """Label a map ``cell`` inches wide; ``at``: whether at the left, and at the lower side."""
     left, bottom = at
     axes.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
     axes.yaxis.set_major_locator(MaxNLocator(3, prune="both"))
@@ -132,7 +149,7 @@ def _name_axes(
 
 
 def readable(name: str) -> str:
-    """A number's name as on the page, with Greek letters as matplotlib writes them."""
+    """Return a parameter's label as on the page, with Greek letters for Matplotlib."""
     symbol, _, index = name.rpartition("_")
     if symbol in ("mu", "delta", "psi"):
         return rf"$\{symbol}_{{{index}}}$"
@@ -140,7 +157,7 @@ def readable(name: str) -> str:
 
 
 def _add_key(figure: Figure, scale: Normalize, what: str) -> None:
-    """The colour bar and the marks' meaning, in the upper right, which the maps leave free."""
+    """Draw the colour bar and a legend in the upper right, which the maps leave free."""
     width, height = figure.get_size_inches()
     right, top = 1.0 - 0.35 / width, 1.0 - 0.75 / height
     span = min(0.32, 2.6 / width)
@@ -158,7 +175,11 @@ def _add_key(figure: Figure, scale: Normalize, what: str) -> None:
 
 
 def figure_bytes(figure: Figure, kind: str = "png") -> bytes:
-    """Encode a figure as a file of a ``kind``, in any thread; ``ValueError`` for an unknown one."""
+    """Encode a figure as a file of a ``kind``, in any thread.
+
+    Raises:
+        ValueError: Matplotlib knows no such kind.
+    """
     memory = BytesIO()
     FigureCanvasAgg(figure).print_figure(memory, format=kind, dpi=DOTS_PER_INCH)
     return memory.getvalue()

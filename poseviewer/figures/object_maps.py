@@ -97,7 +97,7 @@ def _info(model: PlacedModel, drawn: NDArray[np.bool_], seen: NDArray[np.bool_])
     whole, (height, width), (top, left) = drawn, drawn.shape, (0, 0)
     if not drawn.any() or drawn[[0, -1]].any() or drawn[:, [0, -1]].any():
         top, left = height, width
-        camera = model.pose.camera.cropped(-left, -top, 3 * width, 3 * height)
+        camera = model.pose.camera.crop(-left, -top, (3 * width, 3 * height))
         whole = np.isfinite(depth_image(replace(model, pose=replace(model.pose, camera=camera))))
     counts = {"all": whole, "valid": drawn, "visib": seen}
     counts = {f"px_count_{name}": int(np.count_nonzero(mask)) for name, mask in counts.items()}

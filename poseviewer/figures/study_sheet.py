@@ -1,4 +1,4 @@
-"""Panels of lines whose points have intervals: what a study measured, on one sheet."""
+"""Results of a study on one sheet: panels of lines whose points have intervals."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,10 +9,13 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import offset_copy
 
 MARKERS = "os^DvP"
-PANEL_INCHES, KEY_INCHES = (3.9, 2.9), 0.2
-"""Width and height of a panel; height of a line of the key."""
+"""Matplotlib's markers of lines, in turn."""
+PANEL_INCHES = (3.9, 2.9)
+"""Width and height of a panel."""
+KEY_INCHES = 0.2
+"""Height of a line of the key."""
 APART_INCHES = 0.05
-"""Shift between two lines, so that their intervals can be told apart."""
+"""Offset between two lines, so that their intervals can be told apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,15 +23,15 @@ class Panel:
     """Lines over the same axes."""
 
     lines: Mapping[str, Sequence[Sequence[float]]]
-    """Points by label: each x, value, and the low and the high end of its interval."""
+    """Points by label, each x, value, and the low and the high end of its interval."""
     axes: Mapping[str, Any]
     """Properties of Matplotlib's axes, with ``xlim`` and ``ylim`` among them."""
     joined: bool = True
-    """Whether points of a line are joined: not where the axis has categories."""
+    """Whether points of a line are joined, as on an axis without categories."""
 
 
 def make_study_sheet(rows: Sequence[Sequence[Panel]]) -> Figure:
-    """Draw rows of panels, and below them the key; a label has one colour on the whole sheet."""
+    """Draw rows of panels with the key below; a label has one colour on the whole sheet."""
     columns = max(len(panels) for panels in rows)
     panels = [panel for row in rows for panel in row]
     labels = list(dict.fromkeys(label for panel in panels for label in panel.lines))
@@ -40,16 +43,16 @@ def make_study_sheet(rows: Sequence[Sequence[Panel]]) -> Figure:
         axes.set(**panel.axes)
         axes.minorticks_off()
         axes.grid(color="0.9")
-        places = [point[0] for points in panel.lines.values() for point in points]
-        step = APART_INCHES if len(set(places)) < len(places) else 0.0
-        for place, (label, points) in enumerate(panel.lines.items()):
-            number, away = labels.index(label), step * (place - (len(panel.lines) - 1) / 2.0)
+        xs = [point[0] for points in panel.lines.values() for point in points]
+        step = APART_INCHES if len(set(xs)) < len(xs) else 0.0
+        for index, (label, points) in enumerate(panel.lines.items()):
+            number, offset = labels.index(label), step * (index - (len(panel.lines) - 1) / 2.0)
             x, value, low, top = np.array(points, float).reshape(-1, 4).T
             key[label] = axes.errorbar(
                 x, value, np.clip([value - low, top - value], 0.0, None),  # not a rounding below 0
                 color=f"C{number}", marker=MARKERS[number % len(MARKERS)], markersize=4.5,
                 linestyle="-" if panel.joined else "none", linewidth=1.1, capsize=2,
-                transform=offset_copy(axes.transData, figure, away),
+                transform=offset_copy(axes.transData, figure, offset),
             )  # fmt: skip
     if len(key) > 1:
         below = {"loc": "outside lower center", "ncols": columns, "frameon": False}

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Words and figures; the first column is text, the others are numbers."""
+    """A table whose first column is text, and whose others are numbers."""
 
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
 
     def as_markdown(self) -> str:
-        """Its title, head and rows."""
+        """Write title, head and rows."""
         rule = "|".join(["---", *["---:"] * (len(self.columns) - 1)])
         lines = [" | ".join(cells) for cells in (self.columns, *self.rows)]
         lines = [f"| {line} |" for line in lines]

@@ -7,7 +7,7 @@ from collections import defaultdict
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
-from poseviewer.errors import CalibrationFileError
+from poseviewer.errors import CalibrationFileError, list_names
 from poseviewer.files.camera_forms import FileCamera, cameras_in
 from poseviewer.files.camera_trees import TREES, load_tree
 from poseviewer.files.checks import Reading
@@ -60,7 +60,6 @@ def _colmap_cameras(reading: Reading) -> list[FileCamera]:
 
 ROUNDING_PX = 1.0
 """By how much a picture's size may differ from an exact scaling: programs round and cut off."""
-MOST_NAMES = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +119,7 @@ def load_calibration(
     if least > min((side + ROUNDING_PX) / own for side, own in sides):  # no one factor
         wanted = "calibrate on pictures of the photo's size and orientation"
         raise reading.error(said, wanted)
-    scaled = replace(chosen, camera=camera.resized(width, height))
+    scaled = replace(chosen, camera=camera.resize(width, height))
     return scaled, (*notes, f"{choice.path.name}: {said}; it was scaled to the photo's size.")
 
 
@@ -149,8 +148,7 @@ def _chosen(
     size: tuple[int, int],
 ) -> FileCamera:
     names = [repr(camera.name) if camera.name else "one without a name" for camera in cameras]
-    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
-    known = ", ".join(names[:MOST_NAMES]) + more
+    known = list_names(names)
     if choice.camera is not None:
         named = [camera for camera in cameras if camera.name == choice.camera]
         if not named:

@@ -13,7 +13,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Literal
 
-from poseviewer.errors import FileSetError, PoseViewerError
+from poseviewer.errors import FileSetError, PoseViewerError, list_names
 from poseviewer.files.camera_trees import TREES
 from poseviewer.files.cameras import load_cameras
 from poseviewer.files.checks import Reading
@@ -253,8 +253,7 @@ def _only(paths: Sequence[Path], what: str, instead: str = "") -> Path | None:
 
 def _listed(paths: Sequence[Path]) -> str:
     root = Path(os.path.commonpath([path.parent for path in paths]))
-    names = ", ".join(path.relative_to(root).as_posix() for path in paths[:MOST_NAMED])
-    return names if len(paths) <= MOST_NAMED else f"{names} and {len(paths) - MOST_NAMED:,} more"
+    return list_names([path.relative_to(root).as_posix() for path in paths], MOST_NAMED)
 
 
 def _nothing_to_open(files: Sequence[Path], kind: Kind | None) -> FileSetError:

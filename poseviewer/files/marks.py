@@ -14,7 +14,7 @@ import numpy as np
 
 from poseviewer.errors import QuickStartError
 from poseviewer.files.checks import LARGEST_NUMBER, LARGEST_PX, Reading
-from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.frames import points_from_integer_centres
 from poseviewer.vehicle.wheel_pose import Ellipse, Wheels
 
@@ -34,8 +34,8 @@ class PointPairs:
     """(n, 2), px, pixel centres at i + 0.5."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "points", frozen_array(self.points, (-1, 3)))
-        object.__setattr__(self, "pixels", frozen_array(self.pixels, (-1, 2)))
+        object.__setattr__(self, "points", freeze_array(self.points, (-1, 3)))
+        object.__setattr__(self, "pixels", freeze_array(self.pixels, (-1, 2)))
 
 
 def load_pairs(path: str | Path) -> PointPairs:

@@ -20,7 +20,7 @@ from poseviewer.files.checks import LARGEST_DATA, Reading, quiet_libraries
 from poseviewer.files.structs import Distortion
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.image import Photo
-from poseviewer.geometry.lens import LARGEST_SIDE, UPRIGHT, Undistortion, undistort
+from poseviewer.geometry.lens import MAX_SIDE_PX, UPRIGHT, Undistortion, undistort
 
 ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
 """Endings of photo files."""
@@ -29,7 +29,7 @@ FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "PPM")
 RAW_ENDINGS = (".dng", ".nef", ".cr2", ".cr3", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw")
 DNG_VERSION, SUBFILE_TYPE, BITS, PHOTOMETRIC, SAMPLES, PLANAR = 50706, 254, 258, 262, 277, 284
 """TIFF's tags."""
-WHITE_IS_ZERO, APART = 0, 2
+WHITE_IS_ZERO, MAX_CENTRE_ERROR = 0, 2
 """Values of ``PHOTOMETRIC`` and ``PLANAR``."""
 REDUCED = 1
 """Subfile type of a preview, as that of raw files is."""
@@ -131,7 +131,7 @@ def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]
                 if image.mode not in ("L", "RGB"):
                     image = image.convert("L" if image.mode in ("1", "LA") else "RGB")
                 return np.atleast_3d(np.asarray(image)), focal, is_transparent
-            if tags.get(PLANAR, 1) == APART and tags.get(SAMPLES, 1) > 1:
+            if tags.get(PLANAR, 1) == MAX_CENTRE_ERROR and tags.get(SAMPLES, 1) > 1:
                 found = "a TIFF of 16 bits that has each colour in a plane of its own"
                 raise reading.error(found, "save it with interleaved pixels, or as PNG")
             image.close()  # frees its pixels
@@ -220,8 +220,8 @@ def load_calibrated_photo(path: str | Path, calibration: Calibration | None = No
 
 def undistorted(photo: Photo, undistortion: Undistortion) -> Photo:
     """The undistorted photo of one as taken; raises where it is too large or shows nothing."""
-    if max(photo.width, photo.height) > LARGEST_SIDE:
-        wanted = f"undistorted up to {LARGEST_SIDE} px a side, make it smaller first"
+    if max(photo.width, photo.height) > MAX_SIDE_PX:
+        wanted = f"undistorted up to {MAX_SIDE_PX} px a side, make it smaller first"
         raise PhotoFileError(f"{photo.name}: {photo.width}x{photo.height} px; {wanted}.")
     pixels, covered = undistort(photo.pixels, undistortion)
     if not covered.any():

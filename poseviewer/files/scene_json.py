@@ -396,7 +396,9 @@ def _object_as_saved(scene: Scene, index: int, canonical: bool) -> SceneObject:
     if result is not None:
         sure = result.covariance
         chart = result.chart if equal is pose and result.chart and result.chart.names else None
-        result = replace(result, covariance=sure and sure.about(equal), chart=chart, hidden=())
+        result = replace(
+            result, covariance=sure and sure.at_equal_pose(equal), chart=chart, hidden=()
+        )
     return replace(
         item,
         world_from_model=place,

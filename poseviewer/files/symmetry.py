@@ -14,7 +14,7 @@ from poseviewer.files.checks import Reading
 from poseviewer.files.formats.bop_models import MODELS_INFO, Axis, load_bop_models
 from poseviewer.files.structs import Three
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.symmetry_group import MOST_FOLD, NO_SYMMETRY, Symmetry, Turn
+from poseviewer.geometry.symmetry_group import MAX_FOLD, NO_SYMMETRY, Symmetry, SymmetryAxis
 
 FORMAT = "poseviewer-symmetry"
 KIND = "symmetry file"
@@ -26,7 +26,7 @@ BOP_MODEL = re.compile(r"obj_(\d{6})\.ply")
 class TurnsAbout(Axis, frozen=True):
     """fold: in how many equal steps the turns about the axis go round; any: every turn."""
 
-    fold: Annotated[int, Meta(ge=2, le=MOST_FOLD)] | Literal["any"]
+    fold: Annotated[int, Meta(ge=2, le=MAX_FOLD)] | Literal["any"]
 
 
 class SymmetryTurns(Struct, frozen=True):
@@ -51,15 +51,17 @@ class SymmetryTurns(Struct, frozen=True):
     @classmethod
     def of(cls, symmetry: Symmetry) -> SymmetryTurns | None:
         """A symmetry as files say it; None where there is none."""
-        turns = [TurnsAbout(tuple(axis.tolist()), fold or ANY) for axis, fold in symmetry.turns]
+        turns = [
+            TurnsAbout(tuple(axis.tolist()), fold or ANY) for axis, fold in symmetry.symmetry_axes
+        ]
         return None if symmetry.is_none else cls(tuple(symmetry.centre.tolist()), tuple(turns))
 
 
 @lru_cache(maxsize=16)
 def _closed(centre: tuple[float, ...], turns: tuple[TurnsAbout, ...]) -> Symmetry:
     """The symmetry of these turns; many take 50 ms."""
-    groups = [Turn(turn.unit, 0 if turn.fold == ANY else turn.fold) for turn in turns]
-    return Symmetry.from_turns(centre, groups)
+    groups = [SymmetryAxis(turn.unit, 0 if turn.fold == ANY else turn.fold) for turn in turns]
+    return Symmetry.from_axes(centre, groups)
 
 
 class SymmetryFile(SymmetryTurns, frozen=True, tag_field="format", tag=FORMAT):

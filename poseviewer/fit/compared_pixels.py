@@ -17,7 +17,7 @@ from poseviewer.geometry.charts import Chart
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh, hull_in_photo
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.render.pyramid.levels import smaller, structured
+from poseviewer.render.pyramid.levels import downsample, with_structure
 from poseviewer.render.types import PhotoAttributes
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Scene
@@ -64,7 +64,7 @@ class ComparedView:
             height, width = fine.weights.shape
             larger = enlarged(hidden, photo.factor / fine.factor, width, height)
             fine = replace(fine, weights=fine.weights * ~larger)
-        photo = structured(left, is_steep=photo.structure.is_steep)
+        photo = with_structure(left, is_steep=photo.structure.is_steep)
         return replace(self, photo=photo, fine_photo=fine, hidden=hidden)
 
 
@@ -108,7 +108,7 @@ def compared_view(
     mesh, pose = scene.objects[index].mesh, scene.pose(index, number)
     factor, finest = (working_factor(mesh, pose, most) for most in (WORKING_PIXELS, FINE_PIXELS))
     if counted and not is_clipped and settings.loss == "default":
-        photo = structured(plain, factor, is_steep=factor == finest)
+        photo = with_structure(plain, factor, is_steep=factor == finest)
     fewest = fewest_pixels(photo.photo_channels + photo.model_channels)
     if counted < fewest:
         outline, wanted = (
@@ -121,7 +121,7 @@ def compared_view(
             f"{own.name}: {counted} pixels count, and a fit needs at least {fewest}; {wanted}"
         )
     is_refined = photo.structure is not None and (finest < factor or not is_alone)
-    fine = smaller(plain, finest) if is_refined else None
+    fine = downsample(plain, finest) if is_refined else None
     is_papers = settings.loss == "paper" and not is_clipped
     loss = whole_photo_loss if is_papers else registration_loss
     return ComparedView(photo, chart, loss, fine, number, behind=behind)
@@ -181,7 +181,7 @@ def box_near(mesh: Mesh, start: Pose) -> Rectangle:
     # Where the start fills the photo and more, the photo is all there is to look at.
     low, high = np.clip([outline.min(axis=0), outline.max(axis=0)], -reach, 2 * reach)
     margin = NEAR_MARGIN * float(np.linalg.norm(high - low))
-    return Rectangle.from_corners(*np.floor(low - margin), *np.ceil(high + margin))
+    return Rectangle.from_corners(np.floor(low - margin), np.ceil(high + margin))
 
 
 def working_factor(mesh: Mesh, start: Pose, most: float = WORKING_PIXELS) -> int:

@@ -1,7 +1,6 @@
-"""Evidence on a pose, from the losses about it: for its verdict, its covariance, a better turn."""
+"""Evidence on a pose, from the losses about it: for its verdict, and for a better turn."""
 
 import math
-from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
 from functools import partial
@@ -9,10 +8,10 @@ from functools import partial
 import numpy as np
 from msgspec import structs
 
-from poseviewer.confidence.pose_covariance import PoseCovariance, joint_covariance, spread
+from poseviewer.confidence.pose_covariance import joint_covariance
 from poseviewer.confidence.verdict import Features, Verdict, judge, judge_together
 from poseviewer.errors import PoseViewerError
-from poseviewer.fit.loss import LossScale
+from poseviewer.fit.covariance import find_covariance
 from poseviewer.fit.outline import outline_support
 from poseviewer.fit.probing import Probe
 from poseviewer.fit.problem import FitProblem
@@ -20,8 +19,7 @@ from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose, level_pose
 from poseviewer.geometry.charts import OutsideChartError
-from poseviewer.optimise import quadratic
-from poseviewer.render.pyramid.levels import covered, seen_share
+from poseviewer.render.pyramid.levels import model_mask, visible_fraction
 from poseviewer.render.types import AttributeImage, Renderer
 
 ALIKE = 0.1
@@ -40,12 +38,6 @@ TURN_GAIN = 0.02
 """Loss that a turned pose must gain on the coarse level, as in a search's last stage."""
 OUTLINE_OVERLAP = 0.75
 """Intersection over union of two poses' pictures from which their outlines count as the same."""
-MODELS = quadratic.QuadraticOptions(reach=0.1, rise=0.3, rounds=3, least_gain=-math.inf)
-"""From 5 % of the model's size at its rim down to a search's last rise; always so many rounds."""
-FOCAL_MODELS = replace(MODELS, rounds=4, growth=2.0)
-"""``MODELS`` with a free focal length: beside it and the depth the loss is flat for long."""
-FOCAL_SPREAD = 1.4
-"""Factor of the standard deviations with a free focal length, for the region to hold as often."""
 
 
 def judge_end(progress: FitProgress, renderer: Renderer, threads: int = 1) -> FitProgress:
@@ -58,7 +50,7 @@ def judge_end(progress: FitProgress, renderer: Renderer, threads: int = 1) -> Fi
         owns = [replace(progress, problem=alone, pose=pose) for alone, pose in pairs]
         each = [judge_end(own, renderer, threads) for own in owns]
         verdict = judge_together([one.verdict for one in each if one.verdict is not None])
-        if verdict.word != "lost":
+        if verdict.label != "lost":
             charts, known = [view.chart for view in problem.views], [one.covariance for one in each]
             covariance = joint_covariance(charts, known, parameters, problem.mesh)
         return replace(progress, verdict=_with_symmetry(verdict, problem), covariance=covariance)
@@ -68,7 +60,7 @@ def judge_end(progress: FitProgress, renderer: Renderer, threads: int = 1) -> Fi
         with suppress(PoseViewerError), closing(probing()) as probe:
             features = gather_features(probe)
     verdict = _with_symmetry(judge(features), problem)
-    if features is not None and verdict.word != "lost":
+    if features is not None and verdict.label != "lost":
         # Raises where poses beside it are in no photo.
         unknown = PoseViewerError, OutsideChartError, np.linalg.LinAlgError
         with suppress(*unknown), closing(probing(is_fine=True)) as probe:
@@ -79,7 +71,7 @@ def judge_end(progress: FitProgress, renderer: Renderer, threads: int = 1) -> Fi
 def _with_symmetry(verdict: Verdict, problem: FitProblem) -> Verdict:
     """The verdict with a reason that names the turns that the model's symmetry leaves open."""
     turns = problem.symmetry.words
-    if not turns or verdict.word == "lost":
+    if not turns or verdict.label == "lost":
         return verdict
     reason = f"The model looks the same after {turns}: no photo tells these poses apart."
     return structs.replace(verdict, reasons=(*verdict.reasons, reason))
@@ -90,7 +82,7 @@ def gather_features(probe: Probe) -> Features | None:
     or in part behind the camera.
     """
     photo, renderer, pose = probe.photo, probe.renderer, probe.chart.start
-    drawn = covered(photo, renderer, pose)
+    drawn = model_mask(photo, renderer, pose)
     here = float(probe.losses(np.zeros((1, len(probe.motions))))[0])
     if np.count_nonzero(drawn & (photo.weights > 0.0)) < FEWEST_PIXELS or not math.isfinite(here):
         return None
@@ -106,7 +98,7 @@ def gather_features(probe: Probe) -> Features | None:
         turn_margin=gain / scale,
         spread_percent=100.0 * float(np.median(_distances_of_returns(probe))),
         outline=outline_support(photo.channels, photo.weights, drawn),
-        seen=seen_share(photo, renderer, pose),
+        seen=visible_fraction(photo, renderer, pose),
         alike=_share_alike(renderer.render(level_pose(pose, photo.factor))),
     )
 
@@ -140,38 +132,6 @@ def _distances_of_returns(probe: Probe) -> list[float]:
     return [probe.distance(minimum, end) for end, _ in ends]
 
 
-def find_covariance(probe: Probe, seen: float) -> PoseCovariance:
-    """Covariance of a pose by the curvature of the loss, and by ``spread``.
-
-    Raises ``PoseViewerError``, ``OutsideChartError``, ``LinAlgError``: none is known beside it.
-    """
-    is_free = probe.chart.free_focal
-    options = FOCAL_MODELS if is_free else MODELS
-    least, inverse = inverse_curvature(probe.losses, len(probe.motions), options)
-    factor = spread(LossScale.of(probe.photo).unexplained(least), seen)
-    factor *= FOCAL_SPREAD if is_free else 1.0
-    covariance = factor**2 * probe.motions.T @ inverse @ probe.motions
-    chart = probe.chart
-    return PoseCovariance.from_chart(probe.mesh, chart.start, chart, covariance)
-
-
-def inverse_curvature(
-    losses: Callable[[Sequence[FloatArray]], FloatArray],
-    size: int,
-    options: quadratic.QuadraticOptions = MODELS,
-) -> tuple[float, FloatArray]:
-    """Least loss about 0, and the inverse (k, k) of its second derivatives there.
-
-    Raises ``LinAlgError`` where ``losses``, of points (``size``,), are not finite.
-    """
-    at, scale = np.zeros(size), np.eye(size)
-    *_, last = quadratic.minimise(lambda steps: iter(losses(steps)), at, scale, options)
-    if last.axes is None or not np.isfinite([last.value, *last.axes.ravel()]).all():
-        raise np.linalg.LinAlgError
-    # Along each of its axes a the model rises by the options' rise: a^T H a = 2 rise.
-    return last.value, last.axes @ last.axes.T / (2.0 * options.rise)
-
-
 def better_turn(
     problem: FitProblem, renderer: Renderer, pose: Pose, threads: int = 1
 ) -> FloatArray | None:
@@ -187,7 +147,7 @@ def better_turn(
         for step, loss in sorted(ends, key=lambda end: end[1]):
             if loss > own - TURN_GAIN:
                 break
-            here, there = (covered(photo, level, probe.pose(at)) for at in (starts[0], step))
+            here, there = (model_mask(photo, level, probe.pose(at)) for at in (starts[0], step))
             if np.count_nonzero(here & there) >= OUTLINE_OVERLAP * np.count_nonzero(here | there):
                 parameters = problem.chart.from_pose(probe.pose(step))
                 return problem.complete(parameters[problem.free_indices])

@@ -37,7 +37,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.linear_algebra import squared_correlations
+from poseviewer.geometry.linear_algebra import canonical_correlations_squared
 from poseviewer.render.types import Moments, PhotoAttributes
 
 EDGE_WEIGHT = 2.5
@@ -99,9 +99,9 @@ def _canonical_squares(moments: Moments, colours: int | None = None) -> FloatArr
     """(min(n, m),): squared canonical correlations of F, or its leading ``colours``, and M."""
     n, mean, covariance = moments.photo_channels, moments.mean, moments.covariance
     if colours is None:
-        return squared_correlations(mean, covariance, n, moments.photo_whitening)
+        return canonical_correlations_squared(mean, covariance, n, moments.photo_whitening)
     kept = np.r_[:colours, n : len(mean)]
-    return squared_correlations(mean[kept], covariance[np.ix_(kept, kept)], colours)
+    return canonical_correlations_squared(mean[kept], covariance[np.ix_(kept, kept)], colours)
 
 
 @dataclass(frozen=True, slots=True)

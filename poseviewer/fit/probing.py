@@ -22,7 +22,7 @@ from poseviewer.geometry.symmetry_group import Symmetry
 from poseviewer.geometry.transform import rotation_about
 from poseviewer.optimise import nelder_mead
 from poseviewer.render.pool import RendererPool
-from poseviewer.render.pyramid.levels import coarsest_level, lighter_level, structured
+from poseviewer.render.pyramid.levels import coarsest_level, lighter_level, with_structure
 from poseviewer.render.types import Renderer
 
 SMALL_STEP = 1e-4
@@ -65,7 +65,7 @@ class Probe:
         if photo.structure is None:  # by classes and edges near the pose, whatever was compared
             near = photo.weights * box_near(self.mesh, pose).mask(*photo.weights.shape)
             plain = replace(photo, weights=near, clipped=False)
-            photo = structured(plain, working_factor(self.mesh, pose))
+            photo = with_structure(plain, working_factor(self.mesh, pose))
         self.photo = photo
         if is_fine:
             self.level = lighter_level(photo, renderer, pose)
@@ -148,7 +148,7 @@ def _without_equal(motions: FloatArray, chart: FreeBodyChart, symmetry: Symmetry
     """The motions (k, d) but for turns of continuous symmetries; all if nothing would be left."""
     place, equal = chart.start.camera_from_model, []
     for axis in symmetry.free_axes:
-        turn = symmetry.about(rotation_about(*(SMALL_STEP * axis)))
+        turn = symmetry.as_transform(rotation_about(*(SMALL_STEP * axis)))
         pose = replace(chart.start, camera_from_model=place @ turn)
         equal.append(chart.from_pose(pose) / SMALL_STEP)
     if not equal:

@@ -12,7 +12,7 @@ from poseviewer.errors import SettingsError, SingularChartError
 from poseviewer.fit.compared_pixels import ComparedView, compared_view
 from poseviewer.fit.loss import LossScale
 from poseviewer.fit.visibility import Hiding, hiding
-from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
@@ -56,7 +56,7 @@ class FitProblem:
         free = np.flatnonzero([name not in lock for name in names])
         if not len(free):
             raise SettingsError("--lock holds every number of the chart; leave one free at least")
-        object.__setattr__(self, "start", frozen_array(self.start, (len(names),)))
+        object.__setattr__(self, "start", freeze_array(self.start, (len(names),)))
         object.__setattr__(self, "free_indices", free)
 
     @property
@@ -203,7 +203,7 @@ def numbers_of(chart: Chart, pose: Pose, scale: float = 1.0) -> FloatArray:
     model's. Raises as the chart.
     """
     is_of_view = isinstance(chart, ViewChart)
-    return chart.numbers_at(pose, 1.0 / scale) if is_of_view else chart.from_pose(pose)
+    return chart.parameters_at(pose, 1.0 / scale) if is_of_view else chart.from_pose(pose)
 
 
 def moved(scene: Scene, index: int, problem: FitProblem, parameters: FloatArray) -> Scene:

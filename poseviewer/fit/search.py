@@ -22,11 +22,11 @@ import numpy as np
 from msgspec import structs
 
 from poseviewer.confidence.verdict import (
-    LEAST_WHOLE,
     PROBABILITY_MARGIN,
     SURE_BEHIND,
     SURE_FROM,
     TURNED_THRESHOLD,
+    WHOLE_FROM,
 )
 from poseviewer.fit.compared_pixels import ComparedView, enlarged
 from poseviewer.fit.judge import better_turn, judge_end
@@ -47,7 +47,7 @@ from poseviewer.fit.visibility import Hiding, visibility
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.charts import LOG_FOCAL
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.render.pyramid.levels import seen_share
+from poseviewer.render.pyramid.levels import visible_fraction
 from poseviewer.render.types import Renderer
 from poseviewer.scene.settings import settings_as_json
 from poseviewer.scene.types import ChartParameters, Scene, SearchResult
@@ -291,12 +291,12 @@ class Search:
     def _of_this_model(self, end: FitProgress) -> FitProgress:
         """The ``end``, doubtful where another model's proportions explain the only photo better."""
         verdict, views = end.verdict, end.problem.views
-        if verdict is None or verdict.word != "found" or len(views) > 1:
+        if verdict is None or verdict.label != "found" or len(views) > 1:
             return end
         said = other_proportions(end.problem, self._renderer, end.pose, self._threads)
         if not said:
             return end
-        verdict = structs.replace(verdict, word="doubtful", reasons=(said, *verdict.reasons))
+        verdict = structs.replace(verdict, label="doubtful", reasons=(said, *verdict.reasons))
         return replace(end, verdict=verdict, seconds=time.perf_counter() - self._began)
 
     def _kept(self, end: FitProgress) -> FitProgress:
@@ -323,7 +323,7 @@ def with_end(scene: Scene, index: int, progress: FitProgress, renderer: Renderer
     seen: list[float | None] = [None] * len(scene.views)
     hidden: list[Hidden] = [None] * len(scene.views)
     for view, pose in zip(problem.views, problem.poses(at), strict=True):
-        seen[view.index] = seen_share(view.photo, renderer, pose)
+        seen[view.index] = visible_fraction(view.photo, renderer, pose)
         if view.hidden is not None:
             photo, factor = scene.views[view.index].photo, view.photo.factor
             hidden[view.index] = enlarged(view.hidden, factor, photo.width, photo.height)
@@ -339,7 +339,7 @@ def result_of(scene: Scene, index: int, progress: FitProgress) -> SearchResult:
     first = scene.views[problem.views[0].index]
     notes = [first.photo.focal_note(problem.chart.to_pose(progress.parameters).camera)]
     verdicts = () if verdict is None else verdict.views
-    if any(one.word != "found" for one in verdicts):
+    if any(one.label != "found" for one in verdicts):
         worst = min(range(len(verdicts)), key=lambda number: verdicts[number].probability)
         notes.append(
             f"{scene.views[problem.views[worst].index].name} goes least with the others: something "
@@ -391,7 +391,7 @@ def is_sure(end: FitProgress) -> bool:
     """Whether a pose is probable enough to be trusted; less is asked where something hides it."""
     if end.verdict is None:
         return False
-    is_behind = end.verdict.features.get("seen", 1.0) < LEAST_WHOLE
+    is_behind = end.verdict.features.get("seen", 1.0) < WHOLE_FROM
     sure_from = SURE_BEHIND if is_behind or end.problem.is_among_others else SURE_FROM
     return end.verdict.probability >= sure_from
 
@@ -400,7 +400,7 @@ def is_restarted(best: FitProgress, is_turned: bool) -> bool:
     """Whether another run follows, from the end of the search before (``is_turned``: turned)."""
     if not (best.may_continue and best.problem.is_structured) or best.verdict is None:
         return False
-    is_found = best.verdict.word == "found"
+    is_found = best.verdict.label == "found"
     return not is_sure(best) and not (is_found and is_turned)
 
 
@@ -420,7 +420,7 @@ def is_worse(after: FitProgress, before: FitProgress) -> bool:
     """Whether a further round has spoiled an object: what hides it now may stand there wrongly."""
     if after.verdict is None or before.verdict is None:
         return False
-    is_spoiled = before.verdict.word == "found" != after.verdict.word
+    is_spoiled = before.verdict.label == "found" != after.verdict.label
     known = before.verdict.probability - PROBABILITY_MARGIN
     return is_spoiled or after.verdict.probability < known
 

@@ -16,7 +16,7 @@ from scipy.ndimage import distance_transform_edt, maximum_filter
 from poseviewer.errors import SettingsError
 from poseviewer.fit.loss import LossScale
 from poseviewer.fit.problem import FitProblem, pose_loss
-from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.camera import Pose
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, coarsest_level
@@ -63,7 +63,7 @@ class Slice:
     def __post_init__(self) -> None:
         size = len(self.first_values)
         for name, shape in {"first_values": 1, "second_values": 1, "losses": 2}.items():
-            array = frozen_array(getattr(self, name), (size,) * shape)
+            array = freeze_array(getattr(self, name), (size,) * shape)
             object.__setattr__(self, name, array)
 
     def shown(self, scale: LossScale) -> Slice:

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -20,13 +20,13 @@ from poseviewer.fit.problem import FitProblem, guarded, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import level_pose
-from poseviewer.optimise import cma_es, quadratic, restarts
+from poseviewer.optimise import cma_es, quadratic, simplex_restarts
 from poseviewer.optimise.cma_es import CmaOptions
+from poseviewer.optimise.protocol import Minimiser, State
 from poseviewer.optimise.quadratic import QuadraticOptions
 from poseviewer.optimise.restart_options import RestartOptions
-from poseviewer.optimise.state import State
 from poseviewer.render.pool import RendererPool
-from poseviewer.render.pyramid.levels import Level, coarsest_level, lighter_level, structured
+from poseviewer.render.pyramid.levels import Level, coarsest_level, lighter_level, with_structure
 from poseviewer.render.types import Renderer
 from poseviewer.vehicle.chart import VehicleChart
 
@@ -34,13 +34,13 @@ FEWEST_PIXELS = 5000
 """Pixels of the model at the start on the coarsest level: on coarser ones side valleys reach it."""
 FEWEST_OF_STRUCTURE = 2000
 """``FEWEST_PIXELS`` where classes and edges are compared, which reach farther than shades do."""
-COARSE_POPULATION = CmaOptions(least_sigma=0.04)
+COARSE_POPULATION = CmaOptions(min_sigma=0.04)
 """Ends early: the coarse minimum is up to 5 % beside the photo's."""
-FINE_POPULATION = CmaOptions(sigma=0.06, population=16, generations=24, least_sigma=2e-3)
+FINE_POPULATION = CmaOptions(sigma=0.06, population=16, generations=24, min_sigma=2e-3)
 """On the photo itself: as wide as the coarse level can be wrong, past its side valleys."""
-LAST_MODELS = QuadraticOptions(reach=2.0, rise=0.6)
+LAST_MODELS = QuadraticOptions(sampling_radius=2.0, contour_level=0.6)
 """Reach in deviations of the population; its least gain moves the model a twentieth of a pixel."""
-REFINING_MODELS = QuadraticOptions(reach=1.0, rise=0.3)
+REFINING_MODELS = QuadraticOptions(sampling_radius=1.0, contour_level=0.3)
 """Reach in that of the models before: the fine photo's minimum is a pixel away at most."""
 COARSE_SIMPLEX = RestartOptions(
     step=0.2, multi_starts=4, multi_start_step=0.2, multi_start_x_tolerance=0.05,
@@ -65,14 +65,17 @@ REFINE_TOLERANCE = 1.0
 """Loss on the photo by which a refined pose has left the valley: ten times the minima's gap."""
 
 
+Options = TypeVar("Options")
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Stage:
+class Stage(Generic[Options]):
     """A pyramid level of each view's photo, and the minimiser that searches it."""
 
     levels: tuple[Level, ...]
-    minimise: Callable[..., Iterator[State]]
-    """One of ``poseviewer.optimise``, which takes ``options``."""
-    options: Any
+    minimise: Minimiser[Options]
+    options: Options
+    """Options of the minimiser."""
     along_axes: bool = False
     """Whether lengths are measured along the axes that the stage before found."""
     rescore_every: float = 0.0
@@ -94,7 +97,7 @@ def make_stages(
     poses = [(view.photo, renderer, view.chart.to_pose(at)) for view in problem.views]
     full = tuple(Level(1, view.photo, renderer) for view in problem.views)
     if _is_by_papers_simplex(problem):
-        return (Stage(full, restarts.minimise, problem.settings.options),)
+        return (Stage(full, simplex_restarts.minimise, problem.settings.options),)
     is_structured = problem.is_structured
     fewest = FEWEST_OF_STRUCTURE if is_structured else FEWEST_PIXELS
     coarse = tuple(coarsest_level(*pose, fewest) for pose in poses)
@@ -102,20 +105,20 @@ def make_stages(
     least = tuple(c if c.factor > 1 else own for c, own in zip(coarse, light, strict=True))
     fine = tuple(Level(1, view.fine_photo, renderer) for view in problem.views if view.fine_photo)
     if problem.settings.searched_by == "simplex":
-        first = Stage(least, restarts.minimise, COARSE_SIMPLEX, False, RESCORE_EVERY)
+        first = Stage(least, simplex_restarts.minimise, COARSE_SIMPLEX, False, RESCORE_EVERY)
         if not fine:
-            return first, Stage(full, restarts.minimise, LIGHT_SIMPLEX)
+            return first, Stage(full, simplex_restarts.minimise, LIGHT_SIMPLEX)
         return (
             first,
-            Stage(light, restarts.minimise, LIGHT_SIMPLEX, False, RESCORE_EVERY),
-            Stage(fine, restarts.minimise, FINE_SIMPLEX, False, math.inf, REFINE_TOLERANCE),
+            Stage(light, simplex_restarts.minimise, LIGHT_SIMPLEX, False, RESCORE_EVERY),
+            Stage(fine, simplex_restarts.minimise, FINE_SIMPLEX, False, math.inf, REFINE_TOLERANCE),
         )
     populations, last = (COARSE_POPULATION, FINE_POPULATION), LAST_MODELS
     if not is_structured:
-        nearness = PAPER_SHARE * COARSE_POPULATION.nearness
-        populations = tuple(replace(options, nearness=nearness) for options in populations)
-        gain = PAPER_SHARE * last.least_gain
-        last = replace(last, rise=PAPER_SHARE * last.rise, least_gain=gain)
+        weight = PAPER_SHARE * COARSE_POPULATION.prior_weight
+        populations = tuple(replace(options, prior_weight=weight) for options in populations)
+        level, gain = PAPER_SHARE * last.contour_level, PAPER_SHARE * last.min_gain
+        last = replace(last, contour_level=level, min_gain=gain)
     stages = tuple(
         Stage(levels, cma_es.minimise, options, rescore_every=RESCORE_EVERY)
         for levels, options in zip((least, light), populations, strict=True)
@@ -251,7 +254,7 @@ class _Run:
         if stage.along_axes and stage.rescore_every:
             factors = [level.photo.factor for level in stage.levels]
             poses = map(level_pose, self._problem.poses(self._best.parameters), factors)
-            return tuple(own.culled(pose) for own, pose in zip(renderers, poses, strict=True))
+            return tuple(own.cull(pose) for own, pose in zip(renderers, poses, strict=True))
         return renderers
 
     def _on_level(self, stage: Stage) -> FitProblem:
@@ -259,7 +262,7 @@ class _Run:
         photos = [level.photo for level in stage.levels]
         if photos[0].structure is None and self._problem.photo.structure is not None:
             # The fine photo's is made only for its stage, beside the one before.
-            photos = [structured(photo, is_steep=True) for photo in photos]
+            photos = [with_structure(photo, is_steep=True) for photo in photos]
         return self._problem.on(photos)
 
     def _begin_score(self, point: FloatArray, pool: RendererPool, tolerance: float = 0.0) -> None:

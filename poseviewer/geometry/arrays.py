@@ -1,4 +1,4 @@
-"""Read-only arrays: what a frozen dataclass holds must be frozen as well."""
+"""Read-only arrays: the arrays of a frozen dataclass must be frozen as well."""
 
 from typing import Any
 
@@ -6,12 +6,17 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 FloatArray = NDArray[np.float64]
+"""Array of double precision; its shape stands beside each use."""
 
 
-def frozen_array(
+def freeze_array(
     values: ArrayLike, shape: tuple[int, ...], dtype: DTypeLike = np.float64
 ) -> NDArray[Any]:
-    """Make an array read-only and C-contiguous; ``ValueError`` unless of ``shape`` (-1: any)."""
+    """Make an array read-only and C-contiguous.
+
+    Raises:
+        ValueError: the array is not of the ``shape``, in which -1 stands for any length.
+    """
     array = np.asarray(values)
     fits = array.ndim == len(shape) and all(
         want in (-1, have) for want, have in zip(shape, array.shape, strict=True)

@@ -12,6 +12,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.transform import RigidTransform
 
 DEFAULT_FIELD_OF_VIEW_DEG = 50.0
+"""View along the longer side, where nothing tells it: that of a 39 mm lens on film."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,12 +38,12 @@ class Perspective:
 
     @classmethod
     def from_focal_length_35mm(cls, focal_mm: float, width: int, height: int) -> Perspective:
-        """From EXIF's 35-mm-equivalent focal length, which compares the diagonals (43.27 mm)."""
+        """Take EXIF's 35-mm-equivalent focal length, which compares the diagonals (43.27 mm)."""
         focal = focal_mm * math.hypot(width, height) / math.hypot(36.0, 24.0)
         return cls(focal, focal, width / 2.0, height / 2.0, width, height)
 
     def project(self, points: ArrayLike) -> FloatArray:
-        """Points (..., 3) in the camera frame to the picture (..., 2); z <= 0 has no image: nan."""
+        """Project points (..., 3) in the camera frame to the picture (..., 2); nan for z <= 0."""
         points = np.asarray(points, dtype=float)
         z = np.where(points[..., 2] > 0.0, points[..., 2], np.nan)
         u = self.fx * points[..., 0] / z + self.cx
@@ -50,28 +51,28 @@ class Perspective:
         return np.stack([u, v], axis=-1)
 
     def rays(self, pixels: ArrayLike) -> FloatArray:
-        """Directions (..., 3) with z = 1 of the lines of sight through image points (..., 2)."""
+        """Return directions (..., 3), z = 1, of the viewing rays of image points (..., 2)."""
         pixels = np.asarray(pixels, dtype=float)
         x = (pixels[..., 0] - self.cx) / self.fx
         y = (pixels[..., 1] - self.cy) / self.fy
         return np.stack([x, y, np.ones_like(x)], axis=-1)
 
     def points_at(self, pixels: ArrayLike, depths: ArrayLike) -> FloatArray:
-        """Points (..., 3) in the camera frame at depths (...) behind image points (..., 2)."""
+        """Return points (..., 3) in the camera frame at depths (...) behind image points."""
         return self.rays(pixels) * np.asarray(depths)[..., None]
 
-    def scaled(self, factor: float) -> Perspective:
-        """The camera of the same picture, resized by ``factor`` (sizes rounded, at least 1)."""
-        return self.resized(*scaled_size(self.width, self.height, factor))
+    def rescale(self, factor: float) -> Perspective:
+        """Return the camera of the picture resized by ``factor``, see ``size_at_scale``."""
+        return self.resize(*size_at_scale(self.width, self.height, factor))
 
-    def resized(self, width: int, height: int) -> Perspective:
-        """The camera of the same picture in another size, px."""
+    def resize(self, width: int, height: int) -> Perspective:
+        """Return the camera of the picture in another size, px."""
         kx, ky = width / self.width, height / self.height
         return Perspective(self.fx * kx, self.fy * ky, self.cx * kx, self.cy * ky, width, height)
 
-    def cropped(self, left: float, top: float, width: int, height: int) -> Perspective:
-        """The camera of a rectangle of the picture, px from its left and top edges."""
-        return replace(self, cx=self.cx - left, cy=self.cy - top, width=width, height=height)
+    def crop(self, left: float, top: float, size: tuple[int, int]) -> Perspective:
+        """Return the camera of a piece of the picture, of a size (width, height), px."""
+        return replace(self, cx=self.cx - left, cy=self.cy - top, width=size[0], height=size[1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,26 +87,26 @@ class Parallel:
     height: int
 
     def project(self, points: ArrayLike) -> FloatArray:
-        """Points (..., 3) in the camera frame to the picture (..., 2)."""
+        """Project points (..., 3) in the camera frame to the picture (..., 2)."""
         points = np.asarray(points, dtype=float)
         return self.scale * points[..., :2] + np.array([self.cx, self.cy])
 
     def points_at(self, pixels: ArrayLike, depths: ArrayLike) -> FloatArray:
-        """Points (..., 3) in the camera frame at depths (...) behind image points (..., 2)."""
+        """Return points (..., 3) in the camera frame at depths (...) behind image points."""
         xy = (np.asarray(pixels, dtype=float) - np.array([self.cx, self.cy])) / self.scale
         z = np.broadcast_to(depths, xy.shape[:-1])
         return np.concatenate([xy, z[..., None]], axis=-1)
 
-    def scaled(self, factor: float) -> Parallel:
-        """The camera of the same picture, resized by ``factor``; pixels stay square."""
-        width, height = scaled_size(self.width, self.height, factor)
+    def rescale(self, factor: float) -> Parallel:
+        """Return the camera of the picture resized by ``factor``; pixels stay square."""
+        width, height = size_at_scale(self.width, self.height, factor)
         k = math.sqrt(width / self.width * height / self.height)
         cx, cy = self.cx * width / self.width, self.cy * height / self.height
         return Parallel(self.scale * k, cx, cy, width, height)
 
-    def cropped(self, left: float, top: float, width: int, height: int) -> Parallel:
-        """The camera of a rectangle of the picture, px from its left and top edges."""
-        return replace(self, cx=self.cx - left, cy=self.cy - top, width=width, height=height)
+    def crop(self, left: float, top: float, size: tuple[int, int]) -> Parallel:
+        """Return the camera of a piece of the picture, of a size (width, height), px."""
+        return replace(self, cx=self.cx - left, cy=self.cy - top, width=size[0], height=size[1])
 
 
 Camera = Perspective | Parallel
@@ -113,39 +114,39 @@ Camera = Perspective | Parallel
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Place of a model and the camera that sees it: all that an image's geometry needs."""
+    """Transform of a model and the camera that shows it: all that an image's geometry needs."""
 
     camera: Camera
     camera_from_model: RigidTransform
 
     def project(self, points: ArrayLike) -> FloatArray:
-        """Points (..., 3) of the model to the picture (..., 2)."""
+        """Project points (..., 3) of the model to the picture (..., 2)."""
         return self.camera.project(self.camera_from_model.apply(points))
 
-    def scaled(self, factor: float) -> Pose:
-        """Pose in the image resized by ``factor``."""
-        return replace(self, camera=self.camera.scaled(factor))
+    def rescale(self, factor: float) -> Pose:
+        """Return the pose in the image resized by ``factor``."""
+        return replace(self, camera=self.camera.rescale(factor))
 
 
-def scaled_size(width: int, height: int, factor: float) -> tuple[int, int]:
-    """(width, height) of a picture resized by ``factor``: rounded, at least 1."""
+def size_at_scale(width: int, height: int, factor: float) -> tuple[int, int]:
+    """Return (width, height) of a picture resized by ``factor``: rounded, at least 1."""
     return max(1, round(width * factor)), max(1, round(height * factor))
 
 
 def level_pose(pose: Pose, factor: int) -> Pose:
-    """The pose on a level of the picture's pyramid: sizes are rounded up, coordinates exact."""
+    """Return the pose on a level of the pyramid: sizes are rounded up, coordinates exact."""
     if factor == 1:
         return pose
     camera = pose.camera
-    size = reduced_size(camera.width, factor), reduced_size(camera.height, factor)
-    place = camera.cx / factor, camera.cy / factor, *size
+    size = level_size(camera.width, factor), level_size(camera.height, factor)
+    principal = camera.cx / factor, camera.cy / factor
     if isinstance(camera, Perspective):
-        smaller = Perspective(camera.fx / factor, camera.fy / factor, *place)
+        reduced = Perspective(camera.fx / factor, camera.fy / factor, *principal, *size)
     else:
-        smaller = Parallel(camera.scale / factor, *place)
-    return Pose(smaller, pose.camera_from_model)
+        reduced = Parallel(camera.scale / factor, *principal, *size)
+    return Pose(reduced, pose.camera_from_model)
 
 
-def reduced_size(size: int, factor: int) -> int:
-    """Pixels along a side that shows ``size`` px, ``factor`` to each; the last may be in part."""
+def level_size(size: int, factor: int) -> int:
+    """Count the pixels of a side that show ``size`` px, ``factor`` each, the last in part."""
     return -(-size // factor)

@@ -1,4 +1,4 @@
-"""Pose charts: a vector of comparable numbers for a pose, and back; and their names."""
+"""Charts: pose parameterisations, vectors of comparable parameters; and the parameters' labels."""
 
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
@@ -11,11 +11,11 @@ from poseviewer.geometry.camera import Pose
 
 
 class OutsideChartError(ValueError):
-    """Numbers that stand for no pose; a search takes them as the worst there is."""
+    """Parameters that stand for no pose; a search gives them the worst loss there is."""
 
 
 class Chart:
-    """Numbers for poses. Every chart fixes what it does not vary (picture size, and so on)."""
+    """A pose parameterisation. It fixes what it does not vary (picture size, and so on)."""
 
     __slots__ = ()
     name: ClassVar[str]
@@ -27,30 +27,39 @@ class Chart:
         raise NotImplementedError
 
     def scales(self, parameters: FloatArray) -> FloatArray:
-        """(d,): the change of each number, near ``parameters``, that counts as 100 %."""
+        """Return (d,): the change of each parameter, near ``parameters``, that counts as 100 %."""
         return np.ones(len(parameters))
 
     def to_pose(self, parameters: FloatArray) -> Pose:
-        """The pose of numbers (d,); raises ``OutsideChartError``: they stand for none."""
+        """Return the pose of parameters (d,).
+
+        Raises:
+            OutsideChartError: they stand for no pose.
+        """
         raise NotImplementedError
 
     def from_pose(self, pose: Pose) -> FloatArray:
-        """The numbers (d,) of a pose; raises ``SingularChartError``: they are not well-defined."""
+        """Return the parameters (d,) of a pose.
+
+        Raises:
+            SingularChartError: they are not well-defined there.
+        """
         raise NotImplementedError
 
 
 LOG_FOCAL: Literal["log_focal"] = "log_focal"
-FOCAL = (LOG_FOCAL, "width_per_focal")
-"""Charts' names for a free focal length."""
+"""Name of the logarithm of a free focal length."""
+FOCAL_PREFIXES = (LOG_FOCAL, "width_per_focal")
+"""Beginnings of the names of parameters that are a free focal length."""
 
 
 def has_focal(chart: Chart, indices: Iterable[int] | None = None) -> bool:
-    """Whether the focal length is a number of the chart, and among the ``indices`` if given."""
+    """Tell whether a parameter is the focal length, and is among the ``indices`` if given."""
     names = chart.names if indices is None else [chart.names[index] for index in indices]
-    return any(name.startswith(FOCAL) for name in names)
+    return any(name.startswith(FOCAL_PREFIXES) for name in names)
 
 
-NAMES: Mapping[str, tuple[str, str]] = MappingProxyType(
+LABELS: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
         "mu_x": ("rear wheel x", "μx, of the photo's width"),
         "mu_y": ("rear wheel y", "μy, of the photo's height"),
@@ -74,10 +83,10 @@ NAMES: Mapping[str, tuple[str, str]] = MappingProxyType(
 
 
 def short_name(name: str) -> str:
-    """Label of a parameter."""
-    return NAMES[name][0] if name in NAMES else name.replace("_", " ")
+    """Return the label of a parameter."""
+    return LABELS[name][0] if name in LABELS else name.replace("_", " ")
 
 
 def tooltip(name: str) -> str:
-    """Symbol, unit and reference of a parameter; "" for an unknown one."""
-    return NAMES[name][1] if name in NAMES else ""
+    """Return symbol, unit and reference of a parameter; "" for an unknown one."""
+    return LABELS[name][1] if name in LABELS else ""

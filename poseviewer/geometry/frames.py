@@ -17,27 +17,28 @@ from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.transform import RigidTransform
 
 HALF_PIXEL = 0.5
+"""px between the two conventions."""
 AnyCamera = TypeVar("AnyCamera", Perspective, Parallel, Perspective | Parallel)
 
 OPENGL_FROM_OPENCV = RigidTransform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
-"""OpenGL cameras look along -z with y up; it is its own inverse."""
+"""OpenGL cameras look along -z with y up; the transform is its own inverse."""
 
 
 def camera_from_integer_centres(camera: AnyCamera) -> AnyCamera:
-    """A camera whose cx, cy count from pixel centres (OpenCV, files), as used inside."""
+    """Convert a camera whose cx, cy count from pixel centres (OpenCV, files) to the inside's."""
     return replace(camera, cx=camera.cx + HALF_PIXEL, cy=camera.cy + HALF_PIXEL)
 
 
 def camera_as_integer_centres(camera: AnyCamera) -> AnyCamera:
-    """A camera as used inside, with cx, cy counted from pixel centres (OpenCV, files)."""
+    """Convert a camera of the inside to cx, cy that count from pixel centres (OpenCV, files)."""
     return replace(camera, cx=camera.cx - HALF_PIXEL, cy=camera.cy - HALF_PIXEL)
 
 
 def camera_with_rows_from_below(camera: Perspective) -> Perspective:
-    """The camera with cy counted from the lower edge, as MeshLab does; its own inverse."""
+    """Count cy from the lower edge, as MeshLab does, or back from there."""
     return replace(camera, cy=camera.height - camera.cy)
 
 
 def points_from_integer_centres(points: ArrayLike) -> FloatArray:
-    """Image points (..., 2) that count from pixel centres (OpenCV, files), as used inside."""
+    """Convert image points (..., 2) that count from pixel centres (OpenCV, files)."""
     return np.asarray(points, dtype=float) + HALF_PIXEL

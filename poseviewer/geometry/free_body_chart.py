@@ -1,9 +1,9 @@
 """A chart for any object: small motions about a start pose, in comparable units.
 
-Numbers: a rotation vector about the model's centre in camera axes (rad), a shift of that centre in
-the picture (in units of the model's radius there), a logarithm of depth or scale, and optionally
-one of the focal length. A change of 0.01 moves the picture of the model's rim by about 1 % of its
-radius there; the focal number is stretched to do the same.
+Parameters: a rotation vector about the model's centre in camera axes (rad), a translation of that
+centre in the picture (in units of the model's radius there), a logarithm of depth or scale, and
+optionally one of the focal length. A change of 0.01 moves the picture of the model's rim by about
+1 % of its radius there; the focal parameter is stretched to do the same.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform, rotation_about
 
-LARGEST_LOGARITHM = 20.0
-"""Numbers beyond it stand for no pose: e^20 is any photo's whole range of scales."""
-LARGEST = 1e9
-"""Nor do others beyond this: turns without a direction, shifts without digits."""
+MAX_LOGARITHM = 20.0
+"""Largest logarithm of depth, scale or focal length: e^20 is any photo's whole range of scales."""
+MAX_PARAMETER = 1e9
+"""Largest value of the others: beyond it rotations lose their direction, translations digits."""
 
-_NUMBERS = ("rotation_x", "rotation_y", "rotation_z", "shift_x", "shift_y")
+_MOTIONS = ("rotation_x", "rotation_y", "rotation_z", "shift_x", "shift_y")
 
 
 @dataclass(frozen=True, slots=True)
 class FreeBodyChart(Chart):
-    """Six numbers, or seven with the focal length, that are all 0 at the start pose."""
+    """Six parameters, or seven with the focal length, that are all 0 at the start pose."""
 
     name = "free-body"
     start: Pose
@@ -40,7 +40,7 @@ class FreeBodyChart(Chart):
     radius: float
     """Radius of the model about its centre, in its unit."""
     free_focal: bool = False
-    _place_px: tuple[float, float] = field(init=False, repr=False, compare=False)
+    _centre_px: tuple[float, float] = field(init=False, repr=False, compare=False)
     _depth: float = field(init=False, repr=False, compare=False)
     _radius_px: tuple[float, float] = field(init=False, repr=False, compare=False)
     """Centre (px), its depth, and the model's radius (px along u and v) at the start."""
@@ -55,15 +55,18 @@ class FreeBodyChart(Chart):
         else:
             radius_px = (camera.fx * self.radius / depth, camera.fy * self.radius / depth)
             gain = max(depth / self.radius, 1.0)
-        object.__setattr__(self, "_place_px", tuple(camera.project(centre).tolist()))
+        object.__setattr__(self, "_centre_px", tuple(camera.project(centre).tolist()))
         object.__setattr__(self, "_depth", depth)
         object.__setattr__(self, "_radius_px", radius_px)
         object.__setattr__(self, "focal_gain", gain)
 
     @classmethod
     def near(cls, mesh: Mesh, pose: Pose, free_focal: bool = False) -> FreeBodyChart:
-        """The chart about a pose; raises ``SingularChartError``: it does not show the model, or
-        ``SettingsError``: a focal length under parallel projection.
+        """Make the chart about a pose.
+
+        Raises:
+            SingularChartError: the pose does not show the model.
+            SettingsError: a focal length is wanted under parallel projection.
         """
         if free_focal and isinstance(pose.camera, Parallel):
             raise SettingsError(
@@ -82,19 +85,19 @@ class FreeBodyChart(Chart):
     def names(self) -> tuple[str, ...]:
         """Name of each parameter."""
         size = "log_scale" if isinstance(self.start.camera, Parallel) else "log_depth"
-        return (*_NUMBERS, size, *(("log_focal",) if self.free_focal else ()))
+        return (*_MOTIONS, size, *(("log_focal",) if self.free_focal else ()))
 
     def to_pose(self, parameters: FloatArray) -> Pose:
-        """The pose that lies ``numbers`` away from the start."""
+        """Return the pose that is ``parameters`` (d,) off the start."""
         values = np.asarray(parameters, dtype=float).tolist()
         log_zoom = values[6] * self.focal_gain if self.free_focal else 0.0
-        sound = all(abs(value) <= LARGEST for value in values)  # and so is none that is nan
-        if not (sound and max(abs(values[5]), abs(log_zoom)) <= LARGEST_LOGARITHM):
-            raise OutsideChartError(f"numbers {parameters} out of all proportion")
+        is_sound = all(abs(value) <= MAX_PARAMETER for value in values)  # False for nan, too
+        if not (is_sound and max(abs(values[5]), abs(log_zoom)) <= MAX_LOGARITHM):
+            raise OutsideChartError(f"parameters {parameters} out of all proportion")
         camera, start = self.start.camera, self.start.camera_from_model
         rotation = rotation_about(*values[:3]) @ start.rotation
-        u = self._place_px[0] + values[3] * self._radius_px[0]
-        v = self._place_px[1] + values[4] * self._radius_px[1]
+        u = self._centre_px[0] + values[3] * self._radius_px[0]
+        v = self._centre_px[1] + values[4] * self._radius_px[1]
         if isinstance(camera, Parallel):
             scale = camera.scale * math.exp(values[5])
             camera = Parallel(scale, camera.cx, camera.cy, camera.width, camera.height)
@@ -109,20 +112,19 @@ class FreeBodyChart(Chart):
         return Pose(camera, RigidTransform(rotation, np.array(centre) - rotation @ self.centre))
 
     def from_pose(self, pose: Pose) -> FloatArray:
-        """Parameters of a pose, its motion from the start."""
-        start, now = self.start.camera_from_model, pose.camera_from_model
-        turn = Rotation.from_matrix(now.rotation @ start.rotation.T).as_rotvec()
-        centre, was = now.apply(self.centre), start.apply(self.centre)
+        """Return the parameters (d,) of a pose, its motion from the start."""
+        start, end = self.start.camera_from_model, pose.camera_from_model
+        rotation = Rotation.from_matrix(end.rotation @ start.rotation.T).as_rotvec()
+        centre, centre_at_start = end.apply(self.centre), start.apply(self.centre)
         if isinstance(pose.camera, Perspective) and centre[2] <= 0.0:
             raise SingularChartError("the model's centre is behind the camera")
         camera, first = pose.camera, self.start.camera
-        shift = (camera.project(centre) - first.project(was)) / self._radius_px
+        translation = (camera.project(centre) - first.project(centre_at_start)) / self._radius_px
         if isinstance(camera, Parallel) and isinstance(first, Parallel):
-            return np.array([*turn, *shift, np.log(camera.scale / first.scale)])
+            return np.array([*rotation, *translation, np.log(camera.scale / first.scale)])
         if not (isinstance(camera, Perspective) and isinstance(first, Perspective)):
             raise SettingsError("a free-body chart does not change the projection")
         zoom = camera.fx / first.fx if self.free_focal else 1.0
-        parameters = [*turn, *shift, np.log(centre[2] / was[2] / zoom)]
-        if self.free_focal:
-            parameters.append(np.log(zoom) / self.focal_gain)
-        return np.array(parameters)
+        log_depth = np.log(centre[2] / centre_at_start[2] / zoom)
+        focal = [np.log(zoom) / self.focal_gain] if self.free_focal else []
+        return np.array([*rotation, *translation, log_depth, *focal])

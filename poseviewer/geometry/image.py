@@ -6,13 +6,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.geometry.arrays import frozen_array
+from poseviewer.geometry.arrays import freeze_array
 from poseviewer.geometry.camera import DEFAULT_FIELD_OF_VIEW_DEG, Camera, Parallel, Perspective
 from poseviewer.geometry.lens import Undistortion
 
-GREY_WEIGHTS = frozen_array([0.299, 0.587, 0.114], (3,))
+GREY_WEIGHTS = freeze_array([0.299, 0.587, 0.114], (3,))
 """RGB to grey (ITU-R BT.601), display-encoded, for photo and reflectance alike."""
 STRIP_PIXELS = 1 << 20
+"""Pixels of a photo that are floats at a time: all of a large one would take gigabytes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +39,7 @@ class Photo:
 
     @property
     def label(self) -> str:
-        """Which photo it is, in words: that of the file, or the undistorted one."""
+        """The file's name, and whether the photo is undistorted."""
         return self.name if self.undistortion is None else f"{self.name}, undistorted"
 
     @property
@@ -52,12 +53,12 @@ class Photo:
         return self.pixels.shape[0]
 
     def as_float(self) -> NDArray[np.float32]:
-        """(height, width, 3) RGB in [0, 1]."""
+        """Return (height, width, 3) RGB in [0, 1]."""
         scaled = self.pixels * np.float32(1.0 / np.iinfo(self.pixels.dtype).max)
         return scaled if scaled.shape[2] == 3 else np.repeat(scaled, 3, axis=2)
 
     def as_rgb8(self, width: int, height: int) -> NDArray[np.uint8]:
-        """(height, width, 3) RGB of 8 bits, for the eye: shrunk to the size by averaging."""
+        """Return (height, width, 3) RGB of 8 bits, for display, averaged down to the size."""
         pixels = self.pixels
         if pixels.dtype == np.uint16:
             pixels = np.right_shift(pixels, 8).astype(np.uint8)
@@ -67,13 +68,12 @@ class Photo:
         return pixels if pixels.shape[2] == 3 else np.repeat(pixels, 3, axis=2)
 
     def grey(self) -> NDArray[np.float32]:
-        """(height, width) in [0, 1]."""
+        """Return (height, width) in [0, 1]."""
         top = np.float32(1.0 / np.iinfo(self.pixels.dtype).max)
         if self.pixels.shape[2] == 1:
             return self.pixels[..., 0] * top
         weights = top * GREY_WEIGHTS[None].astype(np.float32)
         grey = np.empty(self.pixels.shape[:2], np.float32)
-        # In strips: all colours of a large photo as floats at once would take gigabytes.
         rows = max(1, STRIP_PIXELS // self.width)
         for start in range(0, self.height, rows):
             strip = self.pixels[start : start + rows].astype(np.float32)
@@ -81,7 +81,7 @@ class Photo:
         return grey
 
     def default_camera(self) -> Perspective:
-        """Camera by calibration, else by EXIF, else with 50 degrees along the longer side."""
+        """Return the calibrated camera, else EXIF's, else the one of the default field of view."""
         if self.camera is not None:
             return self.camera
         size = self.width, self.height
@@ -90,7 +90,7 @@ class Photo:
         return Perspective.from_field_of_view(DEFAULT_FIELD_OF_VIEW_DEG, *size)
 
     def focal_note(self, camera: Camera) -> str:
-        """Sentence on a focal length that was assumed for want of any, else ""."""
+        """Return a sentence on a focal length that had to be assumed, else ""."""
         known = self.camera is not None or self.focal_length_35mm is not None
         if known or isinstance(camera, Parallel) or camera.fx != self.default_camera().fx:
             return ""
@@ -102,11 +102,11 @@ class Photo:
 
 
 def srgb_from_linear(linear: NDArray) -> NDArray:
-    """Display-encoded colours from linear ones, both in [0, 1] (IEC 61966-2-1)."""
+    """Encode linear colours for display, both in [0, 1] (IEC 61966-2-1)."""
     linear = np.clip(linear, 0.0, 1.0)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def linear_from_srgb(colours: NDArray) -> NDArray:
-    """Linear colours from display-encoded ones, both in [0, 1]."""
+    """Decode display-encoded colours to linear ones, both in [0, 1]."""
     return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)

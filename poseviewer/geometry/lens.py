@@ -25,10 +25,12 @@ COEFFICIENTS: dict[LensModel, tuple[int, ...]] = {"opencv": (4, 5, 8, 12, 14), "
 """Counts of coefficients by model: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]]; or the
 fisheye's k1 k2 k3 k4."""
 STRIP_PIXELS = 1 << 20
-LARGEST_SIDE = 32766
-"""px: OpenCV's ``remap`` counts pixels in 16 bits."""
+"""Pixels that are mapped at a time: the maps of a large photo take eight bytes a pixel."""
+MAX_SIDE_PX = 32766
+"""Largest side of a photo: OpenCV's ``remap`` counts pixels in 16 bits."""
 FIELD_SAMPLES = 4096
-SAME = 1e-9
+"""Radii at which the radial part is evaluated to see where it turns back."""
+CAMERA_TOLERANCE = 1e-9
 """Relative difference of equal cameras: files round cx and cy in their last digit."""
 
 
@@ -46,8 +48,9 @@ class Lens:
 
     @classmethod
     def of(cls, model: LensModel, coefficients: Sequence[float]) -> Lens | None:
-        """The lens with these coefficients; None where nothing is distorted: all are 0, and the
-        model is no fisheye, whose picture is none of a pinhole even so.
+        """Make the lens with these coefficients; None where nothing is distorted.
+
+        A fisheye distorts even where all its coefficients are 0.
         """
         is_pinhole = not any(coefficients) and model == "opencv"
         return None if is_pinhole else cls(model, tuple(coefficients))
@@ -65,7 +68,7 @@ class Lens:
 
 @dataclass(frozen=True, slots=True)
 class Undistortion:
-    """From a photo as taken to the picture that a pinhole camera at its place would have taken."""
+    """Map from a photo as taken to the picture that a pinhole camera would have taken there."""
 
     lens: Lens
     taken: Perspective
@@ -75,7 +78,7 @@ class Undistortion:
 
     @classmethod
     def of(cls, lens: Lens, taken: Perspective) -> Undistortion:
-        """Undistort into a picture of the same size, principal point and focal length."""
+        """Make the map to a picture of the same size, principal point and focal length."""
         return cls(lens, taken, taken)
 
 
@@ -122,25 +125,24 @@ def turned_lens(lens: Lens, orientation: int) -> Lens:
 
 
 def same_undistortion(first: Undistortion | None, second: Undistortion | None) -> bool:
-    """Whether two give the same picture, up to the rounding of files."""
+    """Tell whether two maps give the same picture, up to the rounding of files."""
     if first is None or second is None:
         return first is second
     if first.lens != second.lens:
         return False
     pairs = ((first.taken, second.taken), (first.camera, second.camera))
-    return all(np.allclose(astuple(a), astuple(b), rtol=SAME) for a, b in pairs)
+    return all(np.allclose(astuple(a), astuple(b), rtol=CAMERA_TOLERANCE) for a, b in pairs)
 
 
 def undistort(pixels: NDArray, undistortion: Undistortion) -> tuple[NDArray, NDArray[np.bool_]]:
-    """Undistorted picture (height, width, channels), and where (height, width) it is not black."""
+    """Undistort pixels (height, width, channels); returns where (height, width) it is not black."""
     camera, taken = undistortion.camera, undistortion.taken
     picture = np.zeros((camera.height, camera.width, pixels.shape[2]), pixels.dtype)
     covered = np.zeros(picture.shape[:2], bool)
     limit = _field_limit(undistortion)
-    # In strips: the maps of a large photo take eight bytes a pixel.
     rows = max(1, STRIP_PIXELS // camera.width)
     for start in range(0, camera.height, rows):
-        strip = camera.cropped(0, start, camera.width, min(rows, camera.height - start))
+        strip = camera.crop(0, start, (camera.width, min(rows, camera.height - start)))
         matrices = opencv_matrix(taken), undistortion.lens.array, np.eye(3), opencv_matrix(strip)
         size = strip.width, strip.height
         u, v = undistortion.lens.module.initUndistortRectifyMap(*matrices, size, cv2.CV_32FC1)
@@ -154,14 +156,14 @@ def undistort(pixels: NDArray, undistortion: Undistortion) -> tuple[NDArray, NDA
 
 
 def _radii(camera: Perspective) -> NDArray[np.float32]:
-    """(height, width): the distance of each pixel's ray from the optical axis at z = 1."""
+    """Return (height, width): the distance of each viewing ray from the optical axis at z = 1."""
     x = (np.arange(camera.width, dtype=np.float32) + 0.5 - camera.cx) / camera.fx
     y = (np.arange(camera.height, dtype=np.float32) + 0.5 - camera.cy) / camera.fy
     return np.hypot(x[None], y[:, None]).astype(np.float32)
 
 
 def _field_limit(undistortion: Undistortion) -> float:
-    """Radius at z = 1 beyond which the lens's radial part turns back, showing parts twice."""
+    """Find the radius at z = 1 beyond which the radial part turns back and shows things twice."""
     camera, coefficients = undistortion.camera, undistortion.lens.array
     if undistortion.lens.model == "opencv":
         coefficients[2:4], coefficients[8:] = 0.0, 0.0
@@ -169,13 +171,13 @@ def _field_limit(undistortion: Undistortion) -> float:
     corners = camera.rays([(0, 0), (size[0], 0), (0, size[1]), size])
     radii = np.linspace(0.0, float(np.linalg.norm(corners[:, :2], axis=1).max()), FIELD_SAMPLES)
     rays = np.stack([radii, np.zeros_like(radii), np.ones_like(radii)], axis=-1)[:, None]
-    still = np.zeros(3), np.zeros(3), np.eye(3)
-    moved = undistortion.lens.module.projectPoints(rays, *still, coefficients)[0]
-    back = np.diff(moved[:, 0, 0]) <= 0.0
-    return float(radii[np.argmax(back)]) if back.any() else np.inf
+    identity = np.zeros(3), np.zeros(3), np.eye(3)
+    distorted = undistortion.lens.module.projectPoints(rays, *identity, coefficients)[0]
+    turns_back = np.diff(distorted[:, 0, 0]) <= 0.0
+    return float(radii[np.argmax(turns_back)]) if turns_back.any() else np.inf
 
 
 def opencv_matrix(camera: Perspective) -> FloatArray:
-    """(3, 3): the camera matrix as OpenCV has it, which counts from pixel centres."""
+    """Return OpenCV's camera matrix (3, 3), which counts from pixel centres."""
     camera = camera_as_integer_centres(camera)
     return np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])

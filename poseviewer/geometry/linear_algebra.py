@@ -7,15 +7,15 @@ from poseviewer.geometry.arrays import FloatArray
 CONSTANT_VARIANCE = 1e-12
 """A channel whose variance is below this share of its mean square counts as constant."""
 RANK_TOLERANCE = 1e-7
-"""Share of the greatest eigenvalue below which one counts as zero: float32 is no more exact."""
+"""Share of the largest eigenvalue below which one counts as zero: float32 is no more exact."""
 
 
 def whiten(covariance: FloatArray, mean: FloatArray) -> FloatArray:
-    """W (rank, k) with ``W C W^T = I`` on the range of the covariance C (k, k).
+    """Return W (rank, k) with ``W C W^T = I`` on the range of the covariance C (k, k).
 
     ``W^T W`` is the pseudo-inverse of C, in which tolerances apply to the correlation matrix, so
-    that a channel's unit does not matter. Where a channel varies so little that its rounding
-    weighs more than ``RANK_TOLERANCE``, that is the tolerance.
+    that a channel's unit does not matter. The rounding of a channel that hardly varies is the
+    tolerance where it weighs more than ``RANK_TOLERANCE``.
     """
     variance = covariance.diagonal()
     rounding = CONSTANT_VARIANCE * (variance + mean * mean)
@@ -34,16 +34,21 @@ def whiten(covariance: FloatArray, mean: FloatArray) -> FloatArray:
     return vectors.T[first:] * scale / np.sqrt(values[first:, None])
 
 
-def squared_correlations(
+def canonical_correlations_squared(
     mean: FloatArray,
     covariance: FloatArray,
     n: int,
     photo_whitening: FloatArray | None = None,
 ) -> FloatArray:
-    """The squared canonical correlations of the first ``n`` channels with the m others, ascending.
+    """Square the canonical correlations (min(n, m),) of F and M: ascending, in [0, 1] but rounded.
 
-    (min(n, m),), but for rounding in [0, 1]: eigenvalues of ``K^T K`` with ``K = W_F C_FM W_M^T``.
-    ``photo_whitening`` is W_F (rank, n), if it is known.
+    They are the eigenvalues of ``K^T K`` with ``K = W_F C_FM W_M^T``.
+
+    Args:
+        mean: (n + m,) of the channels, those of F first.
+        covariance: (n + m, n + m) of the channels.
+        n: number of channels of F.
+        photo_whitening: W_F (rank, n), if it is known.
     """
     if photo_whitening is None:
         photo_whitening = whiten(covariance[:n, :n], mean[:n])

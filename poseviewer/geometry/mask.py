@@ -1,4 +1,4 @@
-"""Which pixels of a photo count: white where they do, black where something is in front."""
+"""Masks of photos: white where a pixel counts, black where something is in front."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mask:
-    """A weight for each pixel, in [0, 1]. Kept packed: an undo history holds hundreds of them."""
+    """A weight for each pixel, in [0, 1], kept packed: an undo history holds hundreds of masks."""
 
     width: int
     height: int
@@ -21,7 +21,11 @@ class Mask:
 
     @classmethod
     def of(cls, weights: ArrayLike) -> Mask:
-        """The mask of weights (height, width), 1 counts; ``ValueError`` unless all in [0, 1]."""
+        """Pack weights (height, width), 1 where a pixel counts.
+
+        Raises:
+            ValueError: a weight is not in [0, 1].
+        """
         values = np.asarray(weights, np.float32)
         if values.ndim != 2 or not np.all((values >= 0.0) & (values <= 1.0)):
             raise ValueError(f"a mask of shape {values.shape}: wanted (height, width), from 0 to 1")
@@ -33,11 +37,11 @@ class Mask:
     @property
     def weights(self) -> NDArray[np.float32]:
         """(height, width), read-only: 1 counts, 0 does not."""
-        return _unpacked(self)
+        return _unpack(self)
 
 
 @lru_cache(maxsize=2)
-def _unpacked(mask: Mask) -> NDArray[np.float32]:
+def _unpack(mask: Mask) -> NDArray[np.float32]:
     content = zlib.decompress(mask._packed)
     if mask._is_binary:
         bits = np.unpackbits(np.frombuffer(content, np.uint8), count=mask.width * mask.height)

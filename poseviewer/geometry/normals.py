@@ -1,7 +1,7 @@
 """Normals of a triangle surface: winding made consistent, smooth flanks, sharp edges.
 
-Everything is worked out on *welded* corners (vertices at the same place count as one), so that a
-seam of the texture or of two parts does not show in the shading.
+All is computed on *welded* corners (vertices at the same point count as one), so that a seam of
+the texture or of two parts does not show in the shading.
 """
 
 import math
@@ -27,23 +27,23 @@ class Adjacency:
     second: NDArray[np.int64]
     """(P,) the half-edge of the other face."""
     same_direction: NDArray[np.bool_]
-    """(P,) whether both run the same way, which means that the two faces are wound differently."""
+    """(P,) whether both run the same way: then the two faces are wound differently."""
     open_faces: NDArray[np.bool_]
     """(F,) whether an edge of the face has one face only, or more than two."""
 
 
 def weld(vertices: FloatArray) -> NDArray[np.int64]:
-    """(V,) for each vertex (V, 3) the number of its place; equal places have equal numbers."""
+    """Return (V,): an index of the point at which each vertex (V, 3) lies."""
     order = np.lexsort(vertices.T)
     ordered = vertices.T[:, order]
     is_new = np.any(ordered[:, 1:] != ordered[:, :-1], axis=0)
-    places = np.empty(len(vertices), dtype=np.int64)
-    places[order] = np.concatenate([[0], np.cumsum(is_new)])
-    return places
+    welded = np.empty(len(vertices), dtype=np.int64)
+    welded[order] = np.concatenate([[0], np.cumsum(is_new)])
+    return welded
 
 
 def face_normals_and_areas(vertices: FloatArray, faces: NDArray) -> tuple[FloatArray, FloatArray]:
-    """Unit normals (F, 3), on the counter-clockwise side, and areas (F,); no area, no normal: 0."""
+    """Return unit normals (F, 3), on the counter-clockwise side, and areas (F,); 0 without area."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     cross = np.cross(b - a, c - a)
     double_area = np.linalg.norm(cross, axis=1)
@@ -52,7 +52,7 @@ def face_normals_and_areas(vertices: FloatArray, faces: NDArray) -> tuple[FloatA
 
 
 def find_adjacency(faces: NDArray) -> Adjacency:
-    """Which half-edges of the faces (F, 3) of welded corners meet."""
+    """Find the half-edges of faces (F, 3) of welded corners that meet."""
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     low, high = np.minimum(start, end), np.maximum(start, end)
     key = low.astype(np.int64) * (int(high.max(initial=0)) + 1) + high
@@ -67,8 +67,8 @@ def find_adjacency(faces: NDArray) -> Adjacency:
     return Adjacency(first, second, start[first] == start[second], open_faces)
 
 
-def winding_to_flip(vertices: FloatArray, faces: NDArray) -> NDArray[np.bool_]:
-    """(F,) the faces to turn to wind closed pieces outwards, and open ones alike by least area."""
+def faces_to_flip(vertices: FloatArray, faces: NDArray) -> NDArray[np.bool_]:
+    """Return (F,): the faces to flip so that closed pieces are wound outwards, open ones alike."""
     if not len(faces):
         return np.zeros(0, dtype=bool)
     adjacency = find_adjacency(weld(vertices)[faces])
@@ -77,7 +77,7 @@ def winding_to_flip(vertices: FloatArray, faces: NDArray) -> NDArray[np.bool_]:
     flip = _parity_from_root(a, b, adjacency.same_direction, piece)
     closed = np.ones(pieces, dtype=bool)
     closed[piece[adjacency.open_faces]] = False
-    # Whole pieces, too: inside-out ones, or where less area is turned.
+    # Whole pieces, too: closed ones that are inside out, and open ones where that flips less area.
     sign = np.where(flip, -1.0, 1.0)
     a, b, c = (vertices[faces[:, i]] - vertices.mean(axis=0) for i in range(3))
     volume = np.bincount(piece, sign * np.einsum("ij,ij->i", a, np.cross(b, c)), pieces)
@@ -86,12 +86,12 @@ def winding_to_flip(vertices: FloatArray, faces: NDArray) -> NDArray[np.bool_]:
 
 
 def _links(a: NDArray, b: NDArray, count: int) -> coo_array:
-    """(count, count): the graph whose edges join ``a`` and ``b``."""
+    """Return the graph (count, count) whose edges join ``a`` and ``b``."""
     return coo_array((np.ones(len(a), np.int8), (a, b)), shape=(count, count))
 
 
 def _parity_from_root(a: NDArray, b: NDArray, differs: NDArray, piece: NDArray) -> NDArray:
-    """(F,) whether a face differs from its piece's first, by a tree followed by doubling."""
+    """Return (F,): whether a face differs from its piece's first, by pointer doubling on a tree."""
     count, first = len(piece), np.unique(piece, return_index=True)[1]
     to_root = np.concatenate([a, first]), np.concatenate([b, np.full(len(first), count)])
     tree = _links(*to_root, count + 1).tocsr()
@@ -109,8 +109,10 @@ def _parity_from_root(a: NDArray, b: NDArray, differs: NDArray, piece: NDArray) 
 def crease_normals(
     vertices: FloatArray, faces: NDArray
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
-    """Normals, means of the faces' by the corner's angle (Thuermer and Wuethrich 1998), sharp at
-    creases: the given vertex (N,) of each new one, faces (F, 3), unit normals (N, 3).
+    """Average face normals by the corners' angles, sharp at creases (Thuermer, Wuethrich 1998).
+
+    Returns:
+        The given vertex of each new one (N,), faces (F, 3), unit normals (N, 3).
     """
     face_normals, _ = face_normals_and_areas(vertices, faces)
     fan = _smooth_fans(find_adjacency(weld(vertices)[faces]), face_normals)
@@ -128,7 +130,7 @@ def crease_normals(
 
 
 def corner_angles(vertices: FloatArray, faces: NDArray) -> FloatArray:
-    """(F, 3) the angles of the triangles, radians."""
+    """Return the angles (F, 3) of the triangles, radians."""
     corners = vertices[faces]
     ahead = np.roll(corners, -1, axis=1) - corners
     length = np.linalg.norm(ahead, axis=2, keepdims=True)
@@ -138,7 +140,7 @@ def corner_angles(vertices: FloatArray, faces: NDArray) -> FloatArray:
 
 
 def _smooth_fans(adjacency: Adjacency, face_normals: FloatArray) -> NDArray:
-    """(3 F,) for each corner the number of its fan: corners joined over smooth edges."""
+    """Return (3 F,): the index of each corner's fan, corners that smooth edges join."""
     a, b = adjacency.first, adjacency.second
     bend = np.einsum("ij,ij->i", face_normals[a // 3], face_normals[b // 3])
     smooth = (bend >= math.cos(CREASE_ANGLE_RAD)) & ~adjacency.same_direction

@@ -18,19 +18,26 @@ class PoseError:
     reprojection_px: float
     """Mean distance in the photo between the model's vertices at both poses."""
     percent: float
-    """The same, as 100 times the share of the diagonal of the model's box in the photo."""
+    """``reprojection_px`` by the diagonal of the model's box in the photo, per cent."""
     rotation_deg: float
 
 
 def pose_error(
     mesh: Mesh, estimate: Pose, truth: Pose, symmetry: Symmetry = NO_SYMMETRY
 ) -> PoseError:
-    """Errors over all vertices, infinite behind a camera, of the equal pose nearest in rotation."""
+    """Compare a pose with the truth over all vertices; infinite behind a camera.
+
+    Args:
+        mesh: the model.
+        estimate: the pose, in place of which the equal one nearest in rotation is taken.
+        truth: the true pose.
+        symmetry: of the model.
+    """
     estimate = symmetry.nearest_pose(estimate, truth)
     vertices = np.unique(mesh.vertices, axis=0)
-    there = truth.project(vertices)
-    distance = np.linalg.norm(estimate.project(vertices) - there, axis=1)
+    true_pixels = truth.project(vertices)
+    distance = np.linalg.norm(estimate.project(vertices) - true_pixels, axis=1)
     pixels = float(np.nan_to_num(distance, nan=np.inf).mean())
-    diagonal = float(np.linalg.norm(np.ptp(there, axis=0)))
+    diagonal = float(np.linalg.norm(np.ptp(true_pixels, axis=0)))
     angle = rotation_angle(estimate.camera_from_model.rotation, truth.camera_from_model.rotation)
     return PoseError(pixels, 100.0 * pixels / diagonal, math.degrees(angle))

@@ -1,15 +1,17 @@
-"""Rectangles of a picture, and the choice of those that differ among many candidates."""
+"""Rectangles of a picture, and non-maximum suppression."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias, TypeVar
 
 if TYPE_CHECKING:  # help texts of the command line need no NumPy
     import numpy as np
     from numpy.typing import NDArray
 
 T = TypeVar("T")
+"""Any kind of candidates."""
+Corner: TypeAlias = "Sequence[float] | NDArray[np.float64]"
 
 
 class Rectangle(NamedTuple):
@@ -21,9 +23,9 @@ class Rectangle(NamedTuple):
     height: float
 
     @classmethod
-    def from_corners(cls, left: float, top: float, right: float, bottom: float) -> Rectangle:
-        """From its left upper and right lower corners."""
-        return cls(left, top, right - left, bottom - top)
+    def from_corners(cls, low: Corner, high: Corner) -> Rectangle:
+        """Make the rectangle between its upper left and its lower right corner (u, v), px."""
+        return cls(low[0], low[1], high[0] - low[0], high[1] - low[1])
 
     @property
     def right(self) -> float:
@@ -37,34 +39,34 @@ class Rectangle(NamedTuple):
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Its middle (u, v), px."""
+        """Middle (u, v), px."""
         return self.left + self.width / 2.0, self.top + self.height / 2.0
 
     @property
     def area(self) -> float:
-        """Area in px; 0 for a rectangle that is turned inside out, as an empty intersection is."""
+        """Area in square px; 0 for one turned inside out, as an empty intersection is."""
         return max(self.width, 0.0) * max(self.height, 0.0)
 
-    def grown(self, share: float) -> Rectangle:
-        """The rectangle about the same middle, longer by ``share`` along each side."""
+    def expand(self, share: float) -> Rectangle:
+        """Return the rectangle about the same middle, with sides longer by ``share``."""
         width, height = self.width * (1.0 + share), self.height * (1.0 + share)
         u, v = self.centre
         return Rectangle(u - width / 2.0, v - height / 2.0, width, height)
 
     def intersection(self, other: Rectangle) -> Rectangle:
-        """Part that both have in common; its ``area`` is 0 where there is none."""
-        left, top = max(self.left, other.left), max(self.top, other.top)
-        right, bottom = min(self.right, other.right), min(self.bottom, other.bottom)
-        return Rectangle.from_corners(left, top, right, bottom)
+        """Return the part that both have in common; its ``area`` is 0 where there is none."""
+        low = max(self.left, other.left), max(self.top, other.top)
+        high = min(self.right, other.right), min(self.bottom, other.bottom)
+        return Rectangle.from_corners(low, high)
 
     def union(self, other: Rectangle) -> Rectangle:
-        """Make the smallest rectangle about both."""
-        left, top = min(self.left, other.left), min(self.top, other.top)
-        right, bottom = max(self.right, other.right), max(self.bottom, other.bottom)
-        return Rectangle.from_corners(left, top, right, bottom)
+        """Return the smallest rectangle about both."""
+        low = min(self.left, other.left), min(self.top, other.top)
+        high = max(self.right, other.right), max(self.bottom, other.bottom)
+        return Rectangle.from_corners(low, high)
 
     def mask(self, height: int, width: int) -> NDArray[np.float32]:
-        """(height, width): 1 inside, its right and lower ends excluded, 0 beside it."""
+        """Return (height, width): 1 inside, right and lower ends excluded, 0 beside it."""
         import numpy as np
 
         mask = np.zeros((height, width), np.float32)
@@ -74,12 +76,12 @@ class Rectangle(NamedTuple):
 
 
 def non_maximum_suppression(
-    candidates: Iterable[T], is_same: Callable[[T, T], bool], most: int | None = None
+    candidates: Iterable[T], is_same: Callable[[T, T], bool], max_count: int | None = None
 ) -> list[T]:
-    """Keep at most ``most`` of ``candidates``, the best first, that differ from better ones."""
+    """Keep candidates, given best first, that are not the same as better ones."""
     kept: list[T] = []
     for candidate in candidates:
-        if len(kept) == most:
+        if len(kept) == max_count:
             break
         if not any(is_same(candidate, other) for other in kept):
             kept.append(candidate)

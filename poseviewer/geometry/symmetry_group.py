@@ -1,7 +1,7 @@
-"""The turns of a model that leave it as it is, and which of the equal poses is meant.
+"""Symmetries of a model: rotations that leave it as it is, and which of the equal poses is meant.
 
-All are rotations about one point. A continuous symmetry is every turn about an axis through it;
-where there are two such axes, every rotation.
+All are rotations about one point. A continuous symmetry is every rotation about an axis through
+it; two such axes stand for every rotation.
 """
 
 from __future__ import annotations
@@ -15,38 +15,41 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.errors import list_names
+from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform
 
 STEP = 0.01
-"""Share of the diameter between turns of a continuous symmetry, BOP's ``max_sym_disc_step``."""
+"""Share of the diameter between steps of a continuous symmetry, BOP's ``max_sym_disc_step``."""
 SAME_COSINE = math.cos(math.radians(2.0))
-"""Rotations and axes nearer than that are one: files round."""
+"""Cosine from which rotations and axes are the same: files round."""
 ROUNDING = 1e-12
-"""Radians: a pose so near to the wanted one is the one, to the last digit."""
-MOST_FOLD = 60
+"""Radians below which a pose is the wanted one to the last digit."""
+MAX_FOLD = 60
 """Steps of a full turn, six degrees each: finer ones are a continuous symmetry to the eye."""
-MOST_ROTATIONS, MOST_NAMED = 2 * MOST_FOLD, 3
-"""Rotations of a prism with ``MOST_FOLD`` sides (an icosahedron has 60); turns a message names."""
-APART = 0.01
+MAX_ROTATIONS = 2 * MAX_FOLD
+"""Rotations of a prism with ``MAX_FOLD`` sides; an icosahedron has 60."""
+MAX_NAMED_AXES = 3
+"""Symmetry axes that a message names."""
+MAX_CENTRE_ERROR = 0.01
 """Share of the model's diameter by which motions may differ on the point that they leave."""
 REFERENCE = Rotation.from_rotvec([0.3, 0.5, 0.7]).as_matrix()
-"""Rotation from which the canonical one of equal poses is turned least. No pose that people give
-exactly lies half way from it to an equal one, as those along the axes do from the identity."""
+"""Rotation next to the canonical one of equal poses. No pose that people give exactly lies half way
+from it to an equal one, as those along the axes do from the identity."""
 
 
-class Turn(NamedTuple):
-    """The turns about an axis."""
+class SymmetryAxis(NamedTuple):
+    """An axis of rotational symmetry."""
 
     axis: FloatArray
     """(3,): unit direction in the model's frame."""
     fold: int
-    """Number of equal steps in a full turn; 0: every turn."""
+    """Number of equal steps in a full turn; 0: every rotation."""
 
     @property
     def words(self) -> str:
-        """Such as ``half a turn about (0, 0, 1)``."""
+        """Text such as ``half a turn about (0, 0, 1)``."""
         steps = {0: "every turn", 2: "half a turn"}.get(self.fold, f"1/{self.fold} of a turn")
         direction = ", ".join(f"{value + 0.0:.3g}" for value in np.round(self.axis, 3))
         return f"{steps} about ({direction})"
@@ -57,114 +60,119 @@ class Symmetry:
     """The rigid motions, model from model, that map a model onto itself, in shape and colours."""
 
     centre: FloatArray
-    """(3,): the point that they all leave where it is, in the model's frame and unit."""
+    """(3,): the point that all motions leave where it is, in the model's frame and unit."""
     rotations: FloatArray
-    """(n, 3, 3): about it, the identity first; the symmetries are these, after every turn about
-    one of the axes."""
+    """(n, 3, 3): about the centre, the identity first. The symmetries are these, each after every
+    rotation about one of the axes."""
     axes: FloatArray
     """(k, 3): unit directions of continuous symmetries; two or more: every rotation is one."""
 
     def __post_init__(self) -> None:
         for name, shape in (("centre", (3,)), ("rotations", (-1, 3, 3)), ("axes", (-1, 3))):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), shape))
+            object.__setattr__(self, name, freeze_array(getattr(self, name), shape))
 
     @classmethod
-    def from_turns(cls, centre: ArrayLike, turns: Iterable[Turn]) -> Symmetry:
-        """Close these turns about axes through a point; raises ``ValueError`` if too many."""
-        turns = tuple(turns)
-        steps = (2.0 * math.pi / fold * axis for axis, fold in turns if fold)
+    def from_axes(cls, centre: ArrayLike, axes: Iterable[SymmetryAxis]) -> Symmetry:
+        """Close the rotations about axes through a point.
+
+        Raises:
+            ValueError: there are too many.
+        """
+        axes = tuple(axes)
+        steps = (2.0 * math.pi / fold * axis for axis, fold in axes if fold)
         rotations = [Rotation.from_rotvec(step).as_matrix() for step in steps]
-        axes = [axis for axis, fold in turns if not fold]
-        return cls(np.array(centre, float), *_closed(rotations, axes))
+        continuous = [axis for axis, fold in axes if not fold]
+        return cls(np.array(centre, float), *_close(rotations, continuous))
 
     @classmethod
     def from_transforms(
         cls,
         discrete: Sequence[RigidTransform],
-        axes: ArrayLike,
-        offsets: ArrayLike,
+        continuous: Sequence[tuple[FloatArray, FloatArray]],
         diameter: float,
     ) -> Symmetry:
-        """Close motions, and axes (k, 3) through ``offsets`` (k, 3); raises ``ValueError``: they
-        are too many, or leave no common point where it is.
+        """Close motions, and rotations about axes: a unit direction (3,) and a point (3,) each.
+
+        Raises:
+            ValueError: they are too many, or leave no common point of a model of this diameter.
         """
-        axes, offsets = np.reshape(axes, (-1, 3)), np.reshape(offsets, (-1, 3))
+        axes, offsets = np.moveaxis(np.reshape(continuous, (-1, 2, 3)), 1, 0)
         across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
         sides = [np.zeros((3, 3)), *(np.eye(3) - motion.rotation for motion in discrete), *across]
         shifts = [np.zeros(3), *(motion.translation for motion in discrete)]
         shifts += [side @ offset for side, offset in zip(across, offsets, strict=True)]
         left, right = np.concatenate(sides), np.concatenate(shifts)
-        # Of an axis's points the one nearest to the origin.
+        # Least squares take the point of an axis nearest to the origin.
         centre = np.linalg.lstsq(left, right, rcond=1e-6)[0]
-        apart = np.abs(left @ centre - right).max()
-        if apart > APART * diameter:
+        if np.abs(left @ centre - right).max() > MAX_CENTRE_ERROR * diameter:
             raise ValueError("leave no common point where it is, so that no model has them all")
-        return cls(centre, *_closed([motion.rotation for motion in discrete], list(axes)))
+        return cls(centre, *_close([motion.rotation for motion in discrete], list(axes)))
 
     @property
     def is_none(self) -> bool:
-        """Whether nothing but the identity is in it."""
+        """Whether the identity is the only symmetry."""
         return len(self.rotations) == 1 and not len(self.axes)
 
     @property
     def is_any_rotation(self) -> bool:
-        """Whether it is that of a ball."""
+        """Whether every rotation is a symmetry, as of a ball."""
         return len(self.axes) > 1
 
     @property
     def free_axes(self) -> FloatArray:
-        """(k, 3): orthogonal ones of every continuous symmetry."""
+        """(k, 3): orthogonal axes of every continuous symmetry."""
         return np.eye(3) if self.is_any_rotation else self.axes
 
     @property
-    def turns(self) -> tuple[Turn, ...]:
-        """The turns that it is made of, those about one axis together, the finest first."""
-        turns: list[Turn] = []
+    def symmetry_axes(self) -> tuple[SymmetryAxis, ...]:
+        """Axes with their folds, the finest first."""
+        known: list[SymmetryAxis] = []
         for rotation in self.rotations[1:]:
             vector = Rotation.from_matrix(rotation).as_rotvec()
-            upwards = vector[np.argmax(np.abs(vector))] > 0.0  # along the greatest coordinate
-            axis = (vector if upwards else -vector) / np.linalg.norm(vector)
-            for index, known in enumerate(turns):
-                if abs(axis @ known.axis) > SAME_COSINE:
-                    turns[index] = Turn(known.axis, known.fold + 1)
+            is_upwards = vector[np.argmax(np.abs(vector))] > 0.0  # along the largest coordinate
+            axis = (vector if is_upwards else -vector) / np.linalg.norm(vector)
+            for index, other in enumerate(known):
+                if abs(axis @ other.axis) > SAME_COSINE:
+                    known[index] = SymmetryAxis(other.axis, other.fold + 1)
                     break
             else:
-                turns.append(Turn(axis, 2))
-        turns.sort(key=lambda turn: -turn.fold)
-        return (*(Turn(axis, 0) for axis in self.axes), *turns)
+                known.append(SymmetryAxis(axis, 2))
+        known.sort(key=lambda other: -other.fold)
+        return (*(SymmetryAxis(axis, 0) for axis in self.axes), *known)
 
     @property
     def words(self) -> str:
-        """Such as ``every turn about (0, 0, 1), half a turn about (1, 0, 0)``; empty for none."""
+        """Text such as ``every turn about (0, 0, 1), half a turn about (1, 0, 0)``, or ""."""
         if self.is_any_rotation:
             return "every rotation"
-        named = [turn.words for turn in self.turns]
-        more = [f"{len(named) - MOST_NAMED} more"] if len(named) > MOST_NAMED else []
-        return ", ".join([*named[:MOST_NAMED], *more])
+        return list_names([axis.words for axis in self.symmetry_axes], MAX_NAMED_AXES)
 
     def transforms(self) -> tuple[RigidTransform, ...]:
-        """All symmetries, the identity first, continuous ones in steps of at most ``STEP``."""
+        """Return all symmetries, the identity first, continuous ones in steps of ``STEP``."""
         count = math.ceil(math.pi / STEP)
         angles = 2.0 * math.pi / count * np.arange(1, count)
         ways = (Rotation.from_rotvec(angles[:, None] * axis).as_matrix() for axis in self.axes)
-        turns = np.concatenate([np.eye(3)[None], *ways])
-        return tuple(self.about(own @ turn) for turn in turns for own in self.rotations)
+        about_axes = np.concatenate([np.eye(3)[None], *ways])
+        return tuple(self.as_transform(own @ turn) for turn in about_axes for own in self.rotations)
 
-    def nearest(self, place: RigidTransform, wanted: RigidTransform) -> RigidTransform:
-        """The transform equal to ``place`` whose rotation is nearest to ``wanted``; exact."""
+    def nearest(self, transform: RigidTransform, target: RigidTransform) -> RigidTransform:
+        """Return the transform equal to one whose rotation is nearest to the ``target``'s; exact.
+
+        It makes trace(target^T transform S) greatest, where S is a rotation of the symmetry, then
+        one by t about the axis a: trace(M R(t)) = a.Ma + (trace M - a.Ma) cos t + trace(M [a]x)
+        sin t.
+        """
         if self.is_none:
-            return place
-        # The nearest makes trace(wanted^T place S) greatest; S is a rotation, then a turn t about
-        # the axis a: trace(M turn(t)) = a.Ma + (trace M - a.Ma) cos t + trace(M [a]x) sin t.
-        off = wanted.rotation.T @ place.rotation
+            return transform
+        off = target.rotation.T @ transform.rotation
         if self.is_any_rotation:
             is_there = np.abs(off - np.eye(3)).max() < ROUNDING
-            return place if is_there else place @ self.about(off.T)
+            return transform if is_there else transform @ self.as_transform(off.T)
         products = off @ self.rotations
         traces = np.trace(products, axis1=1, axis2=2)
         if not len(self.axes):
             index = int(np.argmax(traces))
-            return place @ self.about(self.rotations[index]) if index else place
+            return transform @ self.as_transform(self.rotations[index]) if index else transform
         (axis,) = self.axes
         along = np.einsum("i,nij,j->n", axis, products, axis)
         cosines = traces - along
@@ -172,56 +180,56 @@ class Symmetry:
         best = np.argmax(along + np.hypot(cosines, sines))
         angle = math.atan2(sines[best], cosines[best])
         if best == 0 and abs(angle) < ROUNDING:
-            return place
-        turn = Rotation.from_rotvec(angle * axis).as_matrix()
-        return place @ self.about(self.rotations[best] @ turn)
+            return transform
+        about_axis = Rotation.from_rotvec(angle * axis).as_matrix()
+        return transform @ self.as_transform(self.rotations[best] @ about_axis)
 
-    def nearest_pose(self, pose: Pose, wanted: Pose) -> Pose:
-        """Pose equal to ``pose``, with its camera, whose rotation is nearest to ``wanted``."""
+    def nearest_pose(self, pose: Pose, target: Pose) -> Pose:
+        """Return the pose equal to one, with its camera, whose rotation is nearest to a target."""
         given = pose.camera_from_model
-        place = self.nearest(given, wanted.camera_from_model)
-        return pose if place is given else replace(pose, camera_from_model=place)
+        nearest = self.nearest(given, target.camera_from_model)
+        return pose if nearest is given else replace(pose, camera_from_model=nearest)
 
     def canonical(self, pose: Pose) -> Pose:
-        """The one of the equal poses that stands for all of them."""
+        """Return the one of the equal poses that stands for all of them."""
         return self.nearest_pose(pose, Pose(pose.camera, RigidTransform(REFERENCE, np.zeros(3))))
 
-    def about(self, rotation: FloatArray) -> RigidTransform:
-        """The rotation (3, 3) about the centre."""
+    def as_transform(self, rotation: FloatArray) -> RigidTransform:
+        """Return the motion that is a rotation (3, 3) about the centre."""
         return RigidTransform(rotation, self.centre - rotation @ self.centre)
 
 
 NO_SYMMETRY = Symmetry(np.zeros(3), np.eye(3)[None], np.zeros((0, 3)))
-"""That of most models."""
+"""Symmetry of most models: the identity alone."""
 
 
-def _closed(
+def _close(
     rotations: Sequence[FloatArray], axes: Sequence[FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """(n, 3, 3), (k, 3): all products of rotations, and axes; ValueError where there is no end."""
+    """Return all products (n, 3, 3) of rotations, and axes (k, 3); raises as ``_products``."""
     group = _products(rotations)
-    turned: list[FloatArray] = []
+    images: list[FloatArray] = []
     for axis in (rotation @ axis for axis in axes for rotation in group):
-        if all(abs(axis @ known) < SAME_COSINE for known in turned):
-            turned.append(axis)
-    if len(turned) > 1:
-        return np.eye(3)[None], np.array(turned)
-    if turned:  # what is no turn about the axis turns it over, in as many ways as there are turns
-        flips = [rotation for rotation in group if turned[0] @ rotation @ turned[0] < 0.0]
+        if all(abs(axis @ known) < SAME_COSINE for known in images):
+            images.append(axis)
+    if len(images) > 1:
+        return np.eye(3)[None], np.array(images)
+    if images:  # other rotations than about the axis turn it over: with these one will do
+        flips = [rotation for rotation in group if images[0] @ rotation @ images[0] < 0.0]
         group = np.array([np.eye(3), *flips[:1]])
-    return group, np.reshape(turned, (-1, 3))
+    return group, np.reshape(images, (-1, 3))
 
 
 def _products(rotations: Sequence[FloatArray]) -> FloatArray:
-    """(n, 3, 3): what products of these come to, the identity first."""
+    """Return all products (n, 3, 3), the identity first; raises ValueError for too many."""
     products = [np.eye(3)]
-    least = 1.0 + 2.0 * SAME_COSINE  # trace of a rotation by that angle
+    same_trace = 1.0 + 2.0 * SAME_COSINE  # of a rotation by that angle
     for product in products:  # grows meanwhile
         for new in (product @ rotation for rotation in rotations):
-            if np.max(np.einsum("nij,ij->n", np.array(products), new)) < least:
+            if np.max(np.einsum("nij,ij->n", np.array(products), new)) < same_trace:
                 products.append(new)
-        if len(products) > MOST_ROTATIONS:
+        if len(products) > MAX_ROTATIONS:
             raise ValueError(
-                f"lead to more than {MOST_ROTATIONS} equal poses, so that no turn of them closes"
+                f"lead to more than {MAX_ROTATIONS} equal poses, so that no turn of them closes"
             )
     return np.array(products)

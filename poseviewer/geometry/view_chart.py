@@ -1,9 +1,9 @@
-"""The pose of a model in each view of a set, by the same numbers.
+"""Chart of the poses of a model in all views of a set, by the same parameters.
 
 The free-body chart of one view, the reference, moves the model. Each camera of unknown focal length
-adds its logarithm, which changes all photos of that camera and no place. Where the set's scale is
-not known, one number more makes the model larger about its centre, which stays where it is among
-the cameras; as poses are in the model's unit, it is all cameras that then come nearer.
+adds its logarithm, which changes all photos of that camera and no pose. Where the set's scale is
+not known, one more parameter makes the model larger about its centre, which stays where it is among
+the cameras; as poses are in the model's unit, all cameras then come nearer.
 """
 
 import math
@@ -15,30 +15,31 @@ import numpy as np
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.charts import Chart, OutsideChartError
-from poseviewer.geometry.free_body_chart import LARGEST_LOGARITHM, FreeBodyChart
+from poseviewer.geometry.free_body_chart import MAX_LOGARITHM, FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
 
 SIZE: Literal["log_size"] = "log_size"
+"""Name of the logarithm of the model's size in a set of unknown scale."""
 
 
 @dataclass(frozen=True, slots=True)
 class ViewChart(Chart):
-    """Six numbers, those of focal lengths, and the model's size, for its poses in one view."""
+    """Six parameters, those of focal lengths, and the model's size, for its poses in one view."""
 
     name = "view-set"
     reference: FreeBodyChart
-    """About the start, in the view that the numbers are of."""
+    """Chart about the start, in the reference view."""
     camera: Perspective
-    """This view's."""
+    """Camera of this view."""
     view_from_reference: RigidTransform
     """Motion between the cameras, in the model's unit, as large as it is at the start."""
     free_size: bool = False
     scale: float = 1.0
-    """At the start: how many lengths of the model's unit one of the set's is."""
+    """Lengths of the model's unit in one of the set's, at the start."""
     free_focals: int = 0
     """Number of cameras whose focal length is searched for; 0: all are known."""
     focal_index: int = 0
-    """Which of them is this view's."""
+    """Index of this view's camera among them."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -47,52 +48,52 @@ class ViewChart(Chart):
         focals = ("log_focal", *focals) if self.free_focals else ()
         return (*self.reference.names, *focals, *((SIZE,) if self.free_size else ()))
 
-    def nearness(self, parameters: FloatArray) -> float:
-        """Distance of all cameras over that at the start; raises ``OutsideChartError``."""
+    def distance_factor(self, parameters: FloatArray) -> float:
+        """Return the distance of all cameras over that at the start; raises as ``to_pose``."""
         log_size = float(parameters[-1]) if self.free_size else 0.0
         return _exp(-log_size)
 
     def scale_at(self, parameters: FloatArray) -> float:
-        """The scale of the set by these numbers; raises as ``nearness``."""
-        return self.scale * self.nearness(parameters)
+        """Return the scale of the set by these parameters; raises as ``to_pose``."""
+        return self.scale * self.distance_factor(parameters)
 
-    def numbers_at(self, pose: Pose, scale: float) -> FloatArray:
-        """The numbers of a pose in this view at a scale of the set; raises as ``from_pose``."""
-        factor, place = scale / self.scale, pose.camera_from_model
-        middle = place.apply(self.reference.centre) / factor
-        start = RigidTransform(place.rotation, middle - place.rotation @ self.reference.centre)
-        numbers = self.from_pose(Pose(pose.camera, start))
+    def parameters_at(self, pose: Pose, scale: float) -> FloatArray:
+        """Return the parameters of a pose at a scale of the set; raises as ``from_pose``."""
+        factor, transform = scale / self.scale, pose.camera_from_model
+        centre = transform.apply(self.reference.centre) / factor
+        translation = centre - transform.rotation @ self.reference.centre
+        at_start_size = RigidTransform(transform.rotation, translation)
+        parameters = self.from_pose(Pose(pose.camera, at_start_size))
         if self.free_size:
-            numbers[-1] = -math.log(factor)
-        return numbers
+            parameters[-1] = -math.log(factor)
+        return parameters
 
     def to_pose(self, parameters: FloatArray) -> Pose:
-        """The pose in this view."""
-        factor, camera = self.nearness(parameters), self.camera
+        """Return the pose in this view."""
+        factor, camera = self.distance_factor(parameters), self.camera
         if self.free_focals:
             zoom = _exp(float(parameters[6 + self.focal_index]))
             camera = replace(camera, fx=camera.fx * zoom, fy=camera.fy * zoom)
-        own = self.reference.to_pose(parameters[:6]).camera_from_model
-        turn, shift = self.view_from_reference.rotation, self.view_from_reference.translation
-        middle = turn @ own.apply(self.reference.centre) * factor + factor * shift
-        if middle[2] <= 0.0:
+        in_reference = self.reference.to_pose(parameters[:6]).camera_from_model
+        motion, centre = self.view_from_reference, in_reference.apply(self.reference.centre)
+        centre = motion.rotation @ centre * factor + factor * motion.translation
+        if centre[2] <= 0.0:
             raise OutsideChartError("the model's centre is behind the camera of a view")
-        rotation = turn @ own.rotation
-        place = RigidTransform(rotation, middle - rotation @ self.reference.centre)
-        return Pose(camera, place)
+        rotation = motion.rotation @ in_reference.rotation
+        return Pose(camera, RigidTransform(rotation, centre - rotation @ self.reference.centre))
 
     def from_pose(self, pose: Pose) -> FloatArray:
-        """The numbers of a pose in this view, with size and other focal lengths as at the start."""
-        place = self.view_from_reference.inverse() @ pose.camera_from_model
-        numbers = np.zeros(len(self.names))
-        numbers[:6] = self.reference.from_pose(Pose(self.reference.start.camera, place))
+        """Return the parameters of a pose; size and other focal lengths as at the start."""
+        in_reference = self.view_from_reference.inverse() @ pose.camera_from_model
+        parameters = np.zeros(len(self.names))
+        parameters[:6] = self.reference.from_pose(Pose(self.reference.start.camera, in_reference))
         if self.free_focals and isinstance(pose.camera, Perspective):
-            numbers[6 + self.focal_index] = math.log(pose.camera.fx / self.camera.fx)
-        return numbers
+            parameters[6 + self.focal_index] = math.log(pose.camera.fx / self.camera.fx)
+        return parameters
 
 
 def _exp(logarithm: float) -> float:
-    """Raises ``OutsideChartError``: out of all proportion."""
-    if not abs(logarithm) <= LARGEST_LOGARITHM:
+    """Exponentiate; raises OutsideChartError for what is out of all proportion."""
+    if not abs(logarithm) <= MAX_LOGARITHM:
         raise OutsideChartError(f"a factor of e^{logarithm:g} is out of all proportion")
     return math.exp(logarithm)

@@ -1,7 +1,7 @@
 """Covariance matrix adaptation, for landscapes of many side valleys.
 
-Hansen, *The CMA Evolution Strategy: A Tutorial* (arXiv 1604.00772), with its default parameters and
-positive weights.
+Symbols and numbers of equations are those of N. Hansen, *The CMA Evolution Strategy: A Tutorial*
+(arXiv 1604.00772), whose default parameters are taken, without negative weights.
 """
 
 from collections.abc import Iterator
@@ -10,28 +10,38 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.optimise.state import Objective, State
+from poseviewer.optimise.protocol import Objective, State
 
 
 @dataclass(frozen=True, slots=True)
 class CmaOptions:
-    """Spread and size of the population, and when it is done. Lengths are in units of the scale."""
+    """Spread and size of the population, and when the search ends, in units of the scale."""
 
     sigma: float = 0.12
     """Standard deviation of the first population."""
     population: int = 32
+    """lambda, the points of a generation."""
     generations: int = 60
-    nearness: float = 3.0
+    prior_weight: float = 3.0
     """Weight of a quadratic penalty on the distance from the start."""
-    least_sigma: float = 3e-3
-    """The search ends when the greatest standard deviation is below this."""
+    min_sigma: float = 3e-3
+    """The search ends when the largest standard deviation is below this."""
 
 
 def minimise(
     objective: Objective, x0: FloatArray, scale: FloatArray, options: CmaOptions, seed: int = 0
 ) -> Iterator[State]:
-    """Search about ``x0``; a whole generation is asked for at once. Values include the cost of the
-    distance; ``axes`` are the distribution's, each as long as its standard deviation.
+    """Search about ``x0``; a whole generation is asked for at once.
+
+    Values of states include the penalty; their axes are those of the distribution, each as long as
+    its standard deviation.
+
+    Args:
+        objective: gives the losses of points.
+        x0: (d,), the start.
+        scale: (d, d), whose columns are the directions and units of the options' lengths.
+        options: of the population.
+        seed: of the random numbers.
     """
     distribution = _Distribution(len(x0), options, np.random.default_rng(seed))
     state: State | None = None
@@ -40,85 +50,83 @@ def minimise(
         points = np.array([x0 + scale @ offset for offset in offsets])
         losses, axes = np.full(len(points), np.inf), scale @ distribution.axes
         for i, loss in enumerate(objective(list(points))):
-            losses[i] = loss + options.nearness * float(offsets[i] @ offsets[i])
+            losses[i] = loss + options.prior_weight * float(offsets[i] @ offsets[i])
             order = np.argsort(losses)[: len(x0) + 1]
-            near, values = points[order], losses[order]
-            state = State(near[0], float(values[0]), near, values, axes).since(state)
+            best, values = points[order], losses[order]
+            state = State(best[0], float(values[0]), best, values, axes).since(state)
             yield state
         if generation:
             distribution.tell(offsets[np.argsort(losses)])
-            if distribution.sigma < options.least_sigma:
+            if distribution.max_sigma < options.min_sigma:
                 break
     assert state is not None  # the start was evaluated
     yield replace(state, axes=scale @ distribution.axes, converged=True)
 
 
 class _Distribution:
-    """N(mean, sigma^2 C), in units of the scale about the start."""
+    """N(m, sigma^2 C), in units of the scale about the start."""
 
-    def __init__(self, size: int, options: CmaOptions, random: np.random.Generator) -> None:
-        self._random, self._population, self._size = random, options.population, size
-        self._mean, self._covariance = np.zeros(size), np.eye(size)
-        self._step = options.sigma
-        self._path, self._step_path = np.zeros(size), np.zeros(size)
-        self._axes, self._lengths = np.eye(size), np.ones(size)
-        self._generation = 0
-        better = options.population // 2
-        weights = np.log(better + 0.5) - np.log(np.arange(1, better + 1))
-        self._weights = weights / weights.sum()
-        mass = self._mass = 1.0 / float(np.sum(self._weights**2))
-        self._path_rate = (4 + mass / size) / (size + 4 + 2 * mass / size)
-        self._step_rate = (mass + 2) / (size + mass + 5)
-        self._one_rate = 2 / ((size + 1.3) ** 2 + mass)
-        self._many_rate = min(
-            1 - self._one_rate, 2 * (mass - 2 + 1 / mass) / ((size + 2) ** 2 + mass)
-        )
-        damping = 2 * max(0.0, np.sqrt((mass - 1) / (size + 1)) - 1)
-        self._damping = 1 + damping + self._step_rate
-        # The mean length of a standard normal vector.
-        self._expected = np.sqrt(size) * (1 - 1 / (4 * size) + 1 / (21 * size**2))
+    def __init__(self, n: int, options: CmaOptions, random: np.random.Generator) -> None:
+        self._random, self._n = random, n
+        self._lambda, self._sigma = options.population, options.sigma
+        self._m, self._C = np.zeros(n), np.eye(n)
+        self._B, self._D = np.eye(n), np.ones(n)  # C = B D^2 B^T
+        self._p_c, self._p_sigma = np.zeros(n), np.zeros(n)
+        self._g = 0
+        mu = options.population // 2
+        weights = np.log(mu + 0.5) - np.log(np.arange(1, mu + 1))  # (49)
+        self._w = weights / weights.sum()  # (53)
+        mu_eff = self._mu_eff = 1.0 / float(np.sum(self._w**2))  # (8)
+        self._c_sigma = (mu_eff + 2) / (n + mu_eff + 5)  # (55)
+        excess = 2 * max(0.0, np.sqrt((mu_eff - 1) / (n + 1)) - 1)
+        self._d_sigma = 1 + excess + self._c_sigma  # (55)
+        self._c_c = (4 + mu_eff / n) / (n + 4 + 2 * mu_eff / n)  # (56)
+        self._c_1 = 2 / ((n + 1.3) ** 2 + mu_eff)  # (57)
+        c_mu = 2 * (mu_eff - 2 + 1 / mu_eff) / ((n + 2) ** 2 + mu_eff)
+        self._c_mu = min(1 - self._c_1, c_mu)  # (58)
+        self._chi_n = np.sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n**2))  # E||N(0, I)||
 
     @property
-    def sigma(self) -> float:
-        """The greatest standard deviation."""
-        return float(self._step * self._lengths.max())
+    def max_sigma(self) -> float:
+        """Largest standard deviation along any direction."""
+        return float(self._sigma * self._D.max())
 
     @property
     def axes(self) -> FloatArray:
-        """(d, d): the columns are the principal axes, each as long as its standard deviation."""
-        return self._step * self._axes * self._lengths
+        """(d, d): principal axes as columns, each as long as its standard deviation."""
+        return self._sigma * self._B * self._D
 
     def ask(self) -> FloatArray:
-        """A population (n, d)."""
-        standard = self._random.normal(size=(self._population, self._size))
-        return self._mean + self._step * (standard * self._lengths) @ self._axes.T
+        """Draw a population (lambda, d)."""
+        z = self._random.normal(size=(self._lambda, self._n))  # (38)
+        return self._m + self._sigma * (z * self._D) @ self._B.T  # (39), (40)
 
     def tell(self, ranked: FloatArray) -> None:
-        """Adapt to a population (n, d), the best first."""
-        self._generation += 1
-        steps = (ranked[: len(self._weights)] - self._mean) / self._step
-        mean_step = self._weights @ steps
-        self._mean = self._mean + self._step * mean_step
-        rate = self._step_rate
-        whitened = self._axes @ ((self._axes.T @ mean_step) / self._lengths)
-        self._step_path = (1 - rate) * self._step_path
-        self._step_path = self._step_path + np.sqrt(rate * (2 - rate) * self._mass) * whitened
-        length = float(np.linalg.norm(self._step_path))
-        fresh = np.sqrt(1 - (1 - rate) ** (2 * self._generation))
-        steady = float(length / fresh < (1.4 + 2 / (self._size + 1)) * self._expected)
-        self._adapt_covariance(steps, mean_step, steady)
-        self._step *= float(np.exp(rate / self._damping * (length / self._expected - 1)))
+        """Adapt to a population (lambda, d), the best first."""
+        self._g += 1
+        y = (ranked[: len(self._w)] - self._m) / self._sigma
+        y_w = self._w @ y  # (41)
+        self._m = self._m + self._sigma * y_w  # (42)
+        c_sigma = self._c_sigma
+        whitened = self._B @ ((self._B.T @ y_w) / self._D)  # C^(-1/2) y_w
+        self._p_sigma = (1 - c_sigma) * self._p_sigma
+        self._p_sigma = self._p_sigma + np.sqrt(c_sigma * (2 - c_sigma) * self._mu_eff) * whitened
+        length = float(np.linalg.norm(self._p_sigma))  # of (43)
+        unbiased = length / np.sqrt(1 - (1 - c_sigma) ** (2 * self._g))
+        h_sigma = float(unbiased < (1.4 + 2 / (self._n + 1)) * self._chi_n)
+        self._adapt_covariance(y, y_w, h_sigma)
+        self._sigma *= float(np.exp(c_sigma / self._d_sigma * (length / self._chi_n - 1)))  # (44)
 
-    def _adapt_covariance(self, steps: FloatArray, mean_step: FloatArray, steady: float) -> None:
-        """By the path of the mean (rank one) and by the better half (rank mu)."""
-        rate, one, many = self._path_rate, self._one_rate, self._many_rate
-        self._path = (1 - rate) * self._path
-        self._path = self._path + steady * np.sqrt(rate * (2 - rate) * self._mass) * mean_step
-        lost = (1 - steady) * rate * (2 - rate)
-        self._covariance = (
-            (1 - one - many + one * lost) * self._covariance
-            + one * np.outer(self._path, self._path)
-            + many * (steps.T * self._weights) @ steps
-        )
-        values, self._axes = np.linalg.eigh(self._covariance)
-        self._lengths = np.sqrt(np.maximum(values, 1e-20))
+    def _adapt_covariance(self, y: FloatArray, y_w: FloatArray, h_sigma: float) -> None:
+        """Adapt C to the path of the mean (rank one) and to the better half (rank mu)."""
+        c_c, c_1 = self._c_c, self._c_1
+        self._p_c = (1 - c_c) * self._p_c
+        self._p_c = self._p_c + h_sigma * np.sqrt(c_c * (2 - c_c) * self._mu_eff) * y_w  # (45)
+        delta = (1 - h_sigma) * c_c * (2 - c_c)
+        self._C = (
+            (1 - c_1 - self._c_mu + c_1 * delta) * self._C
+            + c_1 * np.outer(self._p_c, self._p_c)
+            + self._c_mu * (y.T * self._w) @ y
+        )  # (47)
+        variances, self._B = np.linalg.eigh(self._C)
+        self._D = np.sqrt(np.maximum(variances, 1e-20))

@@ -1,7 +1,7 @@
 """The downhill simplex of Nelder and Mead (1965).
 
 Moves and their order are scipy's (``minimize(method="Nelder-Mead")``, not adaptive): from the same
-simplex both visit the same points. Ours can be stopped after any evaluation.
+simplex both visit the same points. This one can be stopped after any evaluation.
 """
 
 from collections.abc import Iterator
@@ -10,14 +10,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.optimise.state import Objective, State
+from poseviewer.optimise.protocol import Objective, State
 
-REFLECTION, EXPANSION, CONTRACTION, SHRINKAGE = 1.0, 2.0, 0.5, 0.5
+REFLECTION = 1.0
+"""rho: step through the centroid, in distances of the worst vertex from it."""
+EXPANSION = 2.0
+"""chi: factor of a step that leads downhill."""
+CONTRACTION = 0.5
+"""psi: factor of a step that does not."""
+SHRINKAGE = 0.5
+"""sigma: factor by which all edges shrink."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NelderMeadOptions:
-    """It has converged when all vertices are this near to the best one."""
+    """Distances from the best vertex within which all others have converged."""
 
     x_tolerance: FloatArray | float
     """Tolerance of each coordinate, or one for all."""
@@ -25,9 +32,22 @@ class NelderMeadOptions:
 
 
 def minimise(
-    objective: Objective, x0: FloatArray, scale: FloatArray, options: NelderMeadOptions
+    objective: Objective,
+    x0: FloatArray,
+    scale: FloatArray,
+    options: NelderMeadOptions,
+    seed: int = 0,
 ) -> Iterator[State]:
-    """Descend from the simplex of ``x0`` (d,) and its d edges, the columns of ``scale`` (d, d)."""
+    """Descend from the simplex of a point and d edges.
+
+    Args:
+        objective: gives the losses of points.
+        x0: (d,), the first vertex.
+        scale: (d, d), whose columns are the edges.
+        options: tolerances.
+        seed: unused, as nothing is random.
+    """
+    del seed
     simplex = np.vstack([x0, x0 + scale.T])
     losses = np.full(len(simplex), np.inf)
     for i, loss in enumerate(objective(list(simplex))):
@@ -36,8 +56,8 @@ def minimise(
     while True:
         order = np.argsort(losses, kind="stable")
         simplex, losses = simplex[order], losses[order]
-        near = np.all(np.abs(simplex[1:] - simplex[0]) <= options.x_tolerance)
-        if near and np.max(np.abs(losses[1:] - losses[0])) <= options.f_tolerance:
+        is_small = np.all(np.abs(simplex[1:] - simplex[0]) <= options.x_tolerance)
+        if is_small and np.max(np.abs(losses[1:] - losses[0])) <= options.f_tolerance:
             yield _state(simplex, losses, converged=True)
             return
         for _ in _move(objective, simplex, losses):
@@ -46,10 +66,10 @@ def minimise(
 
 def _move(objective: Objective, simplex: FloatArray, losses: FloatArray) -> Iterator[None]:
     """Replace the worst vertex, or shrink, in place; yields after every evaluation."""
-    centre = simplex[:-1].sum(axis=0) / (len(simplex) - 1)
+    centroid = simplex[:-1].sum(axis=0) / (len(simplex) - 1)
 
     def try_at(factor: float) -> tuple[FloatArray, float]:
-        point = (1.0 + factor) * centre - factor * simplex[-1]
+        point = (1.0 + factor) * centroid - factor * simplex[-1]
         (loss,) = objective([point])
         return point, loss
 
@@ -61,15 +81,15 @@ def _move(objective: Objective, simplex: FloatArray, losses: FloatArray) -> Iter
         if loss >= reflected_loss:
             point, loss = reflected, reflected_loss
     elif loss >= losses[-2]:
-        outside = loss < losses[-1]
-        limit = reflected_loss if outside else losses[-1]
-        point, loss = try_at(CONTRACTION * REFLECTION if outside else -CONTRACTION)
+        is_outside = loss < losses[-1]
+        limit = reflected_loss if is_outside else losses[-1]
+        point, loss = try_at(CONTRACTION * REFLECTION if is_outside else -CONTRACTION)
         yield
-        if loss > limit or (loss == limit and not outside):
+        if loss > limit or (loss == limit and not is_outside):
             simplex[1:] = simplex[0] + SHRINKAGE * (simplex[1:] - simplex[0])
             losses[1:] = np.inf
-            for i, shrunk in enumerate(objective(list(simplex[1:])), start=1):
-                losses[i] = shrunk
+            for i, shrunk_loss in enumerate(objective(list(simplex[1:])), start=1):
+                losses[i] = shrunk_loss
                 yield
             return
     simplex[-1], losses[-1] = point, loss

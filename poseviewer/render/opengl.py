@@ -15,9 +15,9 @@ from poseviewer.errors import RendererUnavailableError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.mesh import Mesh, hull_points
-from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.moments import moments_of_images
-from poseviewer.render.texture import TexturePyramid, doubled_areas, mip_levels
+from poseviewer.render.texture import TexturePyramid, double_areas, mip_levels
 from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes, Renderer
 
 NEAR_PER_DIAMETER = 1e-3  # of the near plane under perspective
@@ -212,7 +212,7 @@ class OpenGLRenderer(Renderer):
         mesh = self.mesh
         textured = (face_ids >= 0) & (mesh.face_texture[face_ids] >= 0)
         faces = face_ids[textured]
-        pixel_areas = doubled_areas(pose.project(mesh.vertices)[mesh.faces])
+        pixel_areas = double_areas(pose.project(mesh.vertices)[mesh.faces])
         levels = mip_levels(self._texel_areas, pixel_areas, self._textures.table.shape[1])
         colours = self._textures.sample(mesh.face_texture[faces], levels[faces], uv[textured])
         seen[textured] *= colours
@@ -245,4 +245,4 @@ def clip_from_world(mesh: Mesh, pose: Pose) -> FloatArray | None:
     place = RigidTransform(
         pose.camera_from_model.rotation, pose.camera_from_model.apply(mesh.centre)
     )
-    return clip_from_camera @ Similarity(place).matrix
+    return clip_from_camera @ place.as_matrix()

@@ -21,14 +21,14 @@ from numpy.typing import ArrayLike, NDArray
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.mesh import Mesh
 
-LARGEST_TEXTURE = 2048
+MAX_TEXTURE_SIDE_PX = 2048
 """Longer sides are reduced first (in px): a photo never shows more, and memory stays bounded."""
 
 
 def _levels(texture: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
     """Box-filtered halvings of a texture down to one texel, the whole one first."""
     level = np.asarray(texture, np.float32) / np.float32(255.0)
-    shrink = min(1.0, LARGEST_TEXTURE / max(level.shape[:2]))
+    shrink = min(1.0, MAX_TEXTURE_SIDE_PX / max(level.shape[:2]))
     if shrink < 1.0:
         level = _resized(level, round(level.shape[1] * shrink), round(level.shape[0] * shrink))
     levels = [level]
@@ -57,7 +57,7 @@ def mip_levels(texel_areas: ArrayLike, pixel_areas: ArrayLike, count: int) -> ND
     return np.minimum(levels, count - 1).astype(np.int64)
 
 
-def doubled_areas(corners: FloatArray) -> FloatArray:
+def double_areas(corners: FloatArray) -> FloatArray:
     """(F,): twice the areas of flat triangles (F, 3, 2)."""
     (x1, y1), (x2, y2) = (corners[:, k].T - corners[:, 0].T for k in (1, 2))
     return np.abs(x1 * y2 - x2 * y1)
@@ -91,7 +91,7 @@ class TexturePyramid(NamedTuple):
         """(F,): twice each face's area in texels of level 0; 0 where it has no texture."""
         areas = np.zeros(len(mesh.faces))
         textured = np.flatnonzero(mesh.face_texture >= 0)
-        area = doubled_areas(mesh.uvs[mesh.faces[textured]].astype(float))
+        area = double_areas(mesh.uvs[mesh.faces[textured]].astype(float))
         size = self.table[mesh.face_texture[textured], 0, 1:]
         areas[textured] = area * size[:, 0] * size[:, 1]
         return areas

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.camera import Pose, level_pose
 from poseviewer.geometry.linear_algebra import whiten
 from poseviewer.geometry.mesh import Mesh
@@ -49,10 +49,10 @@ class PhotoAttributes:
     def __post_init__(self) -> None:
         # One channel after the other in memory, as the kernels read them.
         planar = np.moveaxis(np.asarray(self.channels), -1, 0)
-        planar = frozen_array(planar, (-1, -1, -1), np.float32)
+        planar = freeze_array(planar, (-1, -1, -1), np.float32)
         _, height, width = planar.shape
         object.__setattr__(self, "channels", np.moveaxis(planar, 0, 2))
-        object.__setattr__(self, "weights", frozen_array(self.weights, (height, width), np.float32))
+        object.__setattr__(self, "weights", freeze_array(self.weights, (height, width), np.float32))
 
     @cached_property
     def planar(self) -> NDArray[np.float32]:
@@ -134,8 +134,8 @@ class Moments:
 
     def __post_init__(self) -> None:
         size = np.shape(self.mean)[0]
-        object.__setattr__(self, "mean", frozen_array(self.mean, (size,)))
-        object.__setattr__(self, "covariance", frozen_array(self.covariance, (size, size)))
+        object.__setattr__(self, "mean", freeze_array(self.mean, (size,)))
+        object.__setattr__(self, "covariance", freeze_array(self.covariance, (size, size)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,12 +175,12 @@ class Renderer:
         """Another renderer of the mesh, for another thread; None: this thread alone may draw."""
         return None
 
-    def reduced(self, faces: int) -> Renderer:
+    def decimate(self, faces: int) -> Renderer:
         """A renderer of the mesh decimated to ``faces`` triangles, or of the mesh as it is."""
         del faces
         return self
 
-    def culled(self, pose: Pose) -> Renderer:
+    def cull(self, pose: Pose) -> Renderer:
         """A renderer for poses near ``pose``, that may leave out faces hidden there."""
         del pose
         return self
@@ -189,7 +189,7 @@ class Renderer:
         """Visibility, reflectance and normals (camera frame) at every pixel centre."""
         raise NotImplementedError
 
-    def covers(self, pose: Pose) -> NDArray[np.bool_]:
+    def render_mask(self, pose: Pose) -> NDArray[np.bool_]:
         """(height, width): where the model is seen."""
         return self.render(pose).mask
 

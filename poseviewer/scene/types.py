@@ -211,7 +211,7 @@ class SceneObject:
         if self.hidden or not self.is_placed:
             return False
         verdict = None if self.result is None else self.result.verdict
-        return self.locked or (verdict is not None and verdict.word == "found")
+        return self.locked or (verdict is not None and verdict.label == "found")
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

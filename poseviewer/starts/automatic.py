@@ -1,9 +1,9 @@
-"""Starts without user input: by print, by wheels, and by views that fill a rectangle.
+"""Starts without user input: by texture features, by wheels, and by views that fill a rectangle.
 
-A model with print is found anywhere in a photo (``printed``), and so is a vehicle on two wheels
-that are seen. In a rectangle about the object, views of its shape are scored by the loss on the
-coarsest pyramid level; the best that differ are improved by short descents, the best of these by
-longer ones, and a few are proposed.
+A model with texture is found anywhere in a photo (``texture_features``), and so is a vehicle of
+which two wheels are seen. In a rectangle about the object, views of its shape are scored by the
+loss on the coarsest pyramid level; the best that differ are improved by short descents, the best of
+these by longer ones, and a few pose hypotheses are left.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,7 +31,7 @@ from poseviewer.render.renderers import make_renderer
 from poseviewer.render.types import PhotoAttributes, Renderer
 from poseviewer.scene.settings import FitSettings, Limits
 from poseviewer.starts.loading import Start, StartInputs
-from poseviewer.starts.printed import SURE_PIXELS, printed_poses
+from poseviewer.starts.texture_features import SURE_INLIERS, poses_from_features
 from poseviewer.starts.views import ViewPoses, even_rotations, ground_views, poses_filling
 from poseviewer.starts.wheels import likely_wheels
 from poseviewer.vehicle.chart import visible_side
@@ -39,11 +39,11 @@ from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 from poseviewer.vehicle.wheel_pose import Wheels
 
 AUTOMATIC = "auto"
-"""Word in the place of a pose file: find a start."""
+"""Word in place of a pose file: find a start."""
 MARGIN = 0.35
 """Reach of the compared pixels beyond the rectangle, as a share of its sides."""
-SMALLEST_SIDE_PX = 8
-"""Least side of a rectangle about the object."""
+MIN_SIDE_PX = 8
+"""Smallest side of a rectangle about the object."""
 HULL_POINTS = 120
 """Directions in which the model's outermost vertices stand for its outline, to a per cent."""
 COVERED = 0.6
@@ -51,18 +51,17 @@ COVERED = 0.6
 BEHIND_CAMERA = 4.0
 """Distance from its rectangle of a pose that is partly behind the camera: all four sides."""
 WHEEL_POSES = 4
-"""Poses that a vehicle's wheels add to the proposals."""
+"""Hypotheses that a vehicle's wheels add."""
 WHEEL_DISTANCE = 0.7
-"""So near, in half axes of a wheel that was found, a pose must put the wheel's centre."""
+"""Distance, in half axes of a wheel that was found, within which a pose shows the wheel there."""
 TOLERANCES = nelder_mead.NelderMeadOptions(x_tolerance=1e-3, f_tolerance=1e-4)
 """Tolerances of descents."""
 TRIAL = Limits(400)
-"""Limits of the fit from each proposal that decides which is taken."""
-
+"""Limits of the fit from each hypothesis that decides which is taken."""
 VIEWS = 2400
 """Views spread over all rotations: 19 degrees apart. About half have the rectangle's shape."""
 ASPECT_THRESHOLD = 0.35
-"""Factor, as a logarithm, by which the aspect ratio of a view that is tried may be off."""
+"""Logarithm of the factor by which the aspect ratio of a view that is tried may be off."""
 RECTANGLE_WEIGHT = 4.0
 """Weight of the squared distances of the outline's sides from the rectangle's, as shares."""
 SIDE_PX = 40.0
@@ -71,17 +70,24 @@ PHOTO_SIDE_PX = 200.0
 """Side of the photo, made square, where poses by wheels anywhere in it are compared."""
 ROUNDS = ((32, 24, 0.12, SIDE_PX), (10, 80, 0.08, 60.0))
 """Rounds of descents from the best poses so far: their number; evaluations of each; edge of its
-simplex, radians and shares of the radius; side of the rectangle on the level that it is made on."""
-MOST_PROPOSALS = 5
-ODDS_POWER, EVEN_PIXELS = 4, 7**4
-"""Odds of a pose by print: it is right or wrong alike where its pixels to the power are this."""
-LEAD_POWER, EVEN_LEAD, OTHERS_SHARE = 0.95, 0.09, 0.07
-"""Odds fitted to photos with known poses: the first is right or wrong alike where its lead to the
-power is ``EVEN_LEAD``; each other one has this share of what remains."""
-DISTANCE = 0.1
-"""Least mean distance between proposals in the photo, share of the rectangle's diagonal."""
+simplex, radians and shares of the radius; side of the rectangle on the level, px."""
+MAX_HYPOTHESES = 5
+"""Hypotheses for a user to choose from."""
+INLIER_POWER = 4
+"""Power of the inliers in the odds of a pose by texture features."""
+EVEN_INLIERS = 7**4
+"""Power of the inliers of such a pose that is right or wrong alike."""
+LEAD_POWER = 0.95
+"""Power of the first hypothesis's lead in its odds, fitted to photos with known poses."""
+EVEN_LEAD = 0.09
+"""Power of the lead of a hypothesis that is right or wrong alike."""
+OTHERS_SHARE = 0.07
+"""Share of each other hypothesis in the probability that the first is wrong."""
+MIN_DISTANCE = 0.1
+"""Smallest mean distance of hypotheses in the photo, as a share of the rectangle's diagonal."""
 
 BeginThread = Callable[[], None]
+"""Called first by each thread of a search."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,32 +97,36 @@ class StartQuery:
     inputs: StartInputs
     camera: Camera
     rectangle: Rectangle | None = None
-    """About the object; None: it may be anywhere in the photo."""
+    """Rectangle about the object; None: it may be anywhere in the photo."""
     settings: FitSettings = field(default_factory=FitSettings)
 
     @property
     def points(self) -> FloatArray:
-        """(k, 3): vertices that say where the model's outline is, in its frame."""
+        """(k, 3): the model's outermost vertices, in its frame."""
         return outermost_points(self.inputs.mesh)
 
     @property
     def box(self) -> Rectangle:
-        """The rectangle, or the photo's; raises ``QuickStartError``: hardly any is in the photo."""
+        """Rectangle to search.
+
+        Raises:
+            QuickStartError: hardly any of it is in the photo.
+        """
         photo = self.inputs.photo
         if self.rectangle is None:
             return Rectangle(0.0, 0.0, photo.width, photo.height)
         left, top, width, height = self.rectangle
         inside = self.rectangle.intersection(Rectangle(0, 0, photo.width, photo.height))
-        if min(inside.width, inside.height) < SMALLEST_SIDE_PX:
+        if min(inside.width, inside.height) < MIN_SIDE_PX:
             raise QuickStartError(
                 f"--box {left},{top},{width},{height}: has no "
-                f"{SMALLEST_SIDE_PX}x{SMALLEST_SIDE_PX} px in the photo of "
+                f"{MIN_SIDE_PX}x{MIN_SIDE_PX} px in the photo of "
                 f"{photo.width}x{photo.height} px; give the object's left,top,width,height."
             )
         return Rectangle(*map(float, self.rectangle))
 
     def views(self, count: int | None = None) -> ViewPoses:
-        """Poses that fill the box: ``count``, or all. A vehicle's are those on level ground."""
+        """Return ``count`` or all poses that fill the box, a vehicle's on level ground."""
         keypoints, centre = self.inputs.keypoints, self.inputs.mesh.centre
         if keypoints is None:
             rotations = even_rotations(count or VIEWS)
@@ -126,13 +136,13 @@ class StartQuery:
 
     @property
     def photo(self) -> PhotoAttributes:
-        """The photo as the default method compares it, about the box in its region."""
-        wide = self.box.grown(2.0 * MARGIN)
-        corners = max(int(wide.left), 0), max(int(wide.top), 0)
-        region = Rectangle.from_corners(*corners, int(wide.right) + 1, int(wide.bottom) + 1)
+        """Photo as the default method compares it, about the box in its region."""
+        wide = self.box.expand(2.0 * MARGIN)
+        low = max(int(wide.left), 0), max(int(wide.top), 0)
+        region = Rectangle.from_corners(low, (int(wide.right) + 1, int(wide.bottom) + 1))
         if self.settings.region is not None:
-            both = region.intersection(Rectangle(*self.settings.region))
-            region = both if both.area > 0.0 else region
+            common = region.intersection(Rectangle(*self.settings.region))
+            region = common if common.area > 0.0 else region
         settings = FitSettings(
             chart="free-body",
             pixels="whole",
@@ -145,19 +155,19 @@ class StartQuery:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Proposal:
-    """A start pose that was found."""
+class PoseHypothesis:
+    """A start pose that may be right."""
 
     pose: Pose
     loss: float
-    """On the last level: to be compared with other proposals of the same search."""
-    odds: float = 0.0
+    """Loss on the last level: to be compared with others of the same search."""
+    probability: float = 0.0
     """Probability that it is right."""
 
     @property
     def percent(self) -> str:
-        """The odds in whole per cent, below 100: none is certain."""
-        return f"{min(self.odds, 0.99):.0%}"
+        """Probability in whole per cent, below 100: none is certain."""
+        return f"{min(self.probability, 0.99):.0%}"
 
 
 def propose(
@@ -165,50 +175,54 @@ def propose(
     renderer: Renderer | None = None,
     begin: BeginThread | None = None,
     watch: Callable[[], object] = lambda: None,
-) -> list[Proposal]:
-    """Propose up to ``MOST_PROPOSALS`` starts, the likeliest first, with the same result each time:
-    by print, by a vehicle's wheels, and in a rectangle by some 3,000 evaluations of small pictures
-    on all cores. Each thread calls ``begin``, each step ``watch``, which may raise to stop it.
+) -> list[PoseHypothesis]:
+    """Find up to ``MAX_HYPOTHESES`` start poses, the likeliest first, the same each time.
 
-    Raises ``QuickStartError``: hardly any of the rectangle is in the photo, no view fits there, or
-    neither print nor wheels are seen in the photo.
+    They come from texture features, from a vehicle's wheels, and in a rectangle from some 3,000
+    evaluations of small pictures on all cores.
+
+    Args:
+        query: the photo, the model and where to search.
+        renderer: of the model; by default a new one.
+        begin: called by each thread first.
+        watch: called in each step; it may raise to stop the search.
+
+    Raises:
+        QuickStartError: hardly any of the rectangle is in the photo, no view fits there, or the
+            photo shows neither texture features of the model nor its wheels.
     """
-    if printed := _printed(query, watch):
-        return printed
+    if hypotheses := _from_features(query, watch):
+        return hypotheses
     watch()
     renderer = make_renderer(query.inputs.mesh) if renderer is None else renderer
     search = _ViewSearch(query, query.box, query.photo, renderer, begin, watch)
     if query.rectangle is None:
-        proposals = _with_wheels(search, [], PHOTO_SIDE_PX)
+        hypotheses = _with_wheels(search, [], PHOTO_SIDE_PX)
         sentence = (
             "The model was not found in the photo by print on it or by a car's wheels; draw a "
             "rectangle about it (Fit to box), or name it with --box LEFT,TOP,WIDTH,HEIGHT."
         )
     else:
-        proposals = _with_wheels(search, search.best_views(query.views()), SIDE_PX)
+        hypotheses = _with_wheels(search, search.best_views(query.views()), SIDE_PX)
         sentence = "No view of the model fits there; lay the rectangle closer about the object."
-    if not proposals:
+    if not hypotheses:
         raise QuickStartError(sentence)
-    return with_odds(proposals)
+    return with_probabilities(hypotheses)
 
 
-def _printed(query: StartQuery, watch: Callable[[], object]) -> list[Proposal]:
-    """Proposals by the model's print, of those that enough pixels agree on."""
-    inputs = query.inputs
-    poses = printed_poses(inputs, query.camera, query.box, watch)
-    return [
-        Proposal(pose, -pixels, pixels**ODDS_POWER / (pixels**ODDS_POWER + EVEN_PIXELS))
-        for pose, pixels in poses
-        if pixels >= SURE_PIXELS
-    ]
+def _from_features(query: StartQuery, watch: Callable[[], object]) -> list[PoseHypothesis]:
+    """Return hypotheses by the model's texture features, of those with enough inliers."""
+    found = poses_from_features(query.inputs, query.camera, query.box, watch)
+    powers = [(pose, n, n**INLIER_POWER) for pose, n in found if n >= SURE_INLIERS]
+    return [PoseHypothesis(pose, -n, power / (power + EVEN_INLIERS)) for pose, n, power in powers]
 
 
-def with_odds(proposals: Sequence[Proposal]) -> list[Proposal]:
-    """Proposals, the best first, with their odds by the first one's lead over the second."""
-    lead = proposals[1].loss - proposals[0].loss if len(proposals) > 1 else 1.0
+def with_probabilities(hypotheses: Sequence[PoseHypothesis]) -> list[PoseHypothesis]:
+    """Give hypotheses, the best first, probabilities by the first one's lead over the second."""
+    lead = hypotheses[1].loss - hypotheses[0].loss if len(hypotheses) > 1 else 1.0
     first = lead**LEAD_POWER / (lead**LEAD_POWER + EVEN_LEAD)
-    odds = [first] + [OTHERS_SHARE * (1.0 - first)] * (len(proposals) - 1)
-    return [replace(own, odds=share) for own, share in zip(proposals, odds, strict=True)]
+    each = [first] + [OTHERS_SHARE * (1.0 - first)] * (len(hypotheses) - 1)
+    return [replace(h, probability=p) for h, p in zip(hypotheses, each, strict=True)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -222,48 +236,51 @@ class _ViewSearch:
     begin: BeginThread | None
     watch: Callable[[], object]
 
-    def best_views(self, views: ViewPoses) -> list[Proposal]:
-        """The best views that differ, improved round by round."""
-        proposals = self._try_all(views)
+    def best_views(self, views: ViewPoses) -> list[PoseHypothesis]:
+        """Return the best views that differ, improved round by round."""
+        hypotheses = self._try_all(views)
         for count, evaluations, edge, side_px in ROUNDS:
-            proposals = self._descend(self._distinct(proposals, count), evaluations, edge, side_px)
-        return self._distinct(proposals, MOST_PROPOSALS)
+            starts = self._distinct(hypotheses, count)
+            hypotheses = self._descend(starts, evaluations, edge, side_px)
+        return self._distinct(hypotheses, MAX_HYPOTHESES)
 
-    def ranked(self, poses: Sequence[Pose], side_px: float) -> list[Proposal]:
-        """Poses of several searches, scored anew over this one's region; those that differ."""
-        return self._distinct(self._scored(poses, self._level(side_px), 1), MOST_PROPOSALS)
+    def rank(self, poses: Sequence[Pose], side_px: float) -> list[PoseHypothesis]:
+        """Score poses of several searches over this one's region; returns those that differ."""
+        return self._distinct(self._score(poses, self._level(side_px), 1), MAX_HYPOTHESES)
 
     def _level(self, side_px: float) -> Level:
-        """The level on which the rectangle, made square, has about ``side_px`` along each side."""
+        """Make the level on which the rectangle, made square, has sides of about ``side_px``."""
         area = self.rectangle.area / self.photo.factor**2
         factor = max(1, round(area**0.5 / side_px))
         return make_level(self.photo, self.renderer, factor, COVERED * area)
 
-    def _scored(self, poses: Sequence[Pose], level: Level, *chunk: int) -> list[Proposal]:
-        def score(own: Renderer, pose: Pose) -> Proposal:
+    def _score(self, poses: Sequence[Pose], level: Level, *chunk: int) -> list[PoseHypothesis]:
+        def score(renderer: Renderer, pose: Pose) -> PoseHypothesis:
             self.watch()
-            return Proposal(pose, registration_loss(own.moments(pose, level.photo)))
+            return PoseHypothesis(pose, registration_loss(renderer.moments(pose, level.photo)))
 
         with RendererPool(level.renderer, begin=self.begin) as pool:
             return list(pool.map(score, poses, *chunk))
 
-    def _try_all(self, views: ViewPoses) -> list[Proposal]:
+    def _try_all(self, views: ViewPoses) -> list[PoseHypothesis]:
         shaped = np.flatnonzero(views.aspect_errors <= ASPECT_THRESHOLD)
         if not len(shaped):
             shaped = np.argsort(views.aspect_errors)[: len(views.poses) // 10 + 1]
-        scored = self._scored([views.poses[i] for i in shaped], self._level(SIDE_PX))
+        scored = self._score([views.poses[i] for i in shaped], self._level(SIDE_PX))
         # Half of the logarithm goes to each of width and height, half of that to each side.
         costs = RECTANGLE_WEIGHT * 4.0 * (views.aspect_errors[shaped] / 4.0) ** 2
-        return [Proposal(p.pose, p.loss + float(c)) for p, c in zip(scored, costs, strict=True)]
+        return [
+            PoseHypothesis(p.pose, p.loss + float(c)) for p, c in zip(scored, costs, strict=True)
+        ]
 
     def _descend(
-        self, starts: Sequence[Proposal], evaluations: int, edge: float, side_px: float
-    ) -> list[Proposal]:
-        """Ends of short descents from the starts."""
+        self, starts: Sequence[PoseHypothesis], evaluations: int, edge: float, side_px: float
+    ) -> list[PoseHypothesis]:
+        """Return the ends of short descents from the starts."""
         level, mesh = self._level(side_px), self.query.inputs.mesh
         worst = LossScale.of(level.photo).worst
 
-        def descend(own: Renderer, start: Proposal) -> Proposal:
+        def descend(renderer: Renderer, start: PoseHypothesis) -> PoseHypothesis:
             chart = FreeBodyChart(start.pose, mesh.centre, mesh.diameter / 2.0)
 
             def loss_at(parameters: FloatArray) -> float:
@@ -272,42 +289,44 @@ class _ViewSearch:
                     pose = chart.to_pose(parameters)
                 except OutsideChartError:
                     return worst
-                loss = registration_loss(own.moments(pose, level.photo))
-                return loss + RECTANGLE_WEIGHT * self._off_rectangle(pose)
+                loss = registration_loss(renderer.moments(pose, level.photo))
+                return loss + RECTANGLE_WEIGHT * self._rectangle_error(pose)
 
             states = nelder_mead.minimise(
                 lambda points: map(loss_at, points), np.zeros(6), edge * np.eye(6), TOLERANCES
             )
             *_, last = islice(states, evaluations)
-            return Proposal(chart.to_pose(last.best), last.value)
+            return PoseHypothesis(chart.to_pose(last.best), last.value)
 
         with RendererPool(level.renderer, begin=self.begin) as pool:
             return list(pool.map(descend, starts, at_a_time=1))
 
-    def _off_rectangle(self, pose: Pose) -> float:
-        """Summed squares of the distances of the outline's sides from the rectangle's."""
-        outline, wanted = pose.project(self.query.points), self.rectangle
+    def _rectangle_error(self, pose: Pose) -> float:
+        """Sum the squared distances of the outline's sides from the rectangle's, as a share."""
+        outline, target = pose.project(self.query.points), self.rectangle
         off = np.concatenate(
-            [outline.min(axis=0) - wanted[:2], outline.max(axis=0) - [wanted.right, wanted.bottom]]
+            [outline.min(axis=0) - target[:2], outline.max(axis=0) - [target.right, target.bottom]]
         )
-        share = float(off @ off) / wanted.area
+        share = float(off @ off) / target.area
         return share if np.isfinite(share) else BEHIND_CAMERA
 
-    def _distinct(self, proposals: Sequence[Proposal], most: int) -> list[Proposal]:
-        """The best whose pictures of the model differ."""
-        reach = DISTANCE * float(np.hypot(*self.rectangle[2:]))
-        ordered = sorted(proposals, key=lambda proposal: proposal.loss)
-        pictures = ((proposal, proposal.pose.project(self.query.points)) for proposal in ordered)
+    def _distinct(self, hypotheses: Sequence[PoseHypothesis], most: int) -> list[PoseHypothesis]:
+        """Return the best whose pictures of the model differ."""
+        reach = MIN_DISTANCE * float(np.hypot(*self.rectangle[2:]))
+        ordered = sorted(hypotheses, key=lambda hypothesis: hypothesis.loss)
+        pictures = ((h, h.pose.project(self.query.points)) for h in ordered)
         kept = non_maximum_suppression(
             (pair for pair in pictures if np.isfinite(pair[1]).all()),
             lambda a, b: bool(np.linalg.norm(a[1] - b[1], axis=1).mean() < reach),
             most,
         )
-        return [proposal for proposal, _ in kept]
+        return [hypothesis for hypothesis, _ in kept]
 
 
-def _with_wheels(search: _ViewSearch, views: list[Proposal], side_px: float) -> list[Proposal]:
-    """Proposals by a vehicle's two wheels, and ``views`` that put them there; else the views."""
+def _with_wheels(
+    search: _ViewSearch, views: list[PoseHypothesis], side_px: float
+) -> list[PoseHypothesis]:
+    """Return hypotheses by a vehicle's wheels, and ``views`` that show these; else the views."""
     query, keypoints = search.query, search.query.inputs.keypoints
     if keypoints is None:
         return views
@@ -317,11 +336,11 @@ def _with_wheels(search: _ViewSearch, views: list[Proposal], side_px: float) -> 
     except QuickStartError:  # no two are seen, as from in front
         return views
     agreeing = [v.pose for v in views if _shows(v.pose, keypoints, pairs[0].wheels)]
-    return search.ranked([*agreeing, *(pair.fit.pose for pair in pairs[:WHEEL_POSES])], side_px)
+    return search.rank([*agreeing, *(pair.fit.pose for pair in pairs[:WHEEL_POSES])], side_px)
 
 
 def _shows(pose: Pose, keypoints: VehicleKeypoints, wheels: Wheels) -> bool:
-    """Whether a pose has the wheels about where they were found."""
+    """Tell whether a pose shows the wheels about where they were found."""
     side = visible_side(keypoints, pose)
     pairs = (wheels.rear, side.rear_wheel), (wheels.front, side.front_wheel)
     off = [
@@ -333,17 +352,24 @@ def _shows(pose: Pose, keypoints: VehicleKeypoints, wheels: Wheels) -> bool:
 
 def best_start(
     query: StartQuery,
-    proposals: Sequence[Proposal],
+    hypotheses: Sequence[PoseHypothesis],
     renderer: Renderer,
     watch: Callable[[], object] = lambda: None,
 ) -> Start:
-    """The least-loss end of a short fit from each proposal; each evaluation calls ``watch``."""
+    """Return the end of least loss of short fits from the hypotheses.
+
+    Args:
+        query: the photo, the model and where it was searched for.
+        hypotheses: at least one.
+        renderer: of the model.
+        watch: called in each evaluation; it may raise to stop.
+    """
     settings = replace(query.settings, loss="default", search="auto", lock=(), limits=TRIAL)
     if query.rectangle is None:  # losses compare over the same pixels
-        boxes = [outline_box(proposal.pose, query.points) for proposal in proposals]
+        boxes = [outline_box(hypothesis.pose, query.points) for hypothesis in hypotheses]
         query = replace(query, rectangle=reduce(Rectangle.union, boxes))
     poses, photo = [], query.photo
-    for pose in (proposal.pose for proposal in proposals):
+    for pose in (hypothesis.pose for hypothesis in hypotheses):
         with suppress(SettingsError):
             for progress in fit_pose(make_problem(query.inputs.scene(pose, settings))[0], renderer):
                 pose = progress.pose
@@ -351,21 +377,21 @@ def best_start(
         poses.append(pose)
     losses = [registration_loss(renderer.moments(pose, photo)) for pose in poses]
     best = int(np.argmin(losses))
-    odds = f"odds {proposals[best].percent}, loss {losses[best]:.2f}"
-    note = f"start found: proposal {best + 1} of {len(losses)}, {odds}"
+    rating = f"probability {hypotheses[best].percent}, loss {losses[best]:.2f}"
+    note = f"start found: proposal {best + 1} of {len(losses)}, {rating}"
     note += f", the next best {sorted(losses)[1]:.2f}" if len(losses) > 1 else ""
     return Start(poses[best], (f"{note}; look whether it is right.",))
 
 
 def outline_box(pose: Pose, points: FloatArray) -> Rectangle:
-    """The rectangle about points (k, 3) of a model in the photo, px."""
+    """Return the rectangle about points (k, 3) of a model in the photo, px."""
     outline = pose.project(points)
-    return Rectangle.from_corners(*outline.min(axis=0), *outline.max(axis=0))
+    return Rectangle.from_corners(outline.min(axis=0), outline.max(axis=0))
 
 
 @lru_cache(maxsize=4)
 def outermost_points(mesh: Mesh) -> FloatArray:
-    """(k, 3): the outermost vertices in ``HULL_POINTS`` directions, in the model's frame."""
+    """Return (k, 3): the outermost vertices in ``HULL_POINTS`` directions."""
     corners = hull_points(mesh)
     outermost = np.argmax(corners @ even_rotations(HULL_POINTS)[:, 2].T, axis=0)
     return corners[np.unique(outermost)]

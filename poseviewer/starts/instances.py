@@ -16,15 +16,15 @@ from poseviewer.render.types import Renderer
 from poseviewer.scene.types import PlacedModel
 from poseviewer.starts.automatic import (
     BeginThread,
-    Proposal,
+    PoseHypothesis,
     StartQuery,
     best_start,
     propose,
 )
 from poseviewer.starts.loading import Start, StartCamera, StartInputs
 
-MOST_SHARED = 0.3
-"""Share of the smaller one's pixels that two instances may share: one may stand before another."""
+MAX_SHARED_FRACTION = 0.3
+"""Share of the smaller one's pixels that two instances may share: one may occlude another."""
 
 
 def propose_beside(
@@ -33,10 +33,18 @@ def propose_beside(
     renderer: Renderer,
     begin: BeginThread | None = None,
     watch: Callable[[], object] = lambda: None,
-) -> list[Proposal]:
-    """Propose starts as ``propose``, where none of the ``placed`` instances is; perhaps none."""
-    proposals = propose(_beside(query, placed), renderer, begin, watch)
-    return [own for own in proposals if _is_free(own.pose, placed)]
+) -> list[PoseHypothesis]:
+    """Propose starts as ``propose``, which may be none, where no ``placed`` instance is.
+
+    Args:
+        query: the photo, the model and where to search.
+        placed: instances with their poses.
+        renderer: of the model.
+        begin: called by each thread first.
+        watch: called in each step; it may raise to stop the search.
+    """
+    hypotheses = propose(_without_placed(query, placed), renderer, begin, watch)
+    return [hypothesis for hypothesis in hypotheses if _is_free(hypothesis.pose, placed)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,15 +92,17 @@ class AutoStart:
             left = [own for own in proposals if _is_free(own.pose, placed)]
             with suppress(QuickStartError):
                 left = left or propose_beside(query, placed, renderer, watch=watch)
-            start = best_start(_beside(query, placed), left, renderer, watch) if left else None
+            start = (
+                best_start(_without_placed(query, placed), left, renderer, watch) if left else None
+            )
             if start is None or not _is_free(start.pose, placed):
                 break
             starts.append(start)
         return starts
 
 
-def _beside(query: StartQuery, placed: Sequence[PlacedModel]) -> StartQuery:
-    """The query without the pixels that show placed models."""
+def _without_placed(query: StartQuery, placed: Sequence[PlacedModel]) -> StartQuery:
+    """Return the query without the pixels that show placed models."""
     if not placed:
         return query
     free, mask = visibility(placed).nearest == NOTHING, query.inputs.mask
@@ -101,9 +111,10 @@ def _beside(query: StartQuery, placed: Sequence[PlacedModel]) -> StartQuery:
 
 
 def _is_free(pose: Pose, placed: Sequence[PlacedModel]) -> bool:
-    """Whether an instance at a pose stands where none of the others does."""
+    """Tell whether an instance at a pose stands where none of the others does."""
     for other in placed:
-        one, two = (np.isfinite(depth_image(model)) for model in (replace(other, pose=pose), other))
-        if (one & two).sum() > MOST_SHARED * min(one.sum(), two.sum()):
+        pair = replace(other, pose=pose), other
+        a, b = (np.isfinite(depth_image(model)) for model in pair)
+        if (a & b).sum() > MAX_SHARED_FRACTION * min(a.sum(), b.sum()):
             return False
     return True

@@ -7,7 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from poseviewer.errors import CalibrationFileError, PoseFileError, SettingsError
+from poseviewer.errors import (
+    CalibrationFileError,
+    PoseFileError,
+    SettingsError,
+    list_names,
+)
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.formats.conversion import METRES
 from poseviewer.files.masks import load_mask, mask_beside
@@ -140,7 +145,7 @@ def open_photo(
     if (camera.width, camera.height) != (opened.width, opened.height):
         raise SettingsError(
             f"a start for photos of {camera.width}x{camera.height} px, and {opened.name} has "
-            f"{opened.width}x{opened.height}; use pose.scaled, if it is the same photo made "
+            f"{opened.width}x{opened.height}; use pose.rescale, if it is the same photo made "
             "smaller or larger."
         )
     file = PhotoFile.of(opened, None if is_loaded else Path(photo))
@@ -396,8 +401,7 @@ def _view_of(views: LoadedViews, record: PoseRecord, view: str | None) -> int:
     if len(alike) == 1:
         return alike[0]
     problem = f"there is no photo {wanted}" if wanted else "the start does not say in which photo"
-    more = f" and {len(names) - 8} more" if len(names) > 8 else ""
     raise PoseFileError(
         f"{views.name}: {problem}; name the photo that the start is a pose in with --view, one of "
-        f"{', '.join(names[:8])}{more}."
+        f"{list_names(names)}."
     )

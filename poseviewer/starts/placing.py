@@ -1,4 +1,4 @@
-"""Placing a model in a photo: seen from one of its sides; and the surface point under a pixel."""
+"""Poses of a model seen from one of its sides; and the surface point under a pixel."""
 
 from dataclasses import replace
 
@@ -11,17 +11,17 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Pose
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.starts.views import looking
+from poseviewer.starts.views import look_along
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints, model_axes
 
 FILLED = 0.6
-"""Share of the photo's width, or of its height, that the model is made to fill."""
+"""Share of the photo's width or height that the model fills, whichever is less."""
 FRAMINGS = 12
-"""Rounds of ``framed``: in perspective the box changes its shape on the way, by less each time."""
+"""Rounds of ``fit_into_rectangle``: in perspective the box changes its shape on the way."""
 FLAT = np.cos(np.radians(3.0))
-"""Faces of the hull that are turned by less from each other carry the model together."""
+"""Cosine of the angle within which faces of the hull carry the model together."""
 PREFERENCE = 2.0
-"""Factor by which another axis must be likelier than z upwards, which most files have."""
+"""Factor by which another axis must be likelier than z to be upwards: z is in most files."""
 
 SIDES = {
     "three-quarter": (-1.0, -1.3, 0.55),
@@ -36,32 +36,41 @@ SIDES = {
 
 
 def look_from(side: str, mesh: Mesh, keypoints: VehicleKeypoints | None, camera: Camera) -> Pose:
-    """The model in the photo's middle, filling ``FILLED``, from one of ``SIDES``."""
+    """Return the pose in the photo's middle, filling ``FILLED`` of it, from one of ``SIDES``.
+
+    Args:
+        side: a key of ``SIDES``.
+        mesh: the model.
+        keypoints: of a vehicle, whose sides are meant; None: the model is none.
+        camera: of the photo.
+    """
     if side not in SIDES:
         raise SettingsError(f"no side {side!r} to look from; wanted one of {', '.join(SIDES)}")
-    right, behind, up = standing_axes(mesh, keypoints)
+    right, behind, up = upright_axes(mesh, keypoints)
     stand = np.array(SIDES[side])
     from_camera = -(stand[0] * right + stand[1] * behind + stand[2] * up)
     forward = from_camera / np.linalg.norm(from_camera)
     # Looking straight down or up, the front of the model is at the upper edge of the photo.
     upwards = up if abs(forward @ up) < 0.99 else -behind
-    rotation = looking(forward, upwards)
+    rotation = look_along(forward, upwards)
     far = np.array([0.0, 0.0, 2.0 * mesh.diameter])
     pose = Pose(camera, RigidTransform(rotation, far - rotation @ mesh.centre))
     width, height = FILLED * camera.width, FILLED * camera.height
     left, top = (camera.width - width) / 2.0, (camera.height - height) / 2.0
-    return framed(pose, mesh, (left, top, width, height))
+    return fit_into_rectangle(pose, mesh, (left, top, width, height))
 
 
-def framed(pose: Pose, mesh: Mesh, rectangle: tuple[float, float, float, float]) -> Pose:
-    """Move the model, keeping its rotation, so that its box just fits into a rectangle."""
-    left, top, *wanted = rectangle
-    middle, points = np.array([left, top]) + np.array(wanted) / 2.0, hull_points(mesh)
+def fit_into_rectangle(
+    pose: Pose, mesh: Mesh, rectangle: tuple[float, float, float, float]
+) -> Pose:
+    """Translate the model so that its box just fits into a rectangle (left, top, width, height)."""
+    left, top, *size = rectangle
+    middle, points = np.array([left, top]) + np.array(size) / 2.0, hull_points(mesh)
     radius = float(np.linalg.norm(points - mesh.centre, axis=1).max())
     for _ in range(FRAMINGS):
         outline, camera = pose.project(points), pose.camera
         low, high = outline.min(axis=0), outline.max(axis=0)
-        factor = float(np.min(np.array(wanted) / np.maximum(high - low, 1e-9)))
+        factor = float(np.min(np.array(size) / np.maximum(high - low, 1e-9)))
         centre = middle + factor * (pose.project(mesh.centre) - (low + high) / 2.0)
         depth = pose.camera_from_model.apply(mesh.centre)[2]
         if isinstance(camera, Parallel):
@@ -76,28 +85,37 @@ def framed(pose: Pose, mesh: Mesh, rectangle: tuple[float, float, float, float])
 def with_point_at(
     pose: Pose, point: ArrayLike, pixel: ArrayLike, depth: float | None = None
 ) -> Pose:
-    """The pose moved until a point (3,) is seen at a pixel (2,), at a depth or the same one."""
+    """Translate the model until a point is seen at a pixel.
+
+    Args:
+        pose: of the model.
+        point: (3,), of the model.
+        pixel: (2,), of the photo.
+        depth: of the point; None: the same as before.
+    """
     camera, rotation = pose.camera, pose.camera_from_model.rotation
     far = float(pose.camera_from_model.apply(point)[2]) if depth is None else depth
-    place = camera.points_at(pixel, far)
-    return Pose(camera, RigidTransform(rotation, place - rotation @ np.asarray(point)))
+    target = camera.points_at(pixel, far)
+    return Pose(camera, RigidTransform(rotation, target - rotation @ np.asarray(point)))
 
 
-def standing_axes(
+def upright_axes(
     mesh: Mesh, keypoints: VehicleKeypoints | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Unit vectors (3,) to the model's right, back and top: by a vehicle's wheels, by glTF's rule,
-    or as it would most likely come to rest, by the solid angle of its hull's lowest face.
+    """Return unit vectors (3,) to the model's right, back and top.
+
+    They come from a vehicle's wheels, from glTF's rule, or from how the model would most likely
+    come to rest: by the solid angle of its hull's lowest face.
     """
     if keypoints is not None:
         return model_axes(keypoints)
-    up = np.array([0.0, 1.0, 0.0]) if mesh.y_up else _resting_up(mesh)
+    up = np.array([0.0, 1.0, 0.0]) if mesh.y_up else _find_up(mesh)
     behind = np.array([0.0, 0.0, -1.0]) if up[1] else np.array([0.0, 1.0, 0.0])
     return np.cross(up, behind), behind, up
 
 
-def _resting_up(mesh: Mesh) -> FloatArray:
-    """The axis, or its opposite, along which the model most likely stands."""
+def _find_up(mesh: Mesh) -> FloatArray:
+    """Find the axis, or its opposite, along which the model most likely stands."""
     try:
         hull = ConvexHull(hull_points(mesh))
     except QhullError:  # flat
@@ -115,13 +133,13 @@ def _resting_up(mesh: Mesh) -> FloatArray:
 
 
 def surface_point(mesh: Mesh, pose: Pose, pixel: ArrayLike) -> FloatArray | None:
-    """The point (3,) of the surface, in the model's frame, that is seen at ``pixel``, if any."""
+    """Return the point (3,) of the surface, in the model's frame, seen at ``pixel``, if any."""
     hit = surface_hit(mesh, pose, pixel)
     return None if hit is None else hit[1]
 
 
 def surface_hit(mesh: Mesh, pose: Pose, pixel: ArrayLike) -> tuple[int, FloatArray] | None:
-    """The face that is seen at ``pixel``, and where (3,) on it, in the model's frame, if any.
+    """Return the face seen at ``pixel`` and the point (3,) there, in the model's frame, if any.
 
     T. Moeller and B. Trumbore, *Fast, minimum storage ray-triangle intersection*, 1997.
     """
@@ -137,14 +155,14 @@ def surface_hit(mesh: Mesh, pose: Pose, pixel: ArrayLike) -> tuple[int, FloatArr
     first, second = b - a, c - a
     across = np.cross(direction, second)
     determinant = np.einsum("ij,ij->i", first, across)
-    crossed = determinant != 0.0  # others are seen edge-on
-    inverse = np.divide(1.0, determinant, where=crossed, out=np.zeros_like(determinant))
+    is_crossed = determinant != 0.0  # others are seen edge-on
+    inverse = np.divide(1.0, determinant, where=is_crossed, out=np.zeros_like(determinant))
     away = origin - a
     u = np.einsum("ij,ij->i", away, across) * inverse
-    turned = np.cross(away, first)
-    v = turned @ direction * inverse
-    along = np.einsum("ij,ij->i", second, turned) * inverse
-    hit = crossed & (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (along > 0.0)
+    perpendicular = np.cross(away, first)
+    v = perpendicular @ direction * inverse
+    along = np.einsum("ij,ij->i", second, perpendicular) * inverse
+    hit = is_crossed & (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (along > 0.0)
     if not hit.any():
         return None
     nearest = int(np.argmin(np.where(hit, along, np.inf)))

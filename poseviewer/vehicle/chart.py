@@ -10,7 +10,7 @@ psi is the unit axle direction, outwards on the visible side, in the camera fram
 - *perspective*: with wheel rays r_1, r_2, ``z_2 (r_2 . psi) = z_1 (r_1 . psi)``, and the known
   wheelbase ``|z_2 r_2 - z_1 r_1|`` fixes both depths.
 
-A seventh number frees the focal length (the paper's distance from the camera to the projection
+A seventh parameter frees the focal length (the paper's distance from the camera to the projection
 plane): ``width / focal length``, which at 0 is the parallel projection.
 """
 
@@ -28,21 +28,21 @@ from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints
 
-LEAST_AXLE_COMPONENT = 0.05
-"""Least part of the unit axle along the line of sight. Below it the chart is singular: the car is
-seen within about 3 degrees of head-on, and two wheels and an axle no longer fix its pose."""
+MIN_AXLE_COMPONENT = 0.05
+"""Smallest part of the unit axle along the viewing ray: the chart is singular below, as two wheels
+and an axle do not fix the pose of a car seen within 3 degrees of head-on."""
 PARALLEL_BELOW = 1e-5
-"""``width / focal length`` below this is parallel projection: 64 m of lens for 640 px of 1 um."""
+"""``width / focal length`` below which the projection is parallel: 64 m for 640 px of 1 um."""
 
 Vector = tuple[float, float, float]
-"""Single directions and points are plain numbers: quicker than NumPy with three numbers."""
+"""A direction or a point as plain numbers: quicker than NumPy with three."""
 
-_NUMBERS = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y")
+_SYMBOLS = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y")
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleChart(Chart):
-    """Six numbers, or seven with the focal length, for one side of a vehicle."""
+    """Six parameters, or seven with the focal length, for one side of a vehicle."""
 
     name = "vehicle"
     side: SideKeypoints
@@ -65,7 +65,11 @@ class VehicleChart(Chart):
     def near(
         cls, keypoints: VehicleKeypoints, pose: Pose, free_focal: bool = False
     ) -> VehicleChart:
-        """The chart of the side that the camera sees; raises ``SingularChartError``: head-on."""
+        """Make the chart of the side that the camera sees.
+
+        Raises:
+            SingularChartError: the vehicle is seen head-on.
+        """
         side = visible_side(keypoints, pose)
         depth = 4.0 * side.wheelbase
         if isinstance(pose.camera, Parallel):
@@ -76,49 +80,50 @@ class VehicleChart(Chart):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The paper's symbols, and the seventh number."""
-        return (*_NUMBERS, "width_per_focal") if self.free_focal else _NUMBERS
+        """Names of the paper's symbols, and of the seventh parameter."""
+        return (*_SYMBOLS, "width_per_focal") if self.free_focal else _SYMBOLS
 
     def scales(self, parameters: FloatArray) -> FloatArray:
-        """100 % is the wheelbase's length in the photo for mu and delta, 1 for psi and focal."""
+        """Return the wheelbase's length in the photo for mu and delta, 1 for psi and focal."""
         size = np.array([self.camera.width, self.camera.height])
         length = np.linalg.norm(parameters[2:4] * size) / size
         return np.concatenate([length, length, np.ones(len(parameters) - 4)])
 
     def to_pose(self, parameters: FloatArray) -> Pose:
-        """The pose of six or seven numbers, in closed form."""
+        """Return the pose of six or seven parameters, in closed form."""
         values = np.asarray(parameters, dtype=float).tolist()
         psi_x, psi_y = values[4], values[5]
         in_plane = psi_x * psi_x + psi_y * psi_y
-        outside = in_plane > 1.0 - LEAST_AXLE_COMPONENT**2
-        if outside or not all(map(math.isfinite, values)):
+        is_outside = in_plane > 1.0 - MIN_AXLE_COMPONENT**2
+        if is_outside or not all(map(math.isfinite, values)):
             raise OutsideChartError(f"psi {parameters[4:6]} leaves no axle towards the camera")
         axle = (psi_x, psi_y, -math.sqrt(1.0 - in_plane))
-        camera, width, height = self._camera_at(values), self.camera.width, self.camera.height
+        camera = self._camera_at(values)
+        width, height = camera.width, camera.height
         u, v = values[0] * width - camera.cx, values[1] * height - camera.cy
         x, y = values[2] * width, values[3] * height
         if isinstance(camera, Perspective):
-            rays = u / camera.fx, v / camera.fy, x / camera.fx, y / camera.fy
-            return Pose(camera, self._transform(*self._seen_along(*rays, axle), axle))
+            rear_xy, delta_xy = (u / camera.fx, v / camera.fy), (x / camera.fx, y / camera.fy)
+            return Pose(camera, self._transform(*self._wheels_on(rear_xy, delta_xy, axle), axle))
         along = (x, y, -(psi_x * x + psi_y * y) / axle[2])
         scale = math.hypot(*along) / self._wheelbase
         if not scale > 0.0:
-            raise OutsideChartError("both wheels at the same place")
+            raise OutsideChartError("both wheels at the same point")
         rear = u / scale, v / scale, self.depth
         return Pose(replace(camera, scale=scale), self._transform(along, rear, axle))
 
     def from_pose(self, pose: Pose) -> FloatArray:
-        """The numbers of a pose; its camera's focal length counts only where that is free."""
+        """Return the parameters of a pose; its focal length counts only where that is free."""
         camera_from_model = pose.camera_from_model
         rear, front = camera_from_model.apply([self.side.rear_wheel, self.side.front_wheel])
         axle = camera_from_model.rotation @ self.side.axle
         if isinstance(pose.camera, Perspective) and min(rear[2], front[2]) <= 0.0:
             raise SingularChartError("the vehicle's wheels are not both in front of the camera")
-        towards = -max(axle[2], *_along_sight(self.side, pose))
-        if towards < LEAST_AXLE_COMPONENT:
+        towards = -max(axle[2], *_along_rays(self.side, pose))
+        if towards < MIN_AXLE_COMPONENT:
             raise SingularChartError(
                 f"the vehicle is seen almost head-on or from straight behind (axle component "
-                f"{towards:.3f} along the view, at least {LEAST_AXLE_COMPONENT} wanted), where "
+                f"{towards:.3f} along the view, at least {MIN_AXLE_COMPONENT} wanted), where "
                 f"the vehicle chart is singular"
             )
         size = np.array([pose.camera.width, pose.camera.height])
@@ -140,26 +145,27 @@ class VehicleChart(Chart):
             return replace(camera, fx=fx, fy=fx * camera.fy / camera.fx)
         return Perspective(fx, fx, camera.cx, camera.cy, camera.width, camera.height)
 
-    def _seen_along(
-        self, x1: float, y1: float, dx: float, dy: float, axle: Vector
+    def _wheels_on(
+        self, rear: tuple[float, float], delta: tuple[float, float], axle: Vector
     ) -> tuple[Vector, Vector]:
-        """Direction of the wheelbase, and rear wheel, from the wheels' rays at z = 1."""
+        """Return the wheelbase's direction, and the rear wheel, on viewing rays at z = 1."""
+        (x1, y1), (dx, dy) = rear, delta
         x2, y2 = x1 + dx, y1 + dy
         towards = x1 * axle[0] + y1 * axle[1] + axle[2], x2 * axle[0] + y2 * axle[1] + axle[2]
         lengths = math.hypot(x1, y1, 1.0), math.hypot(x2, y2, 1.0)
-        if max(towards[0] / lengths[0], towards[1] / lengths[1]) > -LEAST_AXLE_COMPONENT:
+        if max(towards[0] / lengths[0], towards[1] / lengths[1]) > -MIN_AXLE_COMPONENT:
             raise OutsideChartError("a wheel is seen edge-on or from inside")
         ratio = towards[0] / towards[1]
         along = (x2 * ratio - x1, y2 * ratio - y1, ratio - 1.0)
         depth = self._wheelbase / max(math.hypot(*along), 1e-300)
         if not depth < 1e100:
-            raise OutsideChartError("both wheels at the same place")
+            raise OutsideChartError("both wheels at the same point")
         return along, (depth * x1, depth * y1, depth)
 
     def _transform(self, along: Vector, rear: Vector, axle: Vector) -> RigidTransform:
-        """Transform of wheelbase and axle to these directions, and of the wheel to ``rear``."""
+        """Return the transform of wheelbase and axle to directions, and of a wheel to ``rear``."""
         length = math.hypot(*along)
-        x, y, z = along[0] / length, along[1] / length, along[2] / length
+        x, y, z = (component / length for component in along)
         a, b, c = axle
         columns = np.array([[x, a, y * c - z * b], [y, b, z * a - x * c], [z, c, x * b - y * a]])
         rotation = columns @ self._side_from_model
@@ -167,13 +173,13 @@ class VehicleChart(Chart):
 
 
 def visible_side(keypoints: VehicleKeypoints, pose: Pose) -> SideKeypoints:
-    """The side whose outward axle points more towards the camera."""
+    """Return the side whose outward axle points more towards the camera."""
     sides = keypoints.left, keypoints.right
-    return min(sides, key=lambda side: float(np.mean(_along_sight(side, pose))))
+    return min(sides, key=lambda side: float(np.mean(_along_rays(side, pose))))
 
 
-def _along_sight(side: SideKeypoints, pose: Pose) -> FloatArray:
-    """(k,): the axle's component along the sight to each wheel, or along the only direction."""
+def _along_rays(side: SideKeypoints, pose: Pose) -> FloatArray:
+    """Return the axle's components (k,) along the viewing rays of both wheels, or of all points."""
     axle = pose.camera_from_model.rotation @ side.axle
     if isinstance(pose.camera, Parallel):
         return axle[2:]

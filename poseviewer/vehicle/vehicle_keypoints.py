@@ -4,17 +4,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.mesh import Mesh
 
-LEAST_ASIDE = 0.4
-"""Least offset of a side's wheels from the middle of the model, in shares of half its width."""
+MIN_SIDE_OFFSET = 0.4
+"""Smallest offset of a side's wheels from the model's middle, in shares of half its width."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SideKeypoints:
-    """The key points of one side, in the model's frame and unit; the axle is made exactly
-    perpendicular to the wheelbase, as the chart's closed form needs.
+    """The key points of one side, in the model's frame and unit.
+
+    The axle is made perpendicular to the wheelbase, as the chart's closed form needs.
     """
 
     rear_wheel: FloatArray
@@ -25,8 +26,8 @@ class SideKeypoints:
     """(3,): unit direction of the rear axle, outwards on this side."""
 
     def __post_init__(self) -> None:
-        rear = frozen_array(self.rear_wheel, (3,))
-        front = frozen_array(self.front_wheel, (3,))
+        rear = freeze_array(self.rear_wheel, (3,))
+        front = freeze_array(self.front_wheel, (3,))
         along = front - rear
         if not np.linalg.norm(along) > 0.0:
             raise ValueError("rear and front wheel are the same point")
@@ -36,7 +37,7 @@ class SideKeypoints:
             raise ValueError("the axle points along the wheelbase")
         object.__setattr__(self, "rear_wheel", rear)
         object.__setattr__(self, "front_wheel", front)
-        object.__setattr__(self, "axle", frozen_array(across / np.linalg.norm(across), (3,)))
+        object.__setattr__(self, "axle", freeze_array(across / np.linalg.norm(across), (3,)))
 
     @property
     def wheelbase(self) -> float:
@@ -46,16 +47,17 @@ class SideKeypoints:
 
 @dataclass(frozen=True, slots=True)
 class VehicleKeypoints:
-    """The key points of both sides; which side counts is the one that the camera sees."""
+    """The key points of both sides; the side that the camera sees counts."""
 
     left: SideKeypoints
     right: SideKeypoints
 
 
 def keypoints_from_side(mesh: Mesh, rear: FloatArray, front: FloatArray) -> VehicleKeypoints:
-    """Key points of a vehicle from the outer faces' centres (3,) of a side's two wheels; the other
-    side is their mirror image. The vehicle's axes are the model's: of the two across the wheelbase
-    the wheels are at the border of the one to the side; they are in the lower half.
+    """Return the key points from the outer faces' centres (3,) of a side's two wheels.
+
+    The other side is their mirror image. The vehicle's axes are the model's: the wheels are at its
+    border to the side, and in its lower half.
 
     Raises:
         ValueError: the points are no wheels of one side.
@@ -64,20 +66,20 @@ def keypoints_from_side(mesh: Mesh, rear: FloatArray, front: FloatArray) -> Vehi
     along = int(np.argmax(np.abs(front - rear)))
     away = ((rear + front) - (low + high)) / np.maximum(high - low, 1e-300)
     side, height = sorted({0, 1, 2} - {along}, key=lambda axis: -abs(away[axis]))
-    if abs(away[side]) < LEAST_ASIDE:
+    if abs(away[side]) < MIN_SIDE_OFFSET:
         raise ValueError("they are not both at one side of the model")
     axes = np.eye(3)
     outwards, up = np.sign(away[side]) * axes[side], -np.sign(away[height]) * axes[height]
     across = (low + high)[side] * axes[side]
     flip = 1.0 - 2.0 * axes[side]
-    own = SideKeypoints(rear, front, outwards)
-    other = SideKeypoints(flip * rear + across, flip * front + across, -outwards)
+    given = SideKeypoints(rear, front, outwards)
+    mirrored = SideKeypoints(flip * rear + across, flip * front + across, -outwards)
     is_left = float(np.cross(up, front - rear) @ outwards) > 0.0
-    return VehicleKeypoints(own, other) if is_left else VehicleKeypoints(other, own)
+    return VehicleKeypoints(given, mirrored) if is_left else VehicleKeypoints(mirrored, given)
 
 
 def model_axes(keypoints: VehicleKeypoints) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Unit vectors (3,) to the model's right, to its back, and upwards, in its frame."""
+    """Return unit vectors (3,) to the model's right, to its back, and upwards, in its frame."""
     right = keypoints.right.axle
     behind = keypoints.left.rear_wheel - keypoints.left.front_wheel
     behind = behind - right * (behind @ right)

@@ -1,4 +1,4 @@
-"""Find a vehicle's wheels among the named parts of a model."""
+"""Find a vehicle's wheels among the named parts of a model, by words in English and German."""
 
 import re
 import unicodedata
@@ -22,8 +22,10 @@ NOT_A_WHEEL_WORDS = (
     r"steer\w*|spare|arch\w*|hous\w*|well\w*|wheelarch\w*|wheelhous\w*|wheelwell\w*|fender"
     r"|lenkrad|ersatz|reserverad|kasten|radkasten"
 )
+"""Words of parts that no car drives on, beside those of wheels."""
 FRONT_WORDS = r"f[lr]|[lr]f|v[lr]|front\w*|vorn\w*|vorder\w*"
 REAR_WORDS = r"[rb]l|[lrb]r|h[lr]|rear\w*|back\w*|hint\w*"
+"""Words of wheels, FL to VR and BL to HR among them."""
 FRONT_BODY_WORDS = (
     r"head(light|lamp)s?|bonnet|hood|gr[iy]lle?|radiator|windscreen|windshield|engine|front\w*"
     r"|scheinwerfer|motorhaube|kuhlergrill"
@@ -32,14 +34,18 @@ REAR_BODY_WORDS = (
     r"tail(light|lamp|gate)s?|trunk|boot|exhaust|muffler|tailpipe|rear\w*|heck\w*|rucklicht\w*"
     r"|auspuff|kofferraum"
 )
+"""Words of parts at one end of a car."""
 MISLEADING_BODY_WORDS = r"mirrors?|view|spiegel\w*|seats?|doors?"
-"""A rear-view mirror is in front; seats and doors lie in the middle."""
-ROOF_SHARE = 0.25  # the uppermost share of the height
+"""Words of parts that do not vote: a rear-view mirror is in front, doors lie in the middle."""
+ROOF_SHARE = 0.25
+"""Share of the height in which the roof is."""
+MIN_POINTS = 16
+"""Points of wheels, four for each: fewer are no circles."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Layout:
-    """Four wheels in the vehicle's own directions; signs of ``along`` and ``up`` still open."""
+    """Four wheels in the vehicle's axes, whose signs along and up are still open."""
 
     axes: FloatArray
     """(3, 3) rows: unit directions along, across, up."""
@@ -48,21 +54,21 @@ class _Layout:
     half_widths: FloatArray
     """(4,) half the extent across."""
     label: NDArray[np.int32]
-    """(W,) which wheel each wheel vertex belongs to."""
+    """(W,) index of each wheel vertex's wheel."""
 
 
 def find_wheels(mesh: Mesh) -> VehicleKeypoints | None:
-    """The key points of a vehicle whose wheels are named parts, else None.
+    """Find the key points of a vehicle whose wheels are named parts, else None.
 
-    The parts must fall into four clumps on a rectangle. The front is told by lamps, bonnet and boot
-    beyond the axles, else by the wheels' names, else by the roof, which stands behind the middle of
-    the wheelbase. A key point is the centre of the wheel's outer face.
+    The parts must fall into four clusters on a rectangle. The front is told by lamps, bonnet and
+    boot beyond the axles, else by the wheels' names, else by the roof, which stands behind the
+    middle of the wheelbase. A key point is the centre of the wheel's outer face.
     """
     wheel_parts = [i for i, name in enumerate(mesh.part_names) if is_wheel_name(name)]
     vertex_part = np.full(len(mesh.vertices), -1)
     vertex_part[mesh.faces] = mesh.face_part[:, None]
     chosen = np.isin(vertex_part, wheel_parts)
-    if np.unique(mesh.vertices[chosen], axis=0).shape[0] < 16:
+    if np.unique(mesh.vertices[chosen], axis=0).shape[0] < MIN_POINTS:
         return None
     layout = _four_wheels(mesh.vertices[chosen])
     if layout is None:
@@ -83,13 +89,13 @@ def find_wheels(mesh: Mesh) -> VehicleKeypoints | None:
 
 
 def is_wheel_name(name: str) -> bool:
-    """Whether a part of this name belongs to a road wheel."""
+    """Tell whether a part of this name belongs to a road wheel."""
     words = _words(name)
     return _any(WHEEL_WORDS, words) and not _any(NOT_A_WHEEL_WORDS, words)
 
 
 def _words(name: str) -> list[str]:
-    """Lower-case words without accents; wheelFL, Wheel1 and wheel_fl all hold "wheel"."""
+    """Split into lower-case words without accents; wheelFL, Wheel1 and wheel_fl hold "wheel"."""
     plain = unicodedata.normalize("NFKD", name)
     plain = "".join(c for c in plain if not unicodedata.combining(c)).replace("ß", "ss")
     return [w.lower() for w in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", plain)]
@@ -100,7 +106,7 @@ def _any(pattern: str, words: Iterable[str]) -> bool:
 
 
 def _four_wheels(points: FloatArray) -> _Layout | None:
-    """Four clumps of the points (W, 3) at the corners of a rectangle, or None."""
+    """Find four clusters of the points (W, 3) at the corners of a rectangle, or None."""
     seeds = [int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))]
     distance = np.full(len(points), np.inf)
     for _ in range(3):
@@ -121,14 +127,14 @@ def _four_wheels(points: FloatArray) -> _Layout | None:
 
 
 def _boxes(points: FloatArray, label: NDArray) -> tuple[FloatArray, FloatArray]:
-    """Middles and sizes (4, 3) of the boxes of four clumps of points."""
-    low = np.stack([points[label == i].min(axis=0) for i in range(4)])
-    high = np.stack([points[label == i].max(axis=0) for i in range(4)])
+    """Return centres and sizes (4, 3) of the boxes of four clusters of points."""
+    clusters = [points[label == i] for i in range(4)]
+    low, high = (np.stack([end(c, axis=0) for c in clusters]) for end in (np.min, np.max))
     return (low + high) / 2.0, high - low
 
 
 def _rectangle_axes(corners: FloatArray) -> FloatArray | None:
-    """Directions (3, 3) along the longer sides, the shorter sides, and across both."""
+    """Return directions (3, 3) along the longer sides, the shorter sides, and across both."""
     sides = corners[1:] - corners[0]
     short, long, diagonal = sides[np.argsort(np.linalg.norm(sides, axis=1))]
     length = np.linalg.norm(long)
@@ -143,7 +149,7 @@ def _rectangle_axes(corners: FloatArray) -> FloatArray | None:
 
 
 def _vote_of_body(mesh: Mesh, layout: _Layout) -> float:
-    """Parts that belong to one end and lie beyond a quarter of the wheelbase from the middle."""
+    """Count parts of one end that lie beyond a quarter of the wheelbase from the middle."""
     middle = layout.centres[:, 0].mean()
     reach = 0.25 * np.ptp(layout.centres[:, 0])
     vote = 0.0
@@ -154,8 +160,8 @@ def _vote_of_body(mesh: Mesh, layout: _Layout) -> float:
         sign = _any(FRONT_BODY_WORDS, words) - _any(REAR_BODY_WORDS, words)
         if sign:
             part = mesh.part_vertices(name)
-            place = (part.min(axis=0) + part.max(axis=0)) / 2.0 @ layout.axes[0] - middle
-            vote += sign * np.sign(place) * (abs(place) > reach)
+            ahead = (part.min(axis=0) + part.max(axis=0)) / 2.0 @ layout.axes[0] - middle
+            vote += sign * np.sign(ahead) * (abs(ahead) > reach)
     return vote
 
 
@@ -169,15 +175,15 @@ def _vote_of_wheel_names(mesh: Mesh, layout: _Layout, part_of_point: NDArray) ->
 
 
 def _vote_of_roof(mesh: Mesh, layout: _Layout, up: FloatArray) -> float:
-    """Away from the roof: it stands behind the middle of the wheelbase (not in pick-ups)."""
+    """Vote away from the roof, which stands behind the wheelbase's middle (not in pick-ups)."""
     _, areas = face_normals_and_areas(mesh.vertices, mesh.faces)
     centres = mesh.vertices[mesh.faces].mean(axis=1)
     heights = mesh.vertices @ up
     roof = centres @ up > heights.max() - ROOF_SHARE * np.ptp(heights)
     if not areas[roof].sum() > 0.0:
         return 0.0
-    place = np.average(centres[roof] @ layout.axes[0], weights=areas[roof])
-    return float(layout.centres[:, 0].mean() - place)
+    roof_centre = np.average(centres[roof] @ layout.axes[0], weights=areas[roof])
+    return float(layout.centres[:, 0].mean() - roof_centre)
 
 
 def _key_points(layout: _Layout, front: FloatArray, up: FloatArray) -> VehicleKeypoints:

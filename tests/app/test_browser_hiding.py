@@ -138,6 +138,6 @@ def test_a_part_is_left_out_and_comes_back(tab: AppPage, scene: Scene) -> None:
     tab.page.get_by_text("Left out of the model").wait_for(state="hidden")
     case = load(scene.photo, scene.model, path)
     assert case.mesh.left_out == (name,)
-    seen = case.renderer.covers(pose)
-    whole = load(scene.photo, scene.model, scene.start).renderer.covers(pose)
+    seen = case.renderer.render_mask(pose)
+    whole = load(scene.photo, scene.model, scene.start).renderer.render_mask(pose)
     assert 0.2 < np.count_nonzero(seen) / np.count_nonzero(whole) < 0.8

@@ -1,7 +1,5 @@
 """A model without a pose is looked for as soon as it is opened, until somebody places it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -100,7 +100,7 @@ def test_three_photos_are_looked_at_dragged_searched_and_saved(page: AppPage, tm
     result = scene.objects[0].result
     assert result is not None
     assert result.verdict is not None
-    assert [one.word for one in result.verdict.views] == ["found"] * 3
+    assert [one.label for one in result.verdict.views] == ["found"] * 3
 
 
 def lines_in(tab: AppPage) -> list[int]:

@@ -37,7 +37,7 @@ def random_covariance(size: int, spread: float = 1e-3) -> np.ndarray:
 def test_deviation_undoes_moved(camera: Perspective | Parallel, size: int) -> None:
     sure = PoseCovariance(pose_by(camera), np.array([0.5, 0.2, 0.1]), np.eye(size))
     off = np.array([0.3, -0.2, 0.5, 0.4, -0.1, 0.2, 0.05])[:size]
-    np.testing.assert_allclose(sure.deviation(sure.moved(off)), off, atol=1e-12)
+    np.testing.assert_allclose(sure.deviation(sure.pose_at(off)), off, atol=1e-12)
 
 
 @pytest.mark.parametrize("free_focal", [False, True])
@@ -62,7 +62,7 @@ def test_the_size_of_a_model_in_its_set_goes_with_its_pose() -> None:
     chart = ViewChart(reference, PERSPECTIVE, RigidTransform.identity(), True, 2.0)
     off = np.random.default_rng(1).normal(size=(400, 7)) @ np.linalg.cholesky(random_covariance(7))
     sure = PoseCovariance(pose, MESH.centre, np.cov(off.T), seventh="log_size")
-    numbers = np.array([chart.numbers_at(sure.moved(d), 2.0 * math.exp(-d[6])) for d in off])
+    numbers = np.array([chart.parameters_at(sure.pose_at(d), 2.0 * math.exp(-d[6])) for d in off])
     told = sure.in_chart(chart)
     scales = np.sqrt(np.outer(np.diag(told), np.diag(told)))
     np.testing.assert_allclose(np.cov(numbers.T) / scales, told / scales, atol=0.01)
@@ -81,7 +81,7 @@ def test_it_is_what_a_sample_of_poses_spreads_by() -> None:
         MESH, pose, FreeBodyChart.near(MESH, pose), random_covariance(6)
     )
     draws = np.random.default_rng(0).multivariate_normal(np.zeros(6), sure.matrix, 4000)
-    poses = [sure.moved(draw) for draw in draws]
+    poses = [sure.pose_at(draw) for draw in draws]
     centres = np.array([one.camera_from_model.apply(MESH.centre) for one in poses])
     sight = pose.camera_from_model.apply(MESH.centre)
     along = centres @ (sight / np.linalg.norm(sight))
@@ -100,7 +100,7 @@ def test_the_ellipse_of_two_numbers_holds_nine_tenths_of_the_poses() -> None:
     chart = VehicleChart.near(WHEELS, pose)
     draws = np.random.default_rng(1).multivariate_normal(np.zeros(6), sure.matrix, 3000)
     at = chart.from_pose(pose)
-    away = np.array([chart.from_pose(sure.moved(draw)) - at for draw in draws])
+    away = np.array([chart.from_pose(sure.pose_at(draw)) - at for draw in draws])
     covariance = sure.in_chart(chart)
     for pair in ([0, 1], [1, 4], [3, 5]):
         block = covariance[np.ix_(pair, pair)]

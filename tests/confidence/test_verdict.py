@@ -19,19 +19,19 @@ RIGHT = Features(turn_margin=3.0, spread_percent=1.0, outline=0.95, seen=1.0)
 
 
 def test_worse_features_are_less_probable_and_lost_in_the_end():
-    assert judge(RIGHT).word == "found"
+    assert judge(RIGHT).label == "found"
     worse = {"turn_margin": 0.1, "spread_percent": 20.0, "outline": 0.5}
     verdicts = [judge(replace(RIGHT, **{name: value})) for name, value in worse.items()]
     assert all(one.probability < judge(RIGHT).probability for one in verdicts)
-    assert judge(replace(RIGHT, **worse)).word == "lost"
-    assert judge(None).word == "lost"
+    assert judge(replace(RIGHT, **worse)).label == "lost"
+    assert judge(None).label == "lost"
 
 
 def test_a_model_of_which_too_little_is_seen_is_lost():
     hidden = judge(replace(RIGHT, seen=0.3))
-    assert hidden.word == "lost"
+    assert hidden.label == "lost"
     assert any("Only 30%" in reason for reason in hidden.reasons)
-    assert judge(replace(RIGHT, seen=0.5)).word == "found"
+    assert judge(replace(RIGHT, seen=0.5)).label == "found"
 
 
 def test_a_pose_is_the_less_probable_the_less_of_the_model_is_seen():
@@ -39,7 +39,7 @@ def test_a_pose_is_the_less_probable_the_less_of_the_model_is_seen():
     each = [judge(replace(weak, seen=share)) for share in (1.0, 0.8, 0.6, 0.4)]
     chances = [one.probability for one in each]
     assert chances == sorted(chances, reverse=True)
-    assert (each[0].word, each[-1].word) == ("found", "lost")
+    assert (each[0].label, each[-1].label) == ("found", "lost")
 
 
 @pytest.mark.parametrize(
@@ -52,9 +52,9 @@ def test_a_pose_is_the_less_probable_the_less_of_the_model_is_seen():
 )
 def test_a_steep_minimum_that_lacks_outline_is_not_found(alike: float, short, said: str):
     steep = replace(RIGHT, turn_margin=20.0, spread_percent=0.1, alike=alike)
-    assert judge(steep).word == "found"
+    assert judge(steep).label == "found"
     poor = judge(replace(steep, **short))
-    assert poor.word == "doubtful"
+    assert poor.label == "doubtful"
     assert any(said in reason for reason in poor.reasons)
 
 
@@ -83,6 +83,6 @@ def test_word_and_number_of_a_verdict_never_contradict(word: str):
 )
 def test_several_photos_are_of_one_mind_or_it_is_doubtful(alone: list[float], word: str):
     verdict = judge_together([Verdict("found", one) for one in alone])
-    assert verdict.word == word
+    assert verdict.label == word
     assert min(alone) - 1e-9 <= verdict.probability <= max(alone) + 1e-9
     assert len(verdict.views) == len(alone)

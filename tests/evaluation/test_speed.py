@@ -29,5 +29,5 @@ def test_a_report_has_each_path_both_methods_and_the_maps():
 @pytest.mark.slow
 def test_a_gpu_is_timed(monkeypatch):
     require_gpu(monkeypatch)
-    work = speed.make_workload(*speed.demo_with_truth(), 5_000, 320)
+    work = speed.make_workload(speed.load_demo(), 5_000, 320)
     assert [path.name for path in speed.time_paths(work, "f", 1)] == ["f"]

@@ -72,7 +72,7 @@ def test_diffuse_photo_is_affine_in_reflectance_and_its_product_with_the_normal(
 def test_coverage_is_the_share_of_each_pixel_that_the_model_covers(mesh, pose):
     _, coverage = cut_out(OpenGLRenderer(mesh), pose, LIGHTING)
     opengl = OpenGLRenderer(mesh)
-    fine = opengl.covers(pose.scaled(8))
+    fine = opengl.render_mask(pose.rescale(8))
     exact = fine.reshape(pose.camera.height, 8, pose.camera.width, 8).mean(axis=(1, 3))
     assert np.abs(coverage - exact).max() < 0.15  # of 16 samples each
     for axis in (0, 1):

@@ -143,7 +143,7 @@ def test_bops_cameras_are_read(tmp_path):
 def test_a_calibration_is_scaled_in_the_same_ratio_alone(tmp_path):
     path = write_camera(tmp_path / "c.yml", INSIDE, Lens("opencv", COEFFICIENTS[5]))
     half, notes = load_calibration(Calibration(path), "p.png", 640, 360)
-    assert half.camera == INSIDE.resized(640, 360)
+    assert half.camera == INSIDE.resize(640, 360)
     assert half.lens == Lens("opencv", COEFFICIENTS[5])  # it acts on rays: no px in it
     assert "1280x720" in notes[0]
     for width in (426, 427):  # a third: programs round 426.67 up or down

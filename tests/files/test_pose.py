@@ -15,7 +15,7 @@ from poseviewer.files.pose import PoseRecord, check_against, load_pose, save_pos
 from poseviewer.files.structs import ChartJson, ModelReference, PhotoReference, Uncertainty
 from poseviewer.files.symmetry import SymmetryTurns
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
-from poseviewer.geometry.symmetry_group import Symmetry, Turn
+from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
 from tests.schemas import json_schema, load_valid
 from tests.writing import write
@@ -27,7 +27,7 @@ PARALLEL = Parallel(123.45678901234567, 300.1, 200.2, WIDTH, HEIGHT)
 TRANSFORM = RigidTransform.from_rotation_vector([0.3, -1.1, 2.0], [0.1, -2.5, 1.0 / 3.0])
 
 
-HALF_TURN = Symmetry.from_turns([0.0, 0.0, 0.1], [Turn(np.array([0.0, 0.0, 1.0]), 2)])
+HALF_TURN = Symmetry.from_axes([0.0, 0.0, 0.1], [SymmetryAxis(np.array([0.0, 0.0, 1.0]), 2)])
 
 
 def full_record(camera: Perspective | Parallel = PERSPECTIVE) -> PoseRecord:

@@ -18,7 +18,7 @@ from poseviewer.files.scene_json import form_of, load_scene, save_scene
 from poseviewer.files.state.uploads import taken_out
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.geometry.symmetry_group import Symmetry, Turn
+from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
 from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import ChartParameters, InView, Scene, SceneObject, SearchResult
@@ -52,7 +52,7 @@ def told(path: Path) -> Scene:
         name="round",
         is_placed=False,
         without=("mirror",),
-        said_symmetry=Symmetry.from_turns(np.zeros(3), [Turn(np.array([0.0, 0.0, 1.0]), 2)]),
+        said_symmetry=Symmetry.from_axes(np.zeros(3), [SymmetryAxis(np.array([0.0, 0.0, 1.0]), 2)]),
         result=SearchResult(
             loss=0.1,
             unexplained=0.2,

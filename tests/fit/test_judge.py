@@ -9,12 +9,9 @@ import numpy as np
 import pytest
 
 from poseviewer.confidence.verdict import judge
+from poseviewer.fit.covariance import FOCAL_MODELS, MODELS, find_covariance, inverse_curvature
 from poseviewer.fit.judge import (
-    FOCAL_MODELS,
-    MODELS,
-    find_covariance,
     gather_features,
-    inverse_curvature,
     judge_end,
 )
 from poseviewer.fit.probing import Probe, free_motions
@@ -24,10 +21,10 @@ from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
-from poseviewer.geometry.symmetry_group import Symmetry, Turn
+from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.starts.loading import open_photo
-from poseviewer.vehicle.chart import LEAST_AXLE_COMPONENT, VehicleChart
+from poseviewer.vehicle.chart import MIN_AXLE_COMPONENT, VehicleChart
 from tests.geometry.test_charts import make_keypoints
 from tests.opened import by, locked
 
@@ -65,7 +62,7 @@ def test_the_features_speak_for_the_true_pose(case, truth):
     assert wrong is not None
     assert right.turn_margin > wrong.turn_margin
     assert right.spread_percent < wrong.spread_percent
-    assert judge(wrong).word == "lost"
+    assert judge(wrong).label == "lost"
     assert judge(right).probability > 0.5 > judge(wrong).probability
 
 
@@ -74,7 +71,7 @@ def test_a_pose_at_the_border_of_its_chart_has_motions(case):
     problem, mesh = case[0], case[0].mesh
     camera = Parallel(60.0, 100.0, 80.0, 200, 160)
     chart = VehicleChart(make_keypoints(np.random.default_rng(3)).left, camera)
-    flattest = np.sqrt(1.0 - LEAST_AXLE_COMPONENT**2) - 1e-9
+    flattest = np.sqrt(1.0 - MIN_AXLE_COMPONENT**2) - 1e-9
     parameters = np.array([0.3, 0.6, 0.3, 0.01, 0.0, flattest])
     with pytest.raises(OutsideChartError):
         chart.to_pose(parameters + 1e-4 * np.eye(6)[5])
@@ -115,7 +112,7 @@ def test_the_end_of_a_fit_is_sure_and_the_same_on_any_threads(case):
     judged = judge_end(end, renderer)
     verdict, sure = judged.verdict, judged.covariance
     assert verdict is not None
-    assert verdict.word == "found"
+    assert verdict.label == "found"
     assert sure is not None
     assert np.linalg.eigvalsh(sure.matrix)[0] > 0.0
     assert 0.0 < sure.deviations["sideways"] < sure.deviations["depth"] < problem.mesh.diameter
@@ -125,13 +122,13 @@ def test_the_end_of_a_fit_is_sure_and_the_same_on_any_threads(case):
     far = problem.chart.to_pose(np.array([0.0, 0.0, 0.0, 30.0, 30.0, 0.0]))
     unseen = judge_end(replace(end, pose=far), renderer)
     assert unseen.verdict is not None
-    assert (unseen.verdict.word, unseen.verdict.probability) == ("lost", 0.0)
+    assert (unseen.verdict.label, unseen.verdict.probability) == ("lost", 0.0)
     assert unseen.covariance is None
 
 
 def test_a_symmetric_model_says_which_turns_no_photo_tells(case, truth):
     problem, renderer = case
-    half = Symmetry.from_turns(problem.mesh.centre, [Turn(np.array([0.0, 0.0, 1.0]), 2)])
+    half = Symmetry.from_axes(problem.mesh.centre, [SymmetryAxis(np.array([0.0, 0.0, 1.0]), 2)])
     turned = replace(problem, symmetry=half)
     for here, count in ((problem, 0), (turned, 1)):
         at = replace(here, start=here.chart.from_pose(truth))

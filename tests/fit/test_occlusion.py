@@ -64,7 +64,7 @@ def test_a_post_is_told_from_the_car_behind_it(demo, behind_slab):
     assert hidden is not None
     photo = case.photo
     full = enlarged(hidden, case.problem.photo.factor, photo.width, photo.height)
-    covered = case.renderer.covers(truth)
+    covered = case.renderer.render_mask(truth)
     post = np.zeros_like(covered)
     post[:, slice(*SLAB)] = True
     assert np.mean(full[covered & post]) > 0.95
@@ -181,4 +181,4 @@ def test_what_is_painted_hides_unless_the_user_says_that_nothing_does(painted_ov
 def test_a_black_photo_is_searched_without_a_warning(scene, tmp_path):
     save_image(tmp_path / "black.png", np.zeros((120, 160, 3), np.uint8))
     end = load(tmp_path / "black.png", scene.model, scene.start).fit()
-    assert end.verdict is None or end.verdict.word != "found"
+    assert end.verdict is None or end.verdict.label != "found"

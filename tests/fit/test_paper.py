@@ -11,7 +11,7 @@ from poseviewer.fit.progress import Status
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.render.moments import model_attributes
-from poseviewer.render.pyramid.levels import smaller
+from poseviewer.render.pyramid.levels import downsample
 from poseviewer.render.types import PhotoAttributes
 from poseviewer.scene.settings import FitSettings
 from tests.fit.test_problem import MESH, RENDERER, true_pose
@@ -67,7 +67,7 @@ def test_poses_that_cover_much_less_than_the_start_are_the_worst():
     (compared, *_) = (progress.problem for progress in fit_pose(problem, RENDERER))
     assert pose_loss(compared, RENDERER, far) == problem.worst_loss
     assert pose_loss(compared, RENDERER, problem.start) < problem.worst_loss
-    coarse = compared.on([smaller(compared.photo, 2)])
+    coarse = compared.on([downsample(compared.photo, 2)])
     assert pose_loss(coarse, RENDERER, problem.start) < problem.worst_loss
 
 

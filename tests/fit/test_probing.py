@@ -20,7 +20,7 @@ from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.geometry.symmetry_group import Symmetry, Turn
+from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.settings import FitSettings
@@ -48,7 +48,7 @@ TRUTH = Pose(
     Perspective(400.0, 400.0, 160.0, 120.0, 320, 240),
     RigidTransform.from_rotation_vector([1.25, 0.5, -0.4], [0.05, 0.02, 4.0]),
 )
-ROUND = Symmetry.from_turns(CAN.centre, [Turn(AXIS, 0), Turn(ACROSS, 2)])
+ROUND = Symmetry.from_axes(CAN.centre, [SymmetryAxis(AXIS, 0), SymmetryAxis(ACROSS, 2)])
 
 
 def turned(pose: Pose, degrees: float) -> Pose:
@@ -146,7 +146,7 @@ def test_a_fit_that_would_end_turned_ends_right():
     *_, now = Search(scene_from(start), {0: make_renderer(CAN)}, threads=2).run()
     end = now.progress
     assert end.verdict is not None
-    assert end.verdict.word == "found"
+    assert end.verdict.label == "found"
     assert pose_error(CAN, end.pose, TRUTH).rotation_deg < 1.0
 
 
@@ -155,8 +155,8 @@ def test_the_verdict_tells_a_turned_can_from_a_right_one():
     problem = fitted_from(TRUTH)
     right, wrong = (judge(features_of(problem, p)) for p in (TRUTH, turned(TRUTH, 30.0)))
     assert right.features["turn_margin"] > 1.0 > wrong.features["turn_margin"]
-    assert right.word == "found"
-    assert wrong.word != "found"
+    assert right.label == "found"
+    assert wrong.label != "found"
     assert any("Turned about one of its own axes" in reason for reason in wrong.reasons)
     assert not any("Turned" in reason for reason in right.reasons)
 
@@ -172,7 +172,7 @@ def test_turns_to_equal_poses_are_no_motions():
 
 
 def test_an_equal_pose_is_not_away():
-    symmetry = Symmetry.from_turns(CAN.centre, [Turn(ACROSS, 2)])
+    symmetry = Symmetry.from_axes(CAN.centre, [SymmetryAxis(ACROSS, 2)])
     problem = symmetric(fitted_from(TRUTH), symmetry)
     with probing(problem) as probe:
         _, over = symmetry.transforms()
@@ -193,4 +193,4 @@ def test_equal_poses_do_not_count_as_turned():
     assert as_any is not None
     assert as_round is not None
     assert as_any.turn_margin < 0.1 < 1.0 < as_round.turn_margin
-    assert judge(as_round).word == "found"
+    assert judge(as_round).label == "found"

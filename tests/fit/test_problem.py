@@ -11,8 +11,8 @@ from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.optimise.restarts import RestartOptions
-from poseviewer.render.pyramid.levels import smaller, structured
+from poseviewer.optimise.restart_options import RestartOptions
+from poseviewer.render.pyramid.levels import downsample, with_structure
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes
 from poseviewer.scene.settings import FitSettings, Limits
@@ -45,8 +45,8 @@ def make_structured(width: int, factor: int, is_refined: bool = False, **setting
     """The problem by classes and edges, on a photo ``factor`` times smaller."""
     lit = make_problem(width, **settings)
     plain = replace(lit.photo, clipped=False, colour_reflectance=False)
-    fine = smaller(plain, 1) if is_refined else None
-    view = ComparedView(structured(plain, factor), lit.chart, fine_photo=fine)
+    fine = downsample(plain, 1) if is_refined else None
+    view = ComparedView(with_structure(plain, factor), lit.chart, fine_photo=fine)
     return replace(lit, views=(view,))
 
 
@@ -153,9 +153,9 @@ def test_a_search_ends_without_what_is_hidden_there():
     culled_at: list[Pose] = []
 
     class Recording(SoftwareRenderer):
-        def culled(self, pose: Pose) -> SoftwareRenderer:
+        def cull(self, pose: Pose) -> SoftwareRenderer:
             culled_at.append(pose)
-            return super().culled(pose)
+            return super().cull(pose)
 
     problem = make_structured(160, 2, is_refined=True)
     *_, end = fit_pose(problem, Recording(MESH))

@@ -29,14 +29,14 @@ def test_a_model_25_percent_too_long_along_an_axis_is_not_found(scene, axis: int
     factors = np.where(np.arange(3) == axis, 1.25, 1.0)
     verdict = make_registration(stretched(scene, *factors)).fit().verdict
     assert verdict is not None
-    assert verdict.word == "doubtful"
+    assert verdict.label == "doubtful"
     assert "another model?" in verdict.reasons[0]
 
 
 def test_a_model_that_fits_stays_found(scene):
     verdict = make_registration(stretched(scene, 1.0, 1.0, 1.0)).fit().verdict
     assert verdict is not None
-    assert verdict.word == "found"
+    assert verdict.label == "found"
     assert not any("another model?" in reason for reason in verdict.reasons)
 
 
@@ -58,5 +58,5 @@ def test_a_plate_that_lacks_a_corner_is_not_found_on_a_whole_one(tmp_path):
         assert verdict is not None
         assert verdict.probability >= FOUND_FROM
         assert any("of one colour" in reason for reason in verdict.reasons)
-        words.append(verdict.word)
+        words.append(verdict.label)
     assert words == ["found", "doubtful"]

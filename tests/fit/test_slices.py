@@ -39,7 +39,7 @@ class CountingRenderer(Renderer):
     def render(self, pose):
         raise NotImplementedError
 
-    def covers(self, pose):
+    def render_mask(self, pose):
         raise NotImplementedError
 
     def moments(self, pose, photo) -> Moments:

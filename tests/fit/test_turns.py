@@ -159,7 +159,7 @@ def test_what_is_taken_for_found_on_top_of_a_found_object_does_not_spoil_it(monk
         end = judge_end(progress, *more)
         if progress.problem.mesh is other.mesh:  # which the photo does not show
             return replace(end, verdict=Verdict("found", 0.99))
-        verdicts.append("" if end.verdict is None else end.verdict.word)
+        verdicts.append("" if end.verdict is None else end.verdict.label)
         return end
 
     monkeypatch.setattr(searching, "judge_end", misjudging)
@@ -174,5 +174,5 @@ def test_what_is_taken_for_found_on_top_of_a_found_object_does_not_spoil_it(monk
         assert result is not None
         assert result.verdict is verdict
         assert verdict is not None
-        assert verdict.word == "found"
+        assert verdict.label == "found"
         assert share_off(index, last.progress_by_object[index].pose) < 0.0025

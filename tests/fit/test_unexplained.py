@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from poseviewer.fit.loss import EDGE_WEIGHT, LossScale, registration_loss
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.pyramid.levels import structured
+from poseviewer.render.pyramid.levels import with_structure
 from poseviewer.render.types import PhotoAttributes
 from tests.fit.test_loss import SEEDS, make_moments, make_samples
 from tests.fit.test_paper import POSE, RENDERER, make_photo
@@ -45,7 +45,7 @@ def test_the_papers_loss_is_shown_as_it_is():
 def test_it_tells_the_right_pose_from_others():
     """A pose that shows nothing leaves all unexplained."""
     grey = make_photo(clipped=False, ground=0.1)
-    photo = structured(PhotoAttributes(grey.channels, grey.weights, clipped=False), 1)
+    photo = with_structure(PhotoAttributes(grey.channels, grey.weights, clipped=False), 1)
     scale = LossScale.of(photo)
 
     def unexplained_at(degrees: float, shift: float = 0.0) -> float:

@@ -69,7 +69,7 @@ def test_views_of_several_sides_tell_the_depth(renderer):
         assert np.abs(moved - true).max() < 1.0
     verdict = end.progress.verdict
     assert verdict is not None
-    assert [verdict.word, *(one.word for one in verdict.views)] == ["found"] * 4
+    assert [verdict.label, *(one.label for one in verdict.views)] == ["found"] * 4
     joint = end.progress.covariance
     alone = replace(end.progress, problem=end.problem.alone[0])
     single = judge_end(alone, renderer).covariance
@@ -123,7 +123,7 @@ def test_an_unknown_scale_is_found_with_the_pose(renderer):
     for number, pose in enumerate(TRUTH):
         turn = search.scene.views[number].camera_from_world @ first
         turn = RigidTransform(turn.rotation, scale * turn.translation)
-        also = joint.seen_from(turn, search.scene.pose(0, number), MESH)
+        also = joint.in_view_of(turn, search.scene.pose(0, number), MESH)
         assert also.deviations["size_percent"] == pytest.approx(size)
         off = also.deviation(pose) / also.scales
         off[6] = scale / 2.5 - 1.0
@@ -146,7 +146,7 @@ def test_a_landscape_is_of_all_views_of_any_sizes(renderer, is_mixed):
     if is_mixed:
         first, second, third = scene.views
         pixels = second.photo.pixels.repeat(2, axis=0).repeat(2, axis=1)
-        camera, photo = second.camera.scaled(2.0), replace(second.photo, pixels=pixels)
+        camera, photo = second.camera.rescale(2.0), replace(second.photo, pixels=pixels)
         scene = replace(
             scene, views=(first, replace(second, file=PhotoFile.of(photo), camera=camera), third)
         )

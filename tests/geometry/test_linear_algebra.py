@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from poseviewer.geometry.linear_algebra import squared_correlations, whiten
+from poseviewer.geometry.linear_algebra import canonical_correlations_squared, whiten
 
 
 def make_moments(seed: int, size: int) -> tuple[np.ndarray, np.ndarray]:
@@ -38,7 +38,7 @@ def test_squares_are_those_of_the_singular_values(n, m, is_known):
     one, other = (np.linalg.inv(np.linalg.cholesky(c)) for c in _blocks(covariance, n))
     wanted = np.linalg.svd(one @ covariance[:n, n:] @ other.T, compute_uv=False) ** 2
     photo = whiten(covariance[:n, :n], mean[:n]) if is_known else None
-    found = squared_correlations(mean, covariance, n, photo)
+    found = canonical_correlations_squared(mean, covariance, n, photo)
     np.testing.assert_allclose(np.sort(found), np.sort(wanted), atol=1e-8)
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from poseviewer.geometry.normals import (
     crease_normals,
     face_normals_and_areas,
-    winding_to_flip,
+    faces_to_flip,
 )
 
 
@@ -35,20 +35,20 @@ def test_any_turned_faces_of_a_closed_surface_are_turned_back_outwards(
     shape = trimesh.creation.torus(1.0, 0.3, major_sections=12, minor_sections=8)
     faces = shape.faces[rng.permutation(len(shape.faces))]
     which = rng.random(len(faces)) < share
-    assert np.array_equal(winding_to_flip(shape.vertices, turned(faces, which)), which)
+    assert np.array_equal(faces_to_flip(shape.vertices, turned(faces, which)), which)
 
 
 def test_of_an_open_surface_the_smaller_area_is_turned() -> None:
     vertices, faces = wavy_sheet(12)
     which = np.random.default_rng(0).random(len(faces)) < 0.3
-    assert np.array_equal(winding_to_flip(vertices, turned(faces, which)), which)
+    assert np.array_equal(faces_to_flip(vertices, turned(faces, which)), which)
 
 
 def test_surfaces_that_are_no_manifolds_come_to_an_end() -> None:
     rng = np.random.default_rng(1)
     vertices = rng.normal(size=(30, 3))
     faces = rng.integers(0, 30, (2000, 3))
-    assert winding_to_flip(vertices, faces).shape == (2000,)
+    assert faces_to_flip(vertices, faces).shape == (2000,)
     source, new_faces, normals = crease_normals(vertices, faces)
     assert new_faces.max() < len(source) == len(normals)
     assert np.isfinite(normals).all()
@@ -70,7 +70,7 @@ def test_a_sphere_is_smooth_also_over_seams() -> None:
     np.testing.assert_allclose(normals[faces].reshape(-1, 3), soup, atol=0.01)
 
 
-@pytest.mark.parametrize("function", [winding_to_flip, crease_normals])
+@pytest.mark.parametrize("function", [faces_to_flip, crease_normals])
 def test_no_faces_are_no_trouble(function: object) -> None:
     assert callable(function)
     function(np.zeros((3, 3)), np.zeros((0, 3), dtype=np.int64))

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from poseviewer.geometry.camera import Perspective, Pose
-from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry, Turn
+from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry, SymmetryAxis
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
 
 X, Y, Z = np.eye(3)
@@ -16,15 +16,15 @@ CENTRE = np.array([1.0, -2.0, 0.5])
 CAMERA = Perspective(600.0, 600.0, 320.0, 240.0, 640, 480)
 TURNS = {
     "none": (),
-    "half": (Turn(Z, 2),),
-    "prism": (Turn(Z, 5), Turn(X, 2)),
-    "cube": (Turn(Z, 4), Turn(X, 4)),
-    "bottle": (Turn(Y, 0),),
-    "can": (Turn(Z, 0), Turn(X, 2)),
-    "ball": (Turn(Z, 0), Turn(X, 0)),
+    "half": (SymmetryAxis(Z, 2),),
+    "prism": (SymmetryAxis(Z, 5), SymmetryAxis(X, 2)),
+    "cube": (SymmetryAxis(Z, 4), SymmetryAxis(X, 4)),
+    "bottle": (SymmetryAxis(Y, 0),),
+    "can": (SymmetryAxis(Z, 0), SymmetryAxis(X, 2)),
+    "ball": (SymmetryAxis(Z, 0), SymmetryAxis(X, 0)),
 }
 COUNTS = {"none": 1, "half": 2, "prism": 10, "cube": 24}
-SYMMETRIES = {name: Symmetry.from_turns(CENTRE, turns) for name, turns in TURNS.items()}
+SYMMETRIES = {name: Symmetry.from_axes(CENTRE, turns) for name, turns in TURNS.items()}
 EVERY = pytest.mark.parametrize("symmetry", SYMMETRIES.values(), ids=SYMMETRIES)
 numbers = st.floats(-3.0, 3.0, allow_subnormal=False)
 vectors = st.tuples(numbers, numbers, numbers)
@@ -90,17 +90,17 @@ def test_all_equals_have_one_canonical_pose(symmetry, seed):
 
 def test_motions_and_axes_give_the_same_as_turns():
     motions = SYMMETRIES["prism"].transforms()[1:]
-    again = Symmetry.from_transforms(motions, [], [], 3.0)
+    again = Symmetry.from_transforms(motions, [], 3.0)
     assert len(again.transforms()) == 10
     np.testing.assert_allclose(again.centre, CENTRE)
-    can = Symmetry.from_transforms(SYMMETRIES["half"].transforms()[1:], [X], [CENTRE - 7 * X], 3.0)
+    can = Symmetry.from_transforms(SYMMETRIES["half"].transforms()[1:], [(X, CENTRE - 7 * X)], 3.0)
     assert can.words == "every turn about (1, 0, 0), half a turn about (0, 0, 1)"
 
 
 @pytest.mark.parametrize("name", [name for name in TURNS if name != "ball"])
 def test_turns_give_the_symmetry_that_they_are_of(name):
     symmetry = SYMMETRIES[name]
-    again = Symmetry.from_turns(symmetry.centre, symmetry.turns)
+    again = Symmetry.from_axes(symmetry.centre, symmetry.symmetry_axes)
     assert again.words == symmetry.words
     assert len(again.transforms()) == len(symmetry.transforms())
 
@@ -108,8 +108,8 @@ def test_turns_give_the_symmetry_that_they_are_of(name):
 def test_what_never_closes_is_refused():
     slanted = np.array([0.6, 0.0, 0.8])
     with pytest.raises(ValueError, match="more than"):
-        Symmetry.from_turns(CENTRE, [Turn(Z, 7), Turn(slanted, 2)])
+        Symmetry.from_axes(CENTRE, [SymmetryAxis(Z, 7), SymmetryAxis(slanted, 2)])
     aside = RigidTransform(SYMMETRIES["half"].rotations[1], np.array([5.0, 0.0, 0.0]))
     with pytest.raises(ValueError, match="no common point"):
-        Symmetry.from_transforms([*SYMMETRIES["half"].transforms(), aside], [], [], 3.0)
+        Symmetry.from_transforms([*SYMMETRIES["half"].transforms(), aside], [], 3.0)
     assert NO_SYMMETRY.is_none

@@ -52,7 +52,7 @@ def test_a_larger_model_stays_where_it_is_and_grows_in_every_view(index):
     np.testing.assert_allclose(now.project(MESH.centre), was.project(MESH.centre), atol=1e-9)
     depths = [pose.camera_from_model.apply(MESH.centre)[2] for pose in (was, now)]
     assert depths[0] == pytest.approx(1.25 * depths[1])
-    assert own.nearness(numbers) == pytest.approx(1.0 / 1.25)
+    assert own.distance_factor(numbers) == pytest.approx(1.0 / 1.25)
 
 
 def test_behind_the_camera_of_a_view_there_is_no_pose():

@@ -19,8 +19,8 @@ from scipy.optimize import minimize_scalar
 from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import roc_auc_score
 
-from poseviewer.confidence import weights as verdict_weights
-from poseviewer.confidence.verdict import LARGEST_SCORE, scaled
+from poseviewer.confidence import verdict as verdict_module
+from poseviewer.confidence.verdict import MAX_SCORE, compress_feature
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError, SettingsError
 from poseviewer.evaluation.trials import Trial
 from poseviewer.figures.text_table import Table
@@ -28,7 +28,10 @@ from poseviewer.files.table import load_rows
 from poseviewer.geometry.arrays import FloatArray
 from tests.measure.real import is_tuning
 
-WEIGHTS = Path(str(verdict_weights.__file__))
+VERDICT = Path(str(verdict_module.__file__))
+BEGIN = "# Written by ``python -m tests.measure.calibrate --write``"
+END = "# End of what is written.\n"
+"""First and last line of the part of ``VERDICT`` that ``--write`` replaces."""
 BEYOND_TRUTH_PERCENT = 1.0
 """Error beyond the truth's accuracy below which a fit is right, by the model's size, %."""
 NAMES = ("turn_margin", "spread_percent", "outline", "seen")
@@ -75,7 +78,7 @@ class Calibration:
     def probabilities(self, trials: Sequence[JudgedTrial]) -> FloatArray:
         """(N,): that each is right."""
         away = (np.array([trial.features for trial in trials]) - self.mean) / self.deviation
-        score = np.clip(away, -LARGEST_SCORE, LARGEST_SCORE) @ self.weights + self.offset
+        score = np.clip(away, -MAX_SCORE, MAX_SCORE) @ self.weights + self.offset
         return 1.0 / (1.0 + np.exp(-score))
 
 
@@ -87,7 +90,7 @@ def load_judged(
     for row in (row for path in tables for row in load_rows(path, Trial) if row.evidence):
         features = dict(part.split("=", 1) for part in row.evidence.split())
         limit = known.get(row.set, row.accuracy_percent) + BEYOND_TRUTH_PERCENT
-        weighed = tuple(scaled(name, float(features[name])) for name in NAMES)
+        weighed = tuple(compress_feature(name, float(features[name])) for name in NAMES)
         trials.append(JudgedTrial(row.case, row.set, row.error_percent_end < limit, weighed))
     sets = sorted({trial.set for trial in trials})
     if unknown := set(known) - set(sets):
@@ -105,7 +108,7 @@ def calibrate(trials: Sequence[JudgedTrial]) -> Calibration:
         )
     features = np.array([trial.features for trial in trials])
     mean, deviation = features.mean(axis=0), np.maximum(features.std(axis=0), 1e-9)
-    away = np.clip((features - mean) / deviation, -LARGEST_SCORE, LARGEST_SCORE)
+    away = np.clip((features - mean) / deviation, -MAX_SCORE, MAX_SCORE)
     model = LogisticRegression(C=1.0 / PENALTY, solver="newton-cholesky", tol=1e-9).fit(away, right)
     probabilities = model.predict_proba(away)[:, 1]
 
@@ -123,9 +126,9 @@ def calibrate(trials: Sequence[JudgedTrial]) -> Calibration:
 
 def calibrate_seen(trials: Sequence[JudgedTrial]) -> Calibration:
     """The program's model and limits, with another weight of the share that is seen."""
-    columns = np.array(list(verdict_weights.FEATURES.values())).T
-    limits = verdict_weights.FOUND_FROM, verdict_weights.LOST_BELOW
-    known = Calibration(columns[0], columns[1], columns[2], verdict_weights.OFFSET, *limits)
+    columns = np.array(list(verdict_module.FEATURES.values())).T
+    limits = verdict_module.FOUND_FROM, verdict_module.LOST_BELOW
+    known = Calibration(columns[0], columns[1], columns[2], verdict_module.OFFSET, *limits)
     right = np.array([trial.right for trial in trials], bool)
 
     def cost(weight: float) -> float:
@@ -162,23 +165,29 @@ def calibration_table(calibration: Calibration, trials: Sequence[JudgedTrial]) -
 
 
 def weights_as_python(calibration: Calibration, trials: int, right: int) -> str:
-    """The module ``confidence.weights``."""
+    """The calibrated part of the module ``confidence.verdict``."""
     columns = NAMES, calibration.mean, calibration.deviation, calibration.weights
     features = "\n".join(
         f'    "{name}": ({mean:.4g}, {deviation:.4g}, {weight:.4g}),'
         for name, mean, deviation, weight in zip(*columns, strict=True)
     )
-    written_by = "``python -m tests.measure.calibrate --write``"
-    return f'''"""Weights by {written_by} from {trials} trials, {right} of them right."""
-
+    return f'''{BEGIN} from {trials} trials, {right} of them right:
 FEATURES: dict[str, tuple[float, float, float]] = {{
 {features}
 }}
 """Mean and standard deviation of each feature among the trials, and its weight."""
 OFFSET = {calibration.offset:.4g}
-FOUND_FROM, LOST_BELOW = {calibration.found_from:.4g}, {calibration.lost_below:.4g}
-"""Probabilities from which the verdict is ``found``, and below which it is ``lost``."""
-'''
+"""Score, as logarithm of the odds, of a pose whose features are the means."""
+FOUND_FROM = {calibration.found_from:.4g}
+"""Probability from which the verdict is ``found``."""
+LOST_BELOW = {calibration.lost_below:.4g}
+"""Probability below which the verdict is ``lost``."""
+{END}'''
+
+
+def written_part(module: str) -> str:
+    """The part of the module's text that ``--write`` replaces."""
+    return module[module.index(BEGIN) : module.index(END) + len(END)]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -199,7 +208,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     text = weights_as_python(calibration, len(tuning), sum(trial.right for trial in tuning))
     print(f"{calibration_table(calibration, trials).as_markdown()}\n\n{text}", end="")
     if options.write:
-        WEIGHTS.write_text(text)
+        module = VERDICT.read_text()
+        VERDICT.write_text(module.replace(written_part(module), text))
     return 0
 
 

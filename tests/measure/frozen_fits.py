@@ -72,7 +72,7 @@ class FrozenFit:
             "loss": progress.loss,
             "evaluations": progress.evaluations,
             "status": progress.status.name,
-            "verdict": "" if verdict is None else verdict.word,
+            "verdict": "" if verdict is None else verdict.label,
             "probability": math.nan if verdict is None else verdict.probability,
         }
 

@@ -32,7 +32,7 @@ from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import rotation_angle
 from poseviewer.scene.types import Scene
-from poseviewer.starts.placing import SIDES, framed, look_from, surface_point
+from poseviewer.starts.placing import SIDES, fit_into_rectangle, look_from, surface_point
 from tests.app.app_process import REPOSITORY, AppProcess
 from tests.app.browser import AppPage, open_browser
 from tests.app.page.test_quick_start import BOX
@@ -133,7 +133,7 @@ def by_drag(hand: Hand) -> None:
 def by_pairs(hand: Hand) -> None:
     """Four points that model and photo show, as far from one another as may be."""
     truth, mesh, frame = hand.cases[0].truth, hand.models[0].mesh, Rectangle(0, 0, *hand.size)
-    now = framed(hand.look_from("three-quarter"), mesh, frame.grown(-ALONE_MARGIN))
+    now = fit_into_rectangle(hand.look_from("three-quarter"), mesh, frame.expand(-ALONE_MARGIN))
 
     def is_seen(pose: Pose, point: FloatArray) -> bool:
         hit = surface_point(mesh, pose, pose.project(point))
@@ -249,7 +249,7 @@ def ends_in(folder: Path, cases: Sequence[Case]) -> tuple[float, str]:
         else:
             record = load_pose(path)
             poses, found = [*poses, record.pose], [record.verdict]
-        verdicts += [verdict.word if verdict else "-" for verdict in found]
+        verdicts += [verdict.label if verdict else "-" for verdict in found]
     pairs = zip(poses, cases, strict=True)
     errors = [pose_error(load_model(c.mesh).mesh, pose, c.truth).percent for pose, c in pairs]
     return max(errors), " ".join(verdicts)

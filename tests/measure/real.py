@@ -26,7 +26,10 @@ from poseviewer.cli.options import listed, whole
 from poseviewer.confidence.pose_covariance import region_reach
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError, QuickStartError
 from poseviewer.evaluation.cases import Case, load_cases, load_starts, visibility_label
-from poseviewer.evaluation.trials import fetch_model, fetch_photo
+from poseviewer.evaluation.trials import (
+    fetch_model,
+    fetch_photo,
+)
 from poseviewer.files.photo import load_photo
 from poseviewer.files.photo_sets import LoadedViews, SetChoice
 from poseviewer.geometry.arrays import FloatArray
@@ -38,7 +41,13 @@ from poseviewer.geometry.transform import rotation_angle
 from poseviewer.render.pool import processors
 from poseviewer.scene.assets import PhotoFile
 from poseviewer.scene.types import View
-from poseviewer.starts.automatic import Proposal, StartQuery, best_start, outermost_points, propose
+from poseviewer.starts.automatic import (
+    PoseHypothesis,
+    StartQuery,
+    best_start,
+    outermost_points,
+    propose,
+)
 from poseviewer.starts.loading import StartInputs
 from tests.meshes import box_of
 
@@ -97,7 +106,7 @@ def start_trials(cases: Sequence[Case]) -> Iterator[Trial]:
         photo, camera = fetch_photo(case.photo), case.truth.camera
         for box in (None, careless_box(case.name, model.mesh, case.truth)):
             query = StartQuery(StartInputs(photo, model.mesh, model.keypoints), camera, box)
-            began, proposals = time.perf_counter(), list[Proposal]()
+            began, proposals = time.perf_counter(), list[PoseHypothesis]()
             with suppress(QuickStartError):  # nothing was found
                 proposals = propose(query, renderer)
             seconds = time.perf_counter() - began
@@ -171,7 +180,7 @@ def _trial(case: Case, way: str, start: Pose, end: FitResult, seconds: float) ->
         100.0 * abs(depth) / distance,
         100.0 * across / mesh.diameter,
         deviations,
-        "" if end.verdict is None else end.verdict.word,
+        "" if end.verdict is None else end.verdict.label,
         error.percent > case.accuracy_percent + WRONG_PERCENT,
         seconds,
     )

@@ -6,11 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poseviewer.confidence import weights
+from poseviewer.confidence import verdict
 from poseviewer.evaluation.trials import Trial
 from poseviewer.files.table import append_row
 from tests.measure import calibrate
-from tests.measure.calibrate import NAMES, WEIGHTS, Calibration, load_judged, weights_as_python
+from tests.measure.calibrate import (
+    NAMES,
+    VERDICT,
+    Calibration,
+    load_judged,
+    weights_as_python,
+    written_part,
+)
 
 TRIAL = Trial(
     case="", set="s", method="default", pixels="near", accuracy_percent=1.0, found=True, status="",
@@ -44,7 +51,7 @@ def test_only_what_can_be_told_apart_is(tmp_path, capsys, informative, area):
 def test_what_is_seen_is_weighed_without_touching_the_other_weights(tmp_path, capsys):
     table = write_table(tmp_path / "trials.csv", informative=True)
     assert calibrate.main([str(table), "--seen"]) == 0
-    *others, seen = WEIGHTS.read_text().splitlines()[3 : 3 + len(NAMES)]
+    *others, seen = written_part(VERDICT.read_text()).splitlines()[2 : 2 + len(NAMES)]
     written = capsys.readouterr().out.splitlines()
     assert set(others) < set(written)
     assert seen not in written
@@ -60,8 +67,8 @@ def test_a_truth_that_is_known_to_be_worse_makes_more_of_them_right(tmp_path, ca
 
 
 def test_the_weights_of_the_program_are_written_as_they_stand():
-    columns = np.array(list(weights.FEATURES.values())).T
-    limits = weights.OFFSET, weights.FOUND_FROM, weights.LOST_BELOW
+    columns = np.array(list(verdict.FEATURES.values())).T
+    limits = verdict.OFFSET, verdict.FOUND_FROM, verdict.LOST_BELOW
     text = weights_as_python(Calibration(columns[0], columns[1], columns[2], *limits), 156, 123)
-    assert tuple(weights.FEATURES) == NAMES
-    assert text == WEIGHTS.read_text()
+    assert tuple(verdict.FEATURES) == NAMES
+    assert text == written_part(VERDICT.read_text())

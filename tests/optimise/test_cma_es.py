@@ -17,7 +17,7 @@ def valley(points):
         yield float(np.sum((TURN.T @ ((point - LEAST) / SCALES) / LENGTHS) ** 2))
 
 
-OPTIONS = CmaOptions(sigma=0.3, generations=60, nearness=0.0, least_sigma=1e-4)
+OPTIONS = CmaOptions(sigma=0.3, generations=60, prior_weight=0.0, min_sigma=1e-4)
 
 
 def test_it_ends_at_the_least_loss_and_has_the_valleys_shape():

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize, rosen
 
-from poseviewer.optimise import restarts
+from poseviewer.optimise import simplex_restarts
 from poseviewer.optimise.nelder_mead import NelderMeadOptions, minimise
-from poseviewer.optimise.restarts import RestartOptions
+from poseviewer.optimise.restart_options import RestartOptions
 
 
 def batched(function):
@@ -78,7 +78,7 @@ def test_restarts_leave_a_collapsed_simplex():
     *_, once = minimise(batched(mckinnon), np.zeros(2), edges, NelderMeadOptions(1e-8, 1e-12))
     assert once.value > -0.01  # the trap works
     options = RestartOptions(step=0.5, multi_starts=0, x_tolerance=1e-6, f_tolerance=1e-10)
-    *_, last = restarts.minimise(batched(mckinnon), once.best, np.eye(2), options)
+    *_, last = simplex_restarts.minimise(batched(mckinnon), once.best, np.eye(2), options)
     assert last.value == pytest.approx(-0.25, abs=1e-6)
 
 
@@ -93,7 +93,7 @@ def test_several_starts_leave_a_side_valley():
     for starts in (0, 8):
         options = RestartOptions(step=0.6, multi_starts=starts, patience=1)
         x0 = np.array([-0.1, 0.2])
-        search = restarts.minimise(batched(valleys), x0, np.eye(2), options)
+        search = simplex_restarts.minimise(batched(valleys), x0, np.eye(2), options)
         ends[starts] = [state.value for state in search]
     assert ends[0][-1] == pytest.approx(0.4, abs=1e-3)
     assert ends[8][-1] == pytest.approx(0.0, abs=1e-3)
@@ -108,7 +108,9 @@ def test_the_best_ends_of_short_descents_span_the_next_simplex():
         seen.append((valley(x), tuple(x)))
         return seen[-1][0]
 
-    for state in restarts.minimise(batched(objective), np.zeros(6), np.eye(6), options, seed=5):
+    for state in simplex_restarts.minimise(
+        batched(objective), np.zeros(6), np.eye(6), options, seed=5
+    ):
         if not state.converged:
             evaluated[state.restart].append(seen[-1])
     ends = sorted(min(points) for points in evaluated[: options.multi_starts])
@@ -120,7 +122,7 @@ def test_restarts_are_deterministic_and_end_converged():
     options, objective = RestartOptions(), batched(random_valley(3))
 
     def run(seed):
-        states = list(restarts.minimise(objective, np.zeros(6), np.eye(6), options, seed))
+        states = list(simplex_restarts.minimise(objective, np.zeros(6), np.eye(6), options, seed))
         assert [s.converged for s in states].count(True) == 1
         assert states[-1].converged
         values = [s.value for s in states]
@@ -141,7 +143,7 @@ def test_restarts_yield_once_after_every_evaluation_and_once_at_the_end():
         return valley(x)
 
     options = RestartOptions()
-    search = restarts.minimise(batched(objective), np.zeros(6), np.eye(6), options, seed=5)
+    search = simplex_restarts.minimise(batched(objective), np.zeros(6), np.eye(6), options, seed=5)
     numbers = []
     for state in search:
         counts.append(len(seen))

@@ -5,7 +5,7 @@ import pytest
 
 from poseviewer.optimise.quadratic import QuadraticOptions, minimise
 
-OPTIONS = QuadraticOptions(reach=2.0, rise=0.5)
+OPTIONS = QuadraticOptions(sampling_radius=2.0, contour_level=0.5)
 JUMPS = 0.02
 
 
@@ -81,6 +81,6 @@ def test_rounds_end_when_nothing_is_gained():
     _, _, losses, units = valley(6)
     states = list(minimise(losses, np.zeros(6), units, OPTIONS, seed=0))
     many = list(
-        minimise(losses, np.zeros(6), units, QuadraticOptions(2.0, 0.5, least_gain=-1.0), seed=0)
+        minimise(losses, np.zeros(6), units, QuadraticOptions(2.0, 0.5, min_gain=-1.0), seed=0)
     )
     assert len(states) < len(many)

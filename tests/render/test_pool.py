@@ -49,7 +49,7 @@ def test_no_renderer_is_used_twice_at_once():
     def use(renderer, item):
         assert id(renderer) not in busy
         busy.add(id(renderer))
-        renderer.covers(item)  # lets go of the interpreter
+        renderer.render_mask(item)  # lets go of the interpreter
         busy.remove(id(renderer))
         return id(renderer)
 
@@ -85,7 +85,7 @@ def test_who_stops_asking_stops_the_work():
 def test_each_thread_begins_as_told():
     begun = []
     with RendererPool(RENDERER, 2, begin=lambda: begun.append(True)) as pool:
-        list(pool.map(lambda own, pose: own.covers(pose), make_poses(40)))
+        list(pool.map(lambda own, pose: own.render_mask(pose), make_poses(40)))
     assert 1 <= len(begun) <= 2
 
 

@@ -90,7 +90,7 @@ def test_several_renderers_sizes_and_closing_do_not_disturb_one_another():
     camera = Perspective(410.0, 395.0, 97.3, 148.6, 251, 203)
     pose = Pose(camera, RigidTransform(np.eye(3), np.array([0.1, 0.0, 5.0])))
     before = first.render(pose)
-    assert second.render(pose.scaled(0.5)).mask.shape == (102, 126)
+    assert second.render(pose.rescale(0.5)).mask.shape == (102, 126)
     first.close()
     assert second.render(pose).mask.any()
     assert (first.render(pose).face_ids == before.face_ids).all()

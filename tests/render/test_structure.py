@@ -8,7 +8,7 @@ from poseviewer.fit.loss import registration_loss
 from poseviewer.geometry.camera import Parallel, Perspective, Pose, level_pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.moments import moments_of_images
-from poseviewer.render.pyramid.levels import structured
+from poseviewer.render.pyramid.levels import with_structure
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.structure import CLASSES, make_structure
 from poseviewer.render.types import PhotoAttributes
@@ -34,7 +34,7 @@ def make_photo(pose: Pose, factor: int = 1) -> PhotoAttributes:
     weights = np.ones(channels.shape[:2], np.float32)
     weights[:20, :30] = 0.0
     weights[40:60] = 0.5
-    return structured(PhotoAttributes(channels, weights, False), factor)
+    return with_structure(PhotoAttributes(channels, weights, False), factor)
 
 
 @pytest.mark.parametrize("parallel", [False, True])

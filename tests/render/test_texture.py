@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from poseviewer.render.texture import LARGEST_TEXTURE, TexturePyramid, mip_levels
+from poseviewer.render.texture import MAX_TEXTURE_SIDE_PX, TexturePyramid, mip_levels
 from tests.meshes import make_mesh
 
 
@@ -29,8 +29,8 @@ def test_every_level_keeps_the_mean_and_halves_the_size():
 
 
 def test_large_textures_are_reduced_first():
-    _, table = TexturePyramid.of([np.zeros((4, 2 * LARGEST_TEXTURE, 3), np.uint8)])
-    assert table[0, 0].tolist() == [0, LARGEST_TEXTURE, 2]
+    _, table = TexturePyramid.of([np.zeros((4, 2 * MAX_TEXTURE_SIDE_PX, 3), np.uint8)])
+    assert table[0, 0].tolist() == [0, MAX_TEXTURE_SIDE_PX, 2]
 
 
 def test_between_texels_is_bilinear_also_across_the_border():

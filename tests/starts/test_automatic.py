@@ -42,7 +42,7 @@ def test_the_right_pose_is_among_five_that_differ(scene: Scene):
     assert any(is_right(pose_error(asked.inputs.mesh, one.pose, truth)) for one in found)
     assert 1 <= len(found) <= 5
     assert [one.loss for one in found] == sorted(one.loss for one in found)
-    first, *others = (one.odds for one in found)
+    first, *others = (one.probability for one in found)
     assert sum(others) < first <= 1.0 - sum(others)
     corners = outermost_points(asked.inputs.mesh)
     box = box_of(truth, corners)
@@ -100,7 +100,7 @@ def test_printed_models_are_found_anywhere(shared_data: Path):
     for case in cases:
         errors = [pose_error(model.mesh, one.pose, case.truth) for one in found]
         assert min(error.percent for error in errors) < 3.0
-    assert all(one.odds > 0.9 for one in found)
+    assert all(one.probability > 0.9 for one in found)
 
 
 @pytest.mark.slow

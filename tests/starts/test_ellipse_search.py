@@ -43,8 +43,8 @@ def test_both_ellipses_are_found_wherever_they_are(size: float):
     best = [one.ellipse for one in find_ellipses(np.asarray(grey, np.float32))[:2]]
     best.sort(key=lambda ellipse: ellipse.cx)
     for found, wanted in zip(best, (WHEEL, OTHER), strict=True):
-        lengths = np.array([found.cx, found.cy, found.a, found.b]) / size
-        assert is_it(Ellipse(*lengths, found.angle), wanted), (found, wanted)
+        cx, cy, a, b = np.array([found.cx, found.cy, found.a, found.b]) / size
+        assert is_it(Ellipse(cx, cy, a, b, found.angle), wanted), (found, wanted)
 
 
 def test_an_edge_that_changes_its_sign_is_one_outline():

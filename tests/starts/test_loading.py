@@ -14,7 +14,7 @@ from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_json import as_saved, load_scene, pose_json, save_scene
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.geometry.symmetry_group import Symmetry, Turn
+from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
 from poseviewer.scene.settings import FitSettings, Limits
 from poseviewer.scene.types import ChartParameters, InView, SearchResult
 from poseviewer.starts.loading import open_photo, open_scene, open_views
@@ -102,7 +102,7 @@ def test_a_model_that_has_lost_a_part_has_no_result(path):
 
 
 def test_equal_poses_are_saved_as_one(path):
-    symmetry = Symmetry.from_turns([0.0, 0.0, 0.1], [Turn(np.array([0.0, 0.0, 1.0]), 2)])
+    symmetry = Symmetry.from_axes([0.0, 0.0, 0.1], [SymmetryAxis(np.array([0.0, 0.0, 1.0]), 2)])
     scene = open_scene(path)
     scene = scene.with_object(0, model=scene.objects[0].model.with_content(symmetry=symmetry))
     turned = [
@@ -117,8 +117,8 @@ def test_equal_poses_are_saved_as_one(path):
         require_near(record.pose, canonical)
         assert record.covariance
         assert sure
-        moved = symmetry.canonical(sure.moved(deviation))
-        require_near(record.covariance.moved(deviation), moved)
+        moved = symmetry.canonical(sure.pose_at(deviation))
+        require_near(record.covariance.pose_at(deviation), moved)
         kept = as_saved(one, canonical=False).pose(0).camera_from_model
         assert np.array_equal(kept.rotation, one.pose(0).camera_from_model.rotation)
 
@@ -168,6 +168,8 @@ def test_a_set_that_was_fitted_is_opened_again(tmp_path):
 
 def test_a_start_for_another_size_is_said(tmp_path):
     make_three(tmp_path)
-    pose = TRUTH[0].scaled(2.0)
-    with pytest.raises(PoseViewerError, match=r"a start for photos of 640x480 px, .* pose\.scaled"):
+    pose = TRUTH[0].rescale(2.0)
+    with pytest.raises(
+        PoseViewerError, match=r"a start for photos of 640x480 px, .* pose\.rescale"
+    ):
         open_photo(tmp_path / "three.png", tmp_path / "ball.ply", pose)

@@ -10,7 +10,14 @@ from hypothesis import strategies as st
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.starts.placing import FILLED, SIDES, framed, look_from, standing_axes, surface_hit
+from poseviewer.starts.placing import (
+    FILLED,
+    SIDES,
+    fit_into_rectangle,
+    look_from,
+    surface_hit,
+    upright_axes,
+)
 from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints
 from tests.geometry.test_charts import make_keypoints
 from tests.meshes import make_box, make_bumpy, make_soup
@@ -89,9 +96,9 @@ def test_a_model_stands_on_the_face_that_it_would_rest_on():
         sign = -1.0 if up == "-x" else 1.0
         mesh = replace(box, vertices=sign * shape @ turn)
         expected = sign * np.array([0.0, 0.0, 1.0]) @ turn
-        np.testing.assert_allclose(standing_axes(mesh, None)[2], expected)
-    assert standing_axes(replace(CAR_MESH, y_up=True), None)[2] == pytest.approx([0, 1, 0])
-    axes = np.array(standing_axes(CAR_MESH, make_car()))
+        np.testing.assert_allclose(upright_axes(mesh, None)[2], expected)
+    assert upright_axes(replace(CAR_MESH, y_up=True), None)[2] == pytest.approx([0, 1, 0])
+    axes = np.array(upright_axes(CAR_MESH, make_car()))
     np.testing.assert_allclose(axes, [[0, -1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-12)
 
 
@@ -99,7 +106,7 @@ def test_a_model_stands_on_the_face_that_it_would_rest_on():
 def test_a_model_is_framed_by_a_rectangle(camera):
     mesh, rectangle = MESHES["bumpy"], (0.1 * camera.width, 0.2 * camera.height, 90.0, 60.0)
     start = look_from("three-quarter", mesh, None, camera)
-    pose = framed(start, mesh, rectangle)
+    pose = fit_into_rectangle(start, mesh, rectangle)
     seen = pose.project(mesh.vertices)
     low, high = seen.min(axis=0), seen.max(axis=0)
     assert np.min(np.array(rectangle[2:]) / (high - low)) == pytest.approx(1.0, rel=0.01)

@@ -71,8 +71,8 @@ def test_two_wheels_give_the_pose(camera, seed: int):
     assert best.radius == pytest.approx(RADIUS, rel=2e-3)
     rotation = best.pose.camera_from_model.rotation
     assert rotation_angle(rotation, pose.camera_from_model.rotation) < 5e-3
-    seen = (one.project(CAR.vertices) for one in (best.pose, pose))
-    np.testing.assert_allclose(*seen, atol=0.6)
+    drawn, wanted = (one.project(CAR.vertices) for one in (best.pose, pose))
+    np.testing.assert_allclose(drawn, wanted, atol=0.6)
 
 
 def test_the_two_wheels_together_have_one_answer_in_perspective():

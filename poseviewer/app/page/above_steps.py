@@ -6,7 +6,7 @@ from poseviewer.app.page.controls import Controls, on_press, plain
 from poseviewer.app.state.document import label_of, verdict_of
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.render.overlay.looks import LINE_COLOUR
+from poseviewer.render.overlay.styles import LINE_COLOUR
 from poseviewer.scene.types import SceneObject
 
 COLOURS = "ffa640", "a8f060", "ff80c8", "b096ff", "ffe260", "ff6860", "60a8ff", "70f0b8"

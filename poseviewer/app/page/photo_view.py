@@ -19,10 +19,10 @@ from poseviewer.app.page.controls import kept, set_properties
 from poseviewer.app.state.hiding import HIDING, found_hidden, masks_of
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import scaled_size
+from poseviewer.geometry.camera import size_at_scale
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.render.overlay.looks import HALO_COLOUR, LINE_COLOUR
+from poseviewer.render.overlay.styles import HALO_COLOUR, LINE_COLOUR
 from poseviewer.render.structure import bounding_slices
 
 Colour = tuple[int, int, int]
@@ -162,7 +162,7 @@ def _photo_pixels(session: Session) -> Picture:
     sides = photo.width, photo.height
     share = (LARGEST_SHOWN / (photo.width * photo.height)) ** 0.5
     factor = min(1.0, LARGEST_SIDE / max(sides), share)
-    return photo.as_rgb8(*scaled_size(*sides, factor)), Rectangle(0.0, 0.0, *sides)
+    return photo.as_rgb8(*size_at_scale(*sides, factor)), Rectangle(0.0, 0.0, *sides)
 
 
 def _painted(session: Session) -> Picture:
@@ -180,7 +180,7 @@ def _tint(hidden: NDArray[Any] | None, colour: Colour, opacity: float) -> Pictur
     hidden = hidden[rows, columns].astype(np.float32)
     height, width = hidden.shape
     share = min(1.0, (MAX_TINT_PIXELS / (width * height)) ** 0.5)
-    size = scaled_size(width, height, share)
+    size = size_at_scale(width, height, share)
     shown = cv2.resize(hidden, size, interpolation=cv2.INTER_AREA)
     pixels = np.empty((*shown.shape, 4), np.uint8)
     pixels[..., :3] = colour

@@ -6,7 +6,6 @@ from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from poseviewer.app.state.document import label_of
 from poseviewer.app.state.session import Session
@@ -16,7 +15,6 @@ from poseviewer.files.structs import ModelReference, PhotoReference
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Pose
 from poseviewer.geometry.image import Photo
-from poseviewer.geometry.transform import Similarity
 
 DIGITS = 5
 """Digits that are shown of a number whose deviation is not known."""
@@ -130,14 +128,12 @@ def copies_of(session: Session) -> dict[str, str]:
     """Texts of the pose: 4 x 4 matrix; quaternion w x y z and translation; pose file."""
     document, pose = session.document, session.document.pose
     rigid, model = pose.camera_from_model, document.model
-    quaternion = Rotation.from_matrix(rigid.rotation).as_quat(canonical=True, scalar_first=True)
-    matrix = Similarity(rigid).matrix
     reference = ModelReference(model.name, model.sha256, model.mesh.unit)
     photo = PhotoReference(file=document.photo.name, sha256=document.photo.sha256)
     record = PoseRecord.of(pose, photo, model=reference)
     return {
-        "Matrix": "\n".join(map(_row, matrix)),
-        "Quaternion": f"{_row(quaternion)}\n{_row(rigid.translation)}",
+        "Matrix": "\n".join(map(_row, rigid.as_matrix())),
+        "Quaternion": f"{_row(rigid.as_quaternion())}\n{_row(rigid.translation)}",
         "JSON": pose_bytes(Path("pose.json"), record).decode(),
     }
 

@@ -13,9 +13,9 @@ from poseviewer.app.page.handles import path_of
 from poseviewer.app.state.session import Session
 from poseviewer.files.photo import Photo
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import scaled_size
+from poseviewer.geometry.camera import size_at_scale
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.render.overlay.looks import LINE_COLOUR
+from poseviewer.render.overlay.styles import LINE_COLOUR
 from poseviewer.scene.types import SceneObject
 
 THUMBNAIL = 240
@@ -43,7 +43,7 @@ def _small_pictures(photos: tuple[Photo, ...]) -> list[str]:
 
 def _small_picture(photo: Photo) -> str:
     factor = min(1.0, THUMBNAIL / max(photo.width, photo.height))
-    size = scaled_size(photo.width, photo.height, factor)
+    size = size_at_scale(photo.width, photo.height, factor)
     return jpeg_url(photo.as_rgb8(*size)[..., ::-1], QUALITY)
 
 
@@ -92,8 +92,8 @@ def _piece(photo: Photo, outline: FloatArray) -> tuple[str, Rectangle]:
     whole = Rectangle(0, 0, photo.width, photo.height)
     part = whole
     if outline.size:
-        about = Rectangle.from_corners(*outline.min(axis=(0, 1)), *outline.max(axis=(0, 1)))
-        part = about.grown(BESIDE).intersection(whole)
+        about = Rectangle.from_corners(outline.min(axis=(0, 1)), outline.max(axis=(0, 1)))
+        part = about.expand(BESIDE).intersection(whole)
     left, top, right, bottom = map(int, (part.left, part.top, part.right, part.bottom))
     pixels = np.ascontiguousarray(photo.pixels[top : bottom + 1, left : right + 1])
     url = _small_picture(replace(photo, pixels=pixels))
@@ -134,4 +134,4 @@ def word_of(scene_object: SceneObject, index: int) -> str:
         return ""
     compared = {i for i, share in enumerate(result.seen) if share is not None} - {result.view}
     verdicts = zip((result.view, *sorted(compared)), result.verdict.views, strict=False)
-    return {i: verdict.word for i, verdict in verdicts}.get(index, "")
+    return {i: verdict.label for i, verdict in verdicts}.get(index, "")

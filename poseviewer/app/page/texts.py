@@ -12,7 +12,7 @@ from poseviewer.app.state.session import Session
 from poseviewer.files.mesh.size import size_words
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.starts.point_pairs import fewest_pairs
-from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS
+from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS
 
 PREPARING = "Preparing the first picture ..."
 USUAL_HINT = (
@@ -82,12 +82,12 @@ def hint_of(session: Session) -> str:
             name = "front" if marks.hubs else "rear"
             what = f"press the middle of the {name} wheel on the model at the right"
         case "wheels":
-            wheel, point = divmod(len(marks.rims), FEWEST_RIM_POINTS)
+            wheel, point = divmod(len(marks.rims), MIN_RIM_POINTS)
             if wheel == WHEELS:
                 what = "space: search from here"
             else:
                 name = ("rear", "front")[wheel]
-                what = f"click the {name} wheel's rim: point {point + 1} of {FEWEST_RIM_POINTS}"
+                what = f"click the {name} wheel's rim: point {point + 1} of {MIN_RIM_POINTS}"
         case "pairs":
             number = len(marks.points)
             if marks.waits_for_pixel:
@@ -186,7 +186,7 @@ def search_text(session: Session) -> str:
         f"**{fit.loss_text}** (start {fit.scale.shown(fit.start_loss):.3f})  \n"
         f"{fit.evaluations} evaluations, restart {fit.restart}, {fit.seconds:.1f} s  \n{sentence}"
     )
-    return text if fit.verdict is None else f"{text}  \n**Verdict: {fit.verdict.word}.**"
+    return text if fit.verdict is None else f"{text}  \n**Verdict: {fit.verdict.label}.**"
 
 
 def verdict_text(session: Session) -> str:
@@ -202,7 +202,7 @@ def verdict_text(session: Session) -> str:
     if covariance is not None:
         words = plain(covariance.words(session.document.mesh.unit))
         sure = f"\n\n**How sure, if right:** {words} (standard deviations)."
-    return f"**Verdict: {verdict.word}.** {verdict.share_right}.{sure}\n\n{reasons}"
+    return f"**Verdict: {verdict.label}.** {verdict.share_right}.{sure}\n\n{reasons}"
 
 
 def hidden_text(session: Session) -> str:
@@ -234,7 +234,7 @@ def ends_table(comparison: LossComparison | None) -> str:
         "seconds": [f"{fit.seconds:.1f}" for fit in fits],
         "evaluations": [f"{fit.evaluations:,}" for fit in fits],
         "restarts": [str(fit.restart) for fit in fits],
-        "verdict": ["-" if fit.verdict is None else fit.verdict.word for fit in fits],
+        "verdict": ["-" if fit.verdict is None else fit.verdict.label for fit in fits],
     }
     table = "\n".join(f"| {name} | {' | '.join(values)} |" for name, values in rows.items())
     first, second = fits[:2]

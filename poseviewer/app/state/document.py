@@ -29,7 +29,7 @@ from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import InView, Scene, SceneObject, View
 from poseviewer.vehicle.chart import VehicleChart
-from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS, Ellipse, ellipse_through
+from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS, Ellipse, ellipse_through
 
 UNLOCK = "unlock it in the list of objects"
 
@@ -67,8 +67,8 @@ class Marks:
     @property
     def ellipses(self) -> tuple[Ellipse, ...]:
         """Ellipses of the rear and the front wheel, as far as they have their points."""
-        count = len(self.rims) // FEWEST_RIM_POINTS
-        pieces = [self.rims[i * FEWEST_RIM_POINTS :][:FEWEST_RIM_POINTS] for i in range(count)]
+        count = len(self.rims) // MIN_RIM_POINTS
+        pieces = [self.rims[i * MIN_RIM_POINTS :][:MIN_RIM_POINTS] for i in range(count)]
         return tuple(ellipse_through(piece) for piece in pieces)
 
 
@@ -396,7 +396,7 @@ def verdict_of(one: SceneObject) -> str:
     """The end of the search for an object in a word."""
     if one.result is None:
         return "not searched" if one.is_placed else "not placed"
-    return "searched" if one.result.verdict is None else one.result.verdict.word
+    return "searched" if one.result.verdict is None else one.result.verdict.label
 
 
 def scale_at(chart: Chart, numbers: FloatArray) -> float | None:

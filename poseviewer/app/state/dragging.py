@@ -17,10 +17,10 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.overlay.contour import within
+from poseviewer.render.overlay.contour import is_within_outline
 from poseviewer.scene.types import PlacedModel
 from poseviewer.starts.placing import surface_point, with_point_at
-from poseviewer.vehicle.chart import LEAST_AXLE_COMPONENT, VehicleChart
+from poseviewer.vehicle.chart import MIN_AXLE_COMPONENT, VehicleChart
 
 REACH = 14.0
 """A pin or a mark is taken within this distance (px of the screen)."""
@@ -84,7 +84,7 @@ def draw_rectangle(tool: str, start: FloatArray) -> Drag:
     def follow(document: Document, point: FloatArray) -> Document:
         size = [document.photo.width, document.photo.height]
         low, high = np.sort(np.clip([start, point], 0, size), axis=0)
-        corners = (*map(int, np.floor(low)), *map(int, np.ceil(high)))
+        corners = [*map(int, np.floor(low))], [*map(int, np.ceil(high))]
         rectangle = Rectangle.from_corners(*corners)
         shown = None if min(rectangle.width, rectangle.height) < MIN_SIDE else rectangle
         if tool == "region":
@@ -108,7 +108,7 @@ def take_hold(document: Document, point: FloatArray, zoom: float, kind: str) -> 
     pin = nearest_place(pins, point, zoom)
     if pin is not None:
         return hold_pin(document, pin, pins[pin] - point)
-    if within(point, document.pose, document.mesh, MODEL_REACH / zoom):
+    if is_within_outline(point, document.pose, document.mesh, MODEL_REACH / zoom):
         return hold_model(document, point, kind)
     return None
 
@@ -125,7 +125,7 @@ def nearest_object(document: Document, point: FloatArray) -> int:
 
 def _depth_at(one: PlacedModel, point: FloatArray) -> float:
     """The depth of a surface as seen at ``point``; infinite beside it."""
-    if not within(point, one.pose, one.mesh, 0.0):
+    if not is_within_outline(point, one.pose, one.mesh, 0.0):
         return math.inf
     place = surface_point(one.mesh, one.pose, point)
     return math.inf if place is None else float(one.pose.camera_from_model.apply(place)[2])
@@ -248,7 +248,7 @@ def with_vehicle_pin(
     pins[pin] = pixel
     size = np.array([chart.camera.width, chart.camera.height])
     psi = (pins[2] - pins[0]) / _axle_length(chart)
-    rim = math.sqrt(1.0 - LEAST_AXLE_COMPONENT**2) - 1e-6
+    rim = math.sqrt(1.0 - MIN_AXLE_COMPONENT**2) - 1e-6
     psi *= min(1.0, rim / max(float(np.linalg.norm(psi)), 1e-12))
     return np.concatenate([pins[0] / size, (pins[1] - pins[0]) / size, psi])
 

@@ -11,7 +11,7 @@ from poseviewer.app.state.edits import drag_edit, edit
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
 from poseviewer.fit.compared_pixels import enlarged
-from poseviewer.geometry.arrays import FloatArray, frozen_array
+from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
 from poseviewer.starts.placing import surface_hit
@@ -39,7 +39,7 @@ class Stroke:
     """Whether what is covered counts again."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "points", frozen_array(self.points, (-1, 2)))
+        object.__setattr__(self, "points", freeze_array(self.points, (-1, 2)))
 
     def covers(self, width: int, height: int) -> NDArray[np.bool_]:
         """(height, width): what lies below the line, or inside the polygon."""

@@ -11,7 +11,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.starts.placing import surface_point
 from poseviewer.starts.point_pairs import (
-    FEWEST_FOR_FOCAL,
+    MIN_PAIRS_FOR_FOCAL,
     fewest_pairs,
     fit_of,
     focal_from_pairs,
@@ -19,7 +19,7 @@ from poseviewer.starts.point_pairs import (
     poses_from_pairs,
 )
 from poseviewer.vehicle.vehicle_keypoints import keypoints_from_side
-from poseviewer.vehicle.wheel_pose import FEWEST_RIM_POINTS, Ellipse, Wheels, poses_from_wheels
+from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS, Ellipse, Wheels, poses_from_wheels
 
 MARKING = {"pairs": ("pixels", "points"), "wheels": ("rims",)}
 """Fields of ``Marks`` by each tool that sets marks, the places on the photo first."""
@@ -68,7 +68,7 @@ def with_mark(document: Document, tool: str, point: FloatArray) -> Document:
     marks = document.marks
     if tool == "wheels" and document.model.keypoints is None:
         raise QuickStartError("Press the middle of the model's wheels at the right first.")
-    if tool == "wheels" and len(marks.rims) == WHEELS * FEWEST_RIM_POINTS:
+    if tool == "wheels" and len(marks.rims) == WHEELS * MIN_RIM_POINTS:
         raise QuickStartError("Both wheels are outlined; drag their points, or clear them.")
     if tool == "pairs" and not marks.waits_for_pixel:
         return _with_model_point(document, tool, point, document.pose)
@@ -136,7 +136,7 @@ def lay_wheels(
         raise QuickStartError(
             "The wheels were found in another photo or for another model; look for them again."
         )
-    rims = (*rear.outline(FEWEST_RIM_POINTS), *front.outline(FEWEST_RIM_POINTS))
+    rims = (*rear.outline(MIN_RIM_POINTS), *front.outline(MIN_RIM_POINTS))
     return session.with_document(document.with_marks(rims=rims, note="").at_pose(pose))
 
 
@@ -162,7 +162,7 @@ def _pose_of_pairs(document: Document) -> Pose | None:
     (points, pixels), pose = document.marks.correspondences, document.pose
     if len(points) < fewest_pairs(pose.camera):
         return None
-    free = document.settings.free_focal and len(points) >= FEWEST_FOR_FOCAL
+    free = document.settings.free_focal and len(points) >= MIN_PAIRS_FOR_FOCAL
     free = free and len(document.scene.views) == 1  # the cameras of several views are known
     if free and isinstance(pose.camera, Perspective):
         return focal_from_pairs(points, pixels, pose.camera)[0].pose

@@ -22,7 +22,7 @@ from poseviewer.app.state.session import Session, is_in_sight
 from poseviewer.errors import PoseViewerError, QuickStartError, SettingsError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.charts import OutsideChartError
-from poseviewer.starts.placing import framed, surface_point
+from poseviewer.starts.placing import fit_into_rectangle, surface_point
 from poseviewer.vehicle.chart import VehicleChart
 
 Tool = Literal["pose", "region", "box", "pairs", "wheels", "brush", "polygon", "scribble", "part"]
@@ -98,7 +98,7 @@ def release(session: Session) -> Session:
         return _placed(session, drag.model_from)
     session = replace(session, document=before)
     if tool == "box" and document.marks.box is not None:
-        pose = framed(document.pose, document.mesh, document.marks.box)
+        pose = fit_into_rectangle(document.pose, document.mesh, document.marks.box)
         return propose_starts()(session.with_document(put(document, pose)))
     if tool in MARKING:
         document = solved(document, tool)

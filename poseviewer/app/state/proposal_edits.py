@@ -10,7 +10,7 @@ from poseviewer.app.state.searches import ProposedStarts, SearchRequest
 from poseviewer.app.state.session import Session
 from poseviewer.fit.progress import SearchProgress
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.starts.automatic import Proposal
+from poseviewer.starts.automatic import PoseHypothesis
 
 
 @edit
@@ -39,7 +39,7 @@ def stop_proposing(session: Session) -> Session:
 def starts_proposed(
     session: Session,
     document: Document,
-    starts: tuple[Proposal, ...],
+    starts: tuple[PoseHypothesis, ...],
     outlines: tuple[FloatArray, ...],
 ) -> Session:
     """List the starts that were requested; take the likeliest for a model that is placed."""
@@ -65,7 +65,7 @@ def start_fitted(
         return session
     verdict, at = result and result.verdict, document.active
     is_same = compared(session.document.scene, at) == compared(document.scene, at)
-    if not (is_same and verdict and verdict.word == "found"):
+    if not (is_same and verdict and verdict.label == "found"):
         return session.stop_proposing()
     session = take_start(index)(session)
     session = replace(session, document=with_progress(session.document, progress))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.app.state.document import Document
-from poseviewer.figures.loss_maps import LossMaps
+from poseviewer.figures.map_archive import LossMaps
 from poseviewer.fit.loss import Unexplained
 from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.slices import Slice

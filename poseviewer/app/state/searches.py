@@ -6,7 +6,7 @@ from poseviewer.app.state.document import Document
 from poseviewer.fit.progress import SearchProgress
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.scene.settings import FitSettings
-from poseviewer.starts.automatic import Proposal, StartQuery
+from poseviewer.starts.automatic import PoseHypothesis, StartQuery
 from poseviewer.starts.loading import StartInputs
 
 
@@ -40,7 +40,7 @@ class ProposedStarts:
 
     document: Document
     """Document that they were requested at."""
-    starts: tuple[Proposal, ...] = ()
+    starts: tuple[PoseHypothesis, ...] = ()
     """The likeliest first; none while they are looked for."""
     outlines: tuple[FloatArray, ...] = ()
     """(n, 2, 2) of each: line segments in px of the photo."""

@@ -123,7 +123,7 @@ class Session:
         motion = motion @ views[result.view].camera_from_world.inverse()
         shift = motion.translation / own.object.world_from_model.scale
         pose = own.scene.pose(own.active, view_index)
-        return result.covariance.seen_from(RigidTransform(motion.rotation, shift), pose, own.mesh)
+        return result.covariance.in_view_of(RigidTransform(motion.rotation, shift), pose, own.mesh)
 
     @property
     def is_searching(self) -> bool:

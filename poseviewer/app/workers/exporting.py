@@ -22,7 +22,7 @@ from poseviewer.files.masks import mask_as_png, mask_path
 from poseviewer.files.pose import pose_bytes
 from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.files.state.uploads import safe_path
-from poseviewer.render.overlay.looks import SOLID_OPACITY, Picture
+from poseviewer.render.overlay.styles import SOLID_OPACITY, Picture
 from poseviewer.scene.settings import settings_as_json
 from poseviewer.scene.types import ChartParameters, Scene, SearchResult
 

@@ -20,7 +20,7 @@ from poseviewer.fit.visibility import visibility_of_depths
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.render.overlay.contour import quick_silhouette, seen_lines
+from poseviewer.render.overlay.contour import quick_silhouette, select_visible_lines
 from poseviewer.scene.types import PlacedModel
 
 MAX_SAMPLES = 400_000
@@ -76,7 +76,7 @@ def outlining(notify: Callable[[], None]) -> Worker[OutlineRequest, Edit]:
     def share(mesh: Mesh, pose: Pose) -> FloatArray:
         if not PlacedModel(mesh, pose).is_seen:
             return np.zeros((0, 2, 2))
-        pose = pose.scaled(min(1.0, DRAWN_PX / max(pose.camera.width, pose.camera.height)))
+        pose = pose.rescale(min(1.0, DRAWN_PX / max(pose.camera.width, pose.camera.height)))
         return outline(mesh, pose) / np.array([pose.camera.width, pose.camera.height])
 
     def make(request: OutlineRequest) -> Iterator[Edit]:
@@ -90,12 +90,12 @@ def outlining(notify: Callable[[], None]) -> Worker[OutlineRequest, Edit]:
         if lines and len(models) > 1:
             camera = models[0][1].camera
             samples = min(1.0, (MAX_SAMPLES / (camera.width * camera.height)) ** 0.5)
-            depths = [renderer(mesh).depth(pose.scaled(samples)) for mesh, pose in models]
+            depths = [renderer(mesh).depth(pose.rescale(samples)) for mesh, pose in models]
             visible = visibility_of_depths(depths)
             for index, number in enumerate(request.large):
                 visible_pixels = visible.seen(index)
                 if not np.array_equal(visible_pixels, visible.drawn[index]):
-                    lines[number] = seen_lines(lines[number], visible_pixels, samples)
+                    lines[number] = select_visible_lines(lines[number], visible_pixels, samples)
         views = ({number: share(*one) for number, one in view.items()} for view in request.small)
         yield set_fields("results", outlines=Outlines(lines, tuple(views)))
 

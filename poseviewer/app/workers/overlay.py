@@ -27,9 +27,9 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.contour import Sketch, quick_silhouette, silhouette
 from poseviewer.render.overlay.edges import find_lines
-from poseviewer.render.overlay.looks import ModelInPhoto, Relight, draw_look, line_scale
+from poseviewer.render.overlay.styles import ModelInPhoto, Relight, draw_style, line_scale
 from poseviewer.scene.types import PlacedModel, Scene
-from poseviewer.starts.placing import framed
+from poseviewer.starts.placing import fit_into_rectangle
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -116,7 +116,7 @@ class OverlayDrawer:
     def _picture(self, request: Session) -> Overlay:
         own, photo, display = request.document, request.document.photo, request.display
         factor = min(1.0, (MAX_PICTURE_PIXELS / (photo.width * photo.height)) ** 0.5)
-        pose = own.pose.scaled(factor)
+        pose = own.pose.rescale(factor)
         pixels = _shown_pixels(photo, pose.camera.width, pose.camera.height)
         relight: Relight | None = None
         if display.style in ("relit", "residual"):
@@ -126,7 +126,7 @@ class OverlayDrawer:
                 return Overlay(request, NO_LINES)
             relight = partial(relit, compared, self._reader.renderer, own.pose)
         view = ModelInPhoto(pixels, own.mesh, self._fine, pose, relight, display.opacity)
-        picture = draw_look(display.style, view)
+        picture = draw_style(display.style, view)
         others = tuple((own.scene.objects[i].mesh, own.scene.pose(i, own.at)) for i in own.others)
         if others:
             behind = _depth_of(others, factor) < depth_image(PlacedModel(own.mesh, pose))
@@ -137,7 +137,7 @@ class OverlayDrawer:
 @lru_cache(maxsize=1)
 def _depth_of(others: tuple[tuple[Mesh, Pose], ...], factor: float) -> DepthImage:
     """Depth of the nearest object in a photo drawn ``factor`` as large."""
-    placed = [PlacedModel(mesh, pose.scaled(factor)) for mesh, pose in others]
+    placed = [PlacedModel(mesh, pose.rescale(factor)) for mesh, pose in others]
     return np.minimum.reduce([depth_image(one) for one in placed])
 
 
@@ -205,10 +205,10 @@ def picturing(notify: Callable[[], None]) -> Worker[Document, Edit]:
         photo, mesh = document.photo, document.mesh
         whole = Rectangle(0.0, 0.0, photo.width, photo.height)
         factor = min(1.0, ALONE_PX / max(photo.width, photo.height))
-        pose = framed(document.pose, mesh, whole.grown(-ALONE_MARGIN)).scaled(factor)
+        pose = fit_into_rectangle(document.pose, mesh, whole.expand(-ALONE_MARGIN)).rescale(factor)
         ground = np.full((pose.camera.height, pose.camera.width, 3), ALONE_GROUND, np.uint8)
         view = ModelInPhoto(ground, mesh, renderer(mesh), pose, opacity=1.0)
-        yield show_results(document, alone=(pose, draw_look("solid", view)))
+        yield show_results(document, alone=(pose, draw_style("solid", view)))
 
     return Worker("model alone", asked, make, notify)
 

@@ -23,7 +23,7 @@ from poseviewer.files.file_set import Kind, files_below, sort_set
 from poseviewer.files.scene_assets import load_model
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.files.state.uploads import LARGEST_UPLOAD, display_name, gathered, keep_set
-from poseviewer.geometry.camera import scaled_size
+from poseviewer.geometry.camera import size_at_scale
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import LensModel
 from poseviewer.starts.loading import StartInputs, notes_of
@@ -211,7 +211,7 @@ def grown(photo: Photo, stroke: Stroke) -> NDArray[np.bool_]:
     (left, top), (right, bottom) = (low - reach).astype(int), (high + reach).astype(int) + 1
     part = slice(max(top, 0), bottom), slice(max(left, 0), right)
     height, width = drawn[part].shape
-    size = scaled_size(width, height, min(1.0, SIDE_PX / max(height, width)))
+    size = size_at_scale(width, height, min(1.0, SIDE_PX / max(height, width)))
     small = np.ascontiguousarray(replace(photo, pixels=photo.pixels[part]).as_rgb8(*size))
     seeds = cv2.resize(drawn[part].astype(np.float32), size, interpolation=cv2.INTER_AREA)
     seeded = seeds >= min(0.5, float(seeds.max()))

@@ -70,9 +70,9 @@ class BopModel(Struct, frozen=True):
     def symmetry(self) -> Symmetry:
         """The symmetry as the program has it."""
         matrices = np.reshape(self.discrete, (-1, 4, 4))
-        discrete = [RigidTransform(nearest_rotation(m[:3, :3]), m[:3, 3]) for m in matrices]
-        axes, offsets = [t.unit for t in self.continuous], [t.offset for t in self.continuous]
-        return Symmetry.from_transforms(discrete, axes, offsets, self.diameter)
+        discrete = [RigidTransform.from_matrix(matrix) for matrix in matrices]
+        continuous = [(t.unit, np.array(t.offset)) for t in self.continuous]
+        return Symmetry.from_transforms(discrete, continuous, self.diameter)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

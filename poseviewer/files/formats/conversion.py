@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from poseviewer.errors import PhotoFileError, PoseFileError, printable
+from poseviewer.errors import PhotoFileError, PoseFileError, list_names, printable
 from poseviewer.files.checks import Reading, checked_rotation
 from poseviewer.files.mesh.size import METRES
 from poseviewer.files.photo import load_photo, orientation_of, save_photo
@@ -24,8 +24,8 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.lens import (
+    CAMERA_TOLERANCE,
     MIRRORED,
-    SAME,
     UPRIGHT,
     WAY_BACK,
     LensModel,
@@ -125,9 +125,8 @@ class ConvertOptions:
             found = (
                 f"{len(chosen)} of its {len(known)} {kind} are {repr(image) if image else 'meant'}"
             )
-            names = printable(", ".join(name for name, _ in known[:MOST_NAMED]))
-            more = " ..." if len(known) > MOST_NAMED else ""
-            raise reading.error(found, f"wanted one, choose it with --image NAME ({names}{more})")
+            names = printable(list_names([name for name, _ in known]))
+            raise reading.error(found, f"wanted one, choose it with --image NAME ({names})")
         return chosen[0]
 
     def scene_of(
@@ -314,7 +313,7 @@ def in_one_world(scene: Scene) -> tuple[list[FloatArray], list[Pose]]:
         pose, ratio = scene.pose(index), 1.0
         if isinstance(pose.camera, Parallel) and isinstance(camera, Parallel):
             ratio = pose.camera.scale / camera.scale  # as large in the picture, and no farther
-        place = Similarity(OPENGL_FROM_OPENCV @ pose.camera_from_model, ratio).matrix
+        place = Similarity(OPENGL_FROM_OPENCV @ pose.camera_from_model, ratio).as_matrix()
         place[:2, 3] *= ratio
         places.append(place)
     return places, [Pose(camera, OPENGL_FROM_OPENCV.inverse())]
@@ -366,7 +365,7 @@ def _as_taken(view: View, lenses: Lenses) -> tuple[Perspective, str, tuple[float
     if not isinstance(camera, Perspective):
         return None
     if undistortion is not None:
-        if not np.allclose(astuple(camera), astuple(undistortion.camera), rtol=SAME):
+        if not np.allclose(astuple(camera), astuple(undistortion.camera), rtol=CAMERA_TOLERANCE):
             return None
         lens, camera = undistortion.lens, undistortion.taken
         model, k = lens.model, lens.coefficients

@@ -31,7 +31,7 @@ from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import HALF_PIXEL, OPENGL_FROM_OPENCV
 from poseviewer.geometry.image import linear_from_srgb
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.types import Scene
 
 PLANE_BEHIND = 1.05
@@ -65,7 +65,7 @@ def write_gltf(
     models = []
     for item, place in zip(scene.objects, places, strict=True):
         model = item.model.location
-        moved = place @ Similarity(RigidTransform(np.eye(3), _origin(meshes[model]))).matrix
+        moved = place @ RigidTransform(np.eye(3), _origin(meshes[model])).as_matrix()
         matrix = moved.T.ravel().tolist()
         models.append(file.add("nodes", name=item.label, mesh=index[model], matrix=matrix))
     nodes = [file.add("nodes", name="models", scale=[scale] * 3, children=models)]
@@ -183,7 +183,7 @@ class _Glb:
         extras = {"width": camera.width, "height": camera.height,
                   "cx": camera.cx - HALF_PIXEL, "cy": camera.cy - HALF_PIXEL}  # fmt: skip
         entry = {"extras": {"poseviewer": extras}, "type": kind, kind: lens}
-        place = Similarity((OPENGL_FROM_OPENCV @ pose.camera_from_model).inverse()).matrix
+        place = (OPENGL_FROM_OPENCV @ pose.camera_from_model).inverse().as_matrix()
         place[:3, 3] *= scale
         index = self.add("cameras", name=name, **entry)
         return self.add("nodes", name=name, camera=index, matrix=place.T.ravel().tolist())

@@ -85,7 +85,7 @@ def write_matrix(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) ->
     c.perspective_of(scene.views[0].camera, "matrix")
     place = scene.pose(0).camera_from_model
     place = OPENGL_FROM_OPENCV @ place if options.opengl else place
-    rows = Similarity(place.inverse() if options.inverse else place).matrix
+    rows = (place.inverse() if options.inverse else place).as_matrix()
     match out.suffix.lower():
         case ".npy":
             memory = BytesIO()
@@ -175,7 +175,7 @@ def write_dope(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c
     factor = options.lengths_in(UNIT, scene, "DOPE")
     for index, item in enumerate(scene.objects):
         place = scene.pose(index).camera_from_model
-        quaternion = Rotation.from_matrix(place.rotation).as_quat().tolist()
+        quaternion = np.roll(place.as_quaternion(), -1).tolist()
         place = {"location": (place.translation * factor).tolist(), "quaternion_xyzw": quaternion}
         objects.append({"class": item.label, **place})
     numbers = {name: float(getattr(shifted, name)) for name in ("fx", "fy", "cx", "cy")}

@@ -18,7 +18,7 @@ from poseviewer.files.scene_assets import view_of_file
 from poseviewer.files.scene_json import relative_name
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV, camera_with_rows_from_below
-from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.types import Scene
 
 SENSOR_MM = 36.0
@@ -54,7 +54,7 @@ def write_meshlab(
 def _shot(pose: Pose) -> dict[str, str]:
     camera = camera_with_rows_from_below(c.perspective_of(pose.camera, "MeshLab"))
     place = OPENGL_FROM_OPENCV @ pose.camera_from_model
-    turn = Similarity(RigidTransform(place.rotation, np.zeros(3)))
+    rotation = RigidTransform(place.rotation, np.zeros(3))
     pixel_mm = SENSOR_MM / camera.width
     focal_mm = camera.fx * pixel_mm
     return {
@@ -64,7 +64,7 @@ def _shot(pose: Pose) -> dict[str, str]:
         "PixelSizeMm": _words((pixel_mm, focal_mm / camera.fy)),
         "CenterPx": _words((camera.cx, camera.cy)),
         "FocalMm": repr(float(focal_mm)),
-        "RotationMatrix": _words(turn.matrix.reshape(-1)),
+        "RotationMatrix": _words(rotation.as_matrix().reshape(-1)),
         "CameraType": "0",
         "BinaryData": "0",
     }

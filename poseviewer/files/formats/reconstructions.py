@@ -12,8 +12,6 @@ from dataclasses import astuple, replace
 from pathlib import Path
 from typing import Any
 
-from scipy.spatial.transform import Rotation
-
 from poseviewer.files.camera_forms import cameras_in
 from poseviewer.files.checks import Reading, is_there
 from poseviewer.files.colmap_model import colmap_cameras, colmap_images, image_pose, model_file
@@ -22,7 +20,6 @@ from poseviewer.files.photo import orientation_of
 from poseviewer.files.scene_assets import view_of_file
 from poseviewer.files.scene_json import relative_name
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
-from poseviewer.geometry.transform import Similarity
 from poseviewer.scene.types import Scene, View
 
 PHOTO_ENDINGS = ("", ".png", ".jpg", ".jpeg")
@@ -50,8 +47,8 @@ def write_colmap(scene: Scene, out: Path, *_: object) -> dict[Path, str]:
     images = ""
     taken = c.cameras_as_taken(scene, "COLMAP", COLMAP_LENSES)
     for index, (path, transform, camera, model, distortion) in enumerate(taken, 1):
-        quaternion = Rotation.from_matrix(transform.rotation).as_quat(scalar_first=True)
-        place = " ".join(repr(float(x)) for x in (*quaternion, *transform.translation))
+        values = *transform.as_quaternion(), *transform.translation
+        place = " ".join(repr(float(x)) for x in values)
         numbers = " ".join(map(repr, (camera.fx, camera.fy, camera.cx, camera.cy, *distortion)))
         said = f"{model} {camera.width} {camera.height} {numbers}"
         number = cameras.setdefault(said, len(cameras) + 1)
@@ -101,7 +98,7 @@ def write_nerfstudio(scene: Scene, out: Path, *_: object) -> dict[Path, str]:
         }
         shared = shared or own
         other = {key: value for key, value in own.items() if shared.get(key) != value}
-        matrix = Similarity(world_from_camera).matrix.tolist()
+        matrix = world_from_camera.as_matrix().tolist()
         frames.append({"file_path": name, **other, "transform_matrix": matrix})
     return {out: json.dumps({**shared, "frames": frames}, indent=2) + "\n"}
 

@@ -23,7 +23,7 @@ LARGEST_SIDE = 8192
 MOST_TEXELS = 100_000_000
 """Limit of a model's textures together, and of one before it is shrunk: no photo shows more."""
 MOST_TEXTURES = 2000
-LARGEST_FACTOR = 10.0
+MAX_FACTOR = 10.0
 """Of colours from 0 to 1; more than a picture's range above 1, and nearly black from 0 to 255."""
 GREY = 0.8
 """Reflectance where a file says nothing about colour."""
@@ -98,7 +98,7 @@ def colours_from_numbers(values: NDArray, notes: list[str]) -> NDArray[np.float6
         return values.astype(np.uint8) / 255.0
     numbers = np.nan_to_num(values.astype(float), posinf=0.0, neginf=0.0)
     largest, is_whole = numbers.max(initial=0.0), np.array_equal(numbers, np.rint(numbers))
-    if not is_whole and 1.0 < largest < LARGEST_FACTOR:
+    if not is_whole and 1.0 < largest < MAX_FACTOR:
         notes.append(f"Colours above 1, cut to 1: {np.sum((numbers > 1.0).any(axis=1)):,}.")
         largest = 1.0
     scale = next((top for top in (1.0, 255.0, 65535.0) if largest <= top), 2.0**32 - 1.0)

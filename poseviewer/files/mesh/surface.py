@@ -154,7 +154,7 @@ def _with_computed_normals(mesh: Mesh) -> Mesh:
     same = n.weld(np.concatenate([mesh.vertices, *columns], axis=1, dtype=float))
     _, first = np.unique(same, return_index=True)
     mesh = mesh.with_vertices(first, same[mesh.faces])
-    flip = n.winding_to_flip(mesh.vertices, mesh.faces)
+    flip = n.faces_to_flip(mesh.vertices, mesh.faces)
     faces = np.where(flip[:, None], mesh.faces[:, ::-1], mesh.faces)
     note = "Triangles turned to face the way of their neighbours"
     source, faces, normals = n.crease_normals(mesh.vertices, faces)

@@ -30,7 +30,7 @@ CALLERS = 128
 """Threads that ask at once, and so poses that are judged together."""
 
 _log = logging.getLogger(__name__)
-MOST_PIXELS = 1 << 23
+MAX_PIXELS = 1 << 23
 """Largest number of pixels in the boxes of a submission, 16 bytes of the GPU's memory each."""
 POSE = np.dtype(
     [
@@ -80,7 +80,7 @@ class GpuRenderer(SoftwareRenderer):
         other._questions, other._answering = [], threading.Lock()
         return other
 
-    def culled(self, pose: Pose) -> GpuRenderer:
+    def cull(self, pose: Pose) -> GpuRenderer:
         """Clone: to upload another model takes longer than to draw hidden faces."""
         del pose
         return self.clone()
@@ -185,7 +185,7 @@ def _batches(boxes: NDArray[np.int64]) -> Iterator[list[int]]:
     for i, (_, _, width, height) in enumerate(boxes.tolist()):
         if width < 0:
             continue
-        if batch and pixels + width * height > MOST_PIXELS:
+        if batch and pixels + width * height > MAX_PIXELS:
             yield batch
             batch, pixels = [], 0
         batch.append(i)

@@ -13,7 +13,7 @@ from poseviewer.render.types import Renderer
 
 TOLERANCE, SMOOTHING = 0.2, 0.7
 """Samples: points closer to the line they lie on are left out; blur of the coverage's stairs."""
-SMALLEST_HOLE = 16.0
+MIN_HOLE_PX = 16.0
 """Holes whose outline is shorter than this, in px, are not drawn (wheel spokes)."""
 PIECE, BESIDE = 3.0, 2
 """Samples: a line is cut into pieces so long; those this far beside what is seen run along it."""
@@ -21,7 +21,7 @@ QUICK_SAMPLES = 160_000
 """A silhouette in motion is found in a picture of no more samples than this."""
 FEW_FACES, CELLS = 4000, 64
 """Faces that a sketch draws as they are; of more, vertices in one cell of the diameter are one."""
-SHIFT, FARTHEST = 4, 2.0**14
+SHIFT, MAX_COORDINATE = 4, 2.0**14
 """OpenCV's binary digits for fractions of a sample; farther samples would overflow its numbers."""
 
 
@@ -30,7 +30,7 @@ def quick_silhouette(mesh: Mesh, renderer: Renderer, pose: Pose) -> FloatArray:
     window = model_window(mesh, pose, margin=4, most_samples=QUICK_SAMPLES)
     if window is None:
         return np.zeros((0, 2, 2))
-    return silhouette(renderer.covers(window.pose(pose)), window)
+    return silhouette(renderer.render_mask(window.pose(pose)), window)
 
 
 def silhouette(covered: NDArray[np.bool_], window: Window) -> FloatArray:
@@ -38,7 +38,7 @@ def silhouette(covered: NDArray[np.bool_], window: Window) -> FloatArray:
     soft = cv2.GaussianBlur(covered.astype(np.float32), (0, 0), SMOOTHING)
     # A rim of nothing closes outlines that run into the border of the picture.
     soft = np.pad(np.asarray(soft), 1)
-    shortest = SMALLEST_HOLE * window.samples
+    shortest = MIN_HOLE_PX * window.samples
     pieces = [np.zeros((0, 2, 2))]
     for line in contour_generator(z=soft).lines(0.5):
         points = np.asarray(line, np.float32)
@@ -51,7 +51,7 @@ def silhouette(covered: NDArray[np.bool_], window: Window) -> FloatArray:
     return samples / window.samples + np.array([window.left, window.top])
 
 
-def seen_lines(lines: FloatArray, seen: NDArray[np.bool_], samples: float) -> FloatArray:
+def select_visible_lines(lines: FloatArray, seen: NDArray[np.bool_], samples: float) -> FloatArray:
     """(M, 2, 2): pieces of segments (N, 2, 2), px, along what is ``seen`` at ``samples`` a px."""
     ends = lines * samples
     counts = np.maximum(np.ceil(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / PIECE), 1.0)
@@ -67,7 +67,7 @@ def seen_lines(lines: FloatArray, seen: NDArray[np.bool_], samples: float) -> Fl
     return pieces[np.asarray(near)[y, x] > 0] / samples
 
 
-def within(points: FloatArray, pose: Pose, mesh: Mesh, reach: float) -> bool:
+def is_within_outline(points: FloatArray, pose: Pose, mesh: Mesh, reach: float) -> bool:
     """Whether a point (2,) of the photo lies on the model's convex outline, or ``reach`` px off."""
     outline = hull_in_photo(mesh, pose).astype(np.float32)
     if len(outline) < 3 or not np.isfinite(points).all():
@@ -92,10 +92,10 @@ class Sketch(Renderer):
             is_face = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2])
             self._faces = np.unique(faces[is_face], axis=0)
 
-    def covers(self, pose: Pose) -> NDArray[np.bool_]:
+    def render_mask(self, pose: Pose) -> NDArray[np.bool_]:
         """(height, width): where the model is seen."""
         places = pose.project(self._vertices)[self._faces] - 0.5  # OpenCV's centres are at integers
-        places = places[np.isfinite(places).all(axis=(1, 2))].clip(-FARTHEST, FARTHEST)
+        places = places[np.isfinite(places).all(axis=(1, 2))].clip(-MAX_COORDINATE, MAX_COORDINATE)
         covered = np.zeros((pose.camera.height, pose.camera.width), np.uint8)
         for corners in np.rint(places * 2**SHIFT).astype(np.int32):
             cv2.fillConvexPoly(covered, corners, 1, shift=SHIFT)

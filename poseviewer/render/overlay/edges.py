@@ -28,14 +28,14 @@ MATERIAL_STEP = 0.08
 """Flat colours that differ by more than this in a channel are two materials."""
 DEPTH_STEP = 0.006
 """One surface is in front of another by more than this share of the model's diameter."""
-SHORTEST, SMALLEST_HOLE = 7.0, 16.0
+MIN_EDGE_LENGTH, MIN_HOLE_LENGTH = 7.0, 16.0
 """Shorter feature edges, in line widths, are specks; smaller holes (wheel spokes) not outlined."""
 REACH, CROWDED = 10.0, 0.22
 """Reach of a line's neighbourhood, in line widths, and its share from which on edges fade."""
-LEAST_SHOWN, TOLERANCE = 0.5, 0.6
+MIN_OPACITY, TOLERANCE = 0.5, 0.6
 """Crowded edges drawn fainter than this share are left out as segments; these run no farther, in
 samples, beside their edges."""
-FINEST, MOST_SAMPLES = 3, 4_000_000
+MAX_SAMPLES_PER_PX, MAX_SAMPLES = 3, 4_000_000
 """Most samples along a photo pixel's side, and in the picture of face ids."""
 
 
@@ -65,7 +65,7 @@ class LineDrawing:
 
     def edge_segments(self) -> FloatArray:
         """(N, 2, 2): feature edges as line segments in px of the photo, without crowded ones."""
-        thin = (self.nearer & (self.crowding > LEAST_SHOWN)).astype(np.uint8)
+        thin = (self.nearer & (self.crowding > MIN_OPACITY)).astype(np.uint8)
         pieces = [np.zeros((0, 2, 2))]
         # The contour of a line one sample wide runs along it, and back.
         for line in cv2.findContours(thin, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]:
@@ -80,8 +80,8 @@ class LineDrawing:
 
 def find_lines(mesh: Mesh, renderer: Renderer, pose: Pose, scale: float) -> LineDrawing | None:
     """The model's lines, for strokes ``scale`` px wide; None out of sight. Two seconds at most."""
-    finest = max(1, round(FINEST / scale))
-    window = model_window(mesh, pose, math.ceil(5.0 * scale), finest, MOST_SAMPLES)
+    finest = max(1, round(MAX_SAMPLES_PER_PX / scale))
+    window = model_window(mesh, pose, math.ceil(5.0 * scale), finest, MAX_SAMPLES)
     if window is None:
         return None
     close = window.pose(pose)
@@ -90,8 +90,8 @@ def find_lines(mesh: Mesh, renderer: Renderer, pose: Pose, scale: float) -> Line
         return None
     width, half, samples = scale * window.samples, np.float32(0.5), np.float32(window.samples)
     nearer, both = _feature_samples(mesh, close, image)
-    marked = _without_specks(both, SHORTEST * width)
-    outside = _without_specks(~image.mask, SMALLEST_HOLE * width)
+    marked = _without_specks(both, MIN_EDGE_LENGTH * width)
+    outside = _without_specks(~image.mask, MIN_HOLE_LENGTH * width)
     silhouette = (np.where(outside, _distance(outside), _distance(~outside)) - half) / samples
     # Samples on both sides of an edge are marked: it runs half a sample beside their centres.
     features = (_distance(~marked) + half) / samples

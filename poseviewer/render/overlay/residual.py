@@ -14,7 +14,7 @@ STOPS = np.array([list(bytes.fromhex(colour)) for colour in _HEX.split()], float
 PERCENTILE = 95.0
 """Share of the residuals that the colour map spans; the strongest few must not set its range."""
 ROUND_RANGES = (2, 5, 10, 20, 30, 40, 50, 60, 80, 100, 125, 150, 200, 255)
-SMALLEST_FOR_BAR = 250
+MIN_SIDE_FOR_BAR_PX = 250
 """px: shorter side of the smallest photo that has room for a legible colour bar."""
 
 Part = tuple[slice, slice]
@@ -56,7 +56,7 @@ def symmetric_range(residuals: FloatArray) -> int:
 def _draw_bar(picture: NDArray[np.uint8], covered: NDArray[np.bool_], limit: int) -> None:
     """Draw the colour bar into the corner where it hides least of the model, upper ones first."""
     height, width = picture.shape[:2]
-    if min(height, width) < SMALLEST_FOR_BAR:
+    if min(height, width) < MIN_SIDE_FOR_BAR_PX:
         return
     bar = _bar(limit, max(0.42, max(height, width) / 2000.0), width)
     h, w = bar.shape[:2]

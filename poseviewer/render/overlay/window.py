@@ -25,9 +25,9 @@ class Window:
 
     def pose(self, pose: Pose) -> Pose:
         """Pose in the image that the window is."""
-        camera = pose.camera.cropped(self.left, self.top, self.width, self.height)
+        camera = pose.camera.crop(self.left, self.top, (self.width, self.height))
         cut = replace(pose, camera=camera)
-        return cut if self.samples == 1.0 else cut.scaled(self.samples)
+        return cut if self.samples == 1.0 else cut.rescale(self.samples)
 
     def of_photo(self, width: int, height: int) -> tuple[slice, slice]:
         """Rows and columns of a photo of this size that the window covers."""

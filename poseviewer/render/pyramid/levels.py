@@ -7,11 +7,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.geometry.camera import Pose, level_pose, reduced_size
+from poseviewer.geometry.camera import Pose, level_pose, level_size
 from poseviewer.render.structure import bounding_slices, make_structure
 from poseviewer.render.types import PhotoAttributes, Renderer
 
-LARGEST_FACTOR = 16
+MAX_FACTOR = 16
 FACES_PER_PIXEL = 1.0
 """Triangles for each pixel that the model covers: half of a closed surface is seen."""
 
@@ -31,7 +31,7 @@ def make_level(photo: PhotoAttributes, renderer: Renderer, factor: int, pixels: 
     # Powers of 2: a pose a little nearer or farther does not ask for another model.
     most = max(FACES_PER_PIXEL * pixels / factor**2, 1.0)
     faces = 1 << math.ceil(math.log2(most))
-    return Level(factor, smaller(photo, factor), renderer.reduced(faces))
+    return Level(factor, downsample(photo, factor), renderer.decimate(faces))
 
 
 def lighter_level(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> Level:
@@ -44,17 +44,17 @@ def coarsest_level(photo: PhotoAttributes, renderer: Renderer, pose: Pose, fewes
     px; with a factor of 1, photo and renderer as they are.
     """
     pixels, factor = int(_counting(photo, renderer, pose).sum()), 1
-    while factor < LARGEST_FACTOR and pixels / (2 * factor) ** 2 >= fewest:
+    while factor < MAX_FACTOR and pixels / (2 * factor) ** 2 >= fewest:
         factor *= 2
     return Level(1, photo, renderer) if factor == 1 else make_level(photo, renderer, factor, pixels)
 
 
-def covered(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> NDArray[np.bool_]:
+def model_mask(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> NDArray[np.bool_]:
     """(height, width): the pixels of a level that show the model."""
-    return renderer.covers(level_pose(pose, photo.factor))
+    return renderer.render_mask(level_pose(pose, photo.factor))
 
 
-def seen_share(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> float:
+def visible_fraction(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> float:
     """The share of the model's pixels that count, in [0, 1]; 0 where it is not in sight."""
     counting = _counting(photo, renderer, pose)
     return float(counting.mean()) if len(counting) else 0.0
@@ -62,14 +62,14 @@ def seen_share(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> float:
 
 def _counting(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> NDArray[np.bool_]:
     """(N,): which of the pixels that show the model have weight."""
-    return photo.weights[covered(photo, renderer, pose)] > 0.0
+    return photo.weights[model_mask(photo, renderer, pose)] > 0.0
 
 
 STRIP_PIXELS = 1_000_000
 """Pixels of a photo that are averaged at a time."""
 
 
-def smaller(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
+def downsample(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
     """The photo reduced ``factor`` times along each side by weighted means; it takes the same
     poses.
 
@@ -78,7 +78,7 @@ def smaller(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
     if factor == 1:
         return photo
     height, width, n = photo.channels.shape
-    rows, columns = reduced_size(height, factor), reduced_size(width, factor)
+    rows, columns = level_size(height, factor), level_size(width, factor)
     weights = np.zeros((rows, columns), np.float32)
     channels = np.zeros((rows, columns, n), np.float32)
     # What does not count costs nothing: only the box of the pixels that do is looked at.
@@ -101,17 +101,19 @@ def smaller(photo: PhotoAttributes, factor: int) -> PhotoAttributes:
     return replace(photo, channels=channels, weights=weights, structure=structure, factor=factor)
 
 
-def structured(photo: PhotoAttributes, factor: int = 1, is_steep: bool = False) -> PhotoAttributes:
+def with_structure(
+    photo: PhotoAttributes, factor: int = 1, is_steep: bool = False
+) -> PhotoAttributes:
     """The photo ``factor`` times smaller, with its classes and edges; ``is_steep`` as of
     ``make_structure``.
     """
-    photo = smaller(photo, factor)
+    photo = downsample(photo, factor)
     return replace(photo, structure=make_structure(photo.channels, photo.weights, is_steep))
 
 
 def _averaged(image: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
     """The means over squares of ``factor`` px of (height, width) or (height, width, n)."""
-    height, width = (reduced_size(size, factor) for size in image.shape[:2])
+    height, width = (level_size(size, factor) for size in image.shape[:2])
     missing = [(0, height * factor - image.shape[0]), (0, width * factor - image.shape[1])]
     if missing != [(0, 0), (0, 0)]:
         image = np.pad(image, missing + [(0, 0)] * (image.ndim - 2))

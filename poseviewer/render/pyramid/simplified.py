@@ -14,11 +14,11 @@ from poseviewer.geometry.normals import crease_normals, face_normals_and_areas, 
 from poseviewer.processes import call_alone
 from poseviewer.render.texture import TexturePyramid, mip_levels
 
-FEWEST = 200
+MIN_TRIANGLES = 200
 """Triangles that a reduced model has at least."""
-MOST_HERE = 200_000
+MAX_TRIANGLES_IN_PROCESS = 200_000
 """Triangles that are decimated in this process: its other threads wait a second for so many."""
-MOST_SAMPLES = 300_000
+MAX_SAMPLES = 300_000
 """On the original's surface, beside one for each of its faces."""
 NEIGHBOURS = 24
 """Samples about a vertex that are looked at."""
@@ -53,7 +53,7 @@ def simplify(mesh: Mesh, faces: int) -> Mesh:
     New vertices get mean reflectance and normal of the part and the side that their faces belong
     to: colours end at parts, sharp edges stay. Small meshes are returned as they are.
     """
-    faces = max(faces, FEWEST)
+    faces = max(faces, MIN_TRIANGLES)
     if len(mesh.faces) <= faces:
         return mesh
     vertices, triangles = _decimated(mesh, faces)
@@ -88,7 +88,11 @@ def _decimated(mesh: Mesh, faces: int) -> tuple[FloatArray, NDArray[np.int32]]:
     triangles = _with_area(points, place[mesh.faces])
     if len(triangles) <= faces:
         return points, triangles
-    call = _collapsed if len(triangles) <= MOST_HERE else partial(call_alone, _collapsed)
+    call = (
+        _collapsed
+        if len(triangles) <= MAX_TRIANGLES_IN_PROCESS
+        else partial(call_alone, _collapsed)
+    )
     vertices, triangles = call(points, triangles, faces)
     return vertices, _with_area(vertices, triangles)
 
@@ -106,7 +110,7 @@ def _with_area(vertices: FloatArray, triangles: NDArray) -> NDArray[np.int32]:
 def _surface_samples(mesh: Mesh, new_area: float) -> SurfaceSamples:
     """Samples of a mesh whose new faces have the mean area ``new_area``."""
     flat, areas = face_normals_and_areas(mesh.vertices, mesh.faces)
-    count = min(max(2 * len(mesh.faces), 20_000), MOST_SAMPLES)
+    count = min(max(2 * len(mesh.faces), 20_000), MAX_SAMPLES)
     each = np.maximum(np.ceil(areas * (count / areas.sum())), 1.0).astype(np.int64)
     faces = np.repeat(np.arange(len(each)), each)
     step = np.arange(len(faces)) - np.repeat(np.cumsum(each) - each, each)

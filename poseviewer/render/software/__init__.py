@@ -1,1 +1,1 @@
-"""The numba rasteriser."""
+"""Numba rasteriser."""

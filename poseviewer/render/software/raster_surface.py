@@ -32,7 +32,7 @@ class Surface:
     """(F + 1, 3): RGB at the first corner, the colour of the whole face where it does not vary."""
     kinds: NDArray[np.uint8]
     """(F,): what a face's reflectance is told by, see ``rasterise``."""
-    paint: NDArray[np.float32]
+    attributes: NDArray[np.float32]
     """(F + 1, 12): of GRADED faces R, G, B, 1 at the three corners, of MAPPED ones u, v, 0, 1; of
     others zeros. (1, 12) where there are none."""
 
@@ -52,10 +52,10 @@ def make_surface(mesh: Mesh, order: NDArray[np.int32]) -> Surface:
     colours, uvs = mesh.colours[corners], mesh.uvs[corners]
     graded = np.any(colours != colours[:, :1], axis=(1, 2))
     kinds = np.where(texture >= 0, MAPPED, GRADED * graded).astype(np.uint8)
-    paint = np.zeros((len(kinds) + 1 if kinds.any() else 1, 3, 4), np.float32)
+    attributes = np.zeros((len(kinds) + 1 if kinds.any() else 1, 3, 4), np.float32)
     graded, mapped = np.flatnonzero(kinds == GRADED), np.flatnonzero(kinds == MAPPED)
-    paint[graded, :, :3], paint[mapped, :, :2] = colours[graded], uvs[mapped]
-    paint[graded, :, 3] = paint[mapped, :, 3] = 1.0
+    attributes[graded, :, :3], attributes[mapped, :, :2] = colours[graded], uvs[mapped]
+    attributes[graded, :, 3] = attributes[mapped, :, 3] = 1.0
     normals = np.zeros((len(kinds) + 1, 9), np.float32)
     normals[:-1] = mesh.normals[corners].reshape(-1, 9)
     return Surface(
@@ -67,7 +67,7 @@ def make_surface(mesh: Mesh, order: NDArray[np.int32]) -> Surface:
         normals,
         np.concatenate([colours[:, 0], np.zeros((1, 3), np.float32)]),
         kinds,
-        paint.reshape(-1, 12),
+        attributes.reshape(-1, 12),
     )
 
 

@@ -52,11 +52,11 @@ class SoftwareRenderer(Renderer):
         """Another renderer of the same mesh with buffers of its own, for another thread."""
         return self._with(self._surface)
 
-    def culled(self, pose: Pose) -> SoftwareRenderer:
+    def cull(self, pose: Pose) -> SoftwareRenderer:
         """A renderer without faces hidden at a pose, for poses within ``CULLED_PX`` of it."""
         return self._with(make_surface(self.mesh, self._surface.order[~self._hidden(pose)]))
 
-    def reduced(self, faces: int) -> SoftwareRenderer:
+    def decimate(self, faces: int) -> SoftwareRenderer:
         """A renderer of the model with at most this number of triangles, or of it as it is."""
         if len(self.mesh.faces) <= faces:
             return self.clone()
@@ -73,7 +73,7 @@ class SoftwareRenderer(Renderer):
         face_ids[top:bottom, left:right] = np.where(ids >= 0, self._surface.order[ids], -1)
         return AttributeImage(face_ids, reflectance, normals)
 
-    def covers(self, pose: Pose) -> NDArray[np.bool_]:
+    def render_mask(self, pose: Pose) -> NDArray[np.bool_]:
         """(height, width): where the model is seen; ``render(pose).mask``, sooner."""
         self._rasterise(pose)
         return self._ids[:, : pose.camera.width] >= 0
@@ -158,21 +158,21 @@ class SoftwareRenderer(Renderer):
         self._surface, count_of_levels = surface, self._textures.table.shape[1]
         faces, vertices = len(surface.faces), surface.vertices.shape[1]
         planes = np.zeros((faces + 1, rasterise.PLANE), np.float32)
-        paints = np.zeros((len(surface.paint), rasterise.PAINT), np.float32)
+        varyings = np.zeros((len(surface.attributes), rasterise.VARYING), np.float32)
         levels = np.zeros(faces + 1, np.int32)
         colours = surface.colours.copy()
         planes[:-1, rasterise.GREY] = colours[:-1] @ GREY_WEIGHTS
         varied, kinds = surface.kinds != rasterise.PLAIN, -surface.kinds.astype(np.float32)
         planes[:-1, rasterise.GREY][varied] = colours[:-1, 0][varied] = kinds[varied]
-        painting = surface.kinds, surface.paint, self._texel_areas[surface.order]
+        shading = surface.kinds, surface.attributes, self._texel_areas[surface.order]
         self._workspace = (
             np.empty((2, vertices), np.int32),
             np.empty(vertices, np.float32),
             np.empty(faces, np.int32),
             planes,
-            (*painting, count_of_levels, paints, levels),
+            (*shading, count_of_levels, varyings, levels),
         )
-        self._of_faces = planes, colours, bool(varied.any()), paints, levels
+        self._of_faces = planes, colours, bool(varied.any()), varyings, levels
         self._of_textures = surface.colours, surface.face_texture, *self._textures
         self._make_picture(0, 0)
 

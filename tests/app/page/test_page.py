@@ -1,7 +1,5 @@
 """The page as viser is told of it: notices and lines."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

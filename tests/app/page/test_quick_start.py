@@ -15,7 +15,7 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.scene.assets import ModelFile
-from poseviewer.starts.placing import framed, look_from, surface_point
+from poseviewer.starts.placing import fit_into_rectangle, look_from, surface_point
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage
 
@@ -55,7 +55,7 @@ def test_four_point_pairs_place_the_model(browser: Browser, tmp_path: Path):
     model, truth = load_model(case.model), load_pose(case.truth, *PHOTO).pose
     camera = load_photo(case.photo).default_camera()
     now = look_from("three-quarter", model.mesh, model.keypoints, camera)
-    drawn = framed(now, model.mesh, Rectangle(0, 0, *PHOTO).grown(-ALONE_MARGIN))
+    drawn = fit_into_rectangle(now, model.mesh, Rectangle(0, 0, *PHOTO).expand(-ALONE_MARGIN))
     with AppProcess(tmp_path, case.photo, case.model) as app, AppPage(browser, app.url) as page:
         page.wait_for_text("at this pose")
         page.page.get_by_text("Quick start", exact=True).click()

@@ -57,7 +57,7 @@ def test_each_number_has_the_deviation_of_poses_drawn_by_the_covariance() -> Non
     covariance = session.covariance_in(0)
     assert covariance is not None
     draws = np.random.default_rng(1).multivariate_normal(np.zeros(7), covariance.matrix, 4000)
-    drawn = [list(pose_numbers(covariance.moved(draw)).values()) for draw in draws]
+    drawn = [list(pose_numbers(covariance.pose_at(draw)).values()) for draw in draws]
     said = deviations_of(session)
     assert list(said) == list(pose_numbers(session.document.pose))
     np.testing.assert_allclose(list(said.values()), np.std(drawn, axis=0), rtol=0.05)

@@ -58,7 +58,7 @@ def test_another_view_turns_and_shifts_it() -> None:
     random = np.random.default_rng(0)
     moved = []
     for deviation in random.multivariate_normal(np.zeros(7), here, 400):
-        pose = plain.moved(deviation)
+        pose = plain.pose_at(deviation)
         scale = place.scale * np.exp(deviation[6])
         other = document.at_pose(pose, scale=scale).scene.pose(0, 1)
         moved.append([*sure.deviation(other)[:6], deviation[6]])

@@ -123,7 +123,7 @@ def ended_search(scene, columns: int = WIDTH // 2) -> Session:
 
 def share_seen(document: Document, mask: Mask | None) -> float:
     """The share of the active model that a mask leaves."""
-    covered = SoftwareRenderer(document.mesh).covers(document.pose)
+    covered = SoftwareRenderer(document.mesh).render_mask(document.pose)
     return 1.0 if mask is None else float(np.mean(mask.weights[covered] > 0.0))
 
 
@@ -205,7 +205,7 @@ def test_what_is_saved_as_seen_is_what_the_mask_leaves(scene):
         assert record.seen is not None
         assert 0.2 < record.seen < 0.8
         assert record.seen == pytest.approx(share_seen(now.document, mask), abs=0.03)
-        assert verdict_of(now.document.object) == record.verdict.word
+        assert verdict_of(now.document.object) == record.verdict.label
     # Painting asks for another search, and takes its word from the one before.
     painted = after(session, c.accept_search(), brush((150.0, 10.0)))
     assert record_of(painted).seen is None

@@ -22,7 +22,7 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.assets import ModelFile
-from poseviewer.starts.automatic import Proposal
+from poseviewer.starts.automatic import PoseHypothesis
 from tests.app.state import edits as c
 from tests.app.state.documents import (
     CAR,
@@ -38,7 +38,7 @@ POSES = tuple(
     Pose(PERSPECTIVE, RigidTransform.from_rotation_vector([turn, 0.1, 0.2], [0.1, 0.0, 7.0]))
     for turn in (0.1, 1.0, 2.0)
 )
-STARTS = tuple(Proposal(pose, 1.0, 0.3) for pose in POSES)
+STARTS = tuple(PoseHypothesis(pose, 1.0, 0.3) for pose in POSES)
 OUTLINES = tuple(
     np.array([[[20.0, 30.0 + i], [60.0, 30.0]], [[60.0, 30.0], [60.0, 50.0]]]) for i in range(3)
 )

@@ -87,7 +87,7 @@ def test_a_search_finds_the_pose_in_all_photos_and_says_of_each(session: Session
     result = asked.document.object.result
     assert result is not None
     assert result.verdict is not None
-    assert [one.word for one in (result.verdict, *result.verdict.views)] == ["found"] * 4
+    assert [one.label for one in (result.verdict, *result.verdict.views)] == ["found"] * 4
     for index in range(3):
         seen = after(asked, show_view(index))
         assert pose_error(MESH, seen.document.pose, TRUTH[index]).percent < 1.0

@@ -12,7 +12,7 @@ from poseviewer.render.gpu import device as device_of
 from poseviewer.render.gpu import gpu_renderer as gpu_renderer
 from poseviewer.render.gpu.gpu_renderer import GpuRenderer
 from poseviewer.render.pool import RendererPool
-from poseviewer.render.pyramid.levels import smaller
+from poseviewer.render.pyramid.levels import downsample
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.structure import make_structure
@@ -96,7 +96,7 @@ def test_a_pool_judges_together_what_threads_ask_meanwhile(monkeypatch):
         return judge(self, poses, photo)
 
     monkeypatch.setattr(GpuRenderer, "moments_at", counted)
-    photo = smaller(make_photo("region", np.random.default_rng(1)), 2)
+    photo = downsample(make_photo("region", np.random.default_rng(1)), 2)
     poses = make_poses(60)
     with RendererPool(GpuRenderer(MESHES["box"]), 2) as pool:
         found = list(pool.map(lambda own, pose: own.moments(pose, photo).weight, poses))

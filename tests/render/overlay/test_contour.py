@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.overlay.contour import (
-    SMALLEST_HOLE,
+    MIN_HOLE_PX,
     Sketch,
+    is_within_outline,
     quick_silhouette,
     silhouette,
-    within,
 )
 from poseviewer.render.overlay.window import Window
 from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -98,7 +98,7 @@ def test_nothing_in_sight_has_no_outline():
 def test_holes_are_drawn_unless_they_are_small():
     covered = np.ones((100, 100), bool)
     covered[30:60, 30:60] = False
-    small = int(SMALLEST_HOLE) // 4
+    small = int(MIN_HOLE_PX) // 4
     covered[80 : 80 + small, 80 : 80 + small] = False
     segments = silhouette(covered, Window(0, 0, 100, 100))
     assert_closed(segments)
@@ -114,9 +114,9 @@ def test_within_is_the_hull_and_a_margin(reach):
     for angle in np.linspace(0.0, 6.0, 13):
         way = np.array([math.cos(angle), math.sin(angle)])
         centre = np.array([330.0, 230.0])
-        assert within(centre + way * (80.0 + reach - 1.0), pose, BALL, reach)
-        assert not within(centre + way * (80.0 + reach + 1.0), pose, BALL, reach)
-    assert not within(np.array([np.nan, 230.0]), pose, BALL, reach)
+        assert is_within_outline(centre + way * (80.0 + reach - 1.0), pose, BALL, reach)
+        assert not is_within_outline(centre + way * (80.0 + reach + 1.0), pose, BALL, reach)
+    assert not is_within_outline(np.array([np.nan, 230.0]), pose, BALL, reach)
 
 
 def test_nothing_is_within_a_model_behind_the_camera():
@@ -124,8 +124,8 @@ def test_nothing_is_within_a_model_behind_the_camera():
         Perspective(100.0, 100.0, 50.0, 50.0, 100, 100),
         RigidTransform(np.eye(3), np.array([0.0, 0.0, -5.0])),
     )
-    assert not within(np.array([50.0, 50.0]), behind, make_box(), 10.0)
-    assert not Sketch(make_box()).covers(behind).any()
+    assert not is_within_outline(np.array([50.0, 50.0]), behind, make_box(), 10.0)
+    assert not Sketch(make_box()).render_mask(behind).any()
 
 
 @pytest.mark.parametrize("mesh", [make_box(), BALL])
@@ -134,7 +134,7 @@ def test_a_sketch_covers_what_the_rasteriser_covers(mesh, depth):
     turn, place = [0.4, -0.7, 0.2], [0.05 * depth, -0.02 * depth, depth]
     camera = Perspective(500.0, 500.0, 310.0, 250.0, 640, 480)
     pose = Pose(camera, RigidTransform.from_rotation_vector(turn, place))
-    sketched, drawn = (make(mesh).covers(pose) for make in (Sketch, SoftwareRenderer))
+    sketched, drawn = (make(mesh).render_mask(pose) for make in (Sketch, SoftwareRenderer))
     assert sketched.any()
     if depth > 1.0:  # else the camera is in the model
         assert np.sum(sketched & drawn) > 0.97 * np.sum(sketched | drawn) > 1000

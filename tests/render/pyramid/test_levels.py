@@ -8,8 +8,8 @@ import pytest
 from poseviewer.geometry.camera import Parallel, Perspective, Pose, level_pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.pyramid.levels import (
+    downsample,
     make_level,
-    smaller,
 )
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes
@@ -59,7 +59,7 @@ def test_sizes_are_those_of_level_poses_and_the_mean_stays(width, height, factor
         clipped=False,
         colour_reflectance=True,
     )
-    small = smaller(photo, factor)
+    small = downsample(photo, factor)
     pose = Pose(
         Perspective(300.0, 300.0, width / 2, height / 2, width, height), RigidTransform.identity()
     )
@@ -75,7 +75,7 @@ def test_what_does_not_count_does_not_show_in_a_coarser_pixel():
     weights = np.ones((8, 8), np.float32)
     weights[:, 3:] = 0.0
     channels[:, 3:] = np.nan
-    small = smaller(PhotoAttributes(channels, weights), 2)
+    small = downsample(PhotoAttributes(channels, weights), 2)
     assert small.weights.shape == (4, 4)
     assert small.weights[0] == pytest.approx([1.0, 0.5, 0.0, 0.0])
     assert small.channels[:, :2] == pytest.approx(np.full((4, 2, 3), 0.25))
@@ -87,10 +87,10 @@ def test_a_large_photo_is_reduced_in_strips_that_show_nowhere(monkeypatch):
     weights = random.integers(0, 2, (1500, 1001)).astype(np.float32)
     channels = random.random((1500, 1001, 3), dtype=np.float32)
     photo = PhotoAttributes(channels, weights)
-    whole = smaller(photo, 7)
+    whole = downsample(photo, 7)
     monkeypatch.setattr("poseviewer.render.pyramid.levels.STRIP_PIXELS", 50_000)
     tracemalloc.start()
-    striped = smaller(photo, 7)
+    striped = downsample(photo, 7)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     np.testing.assert_array_equal(striped.channels, whole.channels)

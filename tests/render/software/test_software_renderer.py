@@ -169,7 +169,7 @@ NESTED = SoftwareRenderer(merged(SHAPE, replace(SHAPE, vertices=0.7 * SHAPE.vert
 def test_near_a_pose_nothing_of_what_it_hides_is_missed(parallel, seed):
     random = np.random.default_rng(seed)
     pose = random_pose(random, parallel)
-    culled = NESTED.culled(pose)
+    culled = NESTED.cull(pose)
     across, down = random.uniform(-0.7, 0.7, 2)
     camera = pose.camera
     moved = replace(camera, cx=camera.cx + across, cy=camera.cy + down)

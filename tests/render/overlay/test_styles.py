@@ -9,13 +9,13 @@ import pytest
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.overlay import LOOKS
+from poseviewer.render.overlay import RENDER_STYLES
 from poseviewer.render.overlay.edges import find_lines
-from poseviewer.render.overlay.looks import LINE_COLOUR, ModelInPhoto, draw_look
 from poseviewer.render.overlay.residual import (
     diverging_colours,
     paint_residual,
 )
+from poseviewer.render.overlay.styles import LINE_COLOUR, ModelInPhoto, draw_style
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import AttributeImage
 from tests.meshes import make_box, make_mesh, make_sphere, merged
@@ -41,7 +41,7 @@ def cyan(picture) -> np.ndarray:
 
 def test_of_a_cube_nine_edges_are_drawn_and_three_are_hidden():
     mesh, pose = make_box((2.0, 2.0, 2.0)), cube_pose()
-    drawn = cyan(draw_look("edges", make_view(mesh, pose)))
+    drawn = cyan(draw_style("edges", make_view(mesh, pose)))
     corners = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
     edges = [(a, b) for a, b in itertools.combinations(corners, 2) if np.abs(a - b).sum() == 2]
     strengths = []
@@ -108,7 +108,7 @@ def test_a_ball_before_a_ball_has_an_outline_of_its_own():
     mesh = merged(ball, replace(ball, vertices=ball.vertices * 0.4 - [0.0, 0.0, 2.0]))
     camera = Parallel(80, 120, 120, SIZE, SIZE)
     pose = Pose(camera, RigidTransform.from_rotation_vector([0, 0, 0], [0, 0, 5]))
-    drawn = cyan(draw_look("edges", make_view(mesh, pose)))
+    drawn = cyan(draw_style("edges", make_view(mesh, pose)))
     for angle in np.linspace(0, 2 * np.pi, 17):
         u, v = (120 + 32 * np.array([np.cos(angle), np.sin(angle)])).astype(int)
         assert drawn[v - 1 : v + 2, u - 1 : u + 2].max() > 0.5
@@ -130,18 +130,18 @@ def test_relit_shows_the_relit_model_and_the_photo_beside_it():
 
     view = make_view(make_box((2.0, 2.0, 2.0)), cube_pose(), relight)
     mask = view.renderer.render(view.pose).mask
-    picture = draw_look("relit", view)
+    picture = draw_style("relit", view)
     assert np.all(picture[mask] == 255)
     assert np.array_equal(picture[~mask], view.photo[~mask])
 
 
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("look", RENDER_STYLES)
 def test_photo_is_untouched_away_from_the_model(look):
     view = make_view(
         make_box((2.0, 2.0, 2.0)), cube_pose(), lambda image: np.zeros((*image.mask.shape, 3))
     )
     before = view.photo.copy()
-    picture = draw_look(look, view)
+    picture = draw_style(look, view)
     assert picture.shape == view.photo.shape
     assert picture.dtype == np.uint8
     assert np.array_equal(view.photo, before)
@@ -152,7 +152,7 @@ def test_photo_is_untouched_away_from_the_model(look):
 def test_the_photo_s_border_is_not_an_outline():
     camera = Perspective(300, 300, 0, SIZE / 2, SIZE, SIZE)
     pose = Pose(camera, RigidTransform.from_rotation_vector([0, 0, 0], [0, 0, 5]))
-    drawn = cyan(draw_look("outline", make_view(make_box((2.0, 2.0, 2.0)), pose)))
+    drawn = cyan(draw_style("outline", make_view(make_box((2.0, 2.0, 2.0)), pose)))
     top, bottom = pose.project([[0.0, -1.0, -1.0], [0.0, 1.0, -1.0]])[:, 1].round().astype(int)
     assert drawn[top + 5 : bottom - 5, :4].max() == 0.0
     assert drawn[top - 2 : top + 2, 0].max() > 0.5
@@ -170,5 +170,5 @@ def test_any_pose_and_any_small_photo_can_be_drawn(position, size):
     view = make_view(
         make_box((2.0, 2.0, 2.0)), pose, lambda image: np.zeros((*image.mask.shape, 1))
     )
-    for look in LOOKS:
-        assert draw_look(look, view).shape == (size[1], size[0], 3)
+    for look in RENDER_STYLES:
+        assert draw_style(look, view).shape == (size[1], size[0], 3)

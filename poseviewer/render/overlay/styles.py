@@ -49,8 +49,8 @@ class ModelInPhoto:
     """Opacity of the look ``solid``, in [0, 1]."""
 
 
-def draw_look(name: str, view: ModelInPhoto) -> Picture:
-    """Draw the photo (H, W, 3) with the model in the look ``name``, one of ``overlay.LOOKS``."""
+def draw_style(name: str, view: ModelInPhoto) -> Picture:
+    """Draw the photo (H, W, 3) with the model in a render style, one of ``RENDER_STYLES``."""
     window = None if name == "none" else model_window(view.mesh, view.pose)
     if window is None:
         return view.photo.copy()

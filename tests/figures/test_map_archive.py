@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError
-from poseviewer.figures.loss_maps import LossMaps
+from poseviewer.figures.map_archive import LossMaps
 from poseviewer.fit.loss import LossScale
 from poseviewer.fit.slices import Slice
-from poseviewer.geometry.arrays import frozen_array
+from poseviewer.geometry.arrays import freeze_array
 
 SCALE = LossScale(most=1, colours=1, has_edges=False)
 PAIRS = ((0, 1), (0, 2), (1, 2))
@@ -29,7 +29,7 @@ def make_maps(*sizes: int) -> LossMaps:
         losses[1:2, 2:3] = np.nan
         x, y = (np.linspace(start, start + 1, size) for start in (i, j))
         slices.append(Slice(i, j, x, y, losses))
-    centre, scales = frozen_array(np.arange(3) + 0.5, (3,)), frozen_array([0.1, 0.2, 1.0], (3,))
+    centre, scales = freeze_array(np.arange(3) + 0.5, (3,)), freeze_array([0.1, 0.2, 1.0], (3,))
     return LossMaps(slices, NAMES, centre, scales, SCALE, "About a pose", "p.jpg")
 
 

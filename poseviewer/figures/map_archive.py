@@ -1,13 +1,13 @@
-"""The loss about a pose, as maps that can be written to files.
+"""Maps of the loss about a pose, and their archives.
 
-Numbers are pickle-free archives (.npz). Keys, with d numbers of the chart, P pairs and grids of
-k x k points:
+Archives are pickle-free (.npz). Keys, with d parameters of the chart, P pairs and grids of k x k
+points:
 
-- ``names`` (d,) text and ``centre``, ``spans`` (d,): the chart's numbers, the pose in the middle,
-  and what counts as 100 % there;
-- ``photo``, text: which photo the numbers belong to, as taken or undistorted;
-- ``pairs`` (P, 2): the indices (first, second) of each slice's two numbers;
-- ``first_values``, ``second_values`` (P, k): what they take;
+- ``names`` (d,) text and ``centre``, ``spans`` (d,): the chart's parameters, the pose in the
+  middle, and what counts as 100 % there;
+- ``photo``, text: which photo the parameters belong to, as taken or undistorted;
+- ``pairs`` (P, 2): the indices (first, second) of each slice's two parameters;
+- ``first_values``, ``second_values`` (P, k): their values;
 - ``losses`` (P, k, k): row by the second number, column by the first; nan where not evaluated.
 """
 
@@ -32,19 +32,19 @@ from poseviewer.geometry.image import Photo
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LossMaps:
-    """The loss about a pose: a slice for every two of its numbers."""
+    """Loss about a pose: a slice for every two of its parameters."""
 
     slices: Sequence[Slice]
     names: tuple[str, ...]
     centre: FloatArray
-    """(d,): the pose in the middle."""
+    """(d,): parameters of the pose in the middle."""
     scales: FloatArray
-    """(d,): what counts as 100 % of each number."""
+    """(d,): what counts as 100 % of each parameter."""
     loss_scale: LossScale
-    """Scale of the sheet; the numbers are the losses themselves."""
+    """Scale of the sheet; archives have the losses themselves."""
     title: str = ""
     photo: str = ""
-    """Which photo it is, as files say it."""
+    """Name of the photo in files."""
 
     @classmethod
     def about(
@@ -73,9 +73,13 @@ class LossMaps:
         return cls(slices, chart.names, centre, scales, problem.scale, title, text)
 
     def as_bytes(self, kind: str) -> bytes:
-        """Encode a sheet (png, pdf, svg) or numbers (npz), or raise ``ValueError`` else."""
+        """Encode a sheet (png, pdf, svg) or an archive (npz).
+
+        Raises:
+            ValueError: there is no such kind of files.
+        """
         if kind == "npz":
-            return self._numbers()
+            return self._archive()
         # Half a second of Matplotlib, which opening the app need not wait for.
         from poseviewer.figures.landscape_sheet import figure_bytes, make_landscape_sheet
 
@@ -88,8 +92,8 @@ class LossMaps:
         )
         return figure_bytes(sheet, kind)
 
-    def _numbers(self) -> bytes:
-        """An archive of all slices, the coarser ones on the grid of the finest."""
+    def _archive(self) -> bytes:
+        """Encode all slices, the coarser ones on the grid of the finest."""
         memory = BytesIO()
         steps = int(np.lcm.reduce([len(piece.first_values) - 1 for piece in self.slices]))
         grids = [_on_grid(piece, steps) for piece in self.slices]
@@ -108,7 +112,11 @@ class LossMaps:
         return memory.getvalue()
 
     def save(self, path: str | Path) -> None:
-        """Write a sheet of maps (.png, .pdf, .svg) or the numbers (.npz), or ``SettingsError``."""
+        """Write a sheet of maps (.png, .pdf, .svg) or an archive (.npz).
+
+        Raises:
+            SettingsError: the ending is another one, or the file cannot be written.
+        """
         path = Path(path)
         try:
             content = self.as_bytes(path.suffix[1:].lower() or "png")
@@ -121,10 +129,10 @@ class LossMaps:
 
 
 def _on_grid(piece: Slice, steps: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Values (k,) twice and losses (k, k) of a slice, k = ``steps`` + 1: nan between its own."""
+    """Return values (k,) twice and losses (k, k) of a slice, k = ``steps`` + 1: nan between."""
     stride = steps // max(len(piece.first_values) - 1, 1) or 1
     losses = np.full((steps + 1, steps + 1), np.nan)
     losses[::stride, ::stride] = piece.losses
-    own, shares = np.arange(0, steps + 1, stride), np.arange(steps + 1)
-    first, second = (np.interp(shares, own, of) for of in (piece.first_values, piece.second_values))
+    known, grid = np.arange(0, steps + 1, stride), np.arange(steps + 1)
+    first, second = (np.interp(grid, known, v) for v in (piece.first_values, piece.second_values))
     return first, second, losses
