@@ -87,11 +87,11 @@ def for_one_thread(make: Callable[[SoftwareRenderer], R]) -> Callable[..., R]:
 
 def prepare(mesh: Mesh) -> Iterator[Preparation]:
     """Make ready kernels and renderer of a model; raises ``SettingsError``: none are compiled."""
-    from poseviewer.render.software.compiled import compiling, kernels_are_compiled
+    from poseviewer.render.software.compiled import compile_steps, kernels_are_compiled
 
     try:
         if not kernels_are_compiled():
-            yield from map(Preparation, compiling())
+            yield from map(Preparation, compile_steps())
         renderer_of(mesh)
     except Exception as error:
         raise SettingsError(f"{COMPILING_FAILED} ({sentence_of(error)}).") from error

@@ -22,7 +22,7 @@ from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.gpu.device import GROUPS, gpu_device
 from poseviewer.render.software.rasterise import GUARD_PX
-from poseviewer.render.software.software_renderer import SoftwareRenderer, camera_numbers
+from poseviewer.render.software.software_renderer import SoftwareRenderer, camera_entries
 from poseviewer.render.structure import MARGIN_PX
 from poseviewer.render.types import Moments, PhotoAttributes
 
@@ -136,7 +136,7 @@ class GpuRenderer(SoftwareRenderer):
             given = np.zeros(len(numbers), POSE)
             given["box"] = boxes[numbers]
             given["camera"] = [
-                camera_numbers(poses[i], self._surface.centre, self._near) for i in numbers
+                camera_entries(poses[i], self._surface.centre, self._near) for i in numbers
             ]
             given["weighs"] = np.where(given["camera"][:, 16] > 0.0, 1.0, -1.0)
             areas = given["box"][:, 2].astype(np.int64) * given["box"][:, 3]

@@ -1,6 +1,6 @@
-"""Compiling the kernels, which an earlier run on this machine has mostly done.
+"""Compile the kernels, as an earlier run on this machine has mostly done.
 
-The compiler holds the interpreter: so other processes compile, each a part, and this one loads.
+The compiler holds the interpreter's lock: other processes compile parts, and this one loads them.
 """
 
 import subprocess
@@ -20,41 +20,43 @@ from poseviewer.render.structure import make_structure
 from poseviewer.render.types import PhotoAttributes
 
 HELPERS = ("compile_drawing", "compile_sums")
-"""Functions by which other processes compile, in the order of need; they take as long."""
-SIDE, LOOK_S = 16, 0.2
-"""Side (px) of the image that kernels are compiled with; pause between looks at the helpers."""
+"""Functions by which other processes compile, which take about the same time."""
+SIDE_PX = 16
+"""Side of the image that kernels are compiled with."""
+POLL_S = 0.2
+"""Pause between looks at the helpers."""
 
 
-def compiled_share() -> float:
-    """Share of this version's kernels whose machine code earlier runs left, in [0, 1]."""
+def compilation_progress() -> float:
+    """Return the share of kernels whose machine code earlier runs left, in [0, 1]."""
     return sum(map(is_compiled, KERNELS)) / len(KERNELS)
 
 
 def kernels_are_compiled() -> bool:
-    """Whether an earlier run left machine code for this version of the kernels."""
-    return compiled_share() == 1.0
+    """Tell whether an earlier run left machine code for this version of the kernels."""
+    return compilation_progress() == 1.0
 
 
 def compile_kernels() -> None:
     """Compile what is not compiled yet."""
     if not kernels_are_compiled():
-        deque(compiling(), maxlen=0)
+        deque(compile_steps(), maxlen=0)
 
 
-def compiling() -> Iterator[float]:
+def compile_steps() -> Iterator[float]:
     """Compile what is not compiled yet, and load it all; yields the compiled share, at last 1."""
     helpers: list[subprocess.Popen[bytes]] = []
     try:
         if sys.executable and not kernels_are_compiled():
             helpers = [_helper(work) for work in HELPERS]
         while any(helper.poll() is None for helper in helpers):
-            yield compiled_share()
-            time.sleep(LOOK_S)
+            yield compilation_progress()
+            time.sleep(POLL_S)
     finally:
         for helper in helpers:
             helper.kill()
             helper.wait()
-    # What the others did is only read; what they did not is done now.
+    # This loads what the helpers compiled, and compiles the rest.
     compile_drawing()
     compile_sums()
     yield 1.0
@@ -68,8 +70,8 @@ def compile_drawing() -> None:
 def compile_sums() -> None:
     """Compile or load the kernels that add up moments."""
     renderer = _Blank(_triangle())
-    grey = np.zeros((SIDE, SIDE, 1), np.float32)
-    weights, colours = np.ones((SIDE, SIDE), np.float32), np.tile(grey, 3)
+    grey = np.zeros((SIDE_PX, SIDE_PX, 1), np.float32)
+    weights, colours = np.ones((SIDE_PX, SIDE_PX), np.float32), np.tile(grey, 3)
     structure = make_structure(colours, weights)
     renderer.moments(_pose(), PhotoAttributes(colours, weights, False, structure=structure))
     renderer.moments(_pose(), PhotoAttributes(grey, weights))
@@ -97,4 +99,6 @@ def _triangle() -> Mesh:
 
 
 def _pose() -> Pose:
-    return Pose(Parallel(1.0, 0.5 * SIDE, 0.5 * SIDE, SIDE, SIDE), RigidTransform.identity())
+    return Pose(
+        Parallel(1.0, 0.5 * SIDE_PX, 0.5 * SIDE_PX, SIDE_PX, SIDE_PX), RigidTransform.identity()
+    )

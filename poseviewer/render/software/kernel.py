@@ -17,11 +17,11 @@ import platformdirs
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 
 KERNELS: list[Any] = []
-"""All of them; those that others call stand before these."""
+"""All kernels; those that others call stand before these."""
 
 
 def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Decorate as ``numba.njit`` without the GIL, machine code kept in ``kernels_folder()``."""
+    """Decorate as ``numba.njit`` without the GIL; machine code is kept in ``kernels_folder()``."""
 
     def decorate(function: Callable[..., Any]) -> Any:
         compiled: Any = numba.njit(nogil=True, error_model="numpy", **options)(function)
@@ -33,16 +33,16 @@ def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
 
 def is_compiled(kernel: Any) -> bool:
-    """Whether machine code of a kernel is kept for this machine."""
+    """Tell whether machine code of a kernel is kept for this machine."""
     cache, machine = kernel._cache, kernel.targetctx.codegen().magic_tuple()
     return any(magic == machine for _, magic, _ in cache._cache_file._load_index())
 
 
 @lru_cache(maxsize=1)
 def kernels_folder() -> Path:
-    """Folder of machine code by the sources' hash, in ``NUMBA_CACHE_DIR`` or the user's cache.
+    """Return the folder of machine code by the sources' hash.
 
-    Where nothing can be written to, one of this process and those that it starts.
+    It is in ``NUMBA_CACHE_DIR`` or the user's cache, else one for this process and its children.
     """
     root = os.environ.get("NUMBA_CACHE_DIR")
     root = Path(root) if root else platformdirs.user_cache_path("poseviewer", appauthor=False)
@@ -51,15 +51,15 @@ def kernels_folder() -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
     except OSError:
-        os.environ["NUMBA_CACHE_DIR"] = own = tempfile.mkdtemp(prefix="poseviewer-")
-        atexit.register(shutil.rmtree, own, ignore_errors=True)
-        folder = Path(own)
+        os.environ["NUMBA_CACHE_DIR"] = temporary = tempfile.mkdtemp(prefix="poseviewer-")
+        atexit.register(shutil.rmtree, temporary, ignore_errors=True)
+        folder = Path(temporary)
     return folder
 
 
 @lru_cache(maxsize=1)
 def sources_hash() -> str:
-    """Hash of the kernels' sources and their compiler: equal in a copy, new after any change."""
+    """Hash the kernels' sources and their compiler: equal in a copy, new after any change."""
     digest = hashlib.sha256(numba.__version__.encode())
     for source in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(source.name.encode() + b"\0" + source.read_bytes())

@@ -1,5 +1,6 @@
-"""The surface laid out for the rasteriser: faces that are near one another lie together in memory,
-so that what one face reads of vertices and picture is at hand for the next.
+"""Surfaces laid out for the rasteriser: near faces lie together in memory.
+
+What one face reads of vertices and picture is then in the cache for the next.
 """
 
 from dataclasses import dataclass
@@ -31,24 +32,25 @@ class Surface:
     colours: NDArray[np.float32]
     """(F + 1, 3): RGB at the first corner, the colour of the whole face where it does not vary."""
     kinds: NDArray[np.uint8]
-    """(F,): what a face's reflectance is told by, see ``rasterise``."""
+    """(F,): PLAIN, GRADED or MAPPED, see ``rasterise``."""
     attributes: NDArray[np.float32]
-    """(F + 1, 12): of GRADED faces R, G, B, 1 at the three corners, of MAPPED ones u, v, 0, 1; of
-    others zeros. (1, 12) where there are none."""
+    """(F + 1, 12): R, G, B, 1 at the three corners of GRADED faces, u, v, 0, 1 of MAPPED ones,
+    zeros of others. (1, 12) where all are PLAIN."""
 
 
 def face_order(mesh: Mesh, seen: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """(F,): faces ``seen`` (F,) from outside first, which win at the same depth; then by the axis
-    that faces look along, then along Morton's curve (1966).
+    """Order faces: ``seen`` (F,) from outside first, which win at the same depth.
+
+    Then they go by the axis that faces look along, then along Morton's curve (1966).
     """
-    place = _along_curve(mesh.vertices[mesh.faces].mean(axis=1))
-    return np.lexsort((place, _direction(mesh), ~seen)).astype(np.int32)
+    code = _morton_codes(mesh.vertices[mesh.faces].mean(axis=1))
+    return np.lexsort((code, _facing_axes(mesh), ~seen)).astype(np.int32)
 
 
 def make_surface(mesh: Mesh, order: NDArray[np.int32]) -> Surface:
     """Lay out the faces of a mesh that are in ``order``."""
     corners, texture = mesh.faces[order], np.ascontiguousarray(mesh.face_texture[order])
-    used, faces = _in_order_of_use(corners, len(mesh.vertices))
+    used, faces = _number_by_use(corners, len(mesh.vertices))
     colours, uvs = mesh.colours[corners], mesh.uvs[corners]
     graded = np.any(colours != colours[:, :1], axis=(1, 2))
     kinds = np.where(texture >= 0, MAPPED, GRADED * graded).astype(np.uint8)
@@ -71,33 +73,33 @@ def make_surface(mesh: Mesh, order: NDArray[np.int32]) -> Surface:
     )
 
 
-def _in_order_of_use(
+def _number_by_use(
     faces: NDArray[np.int32], count: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """The vertices that faces (F, 3) use, as they come, and the faces in these."""
+    """Return the vertices that faces (F, 3) use, as they come, and the faces in these."""
     _, first = np.unique(faces, return_index=True)
     used = faces.reshape(-1)[np.sort(first)]
-    place = np.zeros(count, np.int32)
-    place[used] = np.arange(len(used))
-    return used, place[faces]
+    index = np.zeros(count, np.int32)
+    index[used] = np.arange(len(used))
+    return used, index[faces]
 
 
-def _direction(mesh: Mesh) -> NDArray[np.int64]:
-    """(F,): the axis, 0 to 5 for x, y, z, -x, -y, -z, that each face looks along most nearly."""
+def _facing_axes(mesh: Mesh) -> NDArray[np.int64]:
+    """Return (F,): the axis, 0 to 5 for x, y, z, -x, -y, -z, that each face looks along."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
     axis = np.argmax(np.abs(normal), axis=1)
     return axis + 3 * (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] < 0.0)
 
 
-def _along_curve(points: FloatArray) -> NDArray[np.int64]:
-    """(N,): order along Morton's curve (10 bits an axis), which keeps near things near."""
+def _morton_codes(points: FloatArray) -> NDArray[np.int64]:
+    """Return (N,): places along Morton's curve (10 bits an axis), which keeps near points near."""
     if len(points) == 0:
         return np.zeros(0, np.int64)
     low, extent = points.min(axis=0), np.ptp(points, axis=0).max()
     cells = ((points - low) * (1023.0 / extent if extent > 0.0 else 0.0)).astype(np.int64)
-    place = np.zeros(len(points), np.int64)
+    codes = np.zeros(len(points), np.int64)
     for bit in range(10):
         for axis in range(3):
-            place |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
-    return place
+            codes |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return codes

@@ -1,4 +1,4 @@
-"""The numba rasteriser as a ``Renderer``: everywhere, without a GPU or a display."""
+"""Numba rasteriser as a ``Renderer``: runs everywhere, without a GPU or a display."""
 
 from __future__ import annotations
 
@@ -27,18 +27,21 @@ from poseviewer.render.texture import TexturePyramid
 from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes, Renderer
 
 NEAR_PER_DIAMETER = 1e-3
-"""Nearer than this share of the model's diameter, nothing is drawn under perspective."""
-VIEW_PX, CULLED_PX = 256, 1
-"""Side of the pictures by which faces are seen from outside, and maximum image motion for which
-culled faces stay hidden, that of a search's end."""
+"""Share of the model's diameter nearer than which nothing is drawn under perspective."""
+VIEW_PX = 256
+"""Side of the pictures by which faces are seen from outside."""
+CULLED_PX = 1
+"""Image motion up to which culled faces stay hidden, that of a search's end."""
 NO_REGION = (False, 0.0, np.zeros(0), np.zeros((0, 0)))
-CACHE_LINE = 64  # bytes
+"""Region of photos that are clipped to the model."""
+CACHE_LINE_BYTES = 64
+"""Alignment of blocks of pixels."""
 
 Box = tuple[int, int, int, int]
 
 
 class SoftwareRenderer(Renderer):
-    """The rasteriser with its buffers. Not for two threads at once: give each a ``clone``."""
+    """Renderer with its buffers. Not for two threads at once: give each a ``clone``."""
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
@@ -46,27 +49,27 @@ class SoftwareRenderer(Renderer):
         self._textures = TexturePyramid.of(mesh.textures)
         self._texel_areas = self._textures.texel_areas(mesh)
         self._allocate(make_surface(mesh, face_order(mesh, np.ones(len(mesh.faces), bool))))
-        self._allocate(make_surface(mesh, face_order(mesh, self._seen_from_outside())))
+        self._allocate(make_surface(mesh, face_order(mesh, self._outer_faces())))
 
     def clone(self) -> SoftwareRenderer:
-        """Another renderer of the same mesh with buffers of its own, for another thread."""
+        """Return another renderer of the same mesh, for another thread."""
         return self._with(self._surface)
 
     def cull(self, pose: Pose) -> SoftwareRenderer:
-        """A renderer without faces hidden at a pose, for poses within ``CULLED_PX`` of it."""
-        return self._with(make_surface(self.mesh, self._surface.order[~self._hidden(pose)]))
+        """Return a renderer without faces hidden at a pose, for poses within ``CULLED_PX``."""
+        return self._with(make_surface(self.mesh, self._surface.order[~self._hidden_faces(pose)]))
 
     def decimate(self, faces: int) -> SoftwareRenderer:
-        """A renderer of the model with at most this number of triangles, or of it as it is."""
+        """Return a renderer of the model with at most this number of triangles, or as it is."""
         if len(self.mesh.faces) <= faces:
             return self.clone()
-        return _simplified(type(self), self.mesh, faces).clone()
+        return _simplify(type(self), self.mesh, faces).clone()
 
     def render(self, pose: Pose) -> AttributeImage:
-        """Visibility, reflectance and normals at every pixel centre."""
+        """Draw faces, reflectance and normals at every pixel centre."""
         size, rotation = (pose.camera.height, pose.camera.width), pose.camera_from_model.rotation
         reflectance, normals = np.zeros((*size, 3), np.float32), np.zeros((*size, 3), np.float32)
-        shade.shade(*self._rasterised(pose), rotation, reflectance, normals)
+        shade.shade(*self._draw(pose), rotation, reflectance, normals)
         left, top, right, bottom = self._drawn
         face_ids = np.full(size, -1, np.int32)
         ids = self._ids[top:bottom, left:right]
@@ -74,21 +77,21 @@ class SoftwareRenderer(Renderer):
         return AttributeImage(face_ids, reflectance, normals)
 
     def render_mask(self, pose: Pose) -> NDArray[np.bool_]:
-        """(height, width): where the model is seen; ``render(pose).mask``, sooner."""
+        """Return (height, width): where the model is seen, sooner than ``render`` does."""
         self._rasterise(pose)
         return self._ids[:, : pose.camera.width] >= 0
 
     def depth(self, pose: Pose) -> NDArray[np.float32]:
-        """(height, width): z in the camera of what is seen, in the model's unit; inf elsewhere."""
+        """Return (height, width): z in the camera, in the model's unit; inf beside the model."""
         self._rasterise(pose)
-        nearness = self._depth[:, : pose.camera.width]  # 1 / z, or -z in parallel projection
+        values = self._depth[:, : pose.camera.width]  # 1 / z, or -z in parallel projection
         if isinstance(pose.camera, Parallel):
-            return -nearness
-        depth = np.full(nearness.shape, np.inf, np.float32)
-        return np.divide(np.float32(1.0), nearness, out=depth, where=nearness > 0.0)
+            return -values
+        depth = np.full(values.shape, np.inf, np.float32)
+        return np.divide(np.float32(1.0), values, out=depth, where=values > 0.0)
 
     def level_moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
-        """Joint moments, added up in the kernel; by pictures for ``colour_reflectance``."""
+        """Compute joint moments in the kernel, or by pictures for ``colour_reflectance``."""
         if photo.colour_reflectance:
             return moments_of_images(self.render(pose), photo)
         if photo.structure is not None:
@@ -97,9 +100,9 @@ class SoftwareRenderer(Renderer):
         of_photo = (photo.planar, photo.weights), photo.origin, photo.model_channels
         rotation, n = pose.camera_from_model.rotation, photo.channels.shape[2]
         pixels, weight, mean, covariance = sums.moments(
-            *self._rasterised(pose), *of_photo, region, rotation
+            *self._draw(pose), *of_photo, region, rotation
         )
-        # They are ours alone: to freeze them here saves two copies for every pose.
+        # To freeze them here saves two copies for every pose.
         mean.flags.writeable = covariance.flags.writeable = False
         return Moments(pixels, weight, mean, covariance, n)
 
@@ -108,10 +111,10 @@ class SoftwareRenderer(Renderer):
     ) -> Moments:
         fixed, rotation = photo.photo_moments, pose.camera_from_model.rotation
         of_photo = photo.planar, structure.labels, len(structure.shares), photo.weights
-        visible = self._rasterised(pose)
+        visible = self._draw(pose)
         if self._kept is None:
             height, width = photo.weights.shape
-            planes = np.zeros((sums.PLANES, height + 2, width + 2), np.float32)
+            planes = np.zeros((shade.PLANES, height + 2, width + 2), np.float32)
             across = np.empty((2, height, width), np.float32)
             self._kept = np.zeros((height, 2), np.int64), planes, across
         edges = photo.edge_target, rotation, MODEL_NOISE, BLUR_TAPS, self._kept
@@ -129,17 +132,17 @@ class SoftwareRenderer(Renderer):
         return Moments(pixels, fixed.weight, mean, covariance, n, cosine, fixed.photo_whitening)
 
     def _with(self, surface: Surface) -> SoftwareRenderer:
-        """Another renderer of the same mesh, of which it draws the ``surface``."""
+        """Return another renderer of the same mesh, of which it draws the ``surface``."""
         other = object.__new__(type(self))
         other.mesh, other._near = self.mesh, self._near
         other._textures, other._texel_areas = self._textures, self._texel_areas
         other._allocate(surface)
         return other
 
-    def _hidden(self, pose: Pose) -> NDArray[np.bool_]:
-        """(F,): faces that show nowhere, all corners behind what is seen within ``CULLED_PX``."""
+    def _hidden_faces(self, pose: Pose) -> NDArray[np.bool_]:
+        """Find faces (F,) that show nowhere, all corners behind what is seen near by."""
         left, top, right, bottom = self._rasterise(pose)
-        screen, nearness = self._workspace[:2]
+        screen, depths = self._workspace[:2]
         columns, rows = screen // rasterise.SUBPIXELS - np.array([[left], [top]])
         free = (columns < 0) | (rows < 0) | (columns >= right - left) | (rows >= bottom - top)
         inside = np.flatnonzero(~free)
@@ -147,14 +150,14 @@ class SoftwareRenderer(Renderer):
             side = 2 * CULLED_PX + 1
             depth = np.ascontiguousarray(self._depth[top:bottom, left:right])
             farthest = cv2.erode(depth, np.ones((side, side), np.uint8))
-            free[inside] = nearness[inside] >= farthest[rows[inside], columns[inside]]
+            free[inside] = depths[inside] >= farthest[rows[inside], columns[inside]]
         hidden = ~free[self._surface.faces].any(axis=1)
         ids = self._ids[top:bottom, left:right]
         hidden[ids[ids >= 0]] = False
         return hidden
 
     def _allocate(self, surface: Surface) -> None:
-        """Draw this surface from now on."""
+        """Make the kernels' arrays for a surface, see ``rasterise`` and ``shade``."""
         self._surface, count_of_levels = surface, self._textures.table.shape[1]
         faces, vertices = len(surface.faces), surface.vertices.shape[1]
         planes = np.zeros((faces + 1, rasterise.PLANE), np.float32)
@@ -178,34 +181,34 @@ class SoftwareRenderer(Renderer):
 
     def _make_picture(self, width: int, height: int) -> None:
         self._size = width, height
-        self._depth = _aligned(height, width, np.float32, -np.inf)
-        self._ids = _aligned(height, width, np.int32, -1)
+        self._depth = _make_aligned(height, width, np.float32, -np.inf)
+        self._ids = _make_aligned(height, width, np.int32, -1)
         self._drawn: Box = (0, 0, 0, 0)
         self._kept: tuple[NDArray[Any], ...] | None = None
         """Workspace of ``structure_sums``, kept from pose to pose."""
 
-    def _rasterised(self, pose: Pose) -> tuple[Any, ...]:
+    def _draw(self, pose: Pose) -> tuple[Any, ...]:
         """Draw a pose; returns the first arguments of kernels that read the picture."""
         self._rasterise(pose)
         return self._drawn, self._ids, self._of_faces, self._of_textures
 
     def _rasterise(self, pose: Pose) -> Box:
-        """Fill the id buffer; returns the box outside which it is empty."""
+        """Fill the picture; returns the box outside which it is empty."""
         camera = pose.camera
         if self._size != (camera.width, camera.height):
             self._make_picture(camera.width, camera.height)
         self._drawn = rasterise.rasterise(
             self._drawn,
             (self._surface.vertices, self._surface.faces, self._surface.normals),
-            camera_numbers(pose, self._surface.centre, self._near),
+            camera_entries(pose, self._surface.centre, self._near),
             camera.width,
             self._workspace,
             (self._depth, self._ids),
         )
         return self._drawn
 
-    def _seen_from_outside(self) -> NDArray[np.bool_]:
-        """(F,): the mesh's faces that others do not hide all around."""
+    def _outer_faces(self) -> NDArray[np.bool_]:
+        """Find the mesh's faces (F,) that others do not hide all around."""
         seen = np.zeros(len(self.mesh.faces), bool)
         for pose in _views_around(self.mesh):
             self._rasterise(pose)
@@ -213,17 +216,17 @@ class SoftwareRenderer(Renderer):
         return seen
 
 
-def _aligned(height: int, width: int, kind: type, value: float) -> NDArray[Any]:
-    """A picture whose rows are whole blocks, each of which starts a line of the cache."""
+def _make_aligned(height: int, width: int, kind: type, value: float) -> NDArray[Any]:
+    """Make a picture whose rows are whole blocks, each of which starts a line of the cache."""
     width = -(-width // BLOCK) * BLOCK
     size = height * width
-    buffer = np.full(size + CACHE_LINE, value, kind)
-    skip = -(buffer.ctypes.data // buffer.itemsize) % (CACHE_LINE // buffer.itemsize)
+    buffer = np.full(size + CACHE_LINE_BYTES, value, kind)
+    skip = -(buffer.ctypes.data // buffer.itemsize) % (CACHE_LINE_BYTES // buffer.itemsize)
     return buffer[skip : skip + size].reshape(height, width)
 
 
 def _views_around(mesh: Mesh) -> Iterator[Pose]:
-    """The model filling a small picture, from its corners and from its sides."""
+    """Yield poses at which the model fills a small picture, from its corners and sides."""
     scale = 0.9 * VIEW_PX / max(mesh.diameter, 1e-300)
     camera = Parallel(scale, VIEW_PX / 2, VIEW_PX / 2, VIEW_PX, VIEW_PX)
     for direction in filter(any, product((-1.0, 0.0, 1.0), repeat=3)):
@@ -231,19 +234,20 @@ def _views_around(mesh: Mesh) -> Iterator[Pose]:
         yield Pose(camera, RigidTransform(rotation, -rotation @ mesh.centre))
 
 
-def camera_numbers(pose: Pose, centre: FloatArray, near: float) -> FloatArray:
-    """(17,): the pose as the kernels take it, for vertices about ``centre``."""
+def camera_entries(pose: Pose, centre: FloatArray, near: float) -> FloatArray:
+    """Return the pose as kernels take it (CAMERA,), for vertices about ``centre``."""
     camera, transform = pose.camera, pose.camera_from_model
-    numbers = np.empty(17)
-    numbers[:9] = transform.rotation.ravel()
-    numbers[9:12] = transform.rotation @ centre + transform.translation
+    numbers = np.empty(rasterise.CAMERA)
+    numbers[: rasterise.TRANSLATION] = transform.rotation.ravel()
+    shift = transform.rotation @ centre + transform.translation
+    numbers[rasterise.TRANSLATION : rasterise.FOCAL] = shift
     if isinstance(camera, Perspective):
-        numbers[12:] = camera.fx, camera.fy, camera.cx, camera.cy, max(near, 1e-300)
+        numbers[rasterise.FOCAL :] = camera.fx, camera.fy, camera.cx, camera.cy, max(near, 1e-300)
     else:
-        numbers[12:] = camera.scale, camera.scale, camera.cx, camera.cy, 0.0
+        numbers[rasterise.FOCAL :] = camera.scale, camera.scale, camera.cx, camera.cy, 0.0
     return numbers
 
 
 @lru_cache(maxsize=8)
-def _simplified(kind: type[SoftwareRenderer], mesh: Mesh, faces: int) -> SoftwareRenderer:
+def _simplify(kind: type[SoftwareRenderer], mesh: Mesh, faces: int) -> SoftwareRenderer:
     return kind(simplify(mesh, faces))

@@ -1,12 +1,11 @@
-"""The moments of photo and model, in one call for a pose. Arrays in, arrays out, without the GIL.
+"""Moments of photo and model, in one call for a pose. Arrays in, arrays out, without the GIL.
 
-Between calls a thread needs the interpreter's lock, and who waits for it is woken late: with a call
-for each part of the work two threads were no quicker than one on coarse pyramid levels.
+Between calls a thread waits for the interpreter's lock: with a call for each part of the work two
+threads were no quicker than one on coarse pyramid levels.
 
-``moments`` adds up attributes row by row, while they are worked out; of no picture are they kept.
-``structure_sums`` compares a photo's classes and edges with the model's, from planes of
-attributes (unit normals, grey reflectance, coverage, and R, G, B) with a rim of one pixel of zeros,
-see ``shade.fill_planes``; ``spans`` (height, 2) are the columns of each row that the model is in.
+``moments`` adds up attributes row by row, while they are computed. ``structure_sums`` compares a
+photo's classes and edges with the model's, from planes of attributes with a rim of one pixel of
+zeros, see ``shade.fill_planes``; ``spans`` (height, 2) are the columns of each row with the model.
 """
 
 import math
@@ -15,10 +14,20 @@ from typing import Any
 import numpy as np
 
 from poseviewer.render.software.kernel import kernel
-from poseviewer.render.software.shade import TINY, fill_planes, fill_row, make_row, span
+from poseviewer.render.software.shade import (
+    COVERAGE,
+    GREY_REFLECTANCE,
+    NORMAL,
+    RED,
+    TINY,
+    fill_planes,
+    fill_row,
+    make_row,
+    span,
+)
 
-GREY, COVERAGE, RED, PLANES = 3, 4, 5, 8  # planes; 0 to 2 are the normal
-EDGE_PLANES = 5  # edges are found in the first five
+EDGE_PLANES = 5
+"""Planes in which edges are found: normal, grey reflectance and coverage."""
 
 _jit: Any = kernel()
 # Sums alone may be taken in another order (lanes of a vector); rows are short, so it costs nothing.
@@ -28,16 +37,27 @@ _jit_fast: Any = kernel(fastmath=True)
 
 @_jit
 def moments(box, ids, of_faces, textures, photo, photo_origin, model, region, rotation):
-    """The moments of photo and model: pixels, their weight, mean (n + m,) and covariance.
+    """Compute the moments of photo and model.
 
-    ``photo`` is F (n, height, width), about ``photo_origin`` (n,), and weights; ``model`` is m,
-    with 5 the last attribute being 1 on the model; ``region`` whether P is the whole of it, and its
-    ``PhotoSums``.
+    Args:
+        box: (left, top, right, bottom), ends excluded.
+        ids: (height, width) int32 of the picture.
+        of_faces: see ``shade``.
+        textures: see ``shade``.
+        photo: (F (n, height, width) float32, weights (height, width) float32).
+        photo_origin: (n,), about which F is summed.
+        model: m, the number of attributes of the model: 4, or 5 with one that is 1 on the model.
+        region: (whether P is the whole region, its ``PhotoSums``).
+        rotation: (3, 3), camera from model, of the normals.
+
+    Returns:
+        Pixels, their weight, mean (n + m,) and covariance (n + m, n + m).
     """
     n = photo_origin.shape[0]
     size = n + model
-    first, second, origin = np.zeros(size), np.zeros((size, size)), np.zeros(size)
-    for i in range(n):  # a slice's size is looked at first, which takes long to compile
+    first, second = np.zeros(size), np.zeros((size, size))
+    origin = np.zeros(size)
+    for i in range(n):  # a slice's size is compared first, which takes long to compile
         origin[i] = photo_origin[i]
     pixels, weight = _accumulate(box, ids, of_faces, textures, photo, origin, model, first, second)
     is_whole, region_weight, region_first, region_second = region
@@ -90,7 +110,7 @@ def _accumulate(box, ids, of_faces, textures, photo, origin, model, first, secon
 
 @_jit_sums
 def _gather_photo(faces, weights, planar, row, first, origin, run):
-    """Fill a row's weights and F, 0 where it does not count; pixels that do, and their weight."""
+    """Write a row's weights and F, 0 where none counts; returns their number and weight."""
     zero, length = np.float32(0.0), faces.shape[0]
     total, pixels = 0.0, np.int32(0)
     used = run[0, :length]
@@ -112,9 +132,10 @@ def _gather_photo(faces, weights, planar, row, first, origin, run):
 
 @_jit_sums
 def _fill_products(size, normals, run, at_model):
-    """One over the normals' lengths, and reflectance times unit normals less their origin."""
+    """Write one over the normals' lengths, and reflectance times unit normals."""
     scale = run[at_model + 4, :size]
-    x, y, z = normals[0, :size], normals[1, :size], normals[2, :size]
+    x, y = normals[0, :size], normals[1, :size]
+    z = normals[2, :size]
     for p in range(size):
         square = x[p] * x[p] + y[p] * y[p] + z[p] * z[p]
         scale[p] = np.float32(1.0) / math.sqrt(max(square, TINY))
@@ -128,8 +149,9 @@ def _fill_products(size, normals, run, at_model):
 
 @_jit_sums
 def _centre(size, weight, n, run, origin):
-    """Take model attributes about their origin, the means over the first row, of this ``weight``:
-    sums about them keep their digits.
+    """Take model attributes about their means over the first row, whose ``weight`` is above 0.
+
+    Sums about these keep their digits.
     """
     used = run[0, :size]
     for j in range(n, n + 4):
@@ -163,16 +185,17 @@ def _add_row(length, n, whole, weighted, run, first, second):
 
 
 @_jit
-def _turn(rotation, vector):
-    """``rotation`` (3, 3) times ``vector`` (3,), in place."""
-    x, y, z = vector[0], vector[1], vector[2]
+def _rotate(rotation, vector):
+    """Multiply ``rotation`` (3, 3) by ``vector`` (3,), in place."""
+    x, y = vector[0], vector[1]
+    z = vector[2]
     for i in range(3):
         vector[i] = rotation[i, 0] * x + rotation[i, 1] * y + rotation[i, 2] * z
 
 
 @_jit
 def _from_sums(n, weight, first, second, origin, rotation):
-    """Mean and covariance from sums about ``origin``, normals turned by ``rotation`` (3, 3)."""
+    """Compute mean and covariance from sums about ``origin``, with rotated normals."""
     size = first.shape[0]
     mean = first / weight
     for i in range(size):
@@ -180,11 +203,11 @@ def _from_sums(n, weight, first, second, origin, rotation):
             second[i, j] = second[j, i] = second[i, j] / weight - mean[i] * mean[j]
     mean += origin
     at = n + 1
-    _turn(rotation, mean[at : at + 3])
+    _rotate(rotation, mean[at : at + 3])
     for i in range(size):
-        _turn(rotation, second[at : at + 3, i])
+        _rotate(rotation, second[at : at + 3, i])
     for i in range(size):
-        _turn(rotation, second[i, at : at + 3])
+        _rotate(rotation, second[i, at : at + 3])
     for i in range(size):
         for j in range(i):
             second[i, j] = second[j, i]
@@ -213,16 +236,27 @@ def _add_surroundings(n, weight, first, second, origin, region_first, region_sec
 
 @_jit
 def structure_sums(box, ids, of_faces, textures, photo, target, rotation, noise, taps, workspace):
-    """Sums where classes and edges are compared.
+    """Compute sums where classes and edges are compared.
 
-    ``photo`` is (channels (n, height, width), labels, number of classes, weights), ``target`` (2,
-    height, width) its weighted field. The model's orientation field e, 0 for gradients below
-    ``noise``, is blurred by ``taps`` (r + 1,), the kernel's right half. ``workspace`` is spans and
-    planes as the last call left them, and (2, height, width) float32.
+    F are the channels and memberships, M the colours, grey times normal, and 1; e is the model's
+    orientation field.
+
+    Args:
+        box: (left, top, right, bottom), ends excluded.
+        ids: (height, width) int32 of the picture.
+        of_faces: see ``shade``.
+        textures: see ``shade``.
+        photo: (channels (n, height, width) float32, labels (height, width) uint8, number of
+            classes, weights (height, width) float32).
+        target: (2, height, width) float32, the photo's weighted field.
+        rotation: (3, 3), camera from model, of the normals.
+        noise: gradient below which there is no edge.
+        taps: (r + 1,) float32, the right half of e's blur.
+        workspace: spans and planes as the last call left them, and (2, height, width) float32.
 
     Returns:
-        Pixels that count; sums of ``F M^T`` (n + classes, 7) and ``M M^T`` (7, 7), F the channels
-        and memberships, M the colours, grey times normal, and 1; of ``e target`` and ``w e^2``.
+        Pixels that count; sums of ``F M^T`` (n + classes, 7), ``M M^T`` (7, 7), ``e target`` and
+        ``w e^2``.
     """
     spans, planes, across = workspace
     channels, labels, classes, weights = photo
@@ -236,30 +270,31 @@ def structure_sums(box, ids, of_faces, textures, photo, target, rotation, noise,
 @_jit
 def _class_sums(spans, planes, weights, photo, labels, rotation, joint, second):
     """Add up ``F M^T`` and ``M M^T``; returns how many pixels count."""
-    channels, size, pixels = photo.shape[0], second.shape[0], 0
+    channels, size = photo.shape[0], second.shape[0]
+    pixels = 0
     run = np.empty((joint.shape[0] + size + 1, weights.shape[1]))
     for row in range(spans.shape[0]):
         begin, end = spans[row, 0], spans[row, 1]
         if begin == end:
             continue
-        pixels += _fill_row(row, begin, end, planes, weights, photo, size, run)
+        pixels += _fill_products_row(row, begin, end, planes, weights, photo, size, run)
         _add_products(end - begin, channels, size, run, joint, second)
         _add_classes(labels[row, begin:end], channels, size, run, joint)
     for i in range(size):
         for j in range(i):
             second[j, i] = second[i, j]
     for i in range(joint.shape[0]):
-        _turn(rotation, joint[i, 3:6])
+        _rotate(rotation, joint[i, 3:6])
     for i in range(size):
-        _turn(rotation, second[i, 3:6])
+        _rotate(rotation, second[i, 3:6])
     for i in range(size):
-        _turn(rotation, second[3:6, i])
+        _rotate(rotation, second[3:6, i])
     return pixels
 
 
 @_jit_sums
-def _fill_row(row, begin, end, planes, weights, photo, attributes, run):
-    """Into ``run``: M, m rows, its last the weight, then F weighted, n rows; 0 without weight."""
+def _fill_products_row(row, begin, end, planes, weights, photo, attributes, run):
+    """Write M, m rows, its last the weight, then F weighted, n rows; 0 without weight."""
     size, ones = end - begin, run[attributes - 1, : end - begin]
     covered = planes[COVERAGE, row + 1, begin + 1 : end + 1]
     weight = weights[row, begin:end]
@@ -268,12 +303,12 @@ def _fill_row(row, begin, end, planes, weights, photo, attributes, run):
         counts = (weight[p] > np.float32(0.0)) & (covered[p] > np.float32(0.0))
         ones[p] = np.float64(weight[p]) if counts else 0.0
         pixels += 1 if counts else 0
-    grey = planes[GREY, row + 1, begin + 1 : end + 1]
+    grey = planes[GREY_REFLECTANCE, row + 1, begin + 1 : end + 1]
     for k in range(3):
         colour, out = planes[RED + k, row + 1, begin + 1 : end + 1], run[k, :size]
         for p in range(size):
             out[p] = np.float64(colour[p])
-        normal, lit = planes[k, row + 1, begin + 1 : end + 1], run[3 + k, :size]
+        normal, lit = planes[NORMAL + k, row + 1, begin + 1 : end + 1], run[3 + k, :size]
         for p in range(size):
             lit[p] = np.float64(grey[p]) * np.float64(normal[p])
     for channel in range(photo.shape[0]):
@@ -323,7 +358,7 @@ def _add_classes(labels, channels, size, run, joint):
 
 @_jit
 def _edge_sums(spans, planes, noise, taps, weights, target, across):
-    """Sums over P of ``e target`` and of ``w e^2``, of the model's orientation field e, blurred."""
+    """Sum ``e target`` and ``w e^2`` over P, of the model's orientation field e, blurred."""
     height, width = weights.shape
     reach = taps.shape[0] - 1
     workspace = np.empty((5, width + 2 * reach), np.float32)
@@ -344,15 +379,16 @@ def _edge_sums(spans, planes, noise, taps, weights, target, across):
         for axis in range(2):
             total = workspace[axis, : right - left]
             _add_rows(row, first, last, left, right, taps, across[axis], total)
-            one, other = _dot(total, target[axis, row, left:right], weights[row, left:right])
-            dot += one
-            length += other
+            part, square = _dot(total, target[axis, row, left:right], weights[row, left:right])
+            dot += part
+            length += square
     return dot, length
 
 
 @_jit
 def _span_of_all(spans, width):
-    first, last, left, right = spans.shape[0], 0, width, 0
+    first, last = spans.shape[0], 0
+    left, right = width, 0
     for row in range(spans.shape[0]):
         if spans[row, 0] < spans[row, 1]:
             first, last = min(first, row), row + 1
@@ -362,7 +398,7 @@ def _span_of_all(spans, width):
 
 @_jit
 def _span_about(row, spans, width):
-    """Columns of a row that have the model within a pixel, in the picture; ends excluded."""
+    """Return the columns of a row that have the model within a pixel; ends excluded."""
     begin, end = width, 0
     for other in range(max(row - 1, 0), min(row + 2, spans.shape[0])):
         if spans[other, 0] < spans[other, 1]:
@@ -372,10 +408,12 @@ def _span_about(row, spans, width):
 
 @_jit_fast
 def _orientation(row, begin, end, planes, noise, workspace, reach):
-    """The field, by Sobel's operator, into the first two rows of ``workspace``, ``reach`` px on."""
+    """Write the field, by Sobel's operator, to two rows of ``workspace``, from ``reach`` on."""
     size = end - begin
-    xx, yy, xy = workspace[2, :size], workspace[3, :size], workspace[4, :size]
-    xx[:], yy[:], xy[:] = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    xx, yy = workspace[2, :size], workspace[3, :size]
+    xy = workspace[4, :size]
+    xx[:], yy[:] = np.float32(0.0), np.float32(0.0)
+    xy[:] = np.float32(0.0)
     two = np.float32(2.0)
     for k in range(EDGE_PLANES):
         above = planes[k, row, begin : end + 2]
@@ -390,31 +428,30 @@ def _orientation(row, begin, end, planes, noise, workspace, reach):
             yy[u] += dy * dy
             xy[u] += dx * dy
     least = np.float32(64.0 * noise * noise)  # the operator's gradients are 8 times those per px
-    one, other = (
-        workspace[0, begin + reach : end + reach],
-        workspace[1, begin + reach : end + reach],
-    )
+    e_x = workspace[0, begin + reach : end + reach]
+    e_y = workspace[1, begin + reach : end + reach]
     for u in range(size):
         share = np.float32(1.0) / (xx[u] + yy[u] + least)
-        one[u] = (xx[u] - yy[u]) * share
-        other[u] = two * xy[u] * share
+        e_x[u] = (xx[u] - yy[u]) * share
+        e_y[u] = two * xy[u] * share
 
 
 @_jit_fast
 def _blur(values, taps, out):
-    """A row blurred; ``values`` reach beyond ``out`` on both sides."""
+    """Blur a row; ``values`` reach beyond ``out`` on both sides."""
     reach = taps.shape[0] - 1
     for u in range(out.shape[0]):
         out[u] = taps[0] * values[u + reach]
     for k in range(1, taps.shape[0]):
-        before, after, share = values[reach - k :], values[reach + k :], taps[k]
+        before, after = values[reach - k :], values[reach + k :]
+        share = taps[k]
         for u in range(out.shape[0]):
             out[u] += share * (before[u] + after[u])
 
 
 @_jit_fast
 def _add_rows(row, first, last, left, right, taps, across, total):
-    """The blur along a column, for a row of pixels."""
+    """Blur along columns, for a row of pixels."""
     reach = taps.shape[0] - 1
     total[:] = np.float32(0.0)
     for other in range(max(row - reach, first), min(row + reach + 1, last)):
