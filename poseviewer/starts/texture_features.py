@@ -59,7 +59,7 @@ MAX_REPROJECTION_PX = 4.0
 """RANSAC's threshold, px of the scaled photo, within which a match is an inlier."""
 
 
-class Features(NamedTuple):
+class TextureFeatures(NamedTuple):
     """Points with descriptors (n, 128) of unit length."""
 
     at: FloatArray
@@ -104,24 +104,24 @@ def poses_from_features(
             break
         outline = cv2.convexHull(poses[-1].pose.project(hull_points(mesh)).astype(np.float32))
         is_beside = [cv2.pointPolygonTest(outline, pixel, False) < 0 for pixel in features.at]
-        features = Features(features.at[is_beside], features.descriptors[is_beside])
+        features = TextureFeatures(features.at[is_beside], features.descriptors[is_beside])
     return sorted(poses, key=lambda candidate: -candidate.inliers)
 
 
 @lru_cache(maxsize=4)
-def model_features(mesh: Mesh) -> tuple[Features, ...]:
+def model_features(mesh: Mesh) -> tuple[TextureFeatures, ...]:
     """Return the features of each view that has enough of them."""
     return tuple(view for view in _view_features(mesh) if len(view.at) >= MIN_MATCHES)
 
 
-def _view_features(mesh: Mesh) -> Iterator[Features]:
+def _view_features(mesh: Mesh) -> Iterator[TextureFeatures]:
     renderer = make_renderer(mesh)
     for rotation in even_rotations(VIEWS):
         sizes = [_view(mesh, renderer, rotation, size) for size in VIEW_SIZES_PX]
-        yield Features(*map(np.concatenate, zip(*sizes, strict=True)))
+        yield TextureFeatures(*map(np.concatenate, zip(*sizes, strict=True)))
 
 
-def _view(mesh: Mesh, renderer: Renderer, rotation: FloatArray, size: int) -> Features:
+def _view(mesh: Mesh, renderer: Renderer, rotation: FloatArray, size: int) -> TextureFeatures:
     """Return the features of a view in which the model's diameter has a ``size``, px."""
     side, focal = size + 2 * BORDER_PX, DISTANCE * size
     camera = Perspective(focal, focal, side / 2, side / 2, side, side)
@@ -134,10 +134,10 @@ def _view(mesh: Mesh, renderer: Renderer, rotation: FloatArray, size: int) -> Fe
     columns, rows = pixels.T.astype(int)
     depth = depth_image(PlacedModel(mesh, pose))[rows, columns]
     points = (camera.rays(pixels) * depth[:, None] - translation) @ rotation
-    return Features(points, descriptors)
+    return TextureFeatures(points, descriptors)
 
 
-def _photo_features(inputs: StartInputs, region: Rectangle) -> tuple[Features, float]:
+def _photo_features(inputs: StartInputs, region: Rectangle) -> tuple[TextureFeatures, float]:
     """Return the features of a region that count, and the factor by which it was scaled."""
     photo, mask = inputs.photo, inputs.mask
     inside = region.intersection(Rectangle(0, 0, photo.width, photo.height))
@@ -153,23 +153,23 @@ def _photo_features(inputs: StartInputs, region: Rectangle) -> tuple[Features, f
         columns, rows = pixels.astype(int).T
         is_shown = mask.weights[rows, columns] > 0.0
         pixels, descriptors = pixels[is_shown], descriptors[is_shown]
-    return Features(pixels, descriptors), scale
+    return TextureFeatures(pixels, descriptors), scale
 
 
-def _sift(grey: NDArray[Any], max_count: int, mask: Any = None) -> Features:
+def _sift(grey: NDArray[Any], max_count: int, mask: Any = None) -> TextureFeatures:
     """Return points at pixels (n, 2), with RootSIFT descriptors (R. Arandjelovic, CVPR 2012)."""
     pixels = np.clip(255.0 * grey + 0.5, 0.0, 255.0).astype(np.uint8)
     sift = cv2.SIFT.create(max_count, contrastThreshold=CONTRAST)
     points, descriptors = sift.detectAndCompute(pixels, mask)
     if not len(points):
-        return Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32))
+        return TextureFeatures(np.zeros((0, 2)), np.zeros((0, 128), np.float32))
     shares = descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-9)
     at = np.array([point.pt for point in points]) + 0.5
-    return Features(at, np.sqrt(shares, dtype=np.float32))
+    return TextureFeatures(at, np.sqrt(shares, dtype=np.float32))
 
 
 def _ransac(
-    view: Features, photo: Features, camera: Perspective, threshold_px: float
+    view: TextureFeatures, photo: TextureFeatures, camera: Perspective, threshold_px: float
 ) -> Iterator[FeaturePose]:
     """Yield the pose with most inliers among the matches of a view, if any."""
     if len(photo.at) < MIN_MATCHES:

@@ -1,7 +1,7 @@
 """Fits end at the truth: on photos drawn by OpenGL, and on the bundled path-traced photos."""
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -54,7 +54,7 @@ def test_demo_car_is_found_from_8_per_cent_off(projection):
     [("parallel", "default", 1.5), ("perspective", "default", 1.5), ("perspective", "paper", 0.5)],
 )
 def test_the_bundled_photo_is_registered(kind: Any, loss, percent):
-    files, truth = demo_case(kind), demo_photo(f"photo-{kind}").truth
+    files, truth = demo_case(kind), demo_photo(cast(Any, f"photo-{kind}")).truth
     found = load(files.photo, files.model, files.start, loss=loss).fit()
     before, after = (pose_error(found.mesh, one.pose, truth) for one in (found.start, found))
     assert before.percent > 4.0
