@@ -4,10 +4,10 @@ import sys
 from dataclasses import replace
 
 import numpy as np
-from poseviewer.optimise.state import State
 
 import poseviewer
 from poseviewer.fit.stages import make_stages
+from poseviewer.optimise.protocol import State
 
 
 def minimise(objective, x0, scale, options, _seed=0):

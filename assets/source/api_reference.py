@@ -17,7 +17,7 @@ from poseviewer.files import photo_sets, scene_assets, scene_json
 from poseviewer.files import pose as pose_file
 from poseviewer.fit import progress, search, slices, stages, view_results, visibility
 from poseviewer.geometry import camera, transform
-from poseviewer.optimise import state
+from poseviewer.optimise import protocol
 from poseviewer.scene import assets, settings, types
 from poseviewer.starts import instances, loading
 
@@ -41,7 +41,7 @@ CONTENT: tuple[tuple[ModuleType, str], ...] = (
     (types, "Scene View SceneObject InView SearchResult"),
     (search, "Search SearchProgress"),
     (stages, "Stage make_stages"),
-    (state, "State"),
+    (protocol, "State"),
     (visibility, "Visibility visibility"),
     (settings, "FitSettings Limits"),
     (progress, "FitProgress SearchProgress Status"),
