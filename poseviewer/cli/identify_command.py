@@ -2,6 +2,8 @@
 All models need the same coordinate frame, since each begins at the same start.
 """
 
+from __future__ import annotations
+
 from argparse import Namespace
 from typing import TYPE_CHECKING
 

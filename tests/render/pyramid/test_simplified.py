@@ -128,7 +128,7 @@ def test_small_and_broken_meshes_stay_usable(mesh):
 def test_a_large_model_is_decimated_beside_the_interpreter(monkeypatch: pytest.MonkeyPatch):
     mesh = make_bumpy(4)
     here = simplify(mesh, 500)
-    monkeypatch.setattr("poseviewer.render.pyramid.simplified.MOST_HERE", 0)
+    monkeypatch.setattr("poseviewer.render.pyramid.simplified.MAX_TRIANGLES_IN_PROCESS", 0)
     monkeypatch.delattr("fast_simplification.simplify")  # it would keep the lock
     beside = simplify(mesh, 500)
     assert len(here.faces) < len(mesh.faces)
