@@ -85,7 +85,7 @@ class Timing:
     threads: int
     seconds: tuple[float, ...]
     end: str = ""
-    """How the run ended."""
+    """End of the run."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -91,7 +91,7 @@ def pictures_of_objects(
 
 
 def _info(model: PlacedModel, drawn: NDArray[np.bool_], seen: NDArray[np.bool_]) -> dict[str, Any]:
-    """What ``scene_gt_info.json`` says of an object; the whole silhouette is looked for as far as a
+    """Entry of an object in ``scene_gt_info.json``; the whole silhouette is looked for as far as a
     photo's side beyond the photo.
     """
     whole, (height, width), (top, left) = drawn, drawn.shape, (0, 0)

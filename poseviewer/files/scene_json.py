@@ -136,7 +136,7 @@ class JsonForm(NamedTuple):
     """The form of a type in files."""
 
     kind: Any
-    """What msgspec checks."""
+    """Type that msgspec checks."""
     encode: Callable[[Any], Any]
     decode: Callable[[Any], Any]
 

@@ -50,7 +50,7 @@ class PhotoFile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelContent:
-    """What the files of a model hold."""
+    """Content of a model's files."""
 
     mesh: Mesh
     """The whole surface."""
@@ -107,7 +107,7 @@ class ModelFile:
 
     @cached_property
     def content(self) -> ModelContent:
-        """What the model's files hold, read when first asked for."""
+        """Content of the model's files, read when first asked for."""
         return self.read()
 
     @property

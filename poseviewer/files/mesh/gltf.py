@@ -50,11 +50,11 @@ TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 STRIP, FAN, TRIANGLES = 5, 6, 4
 REPEAT = 10497
-"""Of a sampler: the texture is wrapped around."""
+"""Wrap mode of a sampler whose texture is wrapped around."""
 CUT = ("MASK", "BLEND")
 """Modes in which alpha makes something invisible."""
 LEAST_ALPHA = 0.05
-"""What is blended with less is hardly to be seen: invisible."""
+"""Least alpha of a blended face that is visible: less can hardly be seen."""
 ALPHA_SAMPLES = np.array([(a, b, 1.0 - a - b) for a in (0.05, 0.35, 0.65) for b in (0.05, 0.3)])
 """Barycentric coordinates at which a triangle is asked whether its texture's alpha cuts it away."""
 

@@ -24,7 +24,7 @@ MOST_TEXELS = 100_000_000
 """Limit of a model's textures together, and of one before it is shrunk: no photo shows more."""
 MOST_TEXTURES = 2000
 MAX_FACTOR = 10.0
-"""Of colours from 0 to 1; more than a picture's range above 1, and nearly black from 0 to 255."""
+"""Largest colour taken for one from 0 to 1: colours up to 255 are nearly black below it."""
 GREY = 0.8
 """Reflectance where a file says nothing about colour."""
 
@@ -72,7 +72,7 @@ class Part:
 
 
 class ModelParts(NamedTuple):
-    """What a reader gives of a model file."""
+    """Content that a reader gives of a model file."""
 
     parts: list[Part]
     notes: list[str]

@@ -26,7 +26,7 @@ UV_NAMES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 COLOUR_NAMES = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"),
                 ("r", "g", "b"), ("gray",) * 3, ("grey",) * 3)  # fmt: skip
 COLOUR = re.compile("red|green|blue|colou?r|rgb|gr[ae]y|intensity|reflect")
-"""In names of columns that may be colours."""
+"""Words in names of columns that may be colours."""
 LONGEST_HEADER = 1_000_000
 """Bytes."""
 ELEMENTS = ("vertex", "face", "tristrips", "edge", "camera")
