@@ -192,7 +192,8 @@ class Reading:
         version = data.get("version", wanted)
         if version is True or version != wanted:
             found = f"version is {kind_of(version)}"
-            raise self.error(found, f"this poseviewer reads version {wanted}")
+            reads = f"this poseviewer reads version {wanted}, open it with the one that wrote it"
+            raise self.error(found, reads)
 
     def decoded(
         self, data: Any, kind: type[Value], what: str = "", raw: Sequence[str] = ()
