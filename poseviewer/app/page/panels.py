@@ -368,13 +368,13 @@ def add_judging(controls: Controls) -> None:
 
 def add_saving(controls: Controls) -> None:
     """Step "Save": whether the pose stands in a file, and where it was or will be written."""
-    _add_object_text(controls, "note")
 
     def state(session: Session) -> str:
         text = "● unsaved changes" if session.is_unsaved else "no unsaved changes"
         return "  \n".join(filter(None, (text, plain(controls.where), focal_note(session))))
 
     controls.text(state)
+    _add_object_text(controls, "note")
     scene = ACTIONS["save"].label().replace("pose", "scene")
     label = {"label": lambda s: ACTIONS["save"].label() if is_alone(s.document) else scene}
     controls.action("save", **label, color="cyan", icon="device-floppy")
