@@ -13,7 +13,7 @@ result = registration.fit(seconds=60)
 print(result.status)
 print(f"unexplained: {registration.unexplained:.3f} -> {result.unexplained:.3f}")
 if result.verdict is not None:
-    print(result.verdict.word, *result.verdict.reasons, sep="\n  ")
+    print(result.verdict.label, *result.verdict.reasons, sep="\n  ")
 if result.covariance is not None:
     print("standard deviations:", result.covariance.words(result.mesh.unit))
 print("camera from model:", result.pose.camera_from_model.translation)

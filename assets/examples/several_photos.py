@@ -12,10 +12,10 @@ import poseviewer
 
 photos, model, start = sys.argv[1:]
 result = poseviewer.load(photos, model, start).fit(threads=2, seconds=60)
-print("all photos:", "no verdict" if result.verdict is None else result.verdict.word)
+print("all photos:", "no verdict" if result.verdict is None else result.verdict.label)
 
 for alone in result.view_results:
-    word = "not judged" if alone.verdict is None else alone.verdict.word
+    word = "not judged" if alone.verdict is None else alone.verdict.label
     print(f"{alone.view.name}: loss {alone.loss:.3f} at the common pose, {word}")
 
 # The same search by the first photo alone tells less about the depth.
