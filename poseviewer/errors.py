@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-LONGEST_MESSAGE = 1000
+MAX_MESSAGE = 1000
 """Characters: sentences take some hundreds, and paths in them some hundreds more."""
 
 
@@ -29,7 +29,7 @@ class PoseViewerError(Exception):
     """Something a user can mend: one clear sentence, made ``printable``, without a traceback."""
 
     def __init__(self, sentence: str = "") -> None:
-        super().__init__(printable(sentence, LONGEST_MESSAGE))
+        super().__init__(printable(sentence, MAX_MESSAGE))
 
 
 class MeshFileError(PoseViewerError):
@@ -84,7 +84,7 @@ def sentence_of(error: BaseException) -> str:
         return "There is not enough memory for it; close other programs, or take smaller files."
     if isinstance(error, OSError) and error.strerror:
         name = "" if error.filename is None else f"{error.filename}: "
-        return printable(f"{name}{error.strerror}; check the path and the disk.", LONGEST_MESSAGE)
+        return printable(f"{name}{error.strerror}; check the path and the disk.", MAX_MESSAGE)
     cause = printable(f"{type(error).__name__}: {error}", 200)
     return f"Something went wrong inside ({cause}); {LOG_VARIABLE}=1 shows where. {REPORTING}"
 

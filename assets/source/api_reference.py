@@ -97,9 +97,13 @@ def _fields(thing: type) -> list[str]:
     rows = []
     for index, node in enumerate(body.body):
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-            name, kind, value = node.target.id, ast.unparse(node.annotation), node.value
+            name = node.target.id
+            kind = ast.unparse(node.annotation)
+            value = node.value
         elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
-            name, kind, value = node.targets[0].id, "", node.value
+            name = node.targets[0].id
+            kind = ""
+            value = node.value
         else:
             continue
         if name.startswith("_") or isinstance(vars(thing).get(name), property):

@@ -38,13 +38,19 @@ from tests.view_sets import BOX, BOX_TRUTH, CAMERA, MESH, TRUTH, write_two, writ
 ASSETS = Path(__file__).resolve().parent.parent
 README, DOCS = ASSETS / "readme", ASSETS / "docs" / "pictures"
 DEMO, PHOTO = demo_case(), (960, 720)
-QUALITY, WIDTH, GAP = 82, 640, 6
-"""Of JPEG; px of each picture of a sheet, and between two of them."""
+QUALITY = 82
+"""Quality of a JPEG."""
+WIDTH = 640
+GAP = 6
+"""px: width of each picture of a sheet, and gap between two of them."""
 WINDOW, LARGE = (1280, 720), (1440, 900)
 """CSS px of the app's window; the large one has room for the maps of two losses."""
-SETTLED_S, LONGEST_S, LONGEST_WAIT_S = 12, 150, 600
-"""A page is settled when it has not changed for so long; waiting for that ends after; waiting for
-the end of a search."""
+SETTLED_S = 12
+"""A page that has not changed for so long is settled."""
+MAX_SECONDS = 150
+"""Longest wait for a settled page."""
+MAX_WAIT_S = 600
+"""Longest wait for the end of a search."""
 SHOWN = """() => document.querySelector(".pv-dim") ? "" : [
     ...[...document.querySelectorAll(".pv-cell image")].map((map) => map.getAttribute("href")),
     document.body.innerText].join()"""
@@ -99,7 +105,7 @@ def open_app(
     """Open the app's page, dark, and wait for the first loss."""
     with open_browser() as browser, AppProcess(folder, *arguments) as app:
         tab = AppPage(browser, app.url, size, color_scheme="dark")
-        tab.page.set_default_timeout(1000 * LONGEST_WAIT_S)
+        tab.page.set_default_timeout(1000 * MAX_WAIT_S)
         tab.wait_for_text("at this pose")
         yield tab
 
@@ -107,7 +113,7 @@ def open_app(
 def save_page(path: Path, tab: AppPage, settled: bool = True) -> None:
     """Write what the page shows, once it has not changed for a while."""
     before, still = "", 0
-    for _ in range(LONGEST_S if settled else 0):
+    for _ in range(MAX_SECONDS if settled else 0):
         tab.page.wait_for_timeout(1000)
         now = tab.page.evaluate(SHOWN)
         still = still + 1 if now and now == before else 0
@@ -126,7 +132,9 @@ def press(tab: AppPage, button: str) -> None:
 
 def make_search(_folder: Path) -> None:
     """The README's animation: the outline wherever the search finds a better pose."""
-    registration, frames, best = load(DEMO.photo, DEMO.model, DEMO.start), [], np.inf
+    registration = load(DEMO.photo, DEMO.model, DEMO.start)
+    frames = []
+    best = np.inf
     for step in registration.search():
         progress = step.progress
         if progress.loss < best:

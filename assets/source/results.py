@@ -66,8 +66,12 @@ HELD = ("delta_x", "delta_y", "psi_x", "psi_y")
 """Numbers that stay at the truth on maps of the rear wheel's place."""
 FAR = 0.08
 """Deviation to which the paper finds all on a background."""
-FEWEST, WIDEST, PALETTE = 10, 12, 128
-"""Least fits of a point in a figure; characters of a line below an axis; colours of a picture."""
+MIN_COUNT = 10
+"""Fits that a point in a figure needs."""
+WIDEST = 12
+"""Characters of a line below an axis."""
+PALETTE = 128
+"""Colours of a picture."""
 SEEN_FROM = (0.0, 0.5, 0.75, 0.9, 0.98)
 """Least visible shares of the classes in the figure of errors."""
 Point = tuple[float, ...]
@@ -222,7 +226,7 @@ def error_panel(studies: Mapping[str, Sequence[Trial]]) -> Panel:
         lines[name] = [
             (100.0 * mean(t.visible for t in some), *median(t.error_percent_end for t in some))
             for some in classes.values()
-            if len(some) >= FEWEST
+            if len(some) >= MIN_COUNT
         ]
     axes = {"xlabel": "object seen, %", "ylabel": "error, %", "xlim": (30, 103), "yscale": "log"}
     return Panel(lines, axes | {"ylim": (0.1, 40.0)})
@@ -233,9 +237,9 @@ def calibration_panel(trials: Iterable[Trial]) -> Panel:
     judged = sorted((t for t in trials if t.probability >= 0.0), key=lambda t: t.probability)
     lines: dict[str, list[Point]] = {"true as stated": [(0.0,) * 4, (100.0,) * 4]}
     for label, some in sorted(group_by(judged, lambda t: visibility_label(t.visible)).items()):
-        if len(some) < FEWEST:
+        if len(some) < MIN_COUNT:
             continue
-        pieces = np.array_split(range(len(some)), min(4, len(some) // FEWEST))
+        pieces = np.array_split(range(len(some)), min(4, len(some) // MIN_COUNT))
         parts = [[some[i] for i in piece] for piece in pieces]
         lines[label or "share seen unknown"] = [
             (100.0 * mean(trial.probability for trial in part), *Share.of(part)) for part in parts

@@ -64,7 +64,9 @@ class App:
         self._review = review
         self._autosaver = Autosaver(state)
         self._page = Page(server, self._mailbox.post, self.session, review)
-        self._drawer, self._searcher, self._mapper = drawing(notify), searching(), mapping()
+        self._drawer = drawing(notify)
+        self._searcher = searching()
+        self._mapper = mapping()
         self._proposer = proposing(notify)
         others = refining, picturing, reading, outlining, preparing
         own = self._autosaver.job, self._drawer, self._proposer, self._searcher, self._mapper

@@ -101,7 +101,9 @@ class Reviewer:
         """Keep a decision on the open row ("": none), and a pose that was corrected; go on."""
 
         def run(now: Session) -> TaskResult:
-            document, at, done = now.document, self.row_at(now.document), tuple[Edit, ...]()
+            document = now.document
+            at = self.row_at(now.document)
+            done = tuple[Edit, ...]()
             if at is None:
                 raise BatchError("What is open is no row's; press a row in the list to open it.")
             if review == ACCEPTED and now.is_unsaved:

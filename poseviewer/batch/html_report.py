@@ -52,7 +52,9 @@ def _row(folder: Path, row: Row) -> str:
     job, result = row.job, row.result
     files = "<br>".join(escape(name) for name in (job.photo, job.model, job.start))
     if result.failed:
-        picture, losses, verdict = "", "", ""
+        picture = ""
+        losses = ""
+        verdict = ""
         outcome = f'<span class="failed">{escape(result.reason)}</span>'
     else:
         picture = _picture(folder / result.picture, job.photo)

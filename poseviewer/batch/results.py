@@ -22,16 +22,22 @@ from poseviewer.files.checks import Reading, is_there
 from poseviewer.files.writing import lock_file, write_json, write_whole
 from poseviewer.scene.settings import FitSettings, settings_as_json, settings_from_json
 
-ROWS, POSES, PICTURES = "rows", "poses", "pictures"
-TABLE, REPORT, MANIFEST = "results.csv", "report.html", "batch.json"
+ROWS = "rows"
+POSES = "poses"
+PICTURES = "pictures"
+TABLE = "results.csv"
+REPORT = "report.html"
+MANIFEST = "batch.json"
 LOCK = ".at-work"
-LARGEST_MANIFEST = 1_000_000_000
+MAX_MANIFEST_BYTES = 1_000_000_000
 """Bytes: a million rows have fewer."""
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """Beginnings of a cell that spreadsheets compute."""
 ABOUT_JOB = ("row", "photo", "model", "start")
 """Columns of the table from the job; the others are those of ``JobResult``."""
-ACCEPTED, MENDED, REJECTED = "accepted", "mended", "rejected"
+ACCEPTED = "accepted"
+MENDED = "mended"
+REJECTED = "rejected"
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,7 +224,7 @@ def load_batch(folder: Path) -> Batch:
             "`poseviewer batch ... --out` filled (run it again if an older version did)."
         )
     try:
-        data = Reading(folder / MANIFEST, kind="batch", largest=LARGEST_MANIFEST).load_bytes()
+        data = Reading(folder / MANIFEST, kind="batch", largest=MAX_MANIFEST_BYTES).load_bytes()
         manifest = msgspec.json.decode(data, type=Manifest)
     except (PoseViewerError, msgspec.MsgspecError, RecursionError) as error:
         raise BatchError(

@@ -43,7 +43,9 @@ def open_batch(
     objects: Sequence[int] = (),
 ) -> Batch:
     """Read the table, or the BOP scene; and make the folder of results."""
-    table, folder, scene = Path(table), Path(folder).resolve(), None
+    table = Path(table)
+    folder = Path(folder).resolve()
+    scene = None
     if table.is_dir():
         scene = str(table.resolve())
         jobs = load_scene_jobs(table.resolve(), folder, settings, models, objects)

@@ -56,7 +56,9 @@ def named_files(options: Namespace) -> FileSet:
     """Sort the files that the options name; raises ``SettingsError`` if they exclude each other."""
     from poseviewer.files.file_set import FileSet, ModelFiles, is_scene_file
 
-    photo, model, views = options.photo, options.model, options.views
+    photo = options.photo
+    model = options.model
+    views = options.views
     if views is not None:
         table.refuse(options, (table.OBJECT, *table.OF_A_PHOTO), SAYS.format("--views"))
         if model is not None or photo is None:
@@ -77,7 +79,9 @@ def load_named(options: Namespace) -> Registration:
     """Load what the options name, about the object that they choose."""
     from poseviewer.api import AutoStart, SetChoice, StartCamera, load
 
-    settings, files, given = settings_of(options), named_files(options), vars(options)
+    settings = settings_of(options)
+    files = named_files(options)
+    given = vars(options)
     if settings.renderer != "opengl":
         tell_of_compiling()
     parallel = given.get("projection") == "parallel"

@@ -76,7 +76,9 @@ def _write_masks(scene: Scene, out: Path, request: ConvertOptions) -> list[str]:
 
     if not all(item.model.location.is_file() for item in scene.objects):
         return [f"{INFO} and masks are not written: a model is not there; add --model FILE."]
-    infos, poses, notes = load_scene_file(out / INFO), load_scene_file(out / POSES), []
+    infos = load_scene_file(out / INFO)
+    poses = load_scene_file(out / POSES)
+    notes = []
     for index, view in enumerate(scene.views[:1] if len(scene.objects) > 1 else scene.views):
         number = image_number(scene, request, index)
         pictures = pictures_of_objects(replace(scene, views=(view,)), number, masks_alone=True)

@@ -22,7 +22,7 @@ from poseviewer.errors import (
     EXIT_INTERRUPTED,
     EXIT_MENDABLE,
     LOG_VARIABLE,
-    LONGEST_MESSAGE,
+    MAX_MESSAGE,
     PoseViewerError,
     printable,
     sentence_of,
@@ -100,7 +100,7 @@ class _Parser(ArgumentParser):
     """Prints one line for a wrong argument, as for every other mistake."""
 
     def error(self, message: str) -> NoReturn:
-        shown = printable(message, LONGEST_MESSAGE)
+        shown = printable(message, MAX_MESSAGE)
         self.exit(EXIT_MENDABLE, f"{self.prog}: {shown}; see {self.prog} --help\n")
 
 

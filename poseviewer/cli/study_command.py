@@ -14,7 +14,7 @@ from poseviewer.evaluation.plan import KINDS, READINGS, Plan
 from poseviewer.scene.settings import Limits
 
 PLAN = Plan(out=Path())
-SMALLEST_SIDE_PX = 32
+MIN_SIDE_PX = 32
 
 
 def _listed(values: Iterable[object]) -> str:
@@ -106,8 +106,8 @@ def _refuse_of_others(options: Namespace) -> None:
     refuse_with_paper(options)
     if options.real and options.bop:
         raise SettingsError("--real and --bop are two studies; leave one of them out")
-    if options.size and min(options.size) < SMALLEST_SIDE_PX:
-        raise SettingsError(f"--size: each side needs {SMALLEST_SIDE_PX} px at least")
+    if options.size and min(options.size) < MIN_SIDE_PX:
+        raise SettingsError(f"--size: each side needs {MIN_SIDE_PX} px at least")
     _, synthetic, (real, *of_real), (bop, *of_bop) = OPTIONS.values()
     is_other = bool(options.real or options.bop)
     table.refuse(options, synthetic if is_other else (), "goes with synthetic photos; leave it out")

@@ -64,7 +64,9 @@ class LossMaps:
             problem: Problem whose loss it is.
             photo: The problem's first photo.
         """
-        slices, settings, chart = tuple(slices), problem.settings, problem.chart
+        slices = tuple(slices)
+        settings = problem.settings
+        chart = problem.chart
         whose = "loss" if settings.loss == "default" else f"loss of {settings.loss_name}"
         title = f"{photo.label}: {whose} about the pose, ±{half_width:.0%}"
         error = max((piece.error or 0.0 for piece in slices), default=0.0)

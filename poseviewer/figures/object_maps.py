@@ -58,7 +58,9 @@ def pictures_of_objects(
     (camera axes, -1 to 1 in 16 bits) and ``nocs/i_j``; and ``depth/i`` of all, whose steps are
     ``depth_scale`` mm, or of the models' unit where that is not known. ``first``: i of the first.
     """
-    contents, cameras, infos = dict[str, bytes](), {}, {}
+    contents = dict[str, bytes]()
+    cameras = {}
+    infos = {}
     unit = next((item.model.unit for item in scene.objects if item.model.unit), None)
     mm = 1.0 if unit is None else 1000.0 * metres_per_unit(unit)
     for number, view in enumerate(scene.views, first):
@@ -94,7 +96,9 @@ def _info(model: PlacedModel, drawn: NDArray[np.bool_], seen: NDArray[np.bool_])
     """Entry of an object in ``scene_gt_info.json``; the whole silhouette is looked for as far as a
     photo's side beyond the photo.
     """
-    whole, (height, width), (top, left) = drawn, drawn.shape, (0, 0)
+    whole = drawn
+    (height, width) = drawn.shape
+    (top, left) = (0, 0)
     if not drawn.any() or drawn[[0, -1]].any() or drawn[:, [0, -1]].any():
         top, left = height, width
         camera = model.pose.camera.crop(-left, -top, (3 * width, 3 * height))

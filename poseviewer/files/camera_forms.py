@@ -19,7 +19,7 @@ from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import HALF_PIXEL, camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
 
-LARGEST_SKEW = 1e-6
+MAX_SKEW = 1e-6
 """Share of the focal length."""
 DEEPEST = 8
 """Mappings within mappings."""
@@ -407,7 +407,10 @@ def cameras_in(
         PoseViewerError: there is none, a number makes no sense, a lens is of another model, of one
             that is not said, or is said by a key that no form has.
     """
-    cameras, said, used, is_sized = [], [], set[str](), True
+    cameras = []
+    said = []
+    used = set[str]()
+    is_sized = True
     if isinstance(data, list):
         data = {"cameras" if data and isinstance(data[0], dict) else "camera_matrix": data}
     for path, mapping, above in _mappings(_undotted(data), (), DEEPEST, {}):
@@ -513,7 +516,9 @@ def _size_field(plain: str, value: Any) -> str:
     name, match = FIELDS.get(plain, ""), SIZE_LIKE.fullmatch(plain)
     if name in SIZES or not match:
         return name if name in SIZES else ""
-    sides, side, is_size = _sides(value), SIDES.get(match["side"], ""), SIZED.search(plain)
+    sides = _sides(value)
+    side = SIDES.get(match["side"], "")
+    is_size = SIZED.search(plain)
     if side and len(sides) == 1 and (is_size or match["side"] not in "xy"):
         return side
     return "imagesize" if is_size and not side and len(sides) == 2 else ""
@@ -687,9 +692,9 @@ def camera_of_matrix(
     if by_columns and np.array_equal(matrix[:, 2], [0, 0, 1]):
         matrix = matrix.T
     fx, fy = (reading.positive(float(matrix[i, i]), f"{what}: f{'xy'[i]}") for i in range(2))
-    if not np.allclose(matrix[2], [0.0, 0.0, 1.0]) or abs(matrix[1, 0]) > LARGEST_SKEW * fx:
+    if not np.allclose(matrix[2], [0.0, 0.0, 1.0]) or abs(matrix[1, 0]) > MAX_SKEW * fx:
         raise reading.error(f"{what} is {values}", "wanted rows fx 0 cx, 0 fy cy, 0 0 1")
-    if abs(matrix[0, 1]) > LARGEST_SKEW * fx:
+    if abs(matrix[0, 1]) > MAX_SKEW * fx:
         raise reading.error(f"{what} has a skew of {matrix[0, 1]:g}", "calibrate without skew")
     camera = Perspective(fx, fy, float(matrix[0, 2]), float(matrix[1, 2]), 0, 0)
     return camera_from_integer_centres(camera)

@@ -12,7 +12,7 @@ import yaml
 
 from poseviewer.files.checks import Reading, quiet_libraries
 
-LARGEST_ARRAY = 10_000
+MAX_ARRAY_NUMBERS = 10_000
 """Bytes of an array that may say a camera."""
 LOADER = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 """Every number a text, every tag and anchor plain; libyaml's where PyYAML was built with it."""
@@ -61,7 +61,9 @@ def _of_text(reading: Reading) -> dict[str, Any]:
     entries, key = tree[""], ""
     for line in reading.load_text().splitlines():
         line = line.partition("#")[0]
-        words, section, known = line.split(), SECTION.fullmatch(line), KEY.fullmatch(line)
+        words = line.split()
+        section = SECTION.fullmatch(line)
+        known = KEY.fullmatch(line)
         if section:
             entries, key = tree.setdefault(section[1], {}), ""
         elif len(words) == 22:  # of Middlebury's photos: name, K, R and t
@@ -99,7 +101,7 @@ def _arrays(reading: Reading) -> dict[str, Any]:
         content = np.load(BytesIO(reading.load_bytes()))
         if isinstance(content, np.ndarray):
             return {"camera_matrix": content.tolist()}
-        small = [i.filename for i in content.zip.infolist() if i.file_size <= LARGEST_ARRAY]
+        small = [i.filename for i in content.zip.infolist() if i.file_size <= MAX_ARRAY_NUMBERS]
         return {name.removesuffix(".npy"): content[name].tolist() for name in small}
 
 

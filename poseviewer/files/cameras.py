@@ -16,11 +16,11 @@ from poseviewer.files.structs import checked_camera
 from poseviewer.geometry.lens import UPRIGHT, LensModel, turned_camera, turned_lens
 
 KIND = "file of cameras"
-LONGEST_HEAD = 2000
+MAX_HEAD_LETTERS = 2000
 """Bytes of a text in which COLMAP names a model."""
 COLMAP_LIKE = re.compile(rb"^\s*\d+\s+[A-Z_]+\s+\d+\s+\d+", re.MULTILINE)
 """A line of COLMAP's cameras: number, model, width and height."""
-LEAST_FOCAL = 0.02
+MIN_FOCAL = 0.02
 """Focal length in widths of the photo, which then shows 175 degrees."""
 
 
@@ -36,7 +36,7 @@ def load_cameras(
     with reading.naming_errors():
         if ending == ".txt":
             with reading.open() as file:
-                head = file.read(LONGEST_HEAD)
+                head = file.read(MAX_HEAD_LETTERS)
         is_named = bool(head) and reading.path.stem == "cameras"
         if ending == ".bin" or is_named or COLMAP_LIKE.search(head):
             cameras = _colmap_cameras(reading)
@@ -108,7 +108,7 @@ def load_calibration(
         said = f"its principal point, {camera.cx - 0.5:g}, {camera.cy - 0.5:g}, lies outside"
         wanted = "calibrate on pictures of the photo's size"
         raise reading.error(f"{said} the photo's {size}", wanted)
-    if camera.fx < LEAST_FOCAL * camera.width:
+    if camera.fx < MIN_FOCAL * camera.width:
         found = f"a focal length of {camera.fx:g} px"
         raise reading.error(found, "wanted px, not sides of a photo")
     if (camera.width, camera.height) == (width, height):

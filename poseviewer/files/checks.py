@@ -46,20 +46,20 @@ def quiet_libraries() -> Iterator[None]:
 
 ROUNDING = 1e-6
 """A rotation this near to orthonormal is taken as rounded, and made exact without a warning."""
-LARGEST_REPAIR_DEG = 1.0
-LARGEST_FILE, LARGEST_DATA = 50_000_000, 2_000_000_000
+MAX_REPAIR_DEG = 1.0
+MAX_FILE_BYTES, MAX_DATA_BYTES = 50_000_000, 2_000_000_000
 """Bytes of numbers and names (100,000 cameras have fewer), and of pictures, models and tables."""
-LARGEST_NUMBER = 1e30
+MAX_NUMBER = 1e30
 """Beyond it, and below its reciprocal, products of numbers leave the range of 32-bit floats."""
-LARGEST_PX = 1e7
+MAX_PX = 1e7
 """Limit of focal lengths, principal points and sides: 100 times those of the longest lenses and
 largest pictures."""
-LONGEST_NAME = 200
+MAX_NAME_LETTERS = 200
 """Characters of a file's name in a message."""
-LONGEST_QUOTE = 60
+MAX_QUOTE_LETTERS = 60
 """Characters of a value in a message."""
-Number = Annotated[float, Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
-Positive = Annotated[float, Meta(ge=1.0 / LARGEST_NUMBER, le=LARGEST_NUMBER)]
+Number = Annotated[float, Meta(ge=-MAX_NUMBER, le=MAX_NUMBER)]
+Positive = Annotated[float, Meta(ge=1.0 / MAX_NUMBER, le=MAX_NUMBER)]
 Pixels = Annotated[int, Meta(ge=1, le=10_000_000)]
 Three = Annotated[tuple[Number, ...], Meta(min_length=3, max_length=3)]
 Rows = Annotated[tuple[Three, ...], Meta(min_length=3, max_length=3)]
@@ -73,9 +73,9 @@ NAMES = {
 }  # fmt: skip
 """Names of msgspec's types for people."""
 LIMITS = {
-    f" >= {1.0 / LARGEST_NUMBER}": " above 0",
-    f" >= {-LARGEST_NUMBER}": f" of at most {LARGEST_NUMBER:g}",
-    f" <= {LARGEST_NUMBER}": f" of at most {LARGEST_NUMBER:g}",
+    f" >= {1.0 / MAX_NUMBER}": " above 0",
+    f" >= {-MAX_NUMBER}": f" of at most {MAX_NUMBER:g}",
+    f" <= {MAX_NUMBER}": f" of at most {MAX_NUMBER:g}",
 }
 """Limits in msgspec's messages, in words."""
 
@@ -93,14 +93,14 @@ class Reading:
     error_type: type[PoseViewerError] = PoseFileError
     kind: str = "pose file"
     """Kind of file that is wanted, for messages."""
-    largest: int = LARGEST_FILE
+    largest: int = MAX_FILE_BYTES
     """Bytes."""
     numbers_as_text: bool = False
     """Whether a text counts as the number that it spells."""
 
     def error(self, found: str, wanted: str) -> PoseViewerError:
         """An error that names the file."""
-        name = printable(self.path.name or str(self.path), LONGEST_NAME)
+        name = printable(self.path.name or str(self.path), MAX_NAME_LETTERS)
         return self.error_type(f"{name}: {found}; {wanted}.")
 
     def check_size(self) -> None:
@@ -248,15 +248,15 @@ class Reading:
         return value
 
     def number(
-        self, value: Any, what: str, most: float = LARGEST_NUMBER, least: float | None = None
+        self, value: Any, what: str, most: float = MAX_NUMBER, least: float | None = None
     ) -> float:
         """A number from ``least``, or -``most``, to ``most``; no truth value."""
         kind: Any = Annotated[float, Meta(ge=-most if least is None else least, le=most)]
         return self.decoded(value, kind, what)
 
-    def positive(self, value: Any, what: str, most: float = LARGEST_NUMBER) -> float:
+    def positive(self, value: Any, what: str, most: float = MAX_NUMBER) -> float:
         """A number above 0 and up to ``most``."""
-        return self.number(value, what, most, 1.0 / LARGEST_NUMBER)
+        return self.number(value, what, most, 1.0 / MAX_NUMBER)
 
     def flat_numbers(self, value: Any, what: str, length: int | None = None) -> list[float]:
         """Numbers of a text, of (lists in) a list, or of OpenCV's ``{rows, cols, data}``."""
@@ -293,7 +293,7 @@ def kind_of(value: Any) -> str:
     if value is None:
         return "missing"
     try:
-        return printable(repr(value), LONGEST_QUOTE)
+        return printable(repr(value), MAX_QUOTE_LETTERS)
     except ValueError:  # Python writes no whole number of over 4300 digits
         return "a number of thousands of digits"
 
@@ -320,7 +320,7 @@ def checked_rotation(reading: Reading, matrix: FloatArray) -> FloatArray:
     nearest = nearest_rotation(matrix)
     # A small angle moves the matrix by sqrt(2) of it, in the Frobenius norm.
     off_deg = math.degrees(float(np.linalg.norm(matrix - nearest)) / math.sqrt(2.0))
-    if off_deg >= LARGEST_REPAIR_DEG:
+    if off_deg >= MAX_REPAIR_DEG:
         found = f"the rotation is not a rotation matrix (determinant {np.linalg.det(matrix):.3g})"
         wanted = (
             "wanted an orthonormal one of determinant 1; where it is -1, change the sign of an axis"

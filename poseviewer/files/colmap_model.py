@@ -41,9 +41,9 @@ https://github.com/colmap/colmap/blob/main/src/colmap/sensor/models.h
 """
 POINT_BYTES = 24
 """Size of an image's point: x, y, and the number of its point in space."""
-LONGEST_NAME = 4096
+MAX_NAME_LETTERS = 4096
 """Bytes of an image's path, which ends in a zero."""
-LARGEST_FILE = 100_000_000_000
+MAX_FILE_BYTES = 100_000_000_000
 """Bytes: the points of all images are in it; they are skipped."""
 
 
@@ -113,7 +113,7 @@ def _camera_rows(reading: Reading) -> list[list[str]]:
 
 def _image_rows(reading: Reading) -> list[list[str]]:
     """IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME of each image in an ``images`` file."""
-    reading, rows = replace(reading, largest=LARGEST_FILE), []
+    reading, rows = replace(reading, largest=MAX_FILE_BYTES), []
     with reading.naming_errors(), reading.open() as file:
         if reading.path.suffix != ".bin":
             for line in file:
@@ -124,7 +124,7 @@ def _image_rows(reading: Reading) -> list[list[str]]:
         for _ in range(*_take(file, "<Q")):
             number, *pose, camera = _take(file, "<I7dI")
             start = file.tell()
-            name, end, _ = file.read(LONGEST_NAME).partition(b"\0")
+            name, end, _ = file.read(MAX_NAME_LETTERS).partition(b"\0")
             file.seek(start + len(name + end))
             (points,) = _take(file, "<Q")
             file.seek(points * POINT_BYTES, SEEK_CUR)

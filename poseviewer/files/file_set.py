@@ -30,11 +30,11 @@ from poseviewer.files.symmetry import symmetry_path
 
 Kind = Literal["photo", "model", "pose"]
 
-MOST_FILES = 10_000
+MAX_FILES = 10_000
 """Limit of a set: a scene of a thousand photos with depths and masks has some thousand."""
-MOST_MODELS = 200
+MAX_MODELS = 200
 """Models that are opened together, each an object."""
-MOST_NAMED = 5
+MAX_NAMED = 5
 """Files in one sentence."""
 OF_MODELS = (".mtl", ".bin")
 """Files that are nothing without their model."""
@@ -86,10 +86,10 @@ class FileSet:
 
 def files_below(root: Path) -> tuple[Path, ...]:
     """All files in a folder and below, sorted, without what systems leave there."""
-    files = tuple(islice(_walk(root), MOST_FILES + 1))
-    if len(files) > MOST_FILES:
+    files = tuple(islice(_walk(root), MAX_FILES + 1))
+    if len(files) > MAX_FILES:
         raise FileSetError(
-            f"{root}: more than {MOST_FILES:,} files; name a folder inside it, or PHOTO and MODEL."
+            f"{root}: more than {MAX_FILES:,} files; name a folder inside it, or PHOTO and MODEL."
         )
     return tuple(sorted(files))
 
@@ -113,8 +113,8 @@ def sort_set(
         of_kind[_kind_of(path, kind == "pose", sole=len(files) == 1)].append(path)
     if scene := _only(of_kind["scene"], "scene files"):
         return FileSet(scene=scene)
-    if len(of_kind["model"]) > MOST_MODELS:
-        _only(of_kind["model"], "models", f" to {MOST_MODELS}")
+    if len(of_kind["model"]) > MAX_MODELS:
+        _only(of_kind["model"], "models", f" to {MAX_MODELS}")
     models = [model_files(path, files) for path in of_kind["model"]]
     if not models and at_hand is not None:
         joined = model_files(at_hand, files)
@@ -156,7 +156,9 @@ def model_files(path: Path, others: Sequence[Path]) -> ModelFiles:
     for other in others:
         by_name[plain_name(other.name)].append(other)
     named: dict[str, Path] = {}
-    names_pictures, scattered, waiting = False, False, [path]
+    names_pictures = False
+    scattered = False
+    waiting = [path]
     while waiting:
         file = waiting.pop()
         for written, is_read in names_in(file).items():
@@ -253,7 +255,7 @@ def _only(paths: Sequence[Path], what: str, instead: str = "") -> Path | None:
 
 def _listed(paths: Sequence[Path]) -> str:
     root = Path(os.path.commonpath([path.parent for path in paths]))
-    return list_names([path.relative_to(root).as_posix() for path in paths], MOST_NAMED)
+    return list_names([path.relative_to(root).as_posix() for path in paths], MAX_NAMED)
 
 
 def _nothing_to_open(files: Sequence[Path], kind: Kind | None) -> FileSetError:

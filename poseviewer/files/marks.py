@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 
 from poseviewer.errors import QuickStartError
-from poseviewer.files.checks import LARGEST_NUMBER, LARGEST_PX, Reading
+from poseviewer.files.checks import MAX_NUMBER, MAX_PX, Reading
 from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.frames import points_from_integer_centres
 from poseviewer.vehicle.wheel_pose import Ellipse, Wheels
 
 PAIR = ("x", "y", "z", "u", "v")
 ELLIPSE = ("cx", "cy", "a", "b", "angle")
-LARGEST: dict[str, float] = dict.fromkeys((*PAIR[3:], *ELLIPSE[:4]), LARGEST_PX)
+MAX_VALUES: dict[str, float] = dict.fromkeys((*PAIR[3:], *ELLIPSE[:4]), MAX_PX)
 """Limits of columns in px of the photo."""
 
 
@@ -91,6 +91,6 @@ def _numbers(
         wanted = f"wanted {len(names)}: {', '.join(names)[:80]}"
         raise reading.error(f"{where} has {len(row)} values", wanted)
     return [
-        reading.number(row[names.index(n)].strip(), f"{where}: {n}", LARGEST.get(n, LARGEST_NUMBER))
+        reading.number(row[names.index(n)].strip(), f"{where}: {n}", MAX_VALUES.get(n, MAX_NUMBER))
         for n in chosen
     ]

@@ -16,7 +16,7 @@ from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
 
 from poseviewer.errors import CalibrationFileError, PhotoFileError, printable
 from poseviewer.files.cameras import Calibration, load_calibration
-from poseviewer.files.checks import LARGEST_DATA, Reading, quiet_libraries
+from poseviewer.files.checks import MAX_DATA_BYTES, Reading, quiet_libraries
 from poseviewer.files.structs import Distortion
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.image import Photo
@@ -27,7 +27,12 @@ ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", "
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "PPM")
 """Pillow's names of them; its readers of others believe the lengths that a file claims."""
 RAW_ENDINGS = (".dng", ".nef", ".cr2", ".cr3", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw")
-DNG_VERSION, SUBFILE_TYPE, BITS, PHOTOMETRIC, SAMPLES, PLANAR = 50706, 254, 258, 262, 277, 284
+DNG_VERSION = 50706
+SUBFILE_TYPE = 254
+BITS = 258
+PHOTOMETRIC = 262
+SAMPLES = 277
+PLANAR = 284
 """TIFF's tags."""
 WHITE_IS_ZERO, MAX_CENTRE_ERROR = 0, 2
 """Values of ``PHOTOMETRIC`` and ``PLANAR``."""
@@ -36,7 +41,7 @@ REDUCED = 1
 MAX_MEGAPIXELS = 100.0
 ROWS = 256
 """Rows of pixels that are turned from BGR to RGB at a time."""
-MOST_SCANS = 100
+MAX_SCANS = 100
 """Progressive JPEGs have some ten."""
 MARKER = re.compile(rb"\xff([^\x00\x01\xd0-\xd7\xff])", re.DOTALL)
 """A JPEG's marker before a segment with its length, or its end (ITU-T T.81, B.1.1.3)."""
@@ -105,12 +110,12 @@ def save_image(path: str | Path, rgb: NDArray, *, is_own: bool = False) -> None:
 
 
 def _reading(path: str | Path) -> Reading:
-    return Reading(Path(path), [], PhotoFileError, "photo", LARGEST_DATA)
+    return Reading(Path(path), [], PhotoFileError, "photo", MAX_DATA_BYTES)
 
 
 def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]:
     """Pixels (h, w, 1 or 3), 35-mm focal length, and whether there was transparency."""
-    if (scans := _scans(data)) > MOST_SCANS:
+    if (scans := _scans(data)) > MAX_SCANS:
         raise reading.error(f"a JPEG of {scans:,} scans or more", "save it again")
     raw = reading.error("a raw photo", "develop it to JPEG, PNG or TIFF first")
     if reading.path.suffix.lower() in RAW_ENDINGS:
@@ -160,7 +165,7 @@ def _scans(data: bytes) -> int:
     at, count = 2, 0
     while data.startswith(b"\xff\xd8") and (marker := MARKER.search(data, at)):
         count += marker[1] == b"\xda"
-        if marker[1] == b"\xd9" or count > MOST_SCANS:
+        if marker[1] == b"\xd9" or count > MAX_SCANS:
             break
         at = marker.end() + int.from_bytes(data[marker.end() : marker.end() + 2], "big")
     return count

@@ -239,7 +239,9 @@ def form_of(kind: Any) -> JsonForm:
 
 def _form_of_fields(kind: Any) -> JsonForm:
     """The form of a dataclass: a struct of the forms of its fields."""
-    hints, forms, made = get_type_hints(kind, include_extras=True), {}, []
+    hints = get_type_hints(kind, include_extras=True)
+    forms = {}
+    made = []
     for item in fields(kind):
         key = item.metadata.get("key", item.name)
         if key is None:
@@ -379,7 +381,9 @@ def as_saved(scene: Scene, *, canonical: bool = True) -> Scene:
 
 def _object_as_saved(scene: Scene, index: int, canonical: bool) -> SceneObject:
     item = scene.objects[index]
-    result, place, symmetry = item.result, item.world_from_model, item.symmetry
+    result = item.result
+    place = item.world_from_model
+    symmetry = item.symmetry
     at = 0 if result is None else result.view
     pose = scene.pose(index, at)
     equal = symmetry.canonical(pose) if canonical else pose
@@ -424,7 +428,9 @@ def save_scene(path: str | Path, scene: Scene) -> None:
 
 def scene_contents(path: Path, scene: Scene) -> dict[Path, bytes]:
     """The files that ``save_scene`` writes; raises as that does."""
-    reading, contents, form = Reading(path, kind=KIND), dict[Path, bytes](), scene_as_json(scene)
+    reading = Reading(path, kind=KIND)
+    contents = dict[Path, bytes]()
+    form = scene_as_json(scene)
     require_whole(reading, form)
 
     def name(file: str, where: str) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from poseviewer.confidence.pose_covariance import PoseCovariance
-from poseviewer.files.checks import LARGEST_PX, Number, Pixels, Positive, Reading, Rows, Three
+from poseviewer.files.checks import MAX_PX, Number, Pixels, Positive, Reading, Rows, Three
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel, Undistortion
@@ -19,8 +19,8 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import SIZE
 
 AnyCamera = TypeVar("AnyCamera", bound=Camera)
-Focal = Annotated[float, Meta(ge=1.0 / LARGEST_PX, le=LARGEST_PX)]
-PrincipalPoint = Annotated[float, Meta(ge=-LARGEST_PX, le=LARGEST_PX)]
+Focal = Annotated[float, Meta(ge=1.0 / MAX_PX, le=MAX_PX)]
+PrincipalPoint = Annotated[float, Meta(ge=-MAX_PX, le=MAX_PX)]
 Sha256 = Annotated[str, Meta(extra_json_schema={"pattern": "^[0-9a-fA-F]{64}$"})]
 SCENE = "poseviewer-scene"
 """Name of the format of scene files."""

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from poseviewer.errors import SettingsError
-from poseviewer.files.checks import LARGEST_DATA, Reading
+from poseviewer.files.checks import MAX_DATA_BYTES, Reading
 from poseviewer.files.writing import open_to_append, write_whole
 
 Row = TypeVar("Row")
@@ -19,7 +19,7 @@ def load_rows(path: Path, row_type: type[Row]) -> list[Row]:
     """Read rows of a dataclass of texts, numbers and truth values, a line each; none where there is
     no table. A last line that was cut off is dropped from the file.
     """
-    reading = Reading(path, [], SettingsError, "table of trials", LARGEST_DATA)
+    reading = Reading(path, [], SettingsError, "table of trials", MAX_DATA_BYTES)
     text = reading.load_text() if path.exists() and path.stat().st_size else ""
     whole = text[: text.rfind("\n") + 1]
     table = csv.DictReader(StringIO(whole))

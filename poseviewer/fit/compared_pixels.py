@@ -22,7 +22,7 @@ from poseviewer.render.types import PhotoAttributes
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Scene
 
-LEAST_COLOUR = 0.02
+MIN_COLOUR = 0.02
 """Standard deviation across the main line of a photo's colours, of 1: less is their noise."""
 NEAR_MARGIN = 0.25
 """Reach of the pixels ``near`` the start, as a share of the diagonal of its box."""
@@ -170,7 +170,7 @@ def _has_colour(photo: Photo, weights: NDArray[np.float32]) -> bool:
         return False
     few = photo.pixels[counts][:: 1 + np.count_nonzero(counts) // ENOUGH_COLOURS]
     colours = few / np.iinfo(photo.pixels.dtype).max
-    return bool(np.linalg.eigvalsh(np.cov(colours.T))[1] > LEAST_COLOUR**2)
+    return bool(np.linalg.eigvalsh(np.cov(colours.T))[1] > MIN_COLOUR**2)
 
 
 def box_near(mesh: Mesh, start: Pose) -> Rectangle:

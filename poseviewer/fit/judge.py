@@ -24,12 +24,23 @@ from poseviewer.render.types import AttributeImage, Renderer
 
 ALIKE = 0.1
 """Distance of two looks, normal (unit) and reflectance (of 1), that counts as none."""
-FEWEST_PIXELS = 50
+MIN_PIXELS = 50
 """Pixels of the model below which it counts as unseen."""
-WRONG_POSES, WRONG_DEG, WRONG_SHIFT, WRONG_SIZE = 48, (15.0, 45.0), 0.2, 0.1
-"""Number and turns of wrong poses; standard deviations of their shift (radii) and log size."""
-RETURNS, RETURN_DISTANCE, RETURN_EDGE, RETURN_EVALUATIONS = 4, 0.15, 0.08, 60
-"""Descents from near by: 8 degrees away, or that share of the radius."""
+WRONG_POSES = 48
+"""Wrong poses that the right one is compared with."""
+WRONG_DEG = (15.0, 45.0)
+"""Smallest and largest rotation of a wrong pose."""
+WRONG_SHIFT = 0.2
+"""Standard deviation of a wrong pose's translation, in radii."""
+WRONG_SIZE = 0.1
+"""Standard deviation of the logarithm of a wrong pose's size."""
+RETURNS = 4
+"""Descents from poses near the end."""
+RETURN_DISTANCE = 0.15
+"""Distance of their starts: radians, or fraction of the radius."""
+RETURN_EDGE = 0.08
+"""Edge of their first simplex."""
+RETURN_EVALUATIONS = 60
 MINIMUM_EDGE, MINIMUM_EVALUATIONS = 0.03, 50
 """Descent from the pose itself: a coarse level's minimum is a little beside the photo's."""
 TURN_EDGE, TURN_EVALUATIONS = 0.08, 60
@@ -44,7 +55,10 @@ def judge_end(progress: FitProgress, renderer: Renderer, threads: int = 1) -> Fi
     """The progress with the verdict on the pose that a search ended in, ``lost`` where no model is
     to be seen, and the pose's covariance.
     """
-    problem, parameters, features, covariance = progress.problem, progress.parameters, None, None
+    problem = progress.problem
+    parameters = progress.parameters
+    features = None
+    covariance = None
     if len(problem.views) > 1:
         pairs = zip(problem.alone, problem.poses(parameters), strict=True)
         owns = [replace(progress, problem=alone, pose=pose) for alone, pose in pairs]
@@ -81,10 +95,12 @@ def gather_features(probe: Probe) -> Features | None:
     """Features of a pose, on any number of threads the same; None where the model is not in sight,
     or in part behind the camera.
     """
-    photo, renderer, pose = probe.photo, probe.renderer, probe.chart.start
+    photo = probe.photo
+    renderer = probe.renderer
+    pose = probe.chart.start
     drawn = model_mask(photo, renderer, pose)
     here = float(probe.losses(np.zeros((1, len(probe.motions))))[0])
-    if np.count_nonzero(drawn & (photo.weights > 0.0)) < FEWEST_PIXELS or not math.isfinite(here):
+    if np.count_nonzero(drawn & (photo.weights > 0.0)) < MIN_PIXELS or not math.isfinite(here):
         return None
     losses, turned = (
         all_losses[np.isfinite(all_losses)]

@@ -97,7 +97,9 @@ def _count(moments: Moments) -> int:
 
 def _canonical_squares(moments: Moments, colours: int | None = None) -> FloatArray:
     """(min(n, m),): squared canonical correlations of F, or its leading ``colours``, and M."""
-    n, mean, covariance = moments.photo_channels, moments.mean, moments.covariance
+    n = moments.photo_channels
+    mean = moments.mean
+    covariance = moments.covariance
     if colours is None:
         return canonical_correlations_squared(mean, covariance, n, moments.photo_whitening)
     kept = np.r_[:colours, n : len(mean)]

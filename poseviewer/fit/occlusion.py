@@ -28,19 +28,19 @@ LIGHT_NOISE = 0.03
 """Standard deviation of a colour in [0, 1] that no light is told without."""
 CLASS_NOISE, ANY_COLOUR = 0.02, 1e-3
 """Standard deviation of a class beside the model; and the density of colours that no class has."""
-MOST_SAID = 5.0
+MAX_RESIDUAL_RATIO = 5.0
 """Logarithm of the odds that one pixel may give."""
 SAID_PX = 2.5
 """Standard deviation of the blur by which pixels speak for their neighbours."""
-LEAST_WIDTH, LEAST_SHARE = 0.03, 0.02
+MIN_WIDTH, MIN_SHARE = 0.03, 0.02
 """Width of a piece in roots of the model's area, and share of it: outlines a bit off have less."""
-LEAST_CROSSING = 1.0
+MIN_CROSSING = 1.0
 """Length of the outline that a piece lies on, in roots of its area: few things end there."""
 EDGE_GAP = 0.3
 """Share of its border inside the model that lies on edges, above that of the outline over it."""
 REACH = 1.5
 """Reach beside the model of what hides it, in roots of the hidden area; more lets a model grow."""
-LEAST_SEEN = 0.2
+MIN_VISIBLE = 0.2
 """Share of the model that is left: with less, any light explains it."""
 
 Hidden = NDArray[np.bool_] | None
@@ -63,7 +63,7 @@ def find_hidden(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> Hidde
     for piece in _pieces(odds > 0.0, covered):
         if _is_in_front(photo, piece, image.mask):
             hidden |= piece
-    if not hidden.any() or np.count_nonzero(covered & ~hidden) < LEAST_SEEN * covered.sum():
+    if not hidden.any() or np.count_nonzero(covered & ~hidden) < MIN_VISIBLE * covered.sum():
         return None
     return hidden | (beside & _nearest(hidden, image.mask))
 
@@ -87,7 +87,7 @@ def _odds(
         left = colours - model @ _light(colours, model, weights)
         spread = (left * weights[:, None]).T @ left / weights.sum()
         said = other - _log_normal(left, spread, LIGHT_NOISE)
-        said = np.clip(said, -MOST_SAID, MOST_SAID)
+        said = np.clip(said, -MAX_RESIDUAL_RATIO, MAX_RESIDUAL_RATIO)
         odds[covered] = said
         even = np.asarray(cv2.GaussianBlur(odds, (0, 0), SAID_PX)) / np.maximum(reach, 1e-6)
         weights = np.where(even[covered] > 0.0, 0.0, 1.0 / (1.0 + np.exp(said)))
@@ -141,11 +141,11 @@ def _log_normal(away: FloatArray, spread: FloatArray, noise: float) -> FloatArra
 def _pieces(hidden: NDArray[np.bool_], covered: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
     """The connected parts of ``hidden`` (height, width) that are neither thin nor small."""
     area = int(np.count_nonzero(covered))
-    radius = max(1, round(LEAST_WIDTH * area**0.5 / 2.0))
+    radius = max(1, round(MIN_WIDTH * area**0.5 / 2.0))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     opened = cv2.morphologyEx(hidden.astype(np.uint8), cv2.MORPH_OPEN, disc)
     count, labels, sizes, _ = cv2.connectedComponentsWithStats(opened)
-    large = sizes[:, cv2.CC_STAT_AREA] >= LEAST_SHARE * area
+    large = sizes[:, cv2.CC_STAT_AREA] >= MIN_SHARE * area
     return [labels == label for label in range(1, count) if large[label]]
 
 
@@ -155,7 +155,7 @@ def _is_in_front(
     """Whether a ``piece`` of the ``model`` has edges about it, but where it crosses its outline."""
     square = np.ones((3, 3), np.uint8)
     outline = model & (cv2.erode(model.astype(np.uint8), square) == 0)
-    if np.count_nonzero(piece & outline) < LEAST_CROSSING * np.count_nonzero(piece) ** 0.5:
+    if np.count_nonzero(piece & outline) < MIN_CROSSING * np.count_nonzero(piece) ** 0.5:
         return False
     inside = cv2.erode(model.astype(np.uint8), square, iterations=2)
     near = cv2.dilate(piece.astype(np.uint8), square)

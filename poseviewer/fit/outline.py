@@ -50,7 +50,10 @@ def _outline(
     soft = np.asarray(cv2.GaussianBlur(covered.astype(np.float32), (0, 0), 1.5))
     rim = covered & (cv2.erode(covered.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
     rim &= weights > 0.0
-    rim[:2], rim[-2:], rim[:, :2], rim[:, -2:] = False, False, False, False
+    rim[:2] = False
+    rim[-2:] = False
+    rim[:, :2] = False
+    rim[:, -2:] = False
     rows, columns = np.nonzero(rim)
     gradient = np.stack(
         [-cv2.Sobel(soft, cv2.CV_32F, *way)[rows, columns] for way in ((1, 0), (0, 1))], axis=1

@@ -12,7 +12,7 @@ from scipy.linalg import orth
 from poseviewer.fit.compared_pixels import box_near, working_factor
 from poseviewer.fit.loss import registration_loss
 from poseviewer.fit.problem import FitProblem
-from poseviewer.fit.stages import FEWEST_OF_STRUCTURE
+from poseviewer.fit.stages import MIN_STRUCTURE_PIXELS
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError, has_focal
@@ -27,7 +27,7 @@ from poseviewer.render.types import Renderer
 
 SMALL_STEP = 1e-4
 """Step of a derivative by a chart's parameter, in units of its scale."""
-LEAST_MOTION = 1e-3
+MIN_MOTION = 1e-3
 """Share of the greatest motion below which one counts as none: differences are no more exact."""
 TOLERANCES = nelder_mead.NelderMeadOptions(x_tolerance=2e-3, f_tolerance=1e-3)
 TURNS_DEG = (15.0, 30.0, 45.0)
@@ -54,7 +54,9 @@ class Probe:
 
         Raises ``PoseViewerError`` for a pose that has no parameters in a chart.
         """
-        self.mesh, self.symmetry, self.renderer = problem.mesh, problem.symmetry, renderer
+        self.mesh = problem.mesh
+        self.symmetry = problem.symmetry
+        self.renderer = renderer
         free_focal = has_focal(problem.chart, problem.free_indices)
         free_focal = free_focal and not isinstance(pose.camera, Parallel)
         self.chart = FreeBodyChart.near(self.mesh, pose, free_focal)
@@ -70,7 +72,7 @@ class Probe:
         if is_fine:
             self.level = lighter_level(photo, renderer, pose)
         else:
-            self.level = coarsest_level(photo, renderer, pose, FEWEST_OF_STRUCTURE)
+            self.level = coarsest_level(photo, renderer, pose, MIN_STRUCTURE_PIXELS)
         self._pool = RendererPool(self.level.renderer, threads)
         self.close = self._pool.close
 
@@ -141,7 +143,7 @@ def free_motions(problem: FitProblem, parameters: FloatArray, chart: FreeBodyCha
                 moved = problem.chart.to_pose(parameters + sign * step)
                 motions.append(chart.from_pose(moved) * (sign / SMALL_STEP))
                 break
-    return orth(np.array(motions).T, LEAST_MOTION).T
+    return orth(np.array(motions).T, MIN_MOTION).T
 
 
 def _without_equal(motions: FloatArray, chart: FreeBodyChart, symmetry: Symmetry) -> FloatArray:

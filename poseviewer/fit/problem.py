@@ -26,7 +26,7 @@ from poseviewer.scene.types import Scene
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 
-LEAST_COVERED = 0.6
+MIN_COVERED_FRACTION = 0.6
 """Share of the start's pixels that a pose covers: more than starts 16 % off lack."""
 
 
@@ -137,7 +137,7 @@ def guarded(problem: FitProblem, renderer: Renderer) -> FitProblem:
     """
     pairs = zip(problem.views, problem.poses(problem.start), strict=True)
     covered = ((view, renderer.moments(pose, view.photo).pixels) for view, pose in pairs)
-    views = tuple(replace(view, fewest=LEAST_COVERED * pixels) for view, pixels in covered)
+    views = tuple(replace(view, fewest=MIN_COVERED_FRACTION * pixels) for view, pixels in covered)
     return replace(problem, views=views)
 
 

@@ -22,7 +22,7 @@ OWN_EDGE, OWN_EVALUATIONS = 0.05, 80
 """Edge and length of the descent of the model as it is, to the coarse level's own minimum."""
 EDGE, EVALUATIONS = 0.08, 150
 """Edge and length of the descent from there with its proportions free."""
-LEAST_GAIN, LEAST_STRETCH = 0.08, 0.045
+MIN_GAIN, MIN_STRETCH = 0.08, 0.045
 """Loss that other proportions must gain, and how much longer an axis must be than the others:
 right models gain less, or by less."""
 
@@ -58,7 +58,7 @@ def other_proportions(problem: FitProblem, renderer: Renderer, pose: Pose, threa
     # Logarithm of each axis' stretch, above the mean of the two others.
     longer = 1.5 * (end[len(at) :] @ STRETCHES)
     axis = int(np.argmax(np.abs(longer)))
-    if least - other < LEAST_GAIN or abs(longer[axis]) < LEAST_STRETCH:
+    if least - other < MIN_GAIN or abs(longer[axis]) < MIN_STRETCH:
         return ""
     percent, how = 100.0 * np.expm1(abs(longer[axis])), "longer" if longer[axis] > 0 else "shorter"
     return (

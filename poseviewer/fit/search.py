@@ -52,13 +52,13 @@ from poseviewer.render.types import Renderer
 from poseviewer.scene.settings import settings_as_json
 from poseviewer.scene.types import ChartParameters, Scene, SearchResult
 
-MOST_CONTINUED = 3
+MAX_CONTINUATIONS = 3
 """Number of searches continued from the end of the one before, until the pose is trusted."""
 GAIN_THRESHOLD = 0.1
 """Loss that the last search must have gained to be continued."""
 OCCLUSION_PASSES, NEW_SHARE = 2, 0.03
 """Looks for what is in front, and share of P by which that must differ to search again."""
-MOST_RUNS = 4
+MAX_RUNS = 4
 """Runs of the stages before a verdict: what others hide settles after two mostly."""
 FOCAL_THRESHOLD = 0.02
 """Share by which a run moves the focal length to be continued, where its spread is not known."""
@@ -66,9 +66,9 @@ LAST_MOVE_PERCENT = 1.0
 """Move of the model by a run's last models, by its size, from which they left their valley."""
 CHANGED = 0.05
 """Share of an object's pixels that others hide or free: less hardly moves its minimum."""
-LEAST_LEFT = 0.5
+MIN_LEFT_FRACTION = 0.5
 """Share of what is seen at the start beside all others, to search first as if behind them all."""
-MOST_ROUNDS = 4
+MAX_ROUNDS = 4
 """Searches of one object at most: two that slide along each other would take turns for ever."""
 
 
@@ -93,7 +93,9 @@ class Search:
         pyramid levels and minimisers.
         """
         self._make_stages = stages
-        self._start, self._renderers, self._threads = scene, renderers, threads
+        self._start = scene
+        self._renderers = renderers
+        self._threads = threads
         self._indices, self._view = tuple(indices), view
         self.scene = scene
         """With the poses and results of the searches that are over."""
@@ -113,7 +115,7 @@ class Search:
             SettingsError: the settings do not go with a photo, a model or its start.
             SingularChartError: the wanted chart has no parameters at a start.
         """
-        for _ in range(MOST_ROUNDS):
+        for _ in range(MAX_ROUNDS):
             due, was_searched = set(self._indices), False
             while due:
                 index = self._most_seen(due)
@@ -125,7 +127,9 @@ class Search:
                     continue
                 if before is None and len(self._indices) == 1:
                     hidden = {number: _all_in_front(one) for number, one in hidden.items()}
-                self._index, self._began, was_searched = index, time.perf_counter(), True
+                self._index = index
+                self._began = time.perf_counter()
+                was_searched = True
                 yield from self._place(hidden)
                 self._searched[index] = self._progress_by_object[index].problem
                 if before is not None and is_worse(self._progress_by_object[index], before):
@@ -188,7 +192,7 @@ class Search:
             problem = replace(problem, start=numbers_of(problem.chart, pose, scale))
         before, is_coarse = problem.poses(problem.start)[0], is_among and problem.is_structured
         best = yield from self._run(problem, is_coarse=is_coarse)
-        for _ in range(1, MOST_RUNS):
+        for _ in range(1, MAX_RUNS):
             scene = moved(self.scene, self._index, best.problem, best.parameters)
             hidden = self._seen_in(scene, best.problem)
             is_same = not _differ(best.problem, hidden)
@@ -197,7 +201,9 @@ class Search:
             if is_settled or not best.may_continue:
                 break
             best = best if is_same else self._on(self._made(hidden), best)
-            before, loss, is_coarse = best.pose, best.loss, False
+            before = best.pose
+            loss = best.loss
+            is_coarse = False
             best = yield from self._run(best.problem, best)
             gain = loss - best.loss if is_among else math.inf
         best = self._of_this_model((yield from self._finish(best, gain)))
@@ -256,7 +262,9 @@ class Search:
         for _ in range(OCCLUSION_PASSES):
             if not (best.may_continue and whole.is_structured and is_looked_for):
                 break
-            views, poses, hidden = best.problem.views, whole.poses(best.parameters), []
+            views = best.problem.views
+            poses = whole.poses(best.parameters)
+            hidden = []
             for view, old, pose in zip(whole.views, views, poses, strict=True):
                 new = find_hidden(view.photo, self._renderer, pose)
                 hidden.append(old.hidden if new is None else new)
@@ -266,7 +274,7 @@ class Search:
             before, pose_before = self._on(replace(whole, views=tuple(left)), best), best.pose
             best, gain = (yield from self._run(before.problem, before, before)), math.inf
         best = self._judged(best)
-        for is_turned in (*(False,) * MOST_CONTINUED, True):
+        for is_turned in (*(False,) * MAX_CONTINUATIONS, True):
             is_moved = best.may_continue and is_focal_moved(pose_before, best)
             is_settled = is_turned or not is_moved
             if not is_turned and gain < GAIN_THRESHOLD and is_settled:
@@ -376,7 +384,7 @@ def _all_in_front(seen: Hiding | None) -> Hiding | None:
     if seen is None:
         return None
     left, shown = (np.count_nonzero(seen.drawn & ~hidden) for hidden in (seen.others, seen.hidden))
-    return replace(seen, hidden=seen.others) if left >= LEAST_LEFT * shown else seen
+    return replace(seen, hidden=seen.others) if left >= MIN_LEFT_FRACTION * shown else seen
 
 
 def _is_same(known: ComparedView, hidden: Hidden, whole: ComparedView) -> bool:

@@ -135,7 +135,9 @@ class _Losses:
     """The slices' losses, as far as they are known."""
 
     def __init__(self, problem: FitProblem, pool: RendererPool, values: FloatArray) -> None:
-        self._problem, self._pool, self._values = problem, pool, values
+        self._problem = problem
+        self._pool = pool
+        self._values = values
         self._known: dict[tuple[float, ...], float] = {}
         pairs, size = combinations(problem.free_indices.tolist(), 2), len(values)
         self._grids = {pair: np.full((size, size), np.nan) for pair in pairs}

@@ -30,10 +30,10 @@ from poseviewer.render.pyramid.levels import Level, coarsest_level, lighter_leve
 from poseviewer.render.types import Renderer
 from poseviewer.vehicle.chart import VehicleChart
 
-FEWEST_PIXELS = 5000
+MIN_PIXELS = 5000
 """Pixels of the model at the start on the coarsest level: on coarser ones side valleys reach it."""
-FEWEST_OF_STRUCTURE = 2000
-"""``FEWEST_PIXELS`` where classes and edges are compared, which reach farther than shades do."""
+MIN_STRUCTURE_PIXELS = 2000
+"""``MIN_PIXELS`` where classes and edges are compared, which reach farther than shades do."""
 COARSE_POPULATION = CmaOptions(min_sigma=0.04)
 """Ends early: the coarse minimum is up to 5 % beside the photo's."""
 FINE_POPULATION = CmaOptions(sigma=0.06, population=16, generations=24, min_sigma=2e-3)
@@ -57,7 +57,7 @@ FINE_SIMPLEX = RestartOptions(
 """Simplex on the fine photo, whose minimum is a pixel away."""
 PAPER_SHARE = 1.0 / 40.0
 """Change of the paper's loss that goes with 1 of the default's about the truth."""
-LEAST_VALUE = 0.05
+MIN_VALUE = 0.05
 """Share of a number's scale that its value counts for at least: some are 0 by chance."""
 RESCORE_EVERY = 32
 """Number of evaluations after which the best point of a coarse level is scored on the photo."""
@@ -99,7 +99,7 @@ def make_stages(
     if _is_by_papers_simplex(problem):
         return (Stage(full, simplex_restarts.minimise, problem.settings.options),)
     is_structured = problem.is_structured
-    fewest = FEWEST_OF_STRUCTURE if is_structured else FEWEST_PIXELS
+    fewest = MIN_STRUCTURE_PIXELS if is_structured else MIN_PIXELS
     coarse = tuple(coarsest_level(*pose, fewest) for pose in poses)
     light = tuple(lighter_level(*pose) for pose in poses)
     least = tuple(c if c.factor > 1 else own for c, own in zip(coarse, light, strict=True))
@@ -140,7 +140,7 @@ def _scales(problem: FitProblem, at: FloatArray) -> FloatArray:
     """(d,): the unit of a search's lengths about parameters (d,)."""
     scales = problem.chart.scales(at)
     if _is_by_papers_simplex(problem) and isinstance(problem.chart, VehicleChart):
-        return np.maximum(np.abs(at), LEAST_VALUE * scales)
+        return np.maximum(np.abs(at), MIN_VALUE * scales)
     return scales
 
 
@@ -200,7 +200,9 @@ class _Run:
         """Search a stage's level; the photos of the ``following`` one are made meanwhile. Yields
         after every evaluation, and once more at the end.
         """
-        scored, due, every = None, stage.rescore_every, stage.rescore_every
+        scored = None
+        due = stage.rescore_every
+        every = stage.rescore_every
         problem = self._on_level(stage) if self._ready is None else self._ready()
         renderers = self._renderers_of(stage)
         scale, restart = self._axes if stage.along_axes else self._scale, self._restart + 1

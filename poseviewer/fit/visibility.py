@@ -59,7 +59,9 @@ def visibility(models: Sequence[PlacedModel]) -> Visibility:
 
 def visibility_of_depths(depths: Iterable[DepthImage]) -> Visibility:
     """Which pixel shows which model, by their depth images; of two as near, the first is shown."""
-    nearest, least, drawn = np.int32(NOTHING), np.float32(np.inf), []
+    nearest = np.int32(NOTHING)
+    least = np.float32(np.inf)
+    drawn = []
     for index, depth in enumerate(depths):  # one by one: those of large photos are large
         nearest = np.where(depth < least, np.int32(index), nearest)
         least = np.minimum(depth, least)
@@ -97,7 +99,9 @@ def hiding(model: PlacedModel, others: Sequence[PlacedModel]) -> Hiding:
     front in most pixels that they share, or, without any, if its centre is nearer.
     """
     own = depth_image(model)
-    drawn, hidden, anywhere = np.isfinite(own), np.zeros(own.shape, bool), np.zeros(own.shape, bool)
+    drawn = np.isfinite(own)
+    hidden = np.zeros(own.shape, bool)
+    anywhere = np.zeros(own.shape, bool)
     for other in others:
         depth = depth_image(other)
         anywhere |= np.isfinite(depth)

@@ -12,7 +12,7 @@ from poseviewer.geometry.transform import RigidTransform, Similarity
 
 WORLD = RigidTransform.identity()
 """``camera_from_world`` of a camera whose frame is the world."""
-LEAST_PARALLAX = 1e-3
+MIN_PARALLAX = 1e-3
 """Sine of the angle between lines of sight from which they are said to meet."""
 POSES_KEPT = 4096
 """Number of poses that are told apart by identity: more than undo steps, objects and views."""
@@ -75,6 +75,6 @@ def triangulated_scale(
         across = np.eye(3) - np.outer(sight, sight)
         left += float(along @ across @ along)
         right += float(along @ across @ (world_from_camera.translation - start))
-    if not left > LEAST_PARALLAX**2 * float(along @ along) or not right > 0.0:
+    if not left > MIN_PARALLAX**2 * float(along @ along) or not right > 0.0:
         return None
     return depth * left / right

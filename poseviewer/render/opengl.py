@@ -233,7 +233,9 @@ def clip_from_world(mesh: Mesh, pose: Pose) -> FloatArray | None:
     if isinstance(camera, Perspective):
         if far - margin <= nearest:
             return None
-        near, focal, of_w = max(near, nearest), np.array([camera.fx, camera.fy]), 2
+        near = max(near, nearest)
+        focal = np.array([camera.fx, camera.fy])
+        of_w = 2
         clip_from_camera[2, 2:] = far + near, -2.0 * far * near
     else:
         focal, of_w = np.full(2, camera.scale), 3

@@ -69,7 +69,7 @@ class FitSettings:
     """Names of the chart's numbers that stay as they are."""
     grey: bool = False
     """Photo attributes grey (n = 1) even where the photo has colour (n = 3). A photo without
-    colour to speak of, by ``LEAST_COLOUR``, is compared in grey in any case."""
+    colour to speak of, by ``MIN_COLOUR``, is compared in grey in any case."""
     colour_reflectance: bool = False
     """Model attributes of RGB reflectance (m = 12) instead of grey (m = 4)."""
     pixels: PixelsName = "near"

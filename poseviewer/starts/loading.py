@@ -120,7 +120,9 @@ def open_photo(
         calibration = Calibration(Path(calibration))
     opened = photo if is_loaded else load_calibrated_photo(photo, calibration)
     model = model if isinstance(model, ModelFile) else load_model(model)
-    without, notes, note = tuple(settings.without or ()), tuple[str, ...](), ""
+    without = tuple(settings.without or ())
+    notes = tuple[str, ...]()
+    note = ""
     if isinstance(start, str | Path):
         record = load_pose(start, opened.width, opened.height)
         opened, record, of_camera = _matched(opened, record)
@@ -226,7 +228,10 @@ def open_scene(scene: str | Path | Scene, settings: FitSettings | None = None) -
         name = scene.name or scene.views[0].name
         raise PoseFileError(f"{name}: it has no objects; name a model, and it with --views.")
     left_out = _parts_of_objects(scene, settings.without or () if settings else ())
-    views, notes, models, objects = [], [*scene.notes], dict[Path | None, ModelFile](), []
+    views = []
+    notes = [*scene.notes]
+    models = dict[Path | None, ModelFile]()
+    objects = []
     for unread in scene.views:
         view, of_view = open_view(unread)
         views.append(view)

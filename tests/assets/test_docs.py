@@ -18,7 +18,7 @@ DOCS = ROOT / "assets" / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
 OTHER_PAGES = (ROOT / "README.md", ROOT / ".github" / "CONTRIBUTING.md")
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
-LARGEST_BYTES = 2_000_000
+MAX_BYTES = 2_000_000
 
 
 def test_the_index_names_every_page():
@@ -48,7 +48,7 @@ def anchors_of(page: Path) -> set[str]:
 
 def test_pictures_are_small_and_shown():
     pictures = [path for path in DOCS.rglob("*") if path.suffix in (".jpg", ".webp", ".png")]
-    assert sum(path.stat().st_size for path in pictures) < LARGEST_BYTES
+    assert sum(path.stat().st_size for path in pictures) < MAX_BYTES
     text = "".join(page.read_text(encoding="utf-8") for page in PAGES)
     for path in pictures:
         assert path.relative_to(DOCS).as_posix() in text

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from poseviewer.errors import LONGEST_MESSAGE as LONGEST
+from poseviewer.errors import MAX_MESSAGE as MAX_S
 from poseviewer.errors import PoseFileError, PoseViewerError, printable, sentence_of
 from poseviewer.files.checks import Reading, kind_of
 
@@ -22,7 +22,7 @@ def test_names_do_no_harm_to_a_terminal() -> None:
 def test_every_error_is_one_bounded_line() -> None:
     text = str(PoseViewerError(NASTY + "x" * 100_000))
     assert text.isprintable()
-    assert len(text) <= LONGEST
+    assert len(text) <= MAX_S
     text.encode()
 
 

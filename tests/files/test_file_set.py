@@ -154,7 +154,7 @@ def test_of_a_folder_systems_own_files_are_left_out_and_too_many_are_refused(tmp
     path = write(tmp_path / "a.obj", PLAIN)
     assert files_below(tmp_path) == (path,)
     write(tmp_path / "b.obj", PLAIN)
-    monkeypatch.setattr("poseviewer.files.file_set.MOST_FILES", 1)
+    monkeypatch.setattr("poseviewer.files.file_set.MAX_FILES", 1)
     with pytest.raises(FileSetError, match="more than 1 files; name a folder inside it"):
         files_below(tmp_path)
 

@@ -233,7 +233,9 @@ def test_white_may_be_zero_with_16_bits(tmp_path: Path) -> None:
 
 def test_16_bits_in_planes_are_refused(tmp_path: Path) -> None:
     data = b"".join(np.ascontiguousarray(DEEP[..., i], "<u2").tobytes() for i in range(3))
-    at, size, count = 8 + len(data), len(data) // 3, 10
+    at = 8 + len(data)
+    size = len(data) // 3
+    count = 10
     after = at + 2 + 12 * count + 4
     entries = [(256, 4, 1, 64), (257, 4, 1, 48), (258, 3, 3, after), (259, 3, 1, 1), (262, 3, 1, 2),
                (273, 4, 3, after + 6), (277, 3, 1, 3), (278, 4, 1, 48), (279, 4, 3, after + 18),

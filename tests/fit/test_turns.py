@@ -12,7 +12,7 @@ from poseviewer.confidence.verdict import Verdict
 from poseviewer.fit import search as searching
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.progress import Status
-from poseviewer.fit.search import CHANGED, MOST_ROUNDS, Search
+from poseviewer.fit.search import CHANGED, MAX_ROUNDS, Search
 from poseviewer.fit.visibility import hiding
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform
@@ -70,7 +70,7 @@ def test_all_are_found_in_turn_the_one_seen_most_first():
             order.append(step.object_index)
     assert sorted(order[:3]) == [0, 1, 2]
     assert order[2] == 0  # the one behind
-    assert len(order) <= 3 * MOST_ROUNDS
+    assert len(order) <= 3 * MAX_ROUNDS
 
 
 def first_seen(scene: Scene, *indices: int) -> np.ndarray:

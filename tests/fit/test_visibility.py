@@ -62,7 +62,9 @@ def test_the_nearest_is_seen_whatever_the_order():
 
 
 def test_what_is_in_front_hides_also_where_the_model_is_not_yet():
-    model, near, far = place(0.0, 8.0), place(0.6, 5.0), place(0.6, 12.0)
+    model = place(0.0, 8.0)
+    near = place(0.6, 5.0)
+    far = place(0.6, 12.0)
     found = hiding(model, [near])
     assert np.array_equal(found.hidden, np.isfinite(depth_image(near)))
     assert not hiding(model, [far]).hidden.any()

@@ -40,7 +40,9 @@ from tests.view_sets import write_views
 ROUND_ACTS, ROUND_SECONDS = 80, 25.0
 PAST_STEPS, ROUND_PHOTOS, RUN_MODELS = 150, 3, 2
 """What undo surely reaches back: it keeps 200 steps, four photos, four models."""
-ACT_MS, LOAD_MS, AGREEMENT_SECONDS = 5_000, 60_000, 60.0
+ACT_MS = 5_000
+LOAD_MS = 60_000
+AGREEMENT_SECONDS = 60.0
 WINDOWS = ((1400, 900), (1000, 700), (600, 500))
 RUBBISH = (
     "", "-", "1e308", "-1e308", "1e-320", "nan", "Infinity", "0", "-0", "-1", "9" * 400, "12",
@@ -137,7 +139,9 @@ class Driver:
 def drag(driver: Driver) -> str:
     """Drag; now and then without an end, or a double click."""
     tab, keys = driver.tab, driver.chance.choice(MODIFIERS)
-    mouse, start, end = tab.page.mouse, driver.place(tab), driver.place(tab)
+    mouse = tab.page.mouse
+    start = driver.place(tab)
+    end = driver.place(tab)
     for key in keys:
         tab.page.keyboard.down(key)
     mouse.move(*start)
@@ -286,7 +290,9 @@ def drive_rounds(
 ) -> None:
     """Act, and check, round after round; raise an ``AssertionError`` for what is wrong."""
     driver.open_tab()
-    first, ends, rounds = running.app.session.document, time.monotonic() + seconds, 0
+    first = running.app.session.document
+    ends = time.monotonic() + seconds
+    rounds = 0
     while rounds == 0 or time.monotonic() < ends:
         driver.photos_left = ROUND_PHOTOS
         round_ends = min(ends, time.monotonic() + ROUND_SECONDS)

@@ -62,7 +62,9 @@ class FrozenFit:
 
     def run(self) -> Ending:
         end = load(self.photo, self.model, self.start, self.settings).fit()
-        progress, verdict, camera = end.progress, end.verdict, end.pose.camera
+        progress = end.progress
+        verdict = end.verdict
+        camera = end.pose.camera
         assert progress is not None  # it was searched for
         return {
             "rotation": end.pose.camera_from_model.rotation.tolist(),

@@ -154,7 +154,9 @@ def make_mutant(name: str, seed: int, number: int) -> Files:
 def _change(chance: random.Random, data: bytes, others: list[bytes]) -> bytes:
     start = chance.randrange(len(data) + 1)
     end = start + int(2 ** chance.uniform(0, 12))
-    head, part, tail = data[:start], data[start:end], data[end:]
+    head = data[:start]
+    part = data[start:end]
+    tail = data[end:]
     numbers = list(NUMBER.finditer(data[:1_000_000]))
     match chance.randrange(9):
         case 0:

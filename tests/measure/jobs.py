@@ -38,7 +38,11 @@ from tests.app.browser import AppPage, open_browser
 from tests.app.page.test_quick_start import BOX
 from tests.measure.real import DATA
 
-WINDOW, OPEN, PLACE, FIT, FOLDER = (1500, 900), 1, 2, 3, "Quick start"
+WINDOW = (1500, 900)
+OPEN = 1
+PLACE = 2
+FIT = 3
+FOLDER = "Quick start"
 Words = Sequence[str | Path]
 
 
@@ -46,7 +50,10 @@ class Hand:
     """A hand on the page, which counts its clicks. Places are px of the photo."""
 
     def __init__(self, tab: AppPage, cases: Sequence[Case], folder: Path) -> None:
-        self.tab, self.cases, self.folder, self.clicks = tab, cases, folder, 0
+        self.tab = tab
+        self.cases = cases
+        self.folder = folder
+        self.clicks = 0
         self.models = [load_model(case.mesh) for case in cases]
         self.size = cases[0].truth.camera.width, cases[0].truth.camera.height
 
@@ -132,7 +139,9 @@ def by_drag(hand: Hand) -> None:
 
 def by_pairs(hand: Hand) -> None:
     """Four points that model and photo show, as far from one another as may be."""
-    truth, mesh, frame = hand.cases[0].truth, hand.models[0].mesh, Rectangle(0, 0, *hand.size)
+    truth = hand.cases[0].truth
+    mesh = hand.models[0].mesh
+    frame = Rectangle(0, 0, *hand.size)
     now = fit_into_rectangle(hand.look_from("three-quarter"), mesh, frame.expand(-ALONE_MARGIN))
 
     def is_seen(pose: Pose, point: FloatArray) -> bool:

@@ -7,14 +7,14 @@ from poseviewer.optimise.cma_es import CmaOptions, minimise
 
 TURN = np.linalg.qr(np.random.default_rng(1).normal(size=(5, 5)))[0]
 LENGTHS = np.geomspace(1.0, 0.02, 5)
-LEAST = np.array([0.1, -0.2, 0.05, 0.1, -0.1])
+MINIMUM = np.array([0.1, -0.2, 0.05, 0.1, -0.1])
 SCALES = np.array([1.0, 2.0, 0.5, 1.0, 4.0])
 SCALE = np.diag(SCALES)
 
 
 def valley(points):
     for point in points:
-        yield float(np.sum((TURN.T @ ((point - LEAST) / SCALES) / LENGTHS) ** 2))
+        yield float(np.sum((TURN.T @ ((point - MINIMUM) / SCALES) / LENGTHS) ** 2))
 
 
 OPTIONS = CmaOptions(sigma=0.3, generations=60, prior_weight=0.0, min_sigma=1e-4)
@@ -26,7 +26,7 @@ def test_it_ends_at_the_least_loss_and_has_the_valleys_shape():
     end = states[-1]
     assert end.converged
     assert end.value == min(state.value for state in states)
-    np.testing.assert_allclose(end.best, LEAST, atol=0.02)
+    np.testing.assert_allclose(end.best, MINIMUM, atol=0.02)
     # In the valley's own axes and lengths the population is about round; the valley is 50 to 1.
     assert end.axes is not None
     shape = (TURN.T @ (end.axes / SCALES[:, None])) / LENGTHS[:, None]

@@ -129,14 +129,18 @@ def test_restarts_are_deterministic_and_end_converged():
         assert values == sorted(values, reverse=True)
         return states
 
-    first, second, other = run(5), run(5), run(6)
+    first = run(5)
+    second = run(5)
+    other = run(6)
     assert len(first) == len(second)
     assert np.array_equal(first[-1].best, second[-1].best)
     assert len(other) != len(first) or not np.array_equal(other[-1].best, first[-1].best)
 
 
 def test_restarts_yield_once_after_every_evaluation_and_once_at_the_end():
-    valley, counts, seen = random_valley(3), [], []
+    valley = random_valley(3)
+    counts = []
+    seen = []
 
     def objective(x):
         seen.append(x)

@@ -94,7 +94,9 @@ def test_fit_and_library_go_on_from_the_best(scene: Scene, tmp_path: Path, capsy
 def test_printed_models_are_found_anywhere(shared_data: Path):
     """Two bottles, of which one is much nearer the light."""
     cases = load_cases(shared_data, "hope-0000-light0-bbq_sauce*")
-    case, photo, model = cases[0], load_photo(cases[0].photo), load_model(cases[0].mesh)
+    case = cases[0]
+    photo = load_photo(cases[0].photo)
+    model = load_model(cases[0].mesh)
     query = StartQuery(StartInputs(photo, model.mesh, None), case.truth.camera)
     found = propose(query)
     for case in cases:

@@ -67,7 +67,9 @@ def test_a_row_of_a_batch_needs_no_box(two: Path):
 @pytest.mark.slow
 def test_two_real_bottles_are_found(shared_data: Path):
     cases = load_cases(shared_data, "hope-0000-light0-bbq_sauce")
-    photo, model, camera = cases[0].photo, cases[0].mesh, cases[0].truth.camera
+    photo = cases[0].photo
+    model = cases[0].mesh
+    camera = cases[0].truth.camera
     assert isinstance(camera, Perspective)
     start = api.AutoStart(instances=2, camera=StartCamera(focal_px=camera.fx))
     found = api.load(photo, model, start)

@@ -42,7 +42,7 @@ from poseviewer.errors import SettingsError, printable
 VISERS_OWN = "viser.infra._infra"
 """The module whose call of ``serve`` is intercepted."""
 DEFAULT_PORT, PORTS_TRIED = 8080, 100
-LARGEST_MESSAGE = 4_000_000
+MAX_MESSAGE_BYTES = 4_000_000
 """Bytes: pages send parts of uploads of 512 KiB, and nothing larger."""
 SECURITY_HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -64,13 +64,15 @@ def _in_a_line(record: logging.LogRecord) -> bool:
         error = record.exc_info[1]
         words = printable(f"{type(error).__name__}: {error}", 100)
         record.msg = f"a page sent what is no message, and was cut off ({words})"
-        record.exc_info, record.levelno, record.levelname = None, logging.WARNING, "WARNING"
+        record.exc_info = None
+        record.levelno = logging.WARNING
+        record.levelname = "WARNING"
     return record.getMessage() != "opening handshake failed"
 
 
 _log.addFilter(_in_a_line)
 
-LONGEST_TARGET = 4000
+MAX_TARGET_LETTERS = 4000
 """Characters of a path and query: file systems take a name of 255, and viser looks for a file."""
 Answer = Callable[[ServerConnection, Request], Response | None]
 
@@ -102,7 +104,7 @@ class AccessPolicy:
         # Without the token: a refusal is read by strangers.
         instead = f"open {self.url('').partition('?')[0]} instead."
         hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
-        if len(target) > LONGEST_TARGET:
+        if len(target) > MAX_TARGET_LETTERS:
             return f"The address has {len(target):,} characters; {instead}"
         if len(hosts) != 1:
             return f"The request names {len(hosts)} hosts, wanted one; {instead}"
@@ -216,7 +218,7 @@ def _guarded_serve(listening: socket.socket, policy: AccessPolicy) -> Iterator[l
             return original(handler, *args, **settings)  # somebody else's server
         calls.append(handler.__qualname__)
         settings["process_request"] = _checked(policy, settings["process_request"])
-        settings |= {"logger": _log, "max_size": LARGEST_MESSAGE}
+        settings |= {"logger": _log, "max_size": MAX_MESSAGE_BYTES}
         return original(handler, sock=listening, **settings)
 
     websockets.asyncio.server.serve = guarded  # type: ignore[assignment,misc]

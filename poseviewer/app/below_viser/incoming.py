@@ -20,11 +20,11 @@ import viser
 from viser import _messages as m
 from viser.infra import ClientId
 
-from poseviewer.files.state.uploads import LARGEST_UPLOAD, display_name, why_unfit
+from poseviewer.files.state.uploads import MAX_UPLOAD_BYTES, display_name, why_unfit
 
-SMALLEST_PART = 65_536
+MIN_PART_BYTES = 65_536
 """Least bytes of a part: viser's page sends 512 KiB."""
-LARGEST_WHOLE = 2.0**53
+MAX_EXACT_INTEGER = 2.0**53
 """Largest whole number that a page's script counts exactly."""
 
 Refuse = Callable[[int, str], None]
@@ -32,7 +32,7 @@ Refuse = Callable[[int, str], None]
 
 
 def check_incoming(server: viser.ViserServer, refuse: Refuse) -> None:
-    """Let pages upload ``LARGEST_UPLOAD`` bytes at a time, and send values an input can have."""
+    """Let pages upload ``MAX_UPLOAD_BYTES`` bytes at a time, and send values an input can have."""
     gui, checks = server.gui, _Checks(server, refuse)
     handlers: Any = {
         m.FileTransferStartUpload: (gui._handle_file_transfer_start, checks.start),
@@ -60,7 +60,9 @@ class _Checks:
     """viser's handlers, each behind a look at what has come."""
 
     def __init__(self, server: viser.ViserServer, refuse: Refuse) -> None:
-        self._server, self._gui, self._refuse = server, server.gui, refuse
+        self._server = server
+        self._gui = server.gui
+        self._refuse = refuse
         self._running: dict[str, Any] = self._gui._current_file_upload_states
         interface = self._gui._websock_interface
         self._tell_all = interface.queue_message
@@ -98,11 +100,13 @@ class _Checks:
 
     def _problem(self, message: m.FileTransferStartUpload) -> str:
         """Say why an upload is not taken; "" where it is."""
-        name, size, parts = display_name(message.filename), message.size_bytes, message.part_count
-        if not 0 <= parts <= 1 + size // SMALLEST_PART:
+        name = display_name(message.filename)
+        size = message.size_bytes
+        parts = message.part_count
+        if not 0 <= parts <= 1 + size // MIN_PART_BYTES:
             return f"{name}: announced as {size} bytes in {parts} parts; try again."
         others = sum(upload["total_bytes"] for upload in self._running.values())
-        if others and size + others > LARGEST_UPLOAD >= size:
+        if others and size + others > MAX_UPLOAD_BYTES >= size:
             return f"{name}: another upload is under way; wait for its end, then try again."
         return why_unfit(name, size)
 
@@ -134,5 +138,5 @@ def _is_one_of(handle: Any, value: object) -> bool:
     if isinstance(own, bool | str):
         return type(value) is type(own)
     if isinstance(own, int):
-        return isinstance(value, int | float) and abs(value) <= LARGEST_WHOLE
+        return isinstance(value, int | float) and abs(value) <= MAX_EXACT_INTEGER
     return not isinstance(own, float) or (isinstance(value, int | float) and not math.isinf(value))

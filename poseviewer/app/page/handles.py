@@ -18,7 +18,9 @@ from poseviewer.vehicle.chart import VehicleChart
 PIN_COLOURS = ("#ffb03b", "#78e66e", "#ff6ec8")
 PIN_LABELS = (("rear wheel", -4), ("front wheel", -4), ("axle", 16))
 """Text of each pin's label, and its base line, px below the pin."""
-LINK_COLOUR, REGION_COLOUR, BOX_COLOUR = "#e6e6e6", "#ffe278", "#96ffa0"
+LINK_COLOUR = "#e6e6e6"
+REGION_COLOUR = "#ffe278"
+BOX_COLOUR = "#96ffa0"
 OTHER_END_COLOUR = "#ff78dc"
 QUALITY = 85
 """JPEG quality of the model alone."""

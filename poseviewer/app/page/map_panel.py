@@ -269,7 +269,10 @@ def grid_of(session: Session, latest: Landscape) -> LossGrid:
     """The maps of a loss with the pose, and the search where it searches in the maps' chart."""
     problem, document = latest.problem, session.document
     first, chart = problem.views[0], problem.chart
-    pose, covariance, trail, candidates = np.array(latest.parameters), None, None, None
+    pose = np.array(latest.parameters)
+    covariance = None
+    trail = None
+    candidates = None
     sure, search = session.covariance_in(first.index), session.own_progress
     with suppress(PoseViewerError, OutsideChartError):
         pose = document.numbers_in(problem)

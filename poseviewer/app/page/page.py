@@ -24,9 +24,9 @@ from poseviewer.app.state.hiding import SHAPES
 from poseviewer.app.state.keys_and_buttons import client_keys, help_table
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.tasks import Restore, TaskResult
-from poseviewer.files.file_set import MOST_FILES
+from poseviewer.files.file_set import MAX_FILES
 from poseviewer.files.state.autosave import AutosavedSession
-from poseviewer.files.state.uploads import LARGEST_UPLOAD
+from poseviewer.files.state.uploads import MAX_UPLOAD_BYTES
 
 PANEL_PX, MAPS_PX = 300, 380
 """Widths of the left panel and of the maps; either border can be dragged."""
@@ -37,8 +37,8 @@ PAGE_CONFIG = {
     "steps": list(STEPS),
     "first": "Place",  # photo and model are there by the command line
     "keys": client_keys(),
-    "largest": LARGEST_UPLOAD,
-    "most": MOST_FILES,
+    "largest": MAX_UPLOAD_BYTES,
+    "most": MAX_FILES,
     "style": Path(__file__).with_name("page.css").read_text(encoding="utf-8"),
 }
 """Settings of the client's script."""

@@ -30,11 +30,16 @@ Picture = tuple[NDArray[np.uint8], Rectangle]
 """Pixels (h, w, 3 or 4), and where they lie in the photo."""
 DEPTH, SIDE = 20.0, 10.0
 """World units: how far away the photo lies, and how long its longer side is."""
-LARGEST_SIDE, LARGEST_SHOWN = 8192, 24_000_000
+MAX_SIDE_PX, MAX_SHOWN_PX = 8192, 24_000_000
 """px of a photo's side, and of a photo, beyond which a smaller one is shown."""
-PICTURE, TINT, OTHERS_HALO, OTHERS = 0.998, 0.9978, 0.9973, 0.9971
-EDGES, HALO, OUTLINE = 0.9975, 0.997, 0.996
-"""Depths of what lies over the photo, in shares of the photo's."""
+PICTURE = 0.998
+TINT = 0.9978
+OTHERS_HALO = 0.9973
+OTHERS = 0.9971
+EDGES = 0.9975
+HALO = 0.997
+OUTLINE = 0.996
+"""Depths of the layers over the photo, from ``PICTURE`` on, as fractions of ``DEPTH``."""
 EDGE_COLOUR = (0, 135, 152)
 """RGB of the edges inside the model, fainter than its outline."""
 HIDDEN_COLOUR, FOUND_COLOUR = (255, 64, 64), (170, 90, 255)
@@ -74,7 +79,9 @@ class PhotoScene:
         scene.configure_environment_map(hdri=None)
         scene.set_background_image(np.full((2, 2, 3), (22, 24, 29), np.uint8))
         camera = server.initial_camera
-        camera.position, camera.look_at, camera.up = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0, -1, 0)
+        camera.position = (0.0, 0.0, 0.0)
+        camera.look_at = (0.0, 0.0, 1.0)
+        camera.up = (0, -1, 0)
         camera.near, camera.far = 1.0, 100.0
         self._nodes: dict[str, Any] = {}
         self._shown: dict[str, Any] = {}
@@ -160,8 +167,8 @@ def _photo_pixels(session: Session) -> Picture:
     """The photo, smaller where it is larger than browsers show."""
     photo = session.document.photo
     sides = photo.width, photo.height
-    share = (LARGEST_SHOWN / (photo.width * photo.height)) ** 0.5
-    factor = min(1.0, LARGEST_SIDE / max(sides), share)
+    share = (MAX_SHOWN_PX / (photo.width * photo.height)) ** 0.5
+    factor = min(1.0, MAX_SIDE_PX / max(sides), share)
     return photo.as_rgb8(*size_at_scale(*sides, factor)), Rectangle(0.0, 0.0, *sides)
 
 

@@ -57,7 +57,9 @@ MARKING_HINT = " &nbsp;·&nbsp; drag a mark, double-click removes it &nbsp;·&nb
 def opened_text(session: Session) -> str:
     """Say what is open (markdown), and where its colours come from: a grey model may miss files."""
     item = session.document.object
-    photo, model, mesh = session.document.photo, item.model, item.mesh
+    photo = session.document.photo
+    model = item.model
+    mesh = item.mesh
     colours = "coloured" if mesh.has_reflectance else "no colours"
     if mesh.textures:
         colours = _counted(len(mesh.textures), "texture")
@@ -114,7 +116,9 @@ def hint_of(session: Session) -> str:
 def marks_text(session: Session) -> str:
     """Say what is marked, and how well the pose shows it (markdown)."""
     document = session.document
-    marks, fewest, lines = document.marks, fewest_pairs(document.pose.camera), list[str]()
+    marks = document.marks
+    fewest = fewest_pairs(document.pose.camera)
+    lines = list[str]()
     points = () if session.tool == "wheels" else marks.points
     if points and len(marks.pixels) < fewest:
         lines.append(f"{_counted(fewest - len(marks.pixels), 'more pair')} needed")
@@ -156,7 +160,9 @@ def focal_note(session: Session) -> str:
 
 def search_text(session: Session) -> str:
     """Say how the search stands and its verdict, or the loss at the pose (markdown)."""
-    search, progress, losses = session.search, session.search_progress, session.results.losses
+    search = session.search
+    progress = session.search_progress
+    losses = session.results.losses
     if session.preparation is not None:
         if session.preparation.trouble:
             return ""  # it is said above all panels
@@ -172,7 +178,9 @@ def search_text(session: Session) -> str:
         return f"**{losses.mean.text}** at this pose{of_set}"
     if progress is None:
         return "Preparing the search ..."
-    fit, settings, methods = progress.progress, progress.settings, search.methods
+    fit = progress.progress
+    settings = progress.settings
+    methods = search.methods
     is_stopped = progress.is_over and fit.status.name == "RUNNING"
     sentence = "Stopped: the best pose so far is shown." if is_stopped else fit.status.value
     which = ""

@@ -333,7 +333,9 @@ class Document:
         """The start pose by the camera at hand: by its own, a number of the chart would bring its
         intrinsics back. A focal length that is a number itself stays the start's.
         """
-        start, camera, centre = self.start, self.pose.camera, self.mesh.centre
+        start = self.start
+        camera = self.pose.camera
+        centre = self.mesh.centre
         behind = not start.camera_from_model.apply(centre)[2] > 0.0
         if behind and Perspective in (type(start.camera), type(camera)):
             return self.pose

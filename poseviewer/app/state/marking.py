@@ -104,7 +104,9 @@ def _with_hub(document: Document, hub: FloatArray) -> Document:
 @edit
 def remove_mark(session: Session, index: int | None = None) -> Session:
     """Take a mark of the tool away, by default the last, half a pair alone; the pose follows."""
-    document, marks, tool = session.document, session.document.marks, session.tool
+    document = session.document
+    marks = session.document.marks
+    tool = session.tool
     if tool == "pairs" and index is None and marks.waits_for_pixel:
         return session.with_document(document.with_marks(points=marks.points[:-1]))
     lists = {name: list(getattr(marks, name)) for name in MARKING.get(tool, ())}

@@ -39,7 +39,9 @@ def press(
     where there is none; put a model that is nowhere yet there. ``zoom``: screen px per photo px.
     """
     session = session.stop_proposing()
-    document, point, tool = session.document, np.array([x, y]), session.tool
+    document = session.document
+    point = np.array([x, y])
+    tool = session.tool
     if tool == "part":
         return leave_out(x, y)(session)
     if tool in MARKING:
@@ -87,7 +89,9 @@ def release(session: Session) -> Session:
     """End the drag, one undoable step. A model that is nowhere yet goes where it was pressed, any
     into the box that was drawn, where starts are looked for.
     """
-    drag, document, tool = session.drag, session.document, session.tool
+    drag = session.drag
+    document = session.document
+    tool = session.tool
     if drag is None:
         return session
     session = replace(session, drag=None, tool=tool if tool in MARKING else "pose")
@@ -116,7 +120,9 @@ def cancel_drag(session: Session) -> Session:
 @edit
 def double_press(session: Session, x: Px, y: Px, zoom: Zoom = 1.0) -> Session:
     """Pin the surface point seen there, or take the pin (with a marking tool: the mark) away."""
-    document, point, tool = session.document, np.array([x, y]), session.tool
+    document = session.document
+    point = np.array([x, y])
+    tool = session.tool
     if tool in HIDING:
         return session
     if tool in MARKING:

@@ -89,7 +89,9 @@ def picked_parameters(piece: Slice, centre: FloatArray, u: float, v: float) -> F
 @edit
 def view_from(session: Session, side: str) -> Session:
     """Turn the model so that a side is seen: where it is, or in the middle of the photo."""
-    document, model, pose = session.document, session.document.model, session.document.pose
+    document = session.document
+    model = session.document.model
+    pose = session.document.pose
     seen = look_from(side, model.mesh, model.keypoints, pose.camera)
     if document.object.is_placed:
         rotation, centre = seen.camera_from_model.rotation, model.mesh.centre

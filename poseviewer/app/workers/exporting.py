@@ -33,7 +33,7 @@ CONVERTED = {
     "masks, depth, normals": "",
 }
 """Other tools' formats, and the ending of each; "": a folder."""
-LONGEST_STEM = 90
+MAX_STEM_LETTERS = 90
 """Bytes of a photo's and a model's name each: file systems take 255 in all."""
 
 
@@ -67,7 +67,7 @@ def stem_of(document: Document, view: int) -> str:
     names = [document.scene.views[view].photo.name]
     names += [document.model.name] * (len(document.scene.objects) == 1)
     stems = (safe_path(name).stem.encode() for name in names)
-    return ".".join(stem[:LONGEST_STEM].decode(errors="ignore") for stem in stems)
+    return ".".join(stem[:MAX_STEM_LETTERS].decode(errors="ignore") for stem in stems)
 
 
 def export(what: Export, session: Session, unit: str = "") -> dict[str, bytes]:

@@ -187,7 +187,9 @@ def open_pose(now: Document, path: Path) -> Document:
     """A pose file for the active object: its new start, with its masks and without the parts that
     it leaves out; of several photos, the one that it is of becomes the large one.
     """
-    photo, scale, parts = now.photo, None, FitSettings(without=now.object.without)
+    photo = now.photo
+    scale = None
+    parts = FitSettings(without=now.object.without)
     if len(now.scene.views) > 1:
         views = LoadedViews(now.scene.name, now.scene.views, now.scene.unit)
         known = None if now.scene.free_scale else 1.0 / now.object.world_from_model.scale

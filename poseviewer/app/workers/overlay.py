@@ -42,8 +42,12 @@ SETTLED_S = 0.15
 """After so long without motion the fine drawing is begun."""
 
 
-ALONE_PX, ALONE_MARGIN, ALONE_GROUND = 760, 0.08, (22, 24, 29)
-"""The model alone: px of the picture's longer side, share of its sides left free, RGB behind it."""
+ALONE_PX = 760
+"""px: longer side of the picture of the model alone."""
+ALONE_MARGIN = 0.08
+"""Fraction of that picture's sides left free."""
+ALONE_GROUND = (22, 24, 29)
+"""RGB behind the model alone."""
 _shown_pixels, _sketch_of = lru_cache(maxsize=1)(Photo.as_rgb8), lru_cache(maxsize=1)(Sketch)
 
 
@@ -62,7 +66,9 @@ class LossReader:
         own = request.document
         about = own.object.start, own.object.start_cameras, *request.pixels
         if about != self._about:
-            self._about, self._views, self._note = about, (), ""
+            self._about = about
+            self._views = ()
+            self._note = ""
             # Which numbers are searched for is another matter.
             plain = replace(own.settings, lock=(), free_focal=False, chart="auto")
             anchor = request.compared.with_object(own.active, settings=plain)
@@ -114,7 +120,9 @@ class OverlayDrawer:
         return Overlay(request, NO_LINES) if style == "none" else self._picture(request)
 
     def _picture(self, request: Session) -> Overlay:
-        own, photo, display = request.document, request.document.photo, request.display
+        own = request.document
+        photo = request.document.photo
+        display = request.display
         factor = min(1.0, (MAX_PICTURE_PIXELS / (photo.width * photo.height)) ** 0.5)
         pose = own.pose.rescale(factor)
         pixels = _shown_pixels(photo, pose.camera.width, pose.camera.height)

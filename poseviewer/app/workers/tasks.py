@@ -22,7 +22,7 @@ from poseviewer.errors import FileSetError, QuickStartError
 from poseviewer.files.file_set import Kind, files_below, sort_set
 from poseviewer.files.scene_assets import load_model
 from poseviewer.files.state.autosave import AutosavedSession
-from poseviewer.files.state.uploads import LARGEST_UPLOAD, display_name, gathered, keep_set
+from poseviewer.files.state.uploads import MAX_UPLOAD_BYTES, display_name, gathered, keep_set
 from poseviewer.geometry.camera import size_at_scale
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import LensModel
@@ -82,7 +82,7 @@ class TaskQueue(Worker[tuple[QueuedTask, Session], TaskResult]):
     def add(self, task: QueuedTask) -> None:
         """Do a task when those before it are done; raises ``FileSetError``: too much waits."""
         held = sum(waiting.size for waiting in self._waiting)
-        if held and held + task.size > LARGEST_UPLOAD:
+        if held and held + task.size > MAX_UPLOAD_BYTES:
             raise FileSetError(
                 "Other uploads are still being read; wait for their end, then drop it again."
             )

@@ -71,8 +71,12 @@ class Worker(Generic[A, T]):
         ``serves(begun, asked, busy)``: whether what was begun, under way or done, will do for what
         is asked for; ``period_s``: least time between two that are begun.
         """
-        self._asked, self._make, self._failed = asked, make, failed
-        self._serves, self._period_s, self._notify = serves, period_s, notify
+        self._asked = asked
+        self._make = make
+        self._failed = failed
+        self._serves = serves
+        self._period_s = period_s
+        self._notify = notify
         self._thread = ThreadPoolExecutor(1, name, lower_priority if low_priority else None)
         self._change = threading.Condition()
         self._begun: A | None = None
@@ -110,7 +114,10 @@ class Worker(Generic[A, T]):
 
     def _set(self, begun: A | None, run: object) -> None:
         with self._change:
-            self._begun, self._running, self._item, self._error = begun, run, None, None
+            self._begun = begun
+            self._running = run
+            self._item = None
+            self._error = None
             self._change.notify_all()
 
     def hold(self, held: bool) -> None:
@@ -129,7 +136,10 @@ class Worker(Generic[A, T]):
     def take(self) -> Iterator[T]:
         """Give what is new since the last time; raises the error that the work ended in."""
         with self._change:
-            item, error, self._item, self._error = self._item, self._error, None, None
+            item = self._item
+            error = self._error
+            self._item = None
+            self._error = None
         if item is not None:
             yield item
         if error is not None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.camera_forms import camera_of_matrix
-from poseviewer.files.checks import LARGEST_DATA, Reading, checked_rotation
+from poseviewer.files.checks import MAX_DATA_BYTES, Reading, checked_rotation
 from poseviewer.files.formats import conversion as c
 from poseviewer.files.scene_assets import model_file, view_of_file
 from poseviewer.files.structs import checked_camera
@@ -26,7 +26,7 @@ from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.scene.types import Scene, SceneObject
 
-MOST_DIGITS = 18
+MAX_DIGITS = 18
 """Length of an image's number: what 64 bits hold."""
 UNIT = "mm"
 CAMERAS, POSES = "scene_camera.json", "scene_gt.json"
@@ -107,7 +107,9 @@ def read_bop(path: Path, request: c.ConvertOptions) -> Scene:
 
     Their models lie in the folder ``request.model``, where one is named.
     """
-    reading, asked, stem = Reading(path / POSES), request.object_id, Path(request.image or "").stem
+    reading = Reading(path / POSES)
+    asked = request.object_id
+    stem = Path(request.image or "").stem
     posed = [(f"{item.number}", item) for item in load_bop_images(path, posed=True) if item.objects]
     by_number = replace(request, image=str(int(stem)) if stem.isdecimal() else request.image)
     image, unit = by_number.the_one(reading, "images", posed), request.unit or UNIT
@@ -140,7 +142,7 @@ def load_bop_images(folder: Path, posed: bool = False) -> tuple[BopImage, ...]:
     cameras, poses = load_scene_file(reading.path), load_scene_file(objects.path)
     photos, images = _photos(folder), []
     for name, entry in cameras.items():
-        if not (name.isdecimal() and len(name) <= MOST_DIGITS):
+        if not (name.isdecimal() and len(name) <= MAX_DIGITS):
             raise reading.error(f"image {name[:40]!r}", "wanted images' numbers")
         matrix = reading.object(entry, f"image {name}").get("cam_K")
         camera = checked_camera(reading, camera_of_matrix(reading, matrix, f"cam_K of {name}"))
@@ -178,7 +180,7 @@ def scene_text(content: SceneFile) -> str:
 
 def load_scene_file(path: Path) -> SceneFile:
     """Content of a scene's file by image; empty where it is not there yet."""
-    return Reading(path, largest=LARGEST_DATA).load_object() if path.exists() else {}
+    return Reading(path, largest=MAX_DATA_BYTES).load_object() if path.exists() else {}
 
 
 def same_intrinsics(one: Perspective, other: Perspective) -> bool:
@@ -192,7 +194,7 @@ def _entry(scene: Scene, index: int, view: int, options: c.ConvertOptions) -> di
     factor = options.lengths_in(UNIT, scene, "BOP")
     place = scene.pose(index, view).camera_from_model
     is_named = len(scene.objects) == 1 or re.fullmatch(MODEL_NAME, item.model.location.name)
-    if item.id.isdecimal() and len(item.id) <= MOST_DIGITS and not is_named:
+    if item.id.isdecimal() and len(item.id) <= MAX_DIGITS and not is_named:
         given = int(item.id)
     number = _number(given, MODEL_NAME, item.model.location.name, "object", "obj_000005.ply")
     return BopObject(number, replace(place, translation=place.translation * factor)).as_json()

@@ -12,7 +12,7 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct, field
 
-from poseviewer.files.checks import LARGEST_DATA, Number, Positive, Reading, Three
+from poseviewer.files.checks import MAX_DATA_BYTES, Number, Positive, Reading, Three
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.symmetry_group import Symmetry
 from poseviewer.geometry.transform import RigidTransform, nearest_rotation
@@ -99,7 +99,7 @@ def load_bop_models(path: Path) -> dict[int, BopModel]:
 
 def load_bop_estimates(path: Path) -> list[BopEstimate]:
     """The rows of a table of results."""
-    reading = Reading(path, kind="table of BOP results", largest=LARGEST_DATA)
+    reading = Reading(path, kind="table of BOP results", largest=MAX_DATA_BYTES)
     lines = csv.reader(reading.load_text().splitlines())
     head = next(lines, [])
     if tuple(head) != RESULTS:

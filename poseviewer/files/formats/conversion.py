@@ -40,7 +40,7 @@ from poseviewer.scene.types import Scene, SceneObject, View
 
 Entry = TypeVar("Entry")
 Contents = Mapping[Path, str | bytes]
-MOST_NAMED = 10
+MAX_NAMED = 10
 """Number of images in a message."""
 TURNED = "stored turned (EXIF)"
 """Words of a photo in notes."""
@@ -187,7 +187,10 @@ class Format:
 
         Returns the files that were written, and notes for the user.
         """
-        views, notes, files, ready = scene.views, [], [], []
+        views = scene.views
+        notes = []
+        files = []
+        ready = []
         several = len(scene.objects) > 1
         if several and not self.several_objects:
             wanted = "choose an object by --object ID, or convert all to bop, dope, gltf, meshlab"
@@ -244,7 +247,9 @@ def turned(view: View, orientation: int) -> View:
     Raises:
         PoseFileError: no camera sees that picture.
     """
-    file, known, place = view.file, view.file.undistortion, view.camera_from_world
+    file = view.file
+    known = view.file.undistortion
+    place = view.camera_from_world
     try:
         if orientation in MIRRORED:
             raise ValueError("a mirror image")
@@ -361,7 +366,10 @@ def _as_taken(view: View, lenses: Lenses) -> tuple[Perspective, str, tuple[float
     """Camera of a view's photo as taken, and name and coefficients of the first model that holds
     its lens; None where a format has no such model, or the camera is another by now.
     """
-    camera, undistortion, model, k = view.camera, view.file.undistortion, "opencv", ()
+    camera = view.camera
+    undistortion = view.file.undistortion
+    model = "opencv"
+    k = ()
     if not isinstance(camera, Perspective):
         return None
     if undistortion is not None:

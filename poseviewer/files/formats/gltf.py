@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.checks import LARGEST_DATA, Reading
+from poseviewer.files.checks import MAX_DATA_BYTES, Reading
 from poseviewer.files.formats import conversion as c
 from poseviewer.files.mesh.gltf import gltf_header, world_matrices
 from poseviewer.files.mesh.load import load_mesh
@@ -40,8 +40,12 @@ FAR = 100.0
 """Distance of a model from its origin, in its diameters, at which 1e-5 of it are lost."""
 NEAREST = 1e-3
 """Distance of the near plane, in those of the model's furthest point."""
-FLOAT, UNSIGNED, VERTICES, INDICES = 5126, 5125, 34962, 34963
-"""OpenGL's numbers of what a buffer holds and is for."""
+FLOAT = 5126
+UNSIGNED = 5125
+"""OpenGL's types of a buffer's components."""
+VERTICES = 34962
+INDICES = 34963
+"""OpenGL's targets: what a buffer is for."""
 
 
 def write_gltf(
@@ -224,7 +228,7 @@ def _photo_plane(pose: Pose, depth: float, scale: float, rgb: NDArray[np.uint8])
 
 def read_gltf(path: Path, request: c.ConvertOptions) -> Scene:
     """Read the only camera, or that of node ``request.image``; the world is the model's frame."""
-    reading = Reading(path, kind="glTF file", largest=LARGEST_DATA)
+    reading = Reading(path, kind="glTF file", largest=MAX_DATA_BYTES)
     with reading.naming_errors():
         reading.check_size()
         document = gltf_header(path)

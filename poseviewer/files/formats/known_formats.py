@@ -20,7 +20,9 @@ from poseviewer.scene.types import Scene
 
 def write_own(scene: Scene, out: Path, *_: object) -> dict[Path, bytes]:
     """Write a pose file of our own, and its mask beside it."""
-    mask, record, contents = scene.views[0].mask, pose_json(scene), {}
+    mask = scene.views[0].mask
+    record = pose_json(scene)
+    contents = {}
     if mask is not None:
         contents[mask_path(out)] = mask_as_png(mask)
         record = structs.replace(record, mask=mask_path(out).name)

@@ -23,7 +23,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.checks import LARGEST_DATA, Reading
+from poseviewer.files.checks import MAX_DATA_BYTES, Reading
 from poseviewer.files.mesh import parts as p
 from poseviewer.files.mesh.named import find_named
 from poseviewer.files.mesh.parts import ModelParts, Part
@@ -48,12 +48,14 @@ HARMLESS = ("KHR_materials_", "KHR_lights_", "KHR_xmp", "KHR_animation_", "EXT_l
 """Beginnings of extensions that change neither shape nor base colour."""
 TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-STRIP, FAN, TRIANGLES = 5, 6, 4
+STRIP = 5
+FAN = 6
+TRIANGLES = 4
 REPEAT = 10497
 """Wrap mode of a sampler whose texture is wrapped around."""
 CUT = ("MASK", "BLEND")
 """Modes in which alpha makes something invisible."""
-LEAST_ALPHA = 0.05
+MIN_ALPHA = 0.05
 """Least alpha of a blended face that is visible: less can hardly be seen."""
 ALPHA_SAMPLES = np.array([(a, b, 1.0 - a - b) for a in (0.05, 0.35, 0.65) for b in (0.05, 0.3)])
 """Barycentric coordinates at which a triangle is asked whether its texture's alpha cuts it away."""
@@ -208,9 +210,7 @@ class _Document:
                 shown = shown * picture[rows, columns] / 255.0
         if mode not in CUT:
             return part
-        shown = (
-            shown >= (material.get("alphaCutoff", 0.5) if mode == "MASK" else LEAST_ALPHA) - 1e-6
-        )
+        shown = shown >= (material.get("alphaCutoff", 0.5) if mode == "MASK" else MIN_ALPHA) - 1e-6
         whole, partly = shown.all(axis=1), shown.any(axis=1)
         self.counts["Invisible triangles, left out"] += int(np.sum(~partly))
         note = "Triangles cut out in part by a texture, shown whole"
@@ -243,7 +243,7 @@ class _Document:
             with p.noted(name, self.notes):
                 content = self.fetch(uri) if view is None else self.view(view)
                 image = Image.open(BytesIO(content))
-                if used[index] and image.width * image.height <= p.MOST_TEXELS:
+                if used[index] and image.width * image.height <= p.MAX_TEXELS:
                     self.alphas[index] = np.asarray(image.convert("RGBA").getchannel("A"))
                 opened[index] = name, image
         return p.textures_from_images(opened, self.notes)
@@ -283,7 +283,7 @@ class _Document:
 
     def _table(self, entry: dict[str, Any], count: int, width: int, kind: np.dtype) -> NDArray:
         if "bufferView" not in entry:
-            return np.zeros((min(count, LARGEST_DATA // (width * kind.itemsize)), width), kind)
+            return np.zeros((min(count, MAX_DATA_BYTES // (width * kind.itemsize)), width), kind)
         data = self.view(entry["bufferView"])
         row, start = width * kind.itemsize, entry.get("byteOffset", 0)
         stride = self.data["bufferViews"][entry["bufferView"]].get("byteStride", row)
@@ -316,7 +316,7 @@ class _Document:
         path = find_named(self.path.parent, unquote(uri))
         if path is None:
             raise ValueError(f"{unquote(uri)[:80]} is not there")
-        return Reading(path, [], MeshFileError, "file of a model", LARGEST_DATA).load_bytes()
+        return Reading(path, [], MeshFileError, "file of a model", MAX_DATA_BYTES).load_bytes()
 
 
 def _extension(entry: dict[str, Any], name: str) -> Any:

@@ -11,7 +11,7 @@ from poseviewer.processes import call_alone
 
 DEADLINE_S, BYTES_PER_S = 20.0, 250_000
 """Time that a reader may take, and longer by a second for so many bytes of the file."""
-MOST_MEMORY, PER_BYTE = 4_000_000_000, 40
+MAX_MEMORY_BYTES, PER_BYTE = 4_000_000_000, 40
 """Bytes that a reader may take, and more for each byte of the file."""
 
 
@@ -22,7 +22,7 @@ def guarded(reader: Callable[[Path], ModelParts]) -> Callable[[Path], ModelParts
 
     def read(path: Path) -> ModelParts:
         size = path.stat().st_size
-        seconds, memory = DEADLINE_S + size / BYTES_PER_S, MOST_MEMORY + PER_BYTE * size
+        seconds, memory = DEADLINE_S + size / BYTES_PER_S, MAX_MEMORY_BYTES + PER_BYTE * size
         try:
             return call_alone(_read, reader, path, seconds=seconds, memory=memory)
         except subprocess.TimeoutExpired:

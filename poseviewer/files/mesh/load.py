@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import MeshFileError, printable
-from poseviewer.files.checks import LARGEST_DATA, Reading, quiet_libraries
+from poseviewer.files.checks import MAX_DATA_BYTES, Reading, quiet_libraries
 from poseviewer.files.mesh.dae import read_dae
 from poseviewer.files.mesh.gltf import read_gltf
 from poseviewer.files.mesh.guarded import guarded
@@ -39,7 +39,7 @@ def load_mesh(path: str | Path) -> Mesh:
     path, known = Path(path), ", ".join(READERS)
     ending = path.suffix.lower()
     kind = f"{ending[1:].upper()} file" if ending in READERS else f"model file ({known})"
-    reading = Reading(path, [], MeshFileError, kind, LARGEST_DATA)
+    reading = Reading(path, [], MeshFileError, kind, MAX_DATA_BYTES)
     with reading.naming_errors(), quiet_libraries():
         reading.check_size()
         if ending not in READERS:

@@ -29,7 +29,7 @@ KINDS = ("v", "vt", "vn", "f", "mtllib", "#MRGB")
 """Words of lines that are read; ``#MRGB`` is ZBrush's: mask, red, green and blue of vertices."""
 IDLE = ("", "s", "mg", "lod", "bevel", "c_interp", "d_interp", "usemap", "maplib", "shadow_obj")
 """Words that say nothing of shape and colour."""
-MOST_LIBRARIES = 1000
+MAX_LIBRARIES = 1000
 """Material files of a model: each that is missing is sought in several folders."""
 OPTIONS = re.compile(r"(-\S* ((-?(\d+\.?\d*|\.\d+)|on|off)? )*)*")
 """Options before a picture's name, which may hold spaces: ``-s 1 1 1`` or ``-clamp on``."""
@@ -76,7 +76,10 @@ def _sort_lines(text: str, notes: list[str]) -> tuple[dict[str, list[str]], Rela
     lines: dict[str, list[str]] = {kind: [] for kind in KINDS}
     relative: Relative = {}
     changes: Changes = [(0, ("", ""))]
-    faces, thing, group, material = lines["f"], "", "", ""
+    faces = lines["f"]
+    thing = ""
+    group = ""
+    material = ""
     others = set[str]()
     for line in text.replace("\t", " ").replace("\\\n", " ").replace("\\\r\n", " ").splitlines():
         word, _, rest = line.strip().partition(" ")
@@ -183,9 +186,9 @@ def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[
     A texture replaces the colour Kd, as in Blender: many exporters write Kd 0 beside it.
     """
     materials: dict[str, Material] = {}
-    if len(libraries) > MOST_LIBRARIES:
-        notes.append(f"Material files left out: all but {MOST_LIBRARIES} of {len(libraries):,}.")
-    for library in list(dict.fromkeys(libraries))[:MOST_LIBRARIES]:
+    if len(libraries) > MAX_LIBRARIES:
+        notes.append(f"Material files left out: all but {MAX_LIBRARIES} of {len(libraries):,}.")
+    for library in list(dict.fromkeys(libraries))[:MAX_LIBRARIES]:
         file = find_named(path.parent, library)
         if file is None or not file.stat().st_size:
             why = "is not there" if file is None else "is empty"

@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.checks import LARGEST_DATA, Reading, quiet_libraries
+from poseviewer.files.checks import MAX_DATA_BYTES, Reading, quiet_libraries
 from poseviewer.files.mesh.named import bare_name, find_named
 
 Key = TypeVar("Key")
-LARGEST_SIDE = 8192
+MAX_SIDE_PX = 8192
 """px of a texture; longer ones are shrunk."""
-MOST_TEXELS = 100_000_000
+MAX_TEXELS = 100_000_000
 """Limit of a model's textures together, and of one before it is shrunk: no photo shows more."""
-MOST_TEXTURES = 2000
+MAX_TEXTURES = 2000
 MAX_FACTOR = 10.0
 """Largest colour taken for one from 0 to 1: colours up to 255 are nearly black below it."""
 GREY = 0.8
@@ -122,15 +122,15 @@ def load_textures(
 ) -> dict[str, NDArray[np.uint8]]:
     """The named pictures that are there and sound, as RGB (h, w, 3); others are noted."""
     names = list(dict.fromkeys(names))
-    if len(names) > MOST_TEXTURES:
-        notes.append(f"Textures left out: all but {MOST_TEXTURES:,} of {len(names):,}.")
-    paths = {name: find_named(folder, name) for name in names[:MOST_TEXTURES]}
+    if len(names) > MAX_TEXTURES:
+        notes.append(f"Textures left out: all but {MAX_TEXTURES:,} of {len(names):,}.")
+    paths = {name: find_named(folder, name) for name in names[:MAX_TEXTURES]}
     images: dict[Path | None, tuple[str, Image.Image]] = {}
     for name, path in paths.items():
         if path is None:
             notes.append(f"Texture left out: {bare_name(name)} is not there.")
         elif path not in images:
-            reading = Reading(path, [], MeshFileError, "picture", LARGEST_DATA)
+            reading = Reading(path, [], MeshFileError, "picture", MAX_DATA_BYTES)
             with noted(path.name, notes):
                 # From a file, Pillow reads as many bytes as a damaged chunk says it has.
                 images[path] = path.name, Image.open(BytesIO(reading.load_bytes()))
@@ -143,15 +143,17 @@ def textures_from_images(
 ) -> dict[Key, NDArray[np.uint8]]:
     """RGB (h, w, 3) of pictures with their names, shrunk to have few texels together."""
     sizes = np.array([image.size for _, image in images.values()], float).reshape(-1, 2)
-    side, areas, longest = LARGEST_SIDE, sizes.prod(axis=1), sizes.max(axis=1, initial=1.0)
-    while side > 1 and np.sum(areas * np.minimum(1.0, side / longest) ** 2) > MOST_TEXELS:
+    side = MAX_SIDE_PX
+    areas = sizes.prod(axis=1)
+    longest = sizes.max(axis=1, initial=1.0)
+    while side > 1 and np.sum(areas * np.minimum(1.0, side / longest) ** 2) > MAX_TEXELS:
         side = side * 4 // 5
-    if side < LARGEST_SIDE:
+    if side < MAX_SIDE_PX:
         notes.append(f"Textures shrunk to {side} px: together they are very large.")
     textures: dict[Key, NDArray[np.uint8]] = {}
     for key, (name, image) in images.items():
         with noted(name, notes), image:
-            if image.width * image.height > MOST_TEXELS:
+            if image.width * image.height > MAX_TEXELS:
                 raise Image.DecompressionBombError
             if max(image.size) > side:
                 image.thumbnail((side, side))

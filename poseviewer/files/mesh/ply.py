@@ -27,7 +27,7 @@ COLOUR_NAMES = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diff
                 ("r", "g", "b"), ("gray",) * 3, ("grey",) * 3)  # fmt: skip
 COLOUR = re.compile("red|green|blue|colou?r|rgb|gr[ae]y|intensity|reflect")
 """Words in names of columns that may be colours."""
-LONGEST_HEADER = 1_000_000
+MAX_HEADER_BYTES = 1_000_000
 """Bytes."""
 ELEMENTS = ("vertex", "face", "tristrips", "edge", "camera")
 """Those that are read, and those that say nothing of the surface."""

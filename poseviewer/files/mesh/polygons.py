@@ -51,7 +51,10 @@ def _flattened(points: NDArray, normal: NDArray) -> NDArray:
 
 def _ears(flat: NDArray) -> NDArray[np.int64]:
     """(n - 2, 3): triangles of a simple polygon (Meisters 1975); of another, a fan at the end."""
-    left, triangles, at, tried = list(range(len(flat))), [], 0, 0
+    left = list(range(len(flat)))
+    triangles = []
+    at = 0
+    tried = 0
     while len(left) > 3 and tried < len(left):
         at %= len(left)
         ear = [left[at - 1], left[at], left[(at + 1) % len(left)]]

@@ -8,7 +8,7 @@ from urllib.parse import unquote
 from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.gltf import GLTF, gltf_header
 from poseviewer.files.mesh.obj import OPTIONS, library_names
-from poseviewer.files.mesh.ply import LONGEST_HEADER
+from poseviewer.files.mesh.ply import MAX_HEADER_BYTES
 
 WORDS = {
     ".obj": rb"(mtllib)",
@@ -34,7 +34,7 @@ def names_in(path: Path) -> dict[str, bool]:
             uris = [str(entry["uri"]) for entry in entries if entry.get("uri")]
             return {unquote(u): True for u in uris if not re.match(r"data:|https?:", u)}
         with path.open("rb") as file:
-            data = file.read(LONGEST_HEADER if suffix == ".ply" else -1)
+            data = file.read(MAX_HEADER_BYTES if suffix == ".ply" else -1)
     except (OSError, ValueError, AttributeError, TypeError, RecursionError, MeshFileError):
         return {}  # damaged: who reads the model will say so
     names: dict[str, bool] = {}

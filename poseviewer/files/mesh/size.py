@@ -7,7 +7,7 @@ from poseviewer.geometry.mesh import Mesh
 
 METRES = {"km": 1000.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Length units by name, in metres."""
-LARGEST_IN_METRES = 20.0
+MAX_SIZE_IN_METRES = 20.0
 """Longest side of what is likely in metres: cars and machines have fewer; in mm, a button more."""
 IN_THE_MIDDLE = 0.02
 """Distance of the origin from the middle, in the model's diagonal, that is none."""
@@ -18,7 +18,7 @@ MIN_SIZE_PX = 6.0
 def size_words(mesh: Mesh) -> str:
     """Say the sides of a model's box, where its origin lies, and what a translation means."""
     sides = np.ptp(mesh.bounds, axis=0)
-    guess = "m" if sides.max() < LARGEST_IN_METRES else "mm"
+    guess = "m" if sides.max() < MAX_SIZE_IN_METRES else "mm"
     unit = mesh.unit or f"a unit that is not said (likely {guess})"
     away = float(np.linalg.norm(mesh.centre)) / mesh.diameter
     origin = "in its middle" if away < IN_THE_MIDDLE else f"{away:.2g} of its size from its middle"

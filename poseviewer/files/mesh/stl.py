@@ -24,7 +24,9 @@ def read_stl(path: Path) -> ModelParts:
     """
     import trimesh
 
-    data, notes, text = path.read_bytes(), [], ""
+    data = path.read_bytes()
+    notes = []
+    text = ""
     count = promised = int.from_bytes(data[HEADER - 4 : HEADER], "little")
     held = max(len(data) - HEADER, 0) // ROW
     if len(data) != HEADER + promised * ROW:

@@ -7,19 +7,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError, printable
-from poseviewer.files.checks import LARGEST_NUMBER as LARGEST_COORDINATE
+from poseviewer.files.checks import MAX_NUMBER as MAX_COORDINATE
 from poseviewer.files.mesh.parts import GREY, Part, check_indices
 from poseviewer.geometry import normals as n
 from poseviewer.geometry.mesh import Mesh
 
-MOST_FACES = 20_000_000
-MOST_PARTS = 50_000
+MAX_FACES = 20_000_000
+MAX_PARTS = 50_000
 """Each is cut out and mended by itself: this number of them takes half a minute."""
-LEAST_COSINE = 0.25
+MIN_COSINE = 0.25
 """A normal contradicts a face when it is further off (75 degrees); on a smooth cube it is 55."""
 BAD_NORMALS_SHARE = 0.1
 """A file's normals are not used when they contradict the faces on more than this of the area."""
-LONGEST_NOTE = 300
+MAX_NOTE_LETTERS = 300
 """Characters."""
 
 
@@ -40,14 +40,14 @@ def _check(name: str, parts: list[Part]) -> None:
         wanted = "poseviewer needs a surface mesh, not a point cloud or an empty file"
         points = sum(len(part.vertices) for part in parts)
         raise MeshFileError(f"{name}: 0 triangles, {points:,} points; {wanted}.")
-    sizes = ("faces", sum(len(part.faces) for part in parts), MOST_FACES)
-    for what, count, most in (sizes, ("parts", len(parts), MOST_PARTS)):
+    sizes = ("faces", sum(len(part.faces) for part in parts), MAX_FACES)
+    for what, count, most in (sizes, ("parts", len(parts), MAX_PARTS)):
         if count > most:
             wanted = f"poseviewer takes up to {most:,}, simplify the model first"
             raise MeshFileError(f"{name}: {count:,} {what}; {wanted}.")
     for part in parts:
-        if bad := int(np.sum(~(np.abs(part.vertices) <= LARGEST_COORDINATE).all(axis=1))):
-            raise ValueError(f"{bad:,} vertices are not finite or beyond {LARGEST_COORDINATE:g}")
+        if bad := int(np.sum(~(np.abs(part.vertices) <= MAX_COORDINATE).all(axis=1))):
+            raise ValueError(f"{bad:,} vertices are not finite or beyond {MAX_COORDINATE:g}")
         check_indices(np.asarray(part.faces), len(part.vertices))
 
 
@@ -73,7 +73,7 @@ def _merged(parts: list[Part], notes: list[str]) -> Mesh:
         textures=tuple(textures.values()),
         part_names=tuple(names),
         has_reflectance=any(p.colours is not None or p.texture is not None for p in parts),
-        notes=tuple(printable(note, LONGEST_NOTE) for note in dict.fromkeys(notes)),
+        notes=tuple(printable(note, MAX_NOTE_LETTERS) for note in dict.fromkeys(notes)),
     )
 
 
@@ -116,7 +116,7 @@ def _turned_to_normals(mesh: Mesh) -> Mesh:
     turned = cosine.sum(axis=1) < 0.0
     cosine[turned] *= -1.0
     invalid = (length == 0.0)[mesh.faces].any(axis=1)
-    contradict = invalid | (cosine < LEAST_COSINE).any(axis=1)
+    contradict = invalid | (cosine < MIN_COSINE).any(axis=1)
     if areas[contradict].sum() > BAD_NORMALS_SHARE * areas.sum():
         note = "The file's normals contradict its faces; they were computed anew."
         return replace(mesh, normals=np.zeros_like(normals), notes=(*mesh.notes, note))

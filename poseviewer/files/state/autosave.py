@@ -17,7 +17,7 @@ import msgspec
 
 from poseviewer.errors import AutosaveError, PoseViewerError
 from poseviewer.files import scene_json as s
-from poseviewer.files.checks import LARGEST_DATA, Reading
+from poseviewer.files.checks import MAX_DATA_BYTES, Reading
 from poseviewer.files.writing import lock_file, write_whole, writing_to
 from poseviewer.scene.types import Scene
 
@@ -91,7 +91,7 @@ def load_autosave(path: Path) -> AutosavedSession:
     Raises:
         AutosaveError: there is no such file, or it is damaged.
     """
-    reading = Reading(path, largest=LARGEST_DATA)
+    reading = Reading(path, largest=MAX_DATA_BYTES)
     try:
         with reading.naming_errors():
             return _from_json(reading, reading.load_object())

@@ -21,7 +21,7 @@ from msgspec import Meta
 
 from poseviewer.errors import FileSetError, printable
 from poseviewer.files.checks import Reading
-from poseviewer.files.file_set import MOST_FILES, ModelFiles, is_of_system, model_files
+from poseviewer.files.file_set import MAX_FILES, ModelFiles, is_of_system, model_files
 from poseviewer.files.mesh.load import READERS
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.photo import ENDINGS
@@ -29,21 +29,21 @@ from poseviewer.files.state.autosave import files_of_sessions
 from poseviewer.files.writing import sha256_of, writing_to
 from poseviewer.scene.types import Scene
 
-LARGEST_UPLOAD = 200_000_000
+MAX_UPLOAD_BYTES = 200_000_000
 """Bytes: viser holds an upload in memory."""
-LARGEST_UNPACKED = 1_000_000_000
+MAX_UNPACKED_BYTES = 1_000_000_000
 """Bytes of the content of all zips that come together."""
-LARGEST_DIRECTORY = 4_000_000
-"""Bytes of a zip's directory: twice ``MOST_FILES`` entries with names of 150 bytes have fewer."""
-LONGEST_END = 65_535 + 22 + 20 + 56
+MAX_DIRECTORY_BYTES = 4_000_000
+"""Bytes of a zip's directory: twice ``MAX_FILES`` entries with names of 150 bytes have fewer."""
+MAX_END_BYTES = 65_535 + 22 + 20 + 56
 """Bytes at the end of a zip that say where its directory is, with the longest comment."""
 UNPACK = "unpack it yourself and start poseviewer with the path of what is needed"
 KEPT, OLD_S = 20, 3600.0
 """Newest uploads that stay, and age (s) at which others go."""
 BEGUN = "new-"
 """A set that is not whole yet has such a name."""
-LONGEST_NAME = 80
-LONGEST_PART = 100
+MAX_NAME_LETTERS = 80
+MAX_PART_LETTERS = 100
 """Characters of a name on disk: file systems take 255 bytes."""
 Entries: Any = Annotated[list[tuple[str, Annotated[int, Meta(ge=0)]]], Meta(min_length=1)]
 """Names and sizes (bytes) of the files that a page sends."""
@@ -79,7 +79,7 @@ def keep_set(folder: Path, data: bytes) -> Path:
 
 def keep_zip(folder: Path, path: Path) -> Path:
     """Unpack a zip of the disk as ``keep_set`` does."""
-    reading = Reading(path, [], FileSetError, "zip", LARGEST_UNPACKED)
+    reading = Reading(path, [], FileSetError, "zip", MAX_UNPACKED_BYTES)
     with reading.naming_errors():
         reading.check_size()
         marks = f"{path.name} {sha256_of(path)}".encode()
@@ -145,12 +145,12 @@ def safe_path(name: str) -> PurePosixPath:
 def why_unfit(name: str, size: int, count: int = 1) -> str:
     """Why ``count`` files of ``size`` bytes together are not taken; "" where they are."""
     found = wanted = ""
-    if count > MOST_FILES:
-        found = f": more than {MOST_FILES:,} files"
+    if count > MAX_FILES:
+        found = f": more than {MAX_FILES:,} files"
         wanted = "drop those alone that belong to one photo and its model"
-    elif size > LARGEST_UPLOAD:
+    elif size > MAX_UPLOAD_BYTES:
         found = f"{f' ({count:,} files)' if count > 1 else ''}: {size:,} bytes"
-        wanted = f"up to {LARGEST_UPLOAD:,} can be uploaded, start poseviewer with its path"
+        wanted = f"up to {MAX_UPLOAD_BYTES:,} can be uploaded, start poseviewer with its path"
     return f"{display_name(name)}{found}; {wanted}." if found else ""
 
 
@@ -167,7 +167,7 @@ def why_not_sent(name: str, trouble: Literal["unreadable", "empty", "cut off"]) 
 def display_name(name: str) -> str:
     """A name from a browser as text that is safe to show: one line, at most 80 characters."""
     last = re.split(r"[/\\]", name)[-1]
-    return printable(last.strip(), LONGEST_NAME) or "unnamed"
+    return printable(last.strip(), MAX_NAME_LETTERS) or "unnamed"
 
 
 def _unpacked(data: bytes) -> list[tuple[str, memoryview]]:
@@ -181,7 +181,7 @@ def _unpacked(data: bytes) -> list[tuple[str, memoryview]]:
     if ends[-1] != len(rest):
         found = f"{len(rest):,} bytes came, and {ends[-1]:,} were announced"
         raise FileSetError(f"{display_name(names[0])}: {found}; it was cut off, drop it again.")
-    if len(names) > MOST_FILES:
+    if len(names) > MAX_FILES:
         raise FileSetError(why_unfit(names[0], len(rest), len(names)))
     return [(name, rest[i:j]) for name, i, j in zip(names, [0, *ends], ends, strict=False)]
 
@@ -193,8 +193,8 @@ def _unzip(file: Path | BytesIO, name: str, place: Path, room: int) -> int:
     with reading.naming_errors(), zipfile.ZipFile(file) as archive:
         entries = [entry for entry in archive.infolist() if _is_wanted(entry)]
         size = sum(entry.file_size for entry in entries)
-        if size > room or len(entries) > MOST_FILES:
-            found = f"unpacks to more than {LARGEST_UNPACKED:,} bytes or {MOST_FILES:,} files"
+        if size > room or len(entries) > MAX_FILES:
+            found = f"unpacks to more than {MAX_UNPACKED_BYTES:,} bytes or {MAX_FILES:,} files"
             raise reading.error(found, UNPACK)
         for entry in entries:
             path = place / safe_path(entry.filename)
@@ -208,14 +208,14 @@ def _unzip(file: Path | BytesIO, name: str, place: Path, room: int) -> int:
 def _check_directory(reading: Reading, file: Path | BytesIO) -> None:
     """Raise where a zip's directory is very large: it is read before the first entry is seen."""
     with file.open("rb") if isinstance(file, Path) else nullcontext(file) as source:
-        source.seek(max(0, source.seek(0, os.SEEK_END) - LONGEST_END))
+        source.seek(max(0, source.seek(0, os.SEEK_END) - MAX_END_BYTES))
         end = source.read()
     sizes = [0]
     for start, place, length in ((b"PK\5\6", 12, 4), (b"PK\6\6", 40, 8)):
         if (at := end.rfind(start)) >= 0:
             sizes.append(int.from_bytes(end[at + place : at + place + length], "little"))
     largest = max(size for size in sizes if size != 0xFFFFFFFF)  # then the other one says it
-    if largest > LARGEST_DIRECTORY:
+    if largest > MAX_DIRECTORY_BYTES:
         raise reading.error(f"a directory of {largest:,} bytes", UNPACK)
 
 
@@ -242,7 +242,7 @@ def _kept(
 
 
 def _fill(place: Path, files: Sequence[tuple[str, memoryview | Path]]) -> None:
-    room = LARGEST_UNPACKED
+    room = MAX_UNPACKED_BYTES
     for number, (name, content) in enumerate(files):
         path = place / safe_path(name)
         if path.exists():
@@ -260,8 +260,8 @@ def _fill(place: Path, files: Sequence[tuple[str, memoryview | Path]]) -> None:
 def _safe_part(part: str) -> str:
     part = "".join(c if c.isprintable() and c not in NO_NAME else "_" for c in part).strip()
     part = part.rstrip(". ")
-    if len(part) > LONGEST_PART:
-        part = f"{part[: LONGEST_PART // 2]}{part[-LONGEST_PART // 2 :]}"
+    if len(part) > MAX_PART_LETTERS:
+        part = f"{part[: MAX_PART_LETTERS // 2]}{part[-MAX_PART_LETTERS // 2 :]}"
     return f"_{part}" if RESERVED.fullmatch(part) else part
 
 

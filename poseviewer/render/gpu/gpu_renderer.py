@@ -76,7 +76,9 @@ class GpuRenderer(SoftwareRenderer):
         """Another one for another thread, by the same memory of the GPU."""
         other = super().clone()
         assert isinstance(other, GpuRenderer)
-        other.device, other._buffers, other._corners = self.device, self._buffers, self._corners
+        other.device = self.device
+        other._buffers = self._buffers
+        other._corners = self._corners
         other._questions, other._answering = [], threading.Lock()
         return other
 
@@ -167,7 +169,9 @@ class GpuRenderer(SoftwareRenderer):
 
     def _uploaded(self) -> tuple[Any, ...]:
         """Vertices, faces, texels and their table in the GPU's memory."""
-        mesh, order, (texels, table) = self.mesh, self._surface.order, self._textures
+        mesh = self.mesh
+        order = self._surface.order
+        (texels, table) = self._textures
         areas = self._texel_areas[order].astype(np.float32).view(np.int32)
         faces = np.column_stack([mesh.faces[order], mesh.face_texture[order], areas])
         corners = mesh.vertices - mesh.centre, mesh.normals, mesh.colours, mesh.uvs
@@ -210,7 +214,9 @@ def moments_of_sums(
     photo: PhotoAttributes, raw: NDArray[np.float32], rotations: FloatArray
 ) -> list[Moments]:
     """Moments from the groups' sums (poses, groups, record), normals turned by ``rotations``."""
-    poses, channels, n = len(raw), photo.channels.shape[2], photo.photo_channels
+    poses = len(raw)
+    channels = photo.channels.shape[2]
+    n = photo.photo_channels
     size = n + photo.model_channels
     origin, products, pixels, of_classes, edges = np.split(raw.astype(float), PARTS, axis=-1)
     # From values about the group's own origin to those about 0.

@@ -88,7 +88,9 @@ def find_lines(mesh: Mesh, renderer: Renderer, pose: Pose, scale: float) -> Line
     image = renderer.render(close)
     if not image.mask.any():
         return None
-    width, half, samples = scale * window.samples, np.float32(0.5), np.float32(window.samples)
+    width = scale * window.samples
+    half = np.float32(0.5)
+    samples = np.float32(window.samples)
     nearer, both = _feature_samples(mesh, close, image)
     marked = _without_specks(both, MIN_EDGE_LENGTH * width)
     outside = _without_specks(~image.mask, MIN_HOLE_LENGTH * width)

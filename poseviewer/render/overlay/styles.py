@@ -23,8 +23,11 @@ LINE_COLOUR = (0, 232, 255)
 HALO_COLOUR = (10, 12, 16)
 REFERENCE_SIDE = 1000.0
 """px: longer side of a photo with lines of the widths below; others are in proportion."""
-OUTLINE_WIDTH, EDGE_WIDTH, HALO_WIDTH = 1.9, 1.0, 0.9
-"""Widths of lines, and of the halo on either side of them, in px of such a photo."""
+OUTLINE_WIDTH = 1.9
+EDGE_WIDTH = 1.0
+"""Widths of lines, in px of such a photo."""
+HALO_WIDTH = 0.9
+"""Width of the halo on either side of a line, in px of such a photo."""
 HALO_OPACITY = 0.55
 EDGE_STRENGTH = 0.6
 """Opacity of the feature edges beside the silhouette."""

@@ -12,7 +12,7 @@ from websockets.exceptions import ConnectionClosedError
 from websockets.sync.client import connect
 
 from poseviewer.app.below_viser import guard
-from poseviewer.app.below_viser.guard import LARGEST_MESSAGE, GuardedServer, serve
+from poseviewer.app.below_viser.guard import MAX_MESSAGE_BYTES, GuardedServer, serve
 from poseviewer.errors import SettingsError
 from tests.app.below_viser.socket_page import PROTOCOL
 
@@ -269,11 +269,11 @@ def test_messages_are_sent_at_once() -> None:
 
 @pytest.mark.parametrize(
     "garbage",
-    [b"", b"\x91" * 5000, b"\x81\xa4type\xa4Nope", "a text", bytes(LARGEST_MESSAGE + 1)],
+    [b"", b"\x91" * 5000, b"\x81\xa4type\xa4Nope", "a text", bytes(MAX_MESSAGE_BYTES + 1)],
     ids=["empty", "deep", "unknown", "text", "large"],
 )
 def test_what_is_no_message_ends_its_page_alone_with_a_line_in_the_log(local, garbage, caplog):
-    is_large, url = len(garbage) > LARGEST_MESSAGE, local.url.replace("http", "ws")
+    is_large, url = len(garbage) > MAX_MESSAGE_BYTES, local.url.replace("http", "ws")
     with connect(url, subprotocols=[PROTOCOL], max_size=None) as page:
         with suppress(ConnectionClosedError):
             page.send(garbage)

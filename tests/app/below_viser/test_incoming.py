@@ -8,7 +8,7 @@ from uuid import uuid4
 
 import pytest
 
-from poseviewer.files.state.uploads import LARGEST_UPLOAD, pack
+from poseviewer.files.state.uploads import MAX_UPLOAD_BYTES, pack
 from tests.app.below_viser.socket_page import SocketPage
 from tests.app.running_app import RunningApp, running_app
 from tests.scene import Scene
@@ -59,7 +59,7 @@ def assert_taken(running: RunningApp, page: SocketPage, name: str) -> None:
 
 
 def test_what_is_too_large_is_refused_when_it_is_announced(running, page):
-    upload(running, page, "huge.png", b"", size_bytes=LARGEST_UPLOAD + 1, part_count=400)
+    upload(running, page, "huge.png", b"", size_bytes=MAX_UPLOAD_BYTES + 1, part_count=400)
     said = "200,000,001 bytes; up to 200,000,000 can be uploaded, start poseviewer with its path."
     assert refusal(page, "huge.png") == f"huge.png: {said}"
     assert held(running) == 0
@@ -91,7 +91,7 @@ def test_progress_is_told_to_its_own_page(running: RunningApp) -> None:
 
 
 def test_all_uploads_together_are_bounded(running: RunningApp, page: SocketPage) -> None:
-    most = LARGEST_UPLOAD - 1000
+    most = MAX_UPLOAD_BYTES - 1000
     with SocketPage(running.url) as other:
         upload(running, other, "slow.png", b"", size_bytes=most, part_count=300)
         page.wait_until(lambda: held(running) == 1)

@@ -34,7 +34,9 @@ def test_lines_are_as_wide_at_every_zoom(running: RunningApp) -> None:
 
 
 def test_a_guessed_focal_length_is_searched_for_by_the_button_beside(running: RunningApp) -> None:
-    app, scene, uuid = running.app, running.scene, running.uuid("Find the focal length")
+    app = running.app
+    scene = running.scene
+    uuid = running.uuid("Find the focal length")
     handle = app._page._server.gui._gui_input_handle_from_uuid[uuid]
     with SocketPage(running.url) as page:
         assert not handle.visible

@@ -24,7 +24,9 @@ PATIENCE_S = 60.0
 
 
 def test_a_task_that_is_dropped_brings_nothing(tmp_path: Path):
-    begun, ended, told = threading.Event(), threading.Event(), threading.Event()
+    begun = threading.Event()
+    ended = threading.Event()
+    told = threading.Event()
     tasks, session = TaskQueue(told.set, tmp_path), make_session()
 
     def slow(*_: object) -> TaskResult:
@@ -52,7 +54,7 @@ def test_a_task_that_is_dropped_brings_nothing(tmp_path: Path):
 
 
 def test_uploads_that_wait_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("poseviewer.app.workers.tasks.LARGEST_UPLOAD", 100)
+    monkeypatch.setattr("poseviewer.app.workers.tasks.MAX_UPLOAD_BYTES", 100)
     tasks = TaskQueue(lambda: None, tmp_path)
     tasks.add(upload("photo", "large.png", bytes(150)))  # one alone is bounded before
     with pytest.raises(FileSetError, match="uploads are still being read"):
@@ -70,7 +72,9 @@ def test_maps_and_a_search_wait_for_what_was_asked_for(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asked: str
 ):
     """``done`` is the order in which they work; what is ``asked`` for ends once they have begun."""
-    done, nice, go = list[str](), dict[str, int](), threading.Event()
+    done = list[str]()
+    nice = dict[str, int]()
+    go = threading.Event()
 
     def telling(name: str, work: Callable[..., Iterator[Any]]) -> Callable[..., Iterator[Any]]:
         def tell(*given: Any) -> Iterator[Any]:

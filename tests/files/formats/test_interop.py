@@ -38,7 +38,9 @@ def test_meshlab_has_the_same_camera(tmp_path):
     answer = read_with("pymeshlab", project, out=tmp_path / "out.json")
     assert answer["rasters"] == 1
     numbers = np.array(" ".join(answer["bundler"].splitlines()[2:7]).split(), float)
-    focal, rotation, translation = numbers[0], numbers[3:12].reshape(3, 3), numbers[12:]
+    focal = numbers[0]
+    rotation = numbers[3:12].reshape(3, 3)
+    translation = numbers[12:]
     lens = ElementTree.fromstring(answer["agisoft"]).find(".//calibration")
     fx, fy, cx, cy = (float(lens.findtext(name) or "nan") for name in ("fx", "fy", "cx", "cy"))
     some = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 3))
@@ -75,7 +77,9 @@ def test_a_meshlab_project_holds_all_objects_of_a_scene(tmp_path):
 def test_blender_sees_the_same_through_gltf(tmp_path, make_record, unit):
     """glTF has no principal point off the middle: the view is wider, and the photo a part of it."""
     mesh, request = write_files(tmp_path)
-    record, file, picture = make_record(), tmp_path / "scene.glb", tmp_path / "drawn.png"
+    record = make_record()
+    file = tmp_path / "scene.glb"
+    picture = tmp_path / "drawn.png"
     GLTF.convert(scene_of_pose(tmp_path, record), file, replace(request, unit=unit))
     # cx = 112 of 200: the wider view is 224 px wide, and begins where the photo does;
     # cy = 66 of 150: it is 168 px high, and begins 18 px above the photo.

@@ -24,7 +24,7 @@ def textured_obj(folder: Path, **sides: int) -> Path:
 
 
 def test_large_textures_are_shrunk_until_they_fit_together(tmp_path, monkeypatch):
-    monkeypatch.setattr("poseviewer.files.mesh.parts.MOST_TEXELS", 3600)
+    monkeypatch.setattr("poseviewer.files.mesh.parts.MAX_TEXELS", 3600)
     mesh = load_mesh(textured_obj(tmp_path, a=10, b=10, c=10, large=60, huge=61))
     sides = sorted(texture.shape[0] for texture in mesh.textures)
     assert sides[:3] == [10, 10, 10]
@@ -35,7 +35,7 @@ def test_large_textures_are_shrunk_until_they_fit_together(tmp_path, monkeypatch
     assert "Textures shrunk to" in notes
 
 
-@pytest.mark.parametrize("most", ["MOST_FACES", "MOST_PARTS"])
+@pytest.mark.parametrize("most", ["MAX_FACES", "MAX_PARTS"])
 def test_models_of_too_many_faces_or_parts(tmp_path, monkeypatch, most):
     path = textured_obj(tmp_path, a=4, b=4, c=4)
     assert len(load_mesh(path).faces) == 3

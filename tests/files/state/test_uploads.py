@@ -15,11 +15,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from poseviewer.errors import FileSetError
-from poseviewer.files.file_set import MOST_FILES
+from poseviewer.files.file_set import MAX_FILES
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.scene_assets import view_of_file
 from poseviewer.files.state.uploads import (
-    LARGEST_UPLOAD,
+    MAX_UPLOAD_BYTES,
     display_name,
     keep_set,
     keep_zip,
@@ -126,12 +126,12 @@ def test_nothing_of_a_zip_is_written_outside_or_followed(tmp_path: Path) -> None
 
 
 def test_zips_that_unpack_to_too_much_are_refused(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr("poseviewer.files.state.uploads.LARGEST_UNPACKED", 10_000)
+    monkeypatch.setattr("poseviewer.files.state.uploads.MAX_UNPACKED_BYTES", 10_000)
     half = 6000 * b"\0"
     for zips in ({"b.zip": {"a": half, "b": half}}, {"a.zip": {"a": half}, "b.zip": {"a": half}}):
         with pytest.raises(FileSetError, match=r"^b\.zip: unpacks to more than 10,000 bytes or"):
             keep(tmp_path, {name: zipped(files) for name, files in zips.items()})
-    monkeypatch.setattr("poseviewer.files.state.uploads.MOST_FILES", 5)
+    monkeypatch.setattr("poseviewer.files.state.uploads.MAX_FILES", 5)
     with pytest.raises(FileSetError, match=r"^b\.zip: unpacks to more than .* or 5 files"):
         keep(tmp_path, {"b.zip": zipped({f"{i}": b"" for i in range(6)})})
     assert list(tmp_path.iterdir()) == []
@@ -152,9 +152,9 @@ def test_a_damaged_zip_is_refused_in_one_sentence(tmp_path: Path, data: bytes) -
 
 
 def test_why_a_page_sends_nothing() -> None:
-    assert why_unfit("a/b.ply", LARGEST_UPLOAD + 1).startswith("b.ply: 200,000,001 bytes; up to")
-    assert why_unfit("disk", 10**9, MOST_FILES + 1).startswith("disk: more than 10,000 files; drop")
-    assert why_unfit("fine.ply", LARGEST_UPLOAD) == ""
+    assert why_unfit("a/b.ply", MAX_UPLOAD_BYTES + 1).startswith("b.ply: 200,000,001 bytes; up to")
+    assert why_unfit("disk", 10**9, MAX_FILES + 1).startswith("disk: more than 10,000 files; drop")
+    assert why_unfit("fine.ply", MAX_UPLOAD_BYTES) == ""
     assert why_not_sent("new", "empty").startswith("new: an empty folder; drop one that")
 
 

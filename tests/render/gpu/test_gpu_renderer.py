@@ -67,7 +67,9 @@ def disagreement(one: Moments, other: Moments) -> float:
 @pytest.mark.parametrize("name", MESHES)
 def test_gpu_matches_software(name):
     random, mesh = np.random.default_rng(7), MESHES[name]
-    software, on_gpu, seen = SoftwareRenderer(mesh), GpuRenderer(mesh), 0
+    software = SoftwareRenderer(mesh)
+    on_gpu = GpuRenderer(mesh)
+    seen = 0
     for loss in LOSSES:
         photo = make_photo(loss, random)
         poses = [random_pose(random, k % 2 == 0) for k in range(POSES // len(LOSSES) + 1)]

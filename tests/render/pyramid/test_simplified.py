@@ -108,7 +108,9 @@ def test_sharp_edges_stay_sharp_and_parts_keep_their_colour():
 def divided(vertices, faces, parts):
     """Every triangle cut into four."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
-    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    ab = (a + b) / 2
+    bc = (b + c) / 2
+    ca = (c + a) / 2
     pieces = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
     corners = np.concatenate([np.stack(piece, axis=1) for piece in pieces])
     return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), np.tile(parts, 4)
