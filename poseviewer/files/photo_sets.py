@@ -4,7 +4,6 @@ another: COLMAP's models, ``transforms.json`` of nerfstudio and NeRF, and BOP sc
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from pathlib import Path, PurePosixPath
 
 from poseviewer.files import structs as s
@@ -74,6 +73,11 @@ def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews
                 shown = as_shown(unread, unread.file.location, notes) if is_of_stored else unread
                 s.checked_camera(reading, shown.camera)
                 view = open_view(shown)[0]
+                for other in views:  # before the next is read: a list may name one many times
+                    if other.photo.sha256 == view.photo.sha256:
+                        found = f"{other.name} and {view.name} are one photo twice"
+                        wanted = "a set has each photo once, leave one of them out"
+                        raise reading.error(found, wanted)
                 camera = view.camera if isinstance(view.camera, Perspective) else None
                 photo = replace(view.photo, camera=camera, notes=(*view.photo.notes, *notes))
                 views.append(replace(view, file=PhotoFile.of(photo, view.path)))
@@ -83,10 +87,6 @@ def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews
         if len(views) < 2:
             found = f"{len(views)} photo{'' if len(views) == 1 else 's'}"
             raise reading.error(found, "a set has two or more; fit one photo without --views")
-        for first, second in combinations(views, 2):
-            if first.photo.sha256 == second.photo.sha256:
-                found = f"{first.name} and {second.name} are one photo twice"
-                raise reading.error(found, "a set has each photo once, leave one of them out")
         return LoadedViews(path.name, with_names(views), unit, scale)
 
 

@@ -22,8 +22,10 @@ HIDING = (*SHAPES, "part")
 """The tools: three that draw on the photo, and one that takes a part of the model."""
 SUBPIXEL_BITS = 4
 """Binary digits after the point of OpenCV's coordinates: sixteenths of a pixel."""
-THICKEST = 32767
+MAX_THICKNESS = 32767
 """px: OpenCV draws no thicker line."""
+MAX_CORNERS = 4000
+"""Corners of a polygon that are filled: OpenCV's time grows with the square of its crossings."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,9 +49,10 @@ class Stroke:
         # OpenCV's pixel centres are at integers.
         places = np.rint((self.points - 0.5) * 2**SUBPIXEL_BITS).astype(np.int32)
         if self.shape == "polygon":
-            cv2.fillPoly(canvas, [places], 1, shift=SUBPIXEL_BITS)
+            corners = places[:: -(-len(places) // MAX_CORNERS)]
+            cv2.fillPoly(canvas, [corners], 1, shift=SUBPIXEL_BITS)
             return canvas > 0
-        thickness = min(max(round(2.0 * self.radius), 1), THICKEST)
+        thickness = min(max(round(2.0 * self.radius), 1), MAX_THICKNESS)
         first, radius = places[0].tolist(), max(self.radius, 0.5) * 2**SUBPIXEL_BITS
         cv2.circle(canvas, first, round(radius), 1, cv2.FILLED, shift=SUBPIXEL_BITS)
         cv2.polylines(canvas, [places], False, 1, thickness, shift=SUBPIXEL_BITS)
