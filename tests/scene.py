@@ -1,5 +1,6 @@
 """A whole input for a command: photo, model and poses, small enough to fit in a second."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,13 +32,15 @@ def make_scene(folder: Path) -> Scene:
     return make_scene_of(coloured(make_bumpy(3), (1.0, 0.8, 0.6)), folder)
 
 
-def make_scene_of(mesh: Mesh, folder: Path) -> Scene:
-    """Write the files of ``make_scene`` for another mesh."""
+def make_scene_of(
+    mesh: Mesh, folder: Path, rotation_vector: Sequence[float] = (0.4, -0.3, 0.2)
+) -> Scene:
+    """Write the files of ``make_scene`` for another mesh and rotation (rad)."""
     scene = Scene(*(folder / name for name in ("p.png", "m.ply", "true.json", "start.json")))
     save_model(scene.model, mesh)
     pose = Pose(
         Perspective(300.0, 300.0, 83.0, 58.0, 160, 120),
-        RigidTransform.from_rotation_vector([0.4, -0.3, 0.2], [0.1, 0.05, 7.0]),
+        RigidTransform.from_rotation_vector(rotation_vector, [0.1, 0.05, 7.0]),
     )
     # Black ground, as the model is 0 there.
     pixels = lit_models([PlacedModel(mesh, pose)], LIGHT, np.random.default_rng(0), 0.0, 4.0)

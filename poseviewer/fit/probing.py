@@ -85,18 +85,22 @@ class Probe:
         return np.array(list(self._pool.map(self._loss, list(steps))))
 
     def descend(
-        self, descents: Sequence[tuple[FloatArray, float, int]]
+        self, descents: Sequence[tuple[FloatArray, FloatArray | float, int]]
     ) -> list[tuple[FloatArray, float]]:
-        """Step where each descent of a simplex ends, and the loss there; descents are given by
-        start (k,), edge and number of evaluations.
+        """Step where each descent of a simplex ends, and the loss there.
+
+        Args:
+            descents: of each, its start (k,), the edges of its simplex as columns (k, e) or the
+                length of k edges along the axes, and its number of evaluations.
         """
         return list(self._pool.map(self._descend, descents, at_a_time=1))
 
     def _descend(
-        self, renderer: Renderer, descent: tuple[FloatArray, float, int]
+        self, renderer: Renderer, descent: tuple[FloatArray, FloatArray | float, int]
     ) -> tuple[FloatArray, float]:
         start, edge, evaluations = descent
-        objective, edges = partial(map, partial(self._loss, renderer)), edge * np.eye(len(start))
+        objective = partial(map, partial(self._loss, renderer))
+        edges = edge * np.eye(len(start)) if np.ndim(edge) == 0 else np.asarray(edge)
         states = nelder_mead.minimise(objective, start, edges, TOLERANCES)
         *_, last = islice(states, evaluations + 1)
         return last.best, last.value

@@ -5,9 +5,10 @@ the model's axes explains the photo better than any motion does.
 """
 
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from poseviewer.fit.probing import Probe
 from poseviewer.fit.problem import FitProblem
@@ -18,17 +19,26 @@ from poseviewer.render.types import Renderer
 
 STRETCHES = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, -2.0]]) / np.sqrt([[2.0], [6.0]])
 """(2, 3): orthonormal, logarithms of stretches along x, y and z; all three alike are a distance."""
-OWN_EDGE, OWN_EVALUATIONS = 0.05, 80
+OWN_EDGE = 0.05
+OWN_EVALUATIONS = 80
 """Edge and length of the descent of the model as it is, to the coarse level's own minimum."""
-EDGE, EVALUATIONS = 0.08, 150
+EDGE = 0.08
+EVALUATIONS = 150
 """Edge and length of the descent from there with its proportions free."""
-MIN_GAIN, MIN_STRETCH = 0.08, 0.045
-"""Loss that other proportions must gain, and how much longer an axis must be than the others:
-right models gain less, or by less."""
+MIN_GAIN = 0.08
+"""Loss that better proportions gain at least: right models gain less."""
+MIN_STRETCH = 0.045
+"""Logarithm of the stretch of one axis beside the others that counts as other proportions."""
+GIVEN_STRETCH = 0.2
+"""Logarithm of the stretch of one axis that is tried whether the descent takes it or not."""
+GIVEN_EVALUATIONS = 100
+"""Length of a descent of the model with a given stretch."""
+MAX_LOSS_ALIKE = 0.02
+"""Loss that a stretched model may have more than the model itself to fit as well."""
 
 
 class StretchProbe(Probe):
-    """A probe whose steps may have two more numbers, along ``STRETCHES`` of the model."""
+    """A probe whose steps may have three more numbers: logarithms of stretches of the model."""
 
     def pose(self, step: FloatArray) -> Pose:
         """The pose at a step; its "rotation" stretches the model as well, about its centre."""
@@ -37,31 +47,68 @@ class StretchProbe(Probe):
         if len(step) == size:
             return pose
         place, centre = pose.camera_from_model, self.chart.centre
-        linear = place.rotation * np.exp(step[size:] @ STRETCHES)
+        linear = place.rotation * np.exp(step[size:])
         return replace(
             pose,
             camera_from_model=RigidTransform(linear, place.apply(centre) - linear @ centre),
         )
 
 
-def other_proportions(problem: FitProblem, renderer: Renderer, pose: Pose, threads: int) -> str:
-    """Sentence on the axis along which another model explains the photo significantly better than
-    this one about a pose; empty where none does.
+@dataclass(frozen=True, slots=True)
+class OtherProportions:
+    """Proportions of another model that explains the photo as well."""
 
-    Raises ``PoseViewerError`` for a pose that has no parameters in a chart.
+    axis: int
+    """Index of the model's axis, 0 to 2, that is longer or shorter beside the others."""
+    log_stretch: float
+    """Logarithm of that axis' stretch."""
+    is_better: bool
+    """Whether the photo is explained significantly better, not only as well."""
+
+    def __str__(self) -> str:
+        percent = abs(100.0 * np.expm1(self.log_stretch))
+        how = "longer" if self.log_stretch > 0 else "shorter"
+        stretch = f"about {percent:.0f} % {how}"
+        along = f"along its {'xyz'[self.axis]}-axis"
+        if self.is_better:
+            return (
+                f"In proportion, the photo shows something {stretch} than the model {along}: "
+                f"another model?"
+            )
+        return f"A model {stretch} {along} would fit as well: this photo does not tell."
+
+
+def other_proportions(
+    problem: FitProblem, renderer: Renderer, pose: Pose, threads: int
+) -> OtherProportions | None:
+    """Find proportions with which the model explains the photo as well as it does at a pose.
+
+    Args:
+        problem: of one photo.
+        renderer: of the model.
+        pose: where a search ended.
+        threads: on which losses are computed.
+
+    Raises:
+        PoseViewerError: the pose has no parameters in a chart.
     """
     with closing(StretchProbe(problem, renderer, pose, threads)) as probe:
-        at = np.zeros(len(probe.motions))
-        (own, least), *_ = probe.descend([(at, OWN_EDGE, OWN_EVALUATIONS)])
-        start = np.append(own, np.zeros(len(STRETCHES)))
-        (end, other), *_ = probe.descend([(start, EDGE, EVALUATIONS)])
-    # Logarithm of each axis' stretch, above the mean of the two others.
-    longer = 1.5 * (end[len(at) :] @ STRETCHES)
-    axis = int(np.argmax(np.abs(longer)))
-    if least - other < MIN_GAIN or abs(longer[axis]) < MIN_STRETCH:
-        return ""
-    percent, how = 100.0 * np.expm1(abs(longer[axis])), "longer" if longer[axis] > 0 else "shorter"
-    return (
-        f"In proportion, the photo shows something about {percent:.0f} % {how} than the model "
-        f"along its {'xyz'[axis]}-axis: another model?"
-    )
+        size = len(probe.motions)
+        (own, least), *_ = probe.descend([(np.zeros(size), OWN_EDGE, OWN_EVALUATIONS)])
+        start = np.append(own, np.zeros(3))
+        free = EDGE * block_diag(np.eye(size), STRETCHES.T)
+        (end, other), *_ = probe.descend([(start, free, EVALUATIONS)])
+        # Logarithm of each axis' stretch, above the mean of the two others.
+        longer = 1.5 * end[size:]
+        axis = int(np.argmax(np.abs(longer)))
+        if least - other >= MIN_GAIN and abs(longer[axis]) >= MIN_STRETCH:
+            return OtherProportions(axis, float(longer[axis]), is_better=True)
+        given = GIVEN_STRETCH * np.vstack([np.eye(3), -np.eye(3)])
+        starts = [np.append(own, stretch) for stretch in given]
+        edges = OWN_EDGE * np.eye(size + 3, size)  # the stretch stays
+        ends = probe.descend([(start, edges, GIVEN_EVALUATIONS) for start in starts])
+    losses = [loss for _, loss in ends]
+    best = int(np.argmin(losses))
+    if losses[best] - least > MAX_LOSS_ALIKE:
+        return None
+    return OtherProportions(best % 3, float(given[best].sum()), is_better=False)

@@ -297,14 +297,18 @@ class Search:
         return best
 
     def _of_this_model(self, end: FitProgress) -> FitProgress:
-        """The ``end``, doubtful where another model's proportions explain the only photo better."""
+        """Judge whether other proportions of the model explain the only photo as well or better."""
         verdict, views = end.verdict, end.problem.views
         if verdict is None or verdict.label != "found" or len(views) > 1:
             return end
-        said = other_proportions(end.problem, self._renderer, end.pose, self._threads)
-        if not said:
+        other = other_proportions(end.problem, self._renderer, end.pose, self._threads)
+        if other is None:
             return end
-        verdict = structs.replace(verdict, label="doubtful", reasons=(said, *verdict.reasons))
+        if other.is_better:
+            reasons = (str(other), *verdict.reasons)
+            verdict = structs.replace(verdict, label="doubtful", reasons=reasons)
+        else:
+            verdict = structs.replace(verdict, reasons=(*verdict.reasons, str(other)))
         return replace(end, verdict=verdict, seconds=time.perf_counter() - self._began)
 
     def _kept(self, end: FitProgress) -> FitProgress:

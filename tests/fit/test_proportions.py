@@ -11,7 +11,7 @@ from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.scene.types import Scene
 from poseviewer.starts.loading import open_photo
-from tests.meshes import make_box, merged
+from tests.meshes import make_box, make_printed, merged
 from tests.scene import make_scene_of
 
 
@@ -37,7 +37,7 @@ def test_a_model_that_fits_stays_found(scene):
     verdict = make_registration(stretched(scene, 1.0, 1.0, 1.0)).fit().verdict
     assert verdict is not None
     assert verdict.label == "found"
-    assert not any("another model?" in reason for reason in verdict.reasons)
+    assert not any("along its" in reason for reason in verdict.reasons)
 
 
 def plate(width: float, height: float, x: float = 0.0, y: float = 0.0) -> Mesh:
@@ -60,3 +60,14 @@ def test_a_plate_that_lacks_a_corner_is_not_found_on_a_whole_one(tmp_path):
         assert any("of one colour" in reason for reason in verdict.reasons)
         words.append(verdict.label)
     assert words == ["found", "doubtful"]
+
+
+@pytest.mark.parametrize("depth", [0.8, 1.2])
+def test_proportions_that_the_photo_does_not_tell_are_named(tmp_path, depth: float):
+    """A box seen straight on shows one side, whatever its depth."""
+    box = make_printed((2.0, 1.4, 1.0))
+    scene = make_scene_of(box, tmp_path, rotation_vector=[0.0, 0.0, 0.2])
+    verdict = make_registration(stretched(scene, 1.0, 1.0, depth)).fit().verdict
+    assert verdict is not None
+    assert verdict.label == "found"
+    assert "along its z-axis would fit as well" in verdict.reasons[-1]
