@@ -29,8 +29,9 @@ MIN_VISIBLE_FRACTION = 0.35
 """Share of the model that must be seen: with less, poses far off look right too."""
 MIN_OUTLINE = 0.65
 """Share of the outline of a ``found`` pose: plain and flat things fit others' insides, too."""
-PLAIN_FROM = 0.85
-"""Share of the model of one normal and reflectance from which it is plain."""
+PLAIN_FROM = 0.7
+"""Share of the model of one normal and reflectance from which it is plain: photos of textured or
+curved things have less than 0.4."""
 PLAIN_OUTLINE = 0.9
 """``MIN_OUTLINE`` of a plain model, which fits inside larger things of its look."""
 PLAIN_SEEN = 0.95

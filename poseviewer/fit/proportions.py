@@ -6,6 +6,7 @@ the model's axes explains the photo better than any motion does.
 
 from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -14,6 +15,7 @@ from poseviewer.fit.probing import Probe
 from poseviewer.fit.problem import FitProblem
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.normals import face_normals_and_areas
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.types import Renderer
 
@@ -30,33 +32,41 @@ MIN_GAIN = 0.08
 MIN_STRETCH = 0.045
 """Logarithm of the stretch of one axis beside the others that counts as other proportions."""
 GIVEN_STRETCH = 0.2
-"""Logarithm of the stretch of one axis that is tried whether the descent takes it or not."""
-GIVEN_EVALUATIONS = 100
-"""Length of a descent of the model with a given stretch."""
-MAX_LOSS_ALIKE = 0.02
-"""Loss that a stretched model may have more than the model itself to fit as well."""
+"""Logarithm of the stretch of one axis that is tried, whether the free descent takes it or not."""
+GIVEN_EVALUATIONS = 30
+"""Length of the descent of the model with a given stretch."""
+ALIKE_LOSS = 0.06
+"""Rise of the loss within which a stretched model explains the photo as well."""
 
 
 class StretchProbe(Probe):
     """A probe whose steps may have three more numbers: logarithms of stretches of the model."""
 
+    @cached_property
+    def fixed_point(self) -> FloatArray:
+        """(3,): the middle of what faces the camera, which a stretch leaves where it is."""
+        mesh, place = self.mesh, self.chart.start.camera_from_model
+        normals, areas = face_normals_and_areas(mesh.vertices, mesh.faces)
+        middles = mesh.vertices[mesh.faces].mean(axis=1)
+        facing = areas * np.maximum(-normals @ (place.apply(mesh.centre) @ place.rotation), 0.0)
+        return facing @ middles / facing.sum() if facing.any() else mesh.centre
+
     def pose(self, step: FloatArray) -> Pose:
-        """The pose at a step; its "rotation" stretches the model as well, about its centre."""
+        """The pose at a step; its "rotation" stretches the model as well."""
         size = len(self.motions)
         pose = super().pose(step[:size])
         if len(step) == size:
             return pose
-        place, centre = pose.camera_from_model, self.chart.centre
+        place, fixed = pose.camera_from_model, self.fixed_point
         linear = place.rotation * np.exp(step[size:])
         return replace(
-            pose,
-            camera_from_model=RigidTransform(linear, place.apply(centre) - linear @ centre),
+            pose, camera_from_model=RigidTransform(linear, place.apply(fixed) - linear @ fixed)
         )
 
 
 @dataclass(frozen=True, slots=True)
 class OtherProportions:
-    """Proportions of another model that explains the photo as well."""
+    """Proportions of other models that explain the photo better, or as well."""
 
     axis: int
     """Index of the model's axis, 0 to 2, that is longer or shorter beside the others."""
@@ -68,8 +78,7 @@ class OtherProportions:
     def __str__(self) -> str:
         percent = abs(100.0 * np.expm1(self.log_stretch))
         how = "longer" if self.log_stretch > 0 else "shorter"
-        stretch = f"about {percent:.0f} % {how}"
-        along = f"along its {'xyz'[self.axis]}-axis"
+        stretch, along = f"about {percent:.0f} % {how}", f"along its {'xyz'[self.axis]}-axis"
         if self.is_better:
             return (
                 f"In proportion, the photo shows something {stretch} than the model {along}: "
@@ -94,10 +103,10 @@ def other_proportions(
     """
     with closing(StretchProbe(problem, renderer, pose, threads)) as probe:
         size = len(probe.motions)
+        free = block_diag(np.eye(size), STRETCHES.T)
         (own, least), *_ = probe.descend([(np.zeros(size), OWN_EDGE, OWN_EVALUATIONS)])
         start = np.append(own, np.zeros(3))
-        free = EDGE * block_diag(np.eye(size), STRETCHES.T)
-        (end, other), *_ = probe.descend([(start, free, EVALUATIONS)])
+        (end, other), *_ = probe.descend([(start, EDGE * free, EVALUATIONS)])
         # Logarithm of each axis' stretch, above the mean of the two others.
         longer = 1.5 * end[size:]
         axis = int(np.argmax(np.abs(longer)))
@@ -109,6 +118,6 @@ def other_proportions(
         ends = probe.descend([(start, edges, GIVEN_EVALUATIONS) for start in starts])
     losses = [loss for _, loss in ends]
     best = int(np.argmin(losses))
-    if losses[best] - least > MAX_LOSS_ALIKE:
+    if losses[best] - least > ALIKE_LOSS:
         return None
     return OtherProportions(best % 3, float(given[best].sum()), is_better=False)

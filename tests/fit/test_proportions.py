@@ -11,7 +11,7 @@ from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.scene.types import Scene
 from poseviewer.starts.loading import open_photo
-from tests.meshes import make_box, make_printed, merged
+from tests.meshes import make_box, make_printed, make_sphere, merged
 from tests.scene import make_scene_of
 
 
@@ -45,6 +45,25 @@ def plate(width: float, height: float, x: float = 0.0, y: float = 0.0) -> Mesh:
     box = make_box((width, height, 0.1))
     colours = np.full_like(box.colours, 0.6)
     return replace(box, vertices=box.vertices + np.array([x, y, 0.0]), colours=colours)
+
+
+def test_a_box_is_not_found_on_an_ellipse_of_its_size(tmp_path):
+    """What the ellipse lacks of the box could lie behind something."""
+    ball = make_sphere()
+    normals = ball.normals / [1.4, 1.0, 0.02]  # of a flat disc
+    disc = replace(
+        ball,
+        vertices=ball.vertices * [1.4, 1.0, 0.3],
+        normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
+        colours=np.full_like(ball.colours, 0.6),
+    )
+    plain = plate(2.8, 2.0)
+    box = replace(plain, vertices=plain.vertices * [1.0, 1.0, 6.0])
+    scene = make_scene_of(disc, tmp_path)
+    model = load_model(scene.model).with_content(mesh=box)
+    verdict = make_registration(open_photo(scene.photo, model, scene.start)).fit().verdict
+    assert verdict is not None
+    assert verdict.label != "found"
 
 
 def test_a_plate_that_lacks_a_corner_is_not_found_on_a_whole_one(tmp_path):
