@@ -258,7 +258,7 @@ class PosedScene:
     @property
     def visibility(self) -> Visibility:
         """Pixels of the chart's view that show each object, and how much of each is seen."""
-        models = (self.scene.placed(i, self.view_index) for i in range(len(self.objects)))
+        models = (self.scene.model_at(i, self.view_index) for i in range(len(self.objects)))
         return visibility([*models])
 
     def at(self, pose: Pose) -> Registration:
@@ -317,9 +317,9 @@ class PosedScene:
         return picture
 
     def _draw_over(self, picture: Picture, look: str, opacity: float, view: int) -> Picture:
-        placed = self.scene.placed(self._index, view)
+        placed = self.scene.model_at(self._index, view)
         others = [
-            self.scene.placed(index, view)
+            self.scene.model_at(index, view)
             for index, item in enumerate(self.objects)
             if index != self._index and not item.hidden
         ]

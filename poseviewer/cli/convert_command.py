@@ -129,9 +129,9 @@ def _source(options: Namespace, request: ConvertOptions) -> tuple[Scene, Convert
 
 
 def _read(options: Namespace, request: ConvertOptions) -> Scene:
-    from poseviewer.files.checks import Reading
+    from poseviewer.files.checks import InputFile
 
-    with Reading(options.source, kind=f"{options.source_format} file").naming_errors():
+    with InputFile(options.source, kind=f"{options.source_format} file").naming_errors():
         return FORMATS[options.source_format].read(options.source, request)
 
 

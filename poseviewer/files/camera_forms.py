@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import InputFile
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import HALF_PIXEL, camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
@@ -149,7 +149,7 @@ class FileCamera:
 class _Said:
     """Fields of a camera that a mapping has: of each the key as written, and the value."""
 
-    reading: Reading
+    file: InputFile
     entries: dict[str, tuple[str, Any]]
     photo: tuple[int, int]
     is_turned: bool = False
@@ -172,7 +172,7 @@ class _Said:
     def number(self, name: str, default: float | None = None) -> float:
         """A number."""
         value = self.value(name, default)
-        return self.reading.number(value, self.entries.get(name, (name,))[0])
+        return self.file.number(value, self.entries.get(name, (name,))[0])
 
     def numbers(self, name: str, count: int | None = None) -> list[float]:
         """Numbers in a list, a text or a mapping of x and y; [] where there is no such field."""
@@ -180,7 +180,7 @@ class _Said:
         if isinstance(value, dict) and "data" not in value:
             value = list(value.values())
         value = value if isinstance(value, dict | list | tuple | str) else [value]
-        return self.reading.flat_numbers(value, self.entries.get(name, (name,))[0], count)
+        return self.file.flat_numbers(value, self.entries.get(name, (name,))[0], count)
 
     def model_words(self, form: "Form") -> Iterator[tuple[str, bool]]:
         """Words that may name the lens's model, the surest first; and whether they name nothing
@@ -211,7 +211,7 @@ class _Said:
         """Width and height in px, as said, or else those of the photo.
 
         A list of two has either first: where they are given, ``cx`` and ``cy`` (px) tell it, as
-        they lie near the middle. Raises the reading's error where two keys say different sizes.
+        they lie near the middle. Raises the file's error where two keys say different sizes.
         """
         sizes = {key: self._pair(key, value) for key, value in self.sizes.items()}
         for chosen in (sizes, {key: size for key, size in sizes.items() if "calib" in key.lower()}):
@@ -220,7 +220,7 @@ class _Said:
                 break
         else:
             found = " and ".join(f"{w}x{h} px ({key})" for key, (w, h) in sizes.items())
-            raise self.reading.error(f"its pictures have {found}", "leave out all but one")
+            raise self.file.error(f"its pictures have {found}", "leave out all but one")
         self.used.update(dict.fromkeys([key] if key else []))
         off, off_turned = (
             abs(cx / (w or 1) - 0.5) + abs(cy / (h or 1) - 0.5) for w, h in (size, size[::-1])
@@ -233,8 +233,8 @@ class _Said:
         numbers = _numbers_in(value)
         numbers = numbers[:2] if len(numbers) == 3 and numbers[2] <= 4 else numbers  # of channels
         if len(numbers) != 2:
-            raise self.reading.error(f"{key} is {str(value)[:40]!r}", "wanted 2 numbers")
-        width, height = (self.reading.size(side, "image_size") or 0 for side in numbers)
+            raise self.file.error(f"{key} is {str(value)[:40]!r}", "wanted 2 numbers")
+        width, height = (self.file.size(side, "image_size") or 0 for side in numbers)
         return width, height
 
     def from_middle(self, fx: float, fy: float, x: float, y: float) -> tuple[float, ...]:
@@ -264,7 +264,7 @@ def _of_matrix(said: _Said, name: str = "matrix") -> Any:
     key = said.entries[name][0]
     is_flat = isinstance(said.entries[name][1], list) and len(said.entries[name][1]) == 9
     is_by_columns = is_flat or key.replace("_", "").lower() == "intrinsicmatrix"
-    camera = camera_of_matrix(said.reading, said.value(name), key, by_columns=is_by_columns)
+    camera = camera_of_matrix(said.file, said.value(name), key, by_columns=is_by_columns)
     shift = HALF_PIXEL + (key == "IntrinsicMatrix" or _is_matlab(said))
     return camera.fx, camera.fy, camera.cx - shift, camera.cy - shift
 
@@ -300,7 +300,7 @@ def _meshroom(said: _Said) -> Any:
         focals = said.numbers("pxfocallength")
         return said.from_middle(focals[0], focals[-1], x, y)
     if said.number("pixelratio", 1.0) != 1.0:
-        raise said.reading.error("pixelRatio is not 1", "calibrate with square pixels")
+        raise said.file.error("pixelRatio is not 1", "calibrate with square pixels")
     focal = said.number("focallength") / said.number("sensorwidth") * said.size()[0]
     return said.from_middle(focal, focal, x, y)
 
@@ -323,7 +323,7 @@ def _nerf(said: _Said) -> Any:
     for side, axis in zip(said.size(), "xy", strict=True):
         name, middle = f"cameraangle{axis}", 0.5 * side
         if name in said:
-            angle = said.reading.positive(said.value(name), f"camera_angle_{axis}", math.pi)
+            angle = said.file.positive(said.value(name), f"camera_angle_{axis}", math.pi)
             focals.append(middle / math.tan(0.5 * angle))
         centre.append(said.number(f"c{axis}", middle))
     return focals[0], focals[-1], *centre
@@ -388,7 +388,7 @@ READ = (
 
 
 def cameras_in(
-    reading: Reading,
+    file: InputFile,
     data: Any,
     lens_model: LensModel | None = None,
     photo: tuple[int, int] = (0, 0),
@@ -397,7 +397,7 @@ def cameras_in(
     """Read all cameras in a tree.
 
     Args:
-        reading: the file that the tree is of.
+        file: the file that the tree is of.
         data: the tree.
         lens_model: OpenCV's model of the lens where the file does not say it.
         photo: width and height of the pictures (px) where the file does not say them.
@@ -413,14 +413,14 @@ def cameras_in(
     is_sized = True
     if isinstance(data, list):
         data = {"cameras" if data and isinstance(data[0], dict) else "camera_matrix": data}
-    for path, mapping, above in _mappings(_undotted(data), (), DEEPEST, {}):
+    for path, mapping, above in _mappings(_split_dots(data), (), DEEPEST, {}):
         of_number = _entries_of(mapping)
         shared = of_number.get("", {}).copy()
         for name in ("matrix", "distortion"):
             shared.pop(name, None)
         said += mapping.items()
         for number, entries in of_number.items():
-            own = _Said(reading, shared | entries if number else entries, photo, is_turned, above)
+            own = _Said(file, shared | entries if number else entries, photo, is_turned, above)
             form = next((form for form in FORMS if all(name in own for name in form.needs)), None)
             if form is not None and (number == "" or "matrix" in entries):
                 name = "-".join(part for part in (path, number) if part)
@@ -437,17 +437,17 @@ def cameras_in(
         keys = ", ".join(str(key)[:20] for key in data) if isinstance(data, dict) else ""
         wanted = f"read are those of {', '.join(tools for tools, *_ in READ)}"
         wanted += "; poseviewer info --calibration --help lists the keys"
-        raise reading.error(f"no camera in it (its keys: {keys[:80] or 'none'})", wanted)
+        raise file.error(f"no camera in it (its keys: {keys[:80] or 'none'})", wanted)
     is_bare = len(cameras) == 1 and cameras[0].lens is None
     for key, value in said:
         plain, is_list = _plain(key), _is_matrix(value)
         if not is_sized and key not in used and MAYBE_SIZE.fullmatch(plain) and _sides(value):
             found = f"{key!r} may be the size of its pictures, and is not known here"
-            raise reading.error(found, "wanted image_width and image_height")
+            raise file.error(found, "wanted image_width and image_height")
         if key in used or (plain == "w" and str(value).isdecimal()):
             continue
         if TYPE_LIKE.match(plain) and OTHER_LENS.fullmatch(_plain(value)):
-            raise reading.error(f"{key!r} is {str(value)[:40]!r}", "wanted it as distortion_model")
+            raise file.error(f"{key!r} is {str(value)[:40]!r}", "wanted it as distortion_model")
         like = LENS_LIKE.fullmatch(plain)
         is_word = "fish" in plain or plain == "lens"  # what stands for no number
         may_be = like and not (like["alone"] if is_list else is_word)
@@ -456,7 +456,7 @@ def cameras_in(
         has_their_count = is_flat and len(numbers) in COUNTS_OF_LENSES and "time" not in plain
         if (may_be or (is_bare and has_their_count)) and _is_number(value):
             wanted = "wanted distortion_coefficients, or k1, k2, p1, p2, k3 ..."
-            raise reading.error(f"{key!r} may be a lens, and is not known here", wanted)
+            raise file.error(f"{key!r} may be a lens, and is not known here", wanted)
     return cameras
 
 
@@ -464,7 +464,7 @@ def _plain(key: Any) -> str:
     return re.sub(r"[_\s-]", "", str(key).lower())
 
 
-def _undotted(data: Any) -> Any:
+def _split_dots(data: Any) -> Any:
     """ORB-SLAM's ``LEFT.K`` and ``Camera1.fx`` as mappings; what ``Camera.`` says of size and type
     is said of all.
     """
@@ -524,7 +524,7 @@ def _size_field(plain: str, value: Any) -> str:
     return "imagesize" if is_size and not side and len(sides) == 2 else ""
 
 
-def _named_sides(key: Any, value: Any) -> list[Any]:
+def _pick_sides(key: Any, value: Any) -> list[Any]:
     """Width and height in a mapping that a key names as the size of pictures, or nothing."""
     plain = _plain(key)
     if not (isinstance(value, dict) and SIZE_LIKE.fullmatch(plain) and SIZED.search(plain)):
@@ -549,7 +549,7 @@ def _mappings(
         is_mapping, field_name = isinstance(value, dict) and not _is_matrix(value), _plain(key)
         field_name = FIELDS.get(field_name, field_name)
         is_base = key == "value0" and isinstance(value, dict) and "principal_point" in value
-        if len(sides := _named_sides(key, value)) == 2:
+        if len(sides := _pick_sides(key, value)) == 2:
             both = dict(zip(("width", "height"), sides, strict=True))
             entries |= both | entries if field_name == "imagesize" else {key: sides}
         elif isinstance(value, dict) and is_mapping and (is_base or field_name in MERGED):
@@ -606,7 +606,7 @@ def _entries_of(mapping: dict[str, Any]) -> dict[str, dict[str, tuple[str, Any]]
     return of_number
 
 
-def _said_model(said: _Said, form: Form) -> tuple[bool, LensModel | None]:
+def _lens_model(said: _Said, form: Form) -> tuple[bool, LensModel | None]:
     """Whether the file says the model of a camera's lens, and which; None: it has to have none."""
     marks = [f["isfisheye"] for f in (said.entries, said.above) if "isfisheye" in f]
     marks = [(key, mark) for key, mark in marks if not isinstance(mark, dict | list)]
@@ -617,7 +617,7 @@ def _said_model(said: _Said, form: Form) -> tuple[bool, LensModel | None]:
         number = said.number("cameratype")
         if number not in (0, 1):
             found = f"its cameraType is {number:g}"
-            raise said.reading.error(found, "wanted 0, perspective, or 1, fisheye")
+            raise said.file.error(found, "wanted 0, perspective, or 1, fisheye")
         return True, "fisheye" if number else "opencv"
     for text, is_sure in said.model_words(form):
         plain = _plain(text).removeprefix("distortion.")
@@ -626,24 +626,24 @@ def _said_model(said: _Said, form: Form) -> tuple[bool, LensModel | None]:
                 return True, LENS_MODELS[plain]
         elif OTHER_LENS.fullmatch(plain) or (is_sure and plain not in PINHOLES):
             wanted = "wanted OpenCV's standard or fisheye model"
-            raise said.reading.error(f"its lens model is {text[:40]!r}", wanted)
+            raise said.file.error(f"its lens model is {text[:40]!r}", wanted)
     if "named" in said or "named" in said.above:
         return True, "fisheye"
     return bool(marks), "opencv"
 
 
 def _lens(said: _Said, form: Form, asked: LensModel | None) -> Lens | None:
-    is_said, model = _said_model(said, form)
+    is_said, model = _lens_model(said, form)
     if asked not in (None, model) and is_said:
         found = f"its lens is said to be of the model {model or 'none'!r}"
-        raise said.reading.error(found, f"lens model {asked!r} is for files that do not say it")
+        raise said.file.error(found, f"lens model {asked!r} is for files that do not say it")
     is_said, model = (True, asked) if asked else (is_said, model)
     if "distortion" in said:
         values = said.numbers("distortion")
         is_clear = len(values) != 4
         if form.tools == "Meshroom" and model == "opencv" and any(values):
             if len(values) not in (1, 3):
-                raise said.reading.error("a lens of Meshroom's Brown model", "wanted radial3")
+                raise said.file.error("a lens of Meshroom's Brown model", "wanted radial3")
             k1, k2, k3 = [*values, 0.0, 0.0][:3]
             values = [k1, k2, 0.0, 0.0, k3]
     elif form.tools == "OpenMVG":
@@ -661,7 +661,7 @@ def _lens(said: _Said, form: Form, asked: LensModel | None) -> Lens | None:
         is_clear = "k4" not in said or any(name in said for name in NOT_STANDARD)
     if any(values) and not (is_said or is_clear or form.is_of_stored):
         found = "nothing says of which lens model its four distortion coefficients are"
-        raise said.reading.error(found, ASK_MODEL)
+        raise said.file.error(found, ASK_MODEL)
     if model == "fisheye" and not any(values[4:]):
         values = values[:4] or [0.0] * 4
     elif not any(values):
@@ -669,32 +669,32 @@ def _lens(said: _Said, form: Form, asked: LensModel | None) -> Lens | None:
     if model is None:
         text = next((text for text, is_sure in said.model_words(form) if is_sure), "none")
         found = f"a lens of the model {text!r} with coefficients other than 0"
-        raise said.reading.error(found, "wanted OpenCV's standard or fisheye model")
+        raise said.file.error(found, "wanted OpenCV's standard or fisheye model")
     if len(values) not in COEFFICIENTS[model]:
         known = "fisheye" if model == "fisheye" else "standard"
         wanted = f"OpenCV's {known} model has {', '.join(map(str, COEFFICIENTS[model]))}"
-        raise said.reading.error(f"{len(values)} distortion coefficients", wanted)
+        raise said.file.error(f"{len(values)} distortion coefficients", wanted)
     return Lens(model, tuple(values))
 
 
 def camera_of_matrix(
-    reading: Reading, value: Any, what: str, *, by_columns: bool = False
+    file: InputFile, value: Any, what: str, *, by_columns: bool = False
 ) -> Perspective:
     """The pinhole of 0x0 px (centres at i + 0.5) of a 3x3 matrix without skew (at integers)."""
-    values = reading.flat_numbers(value, what)
+    values = file.flat_numbers(value, what)
     if len(values) == 16:  # a 4x4 matrix of which the last row and column say nothing
         whole = np.reshape(values, (4, 4))
         if np.array_equal(whole[3], [0, 0, 0, 1]) and not whole[:3, 3].any():
             values = whole[:3, :3].reshape(-1).tolist()
     if len(values) != 9:
-        raise reading.error(f"{what} has {len(values)} numbers", "wanted a 3x3 camera matrix")
+        raise file.error(f"{what} has {len(values)} numbers", "wanted a 3x3 camera matrix")
     matrix = np.reshape(values, (3, 3))
     if by_columns and np.array_equal(matrix[:, 2], [0, 0, 1]):
         matrix = matrix.T
-    fx, fy = (reading.positive(float(matrix[i, i]), f"{what}: f{'xy'[i]}") for i in range(2))
+    fx, fy = (file.positive(float(matrix[i, i]), f"{what}: f{'xy'[i]}") for i in range(2))
     if not np.allclose(matrix[2], [0.0, 0.0, 1.0]) or abs(matrix[1, 0]) > MAX_SKEW * fx:
-        raise reading.error(f"{what} is {values}", "wanted rows fx 0 cx, 0 fy cy, 0 0 1")
+        raise file.error(f"{what} is {values}", "wanted rows fx 0 cx, 0 fy cy, 0 0 1")
     if abs(matrix[0, 1]) > MAX_SKEW * fx:
-        raise reading.error(f"{what} has a skew of {matrix[0, 1]:g}", "calibrate without skew")
+        raise file.error(f"{what} has a skew of {matrix[0, 1]:g}", "calibrate without skew")
     camera = Perspective(fx, fy, float(matrix[0, 2]), float(matrix[1, 2]), 0, 0)
     return camera_from_integer_centres(camera)

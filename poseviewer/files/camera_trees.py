@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import yaml
 
-from poseviewer.files.checks import Reading, quiet_libraries
+from poseviewer.files.checks import InputFile, quiet_libraries
 
 MAX_ARRAY_NUMBERS = 10_000
 """Bytes of an array that may say a camera."""
@@ -27,18 +27,18 @@ TREES = (".yml", ".yaml", ".xml", ".json", ".sfm", ".npz", ".npy", ".csv", ".txt
 """Endings of files of forms."""
 
 
-def load_tree(reading: Reading) -> Any:
+def load_tree(file: InputFile) -> Any:
     """The mappings, lists and texts in a YAML, XML, JSON, NumPy, CSV or text file."""
-    match reading.path.suffix.lower():
+    match file.path.suffix.lower():
         case ".json" | ".sfm" | "":
-            return reading.load_json()
+            return file.load_json()
         case ".npy" | ".npz":
-            return _arrays(reading)
+            return _arrays(file)
         case ".txt" | ".ini":
-            return _of_text(reading)
+            return _of_text(file)
         case ".csv":
-            return {"rows": list(csv.DictReader(StringIO(reading.load_text())))}
-    text, data = reading.load_text(), None
+            return {"rows": list(csv.DictReader(StringIO(file.load_text())))}
+    text, data = file.load_text(), None
     with suppress(yaml.YAMLError, ElementTree.ParseError, RecursionError):
         if text.lstrip().startswith("<"):
             data = _of_element(ElementTree.fromstring(text))  # expat refuses bombs of entities
@@ -48,10 +48,10 @@ def load_tree(reading: Reading) -> Any:
             data = next(iter(yaml.load_all(body, LOADER)), None)
     if isinstance(data, dict | list):
         return data
-    raise reading.error("not YAML or XML as OpenCV writes it", "wanted a whole file")
+    raise file.error("not YAML or XML as OpenCV writes it", "wanted a whole file")
 
 
-def _of_text(reading: Reading) -> dict[str, Any]:
+def _of_text(file: InputFile) -> dict[str, Any]:
     """Mappings of a text: ``[sections]`` of ``key: numbers``, ``key = numbers``, or a key above its
     numbers; without keys, a matrix.
 
@@ -59,7 +59,7 @@ def _of_text(reading: Reading) -> dict[str, Any]:
     """
     tree: dict[str, dict[str, Any]] = {"": {}}
     entries, key = tree[""], ""
-    for line in reading.load_text().splitlines():
+    for line in file.load_text().splitlines():
         line = line.partition("#")[0]
         words = line.split()
         section = SECTION.fullmatch(line)
@@ -91,14 +91,14 @@ def _of_text(reading: Reading) -> dict[str, Any]:
     return top | tree
 
 
-def matrix_text(reading: Reading) -> str:
+def matrix_text(file: InputFile) -> str:
     """The numbers in a text, without what may stand between them."""
-    return BETWEEN.sub(" ", reading.load_text())
+    return BETWEEN.sub(" ", file.load_text())
 
 
-def _arrays(reading: Reading) -> dict[str, Any]:
-    with quiet_libraries(), reading.naming_errors():
-        content = np.load(BytesIO(reading.load_bytes()))
+def _arrays(file: InputFile) -> dict[str, Any]:
+    with quiet_libraries(), file.naming_errors():
+        content = np.load(BytesIO(file.load_bytes()))
         if isinstance(content, np.ndarray):
             return {"camera_matrix": content.tolist()}
         small = [i.filename for i in content.zip.infolist() if i.file_size <= MAX_ARRAY_NUMBERS]

@@ -85,7 +85,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class InputFile:
     """A file being read, named in every error; its checks take a value and its name."""
 
     path: Path
@@ -123,7 +123,7 @@ class Reading:
             keep(self.path)
 
     def open(self) -> IO[bytes]:
-        """The file, once its size is checked, for reading; raises OSError as well."""
+        """The file, once its size is checked, to be read; raises OSError as well."""
         self.check_size()
         return self.path.open("rb")
 
@@ -195,14 +195,14 @@ class Reading:
             reads = f"this poseviewer reads version {wanted}, open it with the one that wrote it"
             raise self.error(found, reads)
 
-    def decoded(
+    def decode(
         self, data: Any, kind: type[Value], what: str = "", raw: Sequence[str] = ()
     ) -> Value:
         """Convert JSON data, called ``what``, to a type that msgspec knows; texts are made
         ``printable`` but those of the keys ``raw``, null counts as missing, 640.0 as a whole
         number, and a rotation is made exact.
 
-        Raises the reading's error, which says the place, what is there, and what was wanted.
+        Raises the file's error, which says the place, what is there, and what was wanted.
         """
         data = self._plain(data, raw)
         try:
@@ -238,7 +238,7 @@ class Reading:
             kept = {printable(key): item for key, item in value.items() if item is not None}
             with suppress(KeyError, msgspec.ValidationError):
                 matrix = np.array(msgspec.convert(kept["rotation"], Rows))
-                kept["rotation"] = checked_rotation(self, matrix).tolist()
+                kept["rotation"] = repair_rotation(self, matrix).tolist()
             return {
                 key: item if key in raw and isinstance(item, str) else self._plain(item, raw)
                 for key, item in kept.items()
@@ -252,7 +252,7 @@ class Reading:
     ) -> float:
         """A number from ``least``, or -``most``, to ``most``; no truth value."""
         kind: Any = Annotated[float, Meta(ge=-most if least is None else least, le=most)]
-        return self.decoded(value, kind, what)
+        return self.decode(value, kind, what)
 
     def positive(self, value: Any, what: str, most: float = MAX_NUMBER) -> float:
         """A number above 0 and up to ``most``."""
@@ -261,9 +261,9 @@ class Reading:
     def flat_numbers(self, value: Any, what: str, length: int | None = None) -> list[float]:
         """Numbers of a text, of (lists in) a list, or of OpenCV's ``{rows, cols, data}``."""
         value = value.get("data") if isinstance(value, dict) else value
-        reading = replace(self, numbers_as_text=True) if isinstance(value, str) else self
+        file = replace(self, numbers_as_text=True) if isinstance(value, str) else self
         value = value.split() if isinstance(value, str) else value
-        rows = reading.decoded(value, list[Number | list[Number]], what)
+        rows = file.decode(value, list[Number | list[Number]], what)
         numbers = [item for row in rows for item in (row if isinstance(row, list) else [row])]
         if length not in (None, len(numbers)):
             raise self.error(f"{what} has {len(numbers)} numbers", f"wanted {length} numbers")
@@ -272,12 +272,12 @@ class Reading:
     def text(self, value: Any, what: str) -> str | None:
         """The value, a text or None; made ``printable``."""
         kind: Any = str | None
-        return self.decoded(value, kind, what)
+        return self.decode(value, kind, what)
 
     def size(self, value: Any, what: str) -> int | None:
         """The value, a whole number above 0 or None."""
         kind: Any = Pixels
-        return None if value is None else self.decoded(value, kind, what)
+        return None if value is None else self.decode(value, kind, what)
 
 
 def _words(types: re.Match[str]) -> str:
@@ -307,15 +307,15 @@ def is_there(path: Path) -> bool:
 
 
 def rotation_of(
-    reading: Reading, quaternion: Sequence[float], what: str, *, scalar_first: bool = False
+    file: InputFile, quaternion: Sequence[float], what: str, *, scalar_first: bool = False
 ) -> FloatArray:
     """The rotation matrix of a quaternion, whose length is 1 but for rounding."""
     if not 0.99 < float(np.linalg.norm(quaternion)) < 1.01:
-        raise reading.error(f"{what} is {list(quaternion)}", "wanted a quaternion of length 1")
+        raise file.error(f"{what} is {list(quaternion)}", "wanted a quaternion of length 1")
     return Rotation.from_quat(quaternion, scalar_first=scalar_first).as_matrix()
 
 
-def checked_rotation(reading: Reading, matrix: FloatArray) -> FloatArray:
+def repair_rotation(file: InputFile, matrix: FloatArray) -> FloatArray:
     """The nearest rotation; the matrix itself where it is one to the last digits."""
     nearest = nearest_rotation(matrix)
     # A small angle moves the matrix by sqrt(2) of it, in the Frobenius norm.
@@ -325,11 +325,11 @@ def checked_rotation(reading: Reading, matrix: FloatArray) -> FloatArray:
         wanted = (
             "wanted an orthonormal one of determinant 1; where it is -1, change the sign of an axis"
         )
-        raise reading.error(found, f"{wanted} of the model or camera")
+        raise file.error(found, f"{wanted} of the model or camera")
     error = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
     if error < 1e-14:
         return matrix
     if error > ROUNDING:
         found = f"the rotation was not quite orthonormal (by {off_deg:.2g} degrees)"
-        reading.warnings.append(f"{reading.path.name}: {found}; the nearest rotation is used.")
+        file.warnings.append(f"{file.path.name}: {found}; the nearest rotation is used.")
     return nearest

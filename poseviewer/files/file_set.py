@@ -16,8 +16,8 @@ from typing import Literal
 from poseviewer.errors import FileSetError, PoseViewerError, list_names
 from poseviewer.files.camera_trees import TREES
 from poseviewer.files.cameras import load_cameras
-from poseviewer.files.checks import Reading
-from poseviewer.files.colmap_model import model_file
+from poseviewer.files.checks import InputFile
+from poseviewer.files.colmap_model import colmap_file
 from poseviewer.files.formats.bop import CAMERAS
 from poseviewer.files.keypoints import keypoints_path
 from poseviewer.files.mesh.load import ELSEWHERE, READERS
@@ -81,7 +81,7 @@ class FileSet:
             return ()
         hint = any(path.suffix.lower() in PICTURES for path in self.unused)
         more = " A picture alone is opened as the photo." if hint else ""
-        return (f"Not used: {_listed(self.unused)}.{more}",)
+        return (f"Not used: {_list_paths(self.unused)}.{more}",)
 
 
 def files_below(root: Path) -> tuple[Path, ...]:
@@ -205,8 +205,8 @@ def _kind_of(path: Path, as_pose: bool, sole: bool) -> str:
         return "scene"
     if as_pose:
         return "pose" if is_json else ""
-    of_colmap = path == model_file(path.parent, "cameras")
-    if path.name == CAMERAS or (of_colmap and model_file(path.parent, "images").is_file()):
+    of_colmap = path == colmap_file(path.parent, "cameras")
+    if path.name == CAMERAS or (of_colmap and colmap_file(path.parent, "images").is_file()):
         return "reconstruction"
     data = _json_of(path) if is_json else {}
     if data.get("format") == SCENE or isinstance(data.get("frames"), list):
@@ -233,7 +233,7 @@ def is_scene_file(path: Path) -> bool:
 
 def _json_of(path: Path) -> dict[str, object]:
     with suppress(PoseViewerError):
-        data = Reading(path).load_json()
+        data = InputFile(path).load_json()
         if isinstance(data, dict):
             return data
     return {}
@@ -248,12 +248,12 @@ def _only(paths: Sequence[Path], what: str, instead: str = "") -> Path | None:
     """The only path, or None where there is none; several of them raise a FileSetError."""
     if len(paths) > 1:
         raise FileSetError(
-            f"{len(paths):,} {what}: {_listed(paths)}; wanted one{instead}, nothing was opened."
+            f"{len(paths):,} {what}: {_list_paths(paths)}; wanted one{instead}, nothing was opened."
         )
     return paths[0] if paths else None
 
 
-def _listed(paths: Sequence[Path]) -> str:
+def _list_paths(paths: Sequence[Path]) -> str:
     root = Path(os.path.commonpath([path.parent for path in paths]))
     return list_names([path.relative_to(root).as_posix() for path in paths], MAX_NAMED)
 

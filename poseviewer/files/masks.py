@@ -12,7 +12,7 @@ from msgspec import structs
 from PIL import Image
 
 from poseviewer.errors import PhotoFileError
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import InputFile
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import PoseRecord, save_pose
@@ -28,9 +28,9 @@ def load_mask(path: str | Path, size: tuple[int, int] | None = None) -> Mask:
     and height that are wanted, px.
     """
     is_inline = str(path).startswith(INLINE)
-    reading = Reading(Path("a mask" if is_inline else path), [], PhotoFileError, "mask")
+    file = InputFile(Path("a mask" if is_inline else path), [], PhotoFileError, "mask")
     if is_inline:
-        with reading.naming_errors():
+        with file.naming_errors():
             data = b64decode(str(path)[len(INLINE) :], validate=True)
             pixels = np.asarray(Image.open(BytesIO(data), formats=("PNG",)))
             weights = pixels * np.float32(1.0 / np.iinfo(pixels.dtype).max)
@@ -39,7 +39,7 @@ def load_mask(path: str | Path, size: tuple[int, int] | None = None) -> Mask:
     height, width = weights.shape
     if size not in (None, (width, height)):
         found = f"the mask has {width}x{height} px, the photo {size[0]}x{size[1]} px"
-        raise reading.error(found, "save the mask in the photo's size")
+        raise file.error(found, "save the mask in the photo's size")
     return Mask.of(weights)
 
 

@@ -16,7 +16,7 @@ from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
 
 from poseviewer.errors import CalibrationFileError, PhotoFileError, printable
 from poseviewer.files.cameras import Calibration, load_calibration
-from poseviewer.files.checks import MAX_DATA_BYTES, Reading, quiet_libraries
+from poseviewer.files.checks import MAX_DATA_BYTES, InputFile, quiet_libraries
 from poseviewer.files.structs import Distortion
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.image import Photo
@@ -57,20 +57,20 @@ def load_photo(path: str | Path) -> Photo:
 
     What would unpack to more than 100 megapixels is refused before it is decoded.
     """
-    reading = _reading(path)
-    with reading.naming_errors(), quiet_libraries():
-        data = reading.load_bytes()
+    file = _reading(path)
+    with file.naming_errors(), quiet_libraries():
+        data = file.load_bytes()
         is_heic = data[4:8] == b"ftyp" and data[8:12] in HEIC_BRANDS
         decode = _decode_heic if is_heic else _decode
-        pixels, focal, is_transparent = decode(reading, data)
+        pixels, focal, is_transparent = decode(file, data)
         if pixels.dtype not in (np.uint8, np.uint16):
-            raise reading.error(f"pixels of type {pixels.dtype}", "save it with 8 or 16 bits")
+            raise file.error(f"pixels of type {pixels.dtype}", "save it with 8 or 16 bits")
         pixels = np.ascontiguousarray(pixels)
         pixels.flags.writeable = False
         sha256 = hashlib.sha256(data).hexdigest()
     notes = ("Its transparency is left out.",) if is_transparent else ()
-    notes += tuple(dict.fromkeys(reading.warnings))
-    return Photo(pixels, printable(reading.path.name), sha256, focal, notes)
+    notes += tuple(dict.fromkeys(file.warnings))
+    return Photo(pixels, printable(file.path.name), sha256, focal, notes)
 
 
 def orientation_of(path: str | Path) -> int:
@@ -87,10 +87,10 @@ def was_taken_by_a_camera(path: str | Path) -> bool:
 
 def _exif_tags(path: str | Path) -> dict[int, Any]:
     """EXIF of a picture by tag; {} for a HEIC photo, or a file that cannot be read."""
-    reading = _reading(path)
+    file = _reading(path)
     with (
-        suppress(PhotoFileError), reading.naming_errors(), reading.open() as file,
-        quiet_libraries(), Image.open(file, formats=FORMATS) as image,
+        suppress(PhotoFileError), file.naming_errors(), file.open() as stream,
+        quiet_libraries(), Image.open(stream, formats=FORMATS) as image,
     ):  # fmt: skip
         exif = image.getexif()
         return {**exif, **exif.get_ifd(ExifTags.IFD.Exif)}
@@ -109,16 +109,16 @@ def save_image(path: str | Path, rgb: NDArray, *, is_own: bool = False) -> None:
     write_whole(path, data.tobytes(), PhotoFileError, is_own=is_own)
 
 
-def _reading(path: str | Path) -> Reading:
-    return Reading(Path(path), [], PhotoFileError, "photo", MAX_DATA_BYTES)
+def _reading(path: str | Path) -> InputFile:
+    return InputFile(Path(path), [], PhotoFileError, "photo", MAX_DATA_BYTES)
 
 
-def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]:
+def _decode(file: InputFile, data: bytes) -> tuple[NDArray, float | None, bool]:
     """Pixels (h, w, 1 or 3), 35-mm focal length, and whether there was transparency."""
     if (scans := _scans(data)) > MAX_SCANS:
-        raise reading.error(f"a JPEG of {scans:,} scans or more", "save it again")
-    raw = reading.error("a raw photo", "develop it to JPEG, PNG or TIFF first")
-    if reading.path.suffix.lower() in RAW_ENDINGS:
+        raise file.error(f"a JPEG of {scans:,} scans or more", "save it again")
+    raw = file.error("a raw photo", "develop it to JPEG, PNG or TIFF first")
+    if file.path.suffix.lower() in RAW_ENDINGS:
         raise raw
     try:
         with Image.open(BytesIO(data), formats=FORMATS) as image:
@@ -126,7 +126,7 @@ def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]
             is_preview = DNG_VERSION in tags or tags.get(SUBFILE_TYPE, 0) & REDUCED
             if is_preview or data[8:10] == b"CR":
                 raise raw
-            _refuse_size(reading, *image.size)
+            _refuse_size(file, *image.size)
             focal = focal_35mm(image.getexif(), image.width, image.height)
             is_transparent = image.has_transparency_data
             image.load()  # whether it is whole: OpenCV fills up with grey
@@ -138,19 +138,19 @@ def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]
                 return np.atleast_3d(np.asarray(image)), focal, is_transparent
             if tags.get(PLANAR, 1) == MAX_CENTRE_ERROR and tags.get(SAMPLES, 1) > 1:
                 found = "a TIFF of 16 bits that has each colour in a plane of its own"
-                raise reading.error(found, "save it with interleaved pixels, or as PNG")
+                raise file.error(found, "save it with interleaved pixels, or as PNG")
             image.close()  # frees its pixels
     except UnidentifiedImageError:
         wanted = "wanted JPEG, PNG, TIFF, WebP or BMP with 8 or 16 bits"
-        raise reading.error("not a picture that can be read", wanted) from None
+        raise file.error("not a picture that can be read", wanted) from None
     except Image.DecompressionBombError:
         found = f"more than {MAX_MEGAPIXELS:.0f} megapixels"
-        raise reading.error(found, "make it smaller first") from None
+        raise file.error(found, "make it smaller first") from None
     # OpenCV reads 16 bits of each colour, turns them upright, and leaves transparency out.
     how = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH
     picture = cv2.imdecode(np.frombuffer(data, np.uint8), how)
     if picture is None:
-        raise reading.error("OpenCV cannot read this kind of picture", "save it as PNG or JPEG")
+        raise file.error("OpenCV cannot read this kind of picture", "save it as PNG or JPEG")
     if tags.get(PHOTOMETRIC, 1) == WHITE_IS_ZERO and picture.dtype == np.uint16:
         np.invert(picture, out=picture)  # which OpenCV leaves out
     if picture.ndim == 2:
@@ -171,10 +171,10 @@ def _scans(data: bytes) -> int:
     return count
 
 
-def _refuse_size(reading: Reading, width: int, height: int) -> None:
+def _refuse_size(file: InputFile, width: int, height: int) -> None:
     if width * height > MAX_MEGAPIXELS * 1e6:
         wanted = f"poseviewer takes up to {MAX_MEGAPIXELS:.0f} megapixels, make it smaller first"
-        raise reading.error(f"{width}x{height} px", wanted)
+        raise file.error(f"{width}x{height} px", wanted)
 
 
 def focal_35mm(exif: Image.Exif, width: int, height: int) -> float | None:
@@ -194,16 +194,16 @@ def focal_35mm(exif: Image.Exif, width: int, height: int) -> float | None:
     return focal if 1.0 < focal < 10000.0 else None
 
 
-def _decode_heic(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]:
+def _decode_heic(file: InputFile, data: bytes) -> tuple[NDArray, float | None, bool]:
     """Values as of ``_decode``; 16 bits hold pixels of more than 8 in the upper ones."""
     try:
         import pillow_heif
     except ImportError:
         wanted = "pip install 'poseviewer[heic]', or save the photo as JPEG"
-        raise reading.error("HEIC photos need pillow-heif", wanted) from None
+        raise file.error("HEIC photos need pillow-heif", wanted) from None
     picture = pillow_heif.open_heif(data, convert_hdr_to_8bit=False)
     width, height = picture.size
-    _refuse_size(reading, width, height)
+    _refuse_size(file, width, height)
     pixels, exif = np.array(picture).reshape(height, width, -1), Image.Exif()
     exif.load(picture.info.get("exif") or b"")
     colours = pixels[..., :-1] if picture.has_alpha else pixels
@@ -220,10 +220,10 @@ def load_calibrated_photo(path: str | Path, calibration: Calibration | None = No
     photo = replace(photo, notes=(*photo.notes, *notes))
     if chosen.lens is None:
         return replace(photo, camera=chosen.camera)
-    return undistorted(photo, Undistortion.of(chosen.lens, chosen.camera))
+    return undistort_photo(photo, Undistortion.of(chosen.lens, chosen.camera))
 
 
-def undistorted(photo: Photo, undistortion: Undistortion) -> Photo:
+def undistort_photo(photo: Photo, undistortion: Undistortion) -> Photo:
     """The undistorted photo of one as taken; raises where it is too large or shows nothing."""
     if max(photo.width, photo.height) > MAX_SIDE_PX:
         wanted = f"undistorted up to {MAX_SIDE_PX} px a side, make it smaller first"

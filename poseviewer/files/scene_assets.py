@@ -7,7 +7,7 @@ from pathlib import Path
 from poseviewer.errors import PoseFileError, printable
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo import load_photo, undistorted
+from poseviewer.files.photo import load_photo, undistort_photo
 from poseviewer.files.pose import check_against
 from poseviewer.files.structs import PhotoReference
 from poseviewer.files.symmetry import load_symmetry
@@ -46,7 +46,7 @@ def photo_file(
             found = f"{photo.width}x{photo.height} px, and its camera is for {width}x{height} px"
             wanted = "name the photo that the camera was found with"
             raise PoseFileError(f"{photo.name}: {found}; {wanted}.")
-        return photo if undistortion is None else undistorted(photo, undistortion)
+        return photo if undistortion is None else undistort_photo(photo, undistortion)
 
     name = printable(path.name)
     return PhotoFile(path, name, width, height, sha256, undistortion, read=read)
@@ -83,7 +83,7 @@ def open_view(view: View) -> tuple[View, tuple[str, ...]]:
     path = view.path
     if path is not None and not view.file.width:
         photo = load_photo(path)
-        view = view.resized(photo.width, photo.height)
+        view = view.resize_photo(photo.width, photo.height)
         file = view.file
         file = photo_file(path, file.width, file.height, file.sha256, file.undistortion)
         view = replace(view, file=file)

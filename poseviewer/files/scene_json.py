@@ -22,7 +22,7 @@ from msgspec import Meta, Struct, defstruct, structs
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import PoseFileError, printable
 from poseviewer.files import structs as s
-from poseviewer.files.checks import Reading, is_there, kind_of
+from poseviewer.files.checks import InputFile, is_there, kind_of
 from poseviewer.files.masks import INLINE, load_mask, mask_text
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.pose import PoseRecord
@@ -317,32 +317,32 @@ def load_scene(path: str | Path, inside: Path | None = None) -> Scene:
             several objects.
         PoseViewerError: a mask cannot be used; settings make no sense.
     """
-    reading = Reading(Path(path).absolute(), kind=KIND)
+    file = InputFile(Path(path).absolute(), kind=KIND)
 
     def find(name: str, what: str) -> str:
-        file, wanted = reading.path.parent / name, "drop one folder of the scene with all its files"
-        if not name or not is_there(file):
+        full, wanted = file.path.parent / name, "drop one folder of the scene with all its files"
+        if not name or not is_there(full):
             found = f"{what} is {name or 'empty'}, and there is no such file"
-            raise reading.error(found, f"put it there, seen from the scene; on a page, {wanted}")
-        if inside is not None and inside.resolve() not in file.resolve().parents:
-            raise reading.error(f"{what} is {name}, outside of the folder that was dropped", wanted)
-        return str(file)
+            raise file.error(found, f"put it there, seen from the scene; on a page, {wanted}")
+        if inside is not None and inside.resolve() not in full.resolve().parents:
+            raise file.error(f"{what} is {name}, outside of the folder that was dropped", wanted)
+        return str(full)
 
-    with reading.naming_errors():
-        data = reading.load_object()
+    with file.naming_errors():
+        data = file.load_object()
         if data.get("format") != s.SCENE:
-            raise reading.error(f"format is {kind_of(data.get('format'))}", f"wanted {s.SCENE!r}")
-        reading.require_format(data, s.SCENE, VERSION)
-        form = decoded_scene(reading, data)
+            raise file.error(f"format is {kind_of(data.get('format'))}", f"wanted {s.SCENE!r}")
+        file.require_format(data, s.SCENE, VERSION)
+        form = decode_scene(file, data)
         scene = scene_from_json(_with_files(form, find))
-        notes = tuple(dict.fromkeys(reading.warnings))
-        return replace(scene, name=reading.path.name, notes=notes)
+        notes = tuple(dict.fromkeys(file.warnings))
+        return replace(scene, name=file.path.name, notes=notes)
 
 
-def decoded_scene(reading: Reading, data: Any, what: str = "") -> Any:
-    """The ``SceneJson`` of JSON data; raises the reading's error where parts do not fit."""
-    form = reading.decoded(data, SceneJson, what, raw=("file", "mask"))
-    require_whole(reading, form)
+def decode_scene(file: InputFile, data: Any, what: str = "") -> Any:
+    """The ``SceneJson`` of JSON data; raises the file's error where parts do not fit."""
+    form = file.decode(data, SceneJson, what, raw=("file", "mask"))
+    require_whole(file, form)
     return form
 
 
@@ -428,41 +428,41 @@ def save_scene(path: str | Path, scene: Scene) -> None:
 
 def scene_contents(path: Path, scene: Scene) -> dict[Path, bytes]:
     """The files that ``save_scene`` writes; raises as that does."""
-    reading = Reading(path, kind=KIND)
+    file = InputFile(path, kind=KIND)
     contents = dict[Path, bytes]()
     form = scene_as_json(scene)
-    require_whole(reading, form)
+    require_whole(file, form)
 
-    def name(file: str, where: str) -> str:
-        if not is_there(Path(file)):
-            found = f"{where} is {Path(file).name}, and there is no such file"
-            raise reading.error(found, "a scene's photos and models are files, save them first")
-        return relative_name(path, Path(file))
+    def name(asset: str, where: str) -> str:
+        if not is_there(Path(asset)):
+            found = f"{where} is {Path(asset).name}, and there is no such file"
+            raise file.error(found, "a scene's photos and models are files, save them first")
+        return relative_name(path, Path(asset))
 
     def beside(mask: str, _: str) -> str:
-        file = path.with_name(f"{path.stem}.{len(contents) + 1}.mask.png")
-        contents[file] = b64decode(mask.removeprefix(INLINE))
-        return file.name
+        picture = path.with_name(f"{path.stem}.{len(contents) + 1}.mask.png")
+        contents[picture] = b64decode(mask.removeprefix(INLINE))
+        return picture.name
 
     data = _with_files(form, name, beside)
     contents[path] = json_bytes(path, data, PoseFileError, format=s.SCENE, version=VERSION)
     return contents
 
 
-def require_whole(reading: Reading, form: Any) -> None:
-    """Raise the reading's error where parts of a ``SceneJson`` do not fit together."""
+def require_whole(file: InputFile, form: Any) -> None:
+    """Raise the file's error where parts of a ``SceneJson`` do not fit together."""
     ids = [item.id for item in form.objects]
     for number, item in enumerate(form.objects):
         if item.id in ids[:number]:
-            raise reading.error(f"two objects have the id {item.id!r}", "give each its own")
+            raise file.error(f"two objects have the id {item.id!r}", "give each its own")
         for key in ("in_views", "start_cameras"):
             if (count := len(getattr(item, key))) not in (0, len(form.views)):
                 found = f"objects[{number}].{key} is a list of {count}"
                 wanted = f"wanted one for each of {len(form.views)} views, or none"
-                raise reading.error(found, wanted)
+                raise file.error(found, wanted)
     if form.free_scale and len(ids) > 1:
         wanted = "say free_scale: false and the objects' scales, or leave one object alone"
-        raise reading.error(f"its scale is not known, and it has {len(ids)} objects", wanted)
+        raise file.error(f"its scale is not known, and it has {len(ids)} objects", wanted)
 
 
 def pose_json(scene: Scene, index: int = 0, view: int = 0) -> PoseRecord:
@@ -502,7 +502,7 @@ def scene_of_pose(path: Path, record: PoseRecord) -> Scene:
     camera = replace(record.camera, width=photo.width or 0, height=photo.height or 0)
     view = view_of_file(_beside(path, photo.file), camera, photo.sha256, record.undistortion)
     if not photo.width or not photo.height:
-        view = view.resized(0, 0)
+        view = view.resize_photo(0, 0)
     return scene_of_record(view, _beside(path, model.file), record, name=model.file or "")
 
 

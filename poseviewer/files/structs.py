@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from poseviewer.confidence.pose_covariance import PoseCovariance
-from poseviewer.files.checks import MAX_PX, Number, Pixels, Positive, Reading, Rows, Three
+from poseviewer.files.checks import MAX_PX, InputFile, Number, Pixels, Positive, Rows, Three
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel, Undistortion
@@ -241,9 +241,9 @@ class Uncertainty(Struct, frozen=True, kw_only=True):
         return PoseCovariance(pose, centre, matrix, self.deviations.get("px", 0.0), seventh)
 
 
-def checked_camera(reading: Reading, camera: AnyCamera) -> AnyCamera:
-    """The camera, whose numbers a picture can hold; raises the reading's error where it cannot."""
-    reading.decoded(msgspec.to_builtins(CameraNumbers.of(camera)), CameraNumbers, "camera")
+def check_camera(file: InputFile, camera: AnyCamera) -> AnyCamera:
+    """The camera, whose numbers a picture can hold; raises the file's error where it cannot."""
+    file.decode(msgspec.to_builtins(CameraNumbers.of(camera)), CameraNumbers, "camera")
     return camera
 
 

@@ -78,7 +78,7 @@ class View:
         """The inverse of ``pose``, as ``world_from_pose``."""
         return world_from_pose(self.camera, self.camera_from_world, pose, scale)
 
-    def resized(self, width: int, height: int) -> View:
+    def resize_photo(self, width: int, height: int) -> View:
         """The view of a photo of another size, px; focal lengths and principal point stay."""
         size, undone = {"width": width, "height": height}, self.file.undistortion
         if undone is not None:
@@ -274,7 +274,7 @@ class Scene:
         """The pose of an object in a view, in the model's unit."""
         return self.views[view].pose(self.objects[index].world_from_model)
 
-    def placed(self, index: int, view: int = 0) -> PlacedModel:
+    def model_at(self, index: int, view: int = 0) -> PlacedModel:
         """An object's mesh at its pose in a view."""
         return PlacedModel(self.objects[index].mesh, self.pose(index, view))
 

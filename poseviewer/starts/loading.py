@@ -17,7 +17,7 @@ from poseviewer.files.cameras import Calibration
 from poseviewer.files.formats.conversion import METRES
 from poseviewer.files.masks import load_mask, mask_beside
 from poseviewer.files.mesh.size import distance_notes
-from poseviewer.files.photo import load_calibrated_photo, undistorted
+from poseviewer.files.photo import load_calibrated_photo, undistort_photo
 from poseviewer.files.photo_sets import LoadedViews, SetChoice, load_views, with_names
 from poseviewer.files.pose import PoseRecord, check_against, load_pose
 from poseviewer.files.scene_assets import load_model, open_view
@@ -125,7 +125,7 @@ def open_photo(
     note = ""
     if isinstance(start, str | Path):
         record = load_pose(start, opened.width, opened.height)
-        opened, record, of_camera = _matched(opened, record)
+        opened, record, of_camera = _match_start(opened, record)
         checks = check_against(record.photo, opened.sha256)
         checks += check_against(record.model, model.sha256)
         known, of_parts = _known_parts(model, record.without)
@@ -171,7 +171,7 @@ def with_instances(scene: Scene, others: Sequence[Pose]) -> Scene:
     return scene
 
 
-def _matched(photo: Photo, start: PoseRecord) -> tuple[Photo, PoseRecord, tuple[str, ...]]:
+def _match_start(photo: Photo, start: PoseRecord) -> tuple[Photo, PoseRecord, tuple[str, ...]]:
     """Photo and start pose, both of the same picture; and what the user should know.
 
     A start of an undistorted photo undistorts the photo. A calibrated camera stands in for the
@@ -180,7 +180,7 @@ def _matched(photo: Photo, start: PoseRecord) -> tuple[Photo, PoseRecord, tuple[
     if photo.camera is None:
         if start.undistortion is None:
             return photo, start, ()
-        return undistorted(photo, start.undistortion), start, ()
+        return undistort_photo(photo, start.undistortion), start, ()
     if same_undistortion(photo.undistortion, start.undistortion) and start.undistortion is not None:
         return photo, start, ()
     now = start.pose.camera
@@ -298,7 +298,7 @@ def open_views(
             f"{photo.name}: the start was found on the photo undistorted by a lens that the set "
             "does not have; give the set that lens, or start from a pose by the set's camera."
         )
-    _, record, of_camera = _matched(photo, record)
+    _, record, of_camera = _match_start(photo, record)
     known = scale or known_scale(loaded, mesh)
     scale = known or scale_by_sight(loaded.views, first, mesh, record.pose, loaded.name)
     order = (first, *(i for i in range(len(loaded.views)) if i != first))

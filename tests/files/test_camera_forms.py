@@ -11,7 +11,7 @@ import pytest
 from poseviewer.errors import CalibrationFileError
 from poseviewer.files.camera_forms import cameras_in
 from poseviewer.files.cameras import Calibration, load_calibration, load_cameras
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import InputFile
 from poseviewer.geometry.lens import Lens, opencv_matrix
 from tests.writing import write
 
@@ -385,7 +385,7 @@ LENSES = (
 @pytest.mark.parametrize("is_nested", [False, True])
 @pytest.mark.parametrize("key", MATRICES)
 def test_by_whatever_names_a_camera_is_right_or_refused(key, is_nested):
-    reading = Reading(Path("a.json"), error_type=CalibrationFileError)
+    reading = InputFile(Path("a.json"), error_type=CalibrationFileError)
     right = 0
     for name in LENSES:
         camera = {"camera": {key: K}} if is_nested else {key: K}

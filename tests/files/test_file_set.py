@@ -10,7 +10,7 @@ from poseviewer.errors import FileSetError
 from poseviewer.files.file_set import FileSet, files_below, model_files, sort_set
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo_sets import load_views
-from poseviewer.files.state.uploads import gathered
+from poseviewer.files.state.uploads import gather
 from tests.textured import write_gltf, write_obj, write_ply
 from tests.view_sets import write_bop, write_colmap, write_frames, write_views
 from tests.writing import write
@@ -46,7 +46,7 @@ def test_a_picture_that_a_model_names_is_its_texture(tmp_path: Path, write_model
     (model,) = files.models
     assert wood in model.named.values()
     assert files == FileSet(models=(model,))
-    mesh = load_mesh(gathered(tmp_path / "state", model))
+    mesh = load_mesh(gather(tmp_path / "state", model))
     assert len(mesh.textures) == 1
     assert not mesh.notes
 
@@ -119,7 +119,7 @@ def test_what_the_model_at_hand_misses_may_come_later(tmp_path: Path) -> None:
     files = sort(later, at_hand=path)
     (model,) = files.models
     assert (model.path, files.photo) == (path, None)
-    assert len(load_mesh(gathered(tmp_path / "state", model)).textures) == 1
+    assert len(load_mesh(gather(tmp_path / "state", model)).textures) == 1
     picture(first / "wood.png")
     write_obj(first, "wood.png")
     assert not sort(later, at_hand=path).models  # it misses nothing

@@ -15,7 +15,7 @@ from poseviewer.errors import PoseViewerError
 from poseviewer.files.masks import mask_as_png
 from poseviewer.files.scene_assets import view_of_file
 from poseviewer.files.scene_json import form_of, load_scene, save_scene
-from poseviewer.files.state.uploads import taken_out
+from poseviewer.files.state.uploads import copy_out
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
@@ -173,7 +173,7 @@ def test_what_lies_in_a_private_folder_is_copied_beside_the_scene(path, tmp_path
 
     scene = load_scene(edit(path, move))
     for _ in range(2):
-        save_scene(out / "s.json", taken_out(out / "s.json", scene, tmp_path / "uploads"))
+        save_scene(out / "s.json", copy_out(out / "s.json", scene, tmp_path / "uploads"))
     data = json.loads((out / "s.json").read_text())
     names = ["ball.ply", "s.2/front.ply", "../apart.ply"]
     assert [one["model"]["file"] for one in data["objects"]] == names

@@ -14,11 +14,11 @@ from typing import Any, TypeVar
 import numpy as np
 
 from poseviewer.errors import PhotoFileError, PoseFileError, list_names, printable
-from poseviewer.files.checks import Reading, checked_rotation
+from poseviewer.files.checks import InputFile, repair_rotation
 from poseviewer.files.mesh.size import METRES
 from poseviewer.files.photo import load_photo, orientation_of, save_photo
 from poseviewer.files.scene_assets import model_file, open_view, view_of_file
-from poseviewer.files.structs import checked_camera
+from poseviewer.files.structs import check_camera
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
@@ -93,7 +93,7 @@ class ConvertOptions:
         return metres_per_unit(own) / metres_per_unit(unit)
 
     def size_of(
-        self, reading: Reading, width: Any, height: Any, photo: Path | None = None
+        self, file: InputFile, width: Any, height: Any, photo: Path | None = None
     ) -> tuple[int, int]:
         """Width and height of the photo in px, as the file says (unchecked), else as the ``photo``
         has them, else as the user says.
@@ -103,21 +103,21 @@ class ConvertOptions:
             width, height = opened.width, opened.height
         if None in (width, height):
             width, height = self.photo_size or (None, None)
-        width, height = reading.size(width, "the photo's width"), reading.size(height, "its height")
+        width, height = file.size(width, "the photo's width"), file.size(height, "its height")
         if width is None or height is None:
             wanted = "add --photo-size WIDTHxHEIGHT"
-            raise reading.error("it does not say how large the photo is", wanted)
+            raise file.error("it does not say how large the photo is", wanted)
         if self.photo_size not in (None, (width, height)):
             asked = "x".join(map(str, self.photo_size or ()))
-            raise reading.error(f"it is for a photo of {width}x{height} px", f"not of {asked} px")
+            raise file.error(f"it is for a photo of {width}x{height} px", f"not of {asked} px")
         return width, height
 
-    def sized(self, reading: Reading, view: View) -> View:
+    def with_size(self, file: InputFile, view: View) -> View:
         """The view with the size of its photo, by ``size_of``."""
         width, height = view.file.width or None, view.file.height or None
-        return view.resized(*self.size_of(reading, width, height, view.file.location))
+        return view.resize_photo(*self.size_of(file, width, height, view.file.location))
 
-    def the_one(self, reading: Reading, kind: str, entries: Iterable[tuple[str, Entry]]) -> Entry:
+    def the_one(self, file: InputFile, kind: str, entries: Iterable[tuple[str, Entry]]) -> Entry:
         """The entry that ``image`` names, with or without folders, or the only one."""
         image, known = self.image, list(entries)
         chosen = [item for name, item in known if image is None or image in (name, Path(name).name)]
@@ -126,29 +126,29 @@ class ConvertOptions:
                 f"{len(chosen)} of its {len(known)} {kind} are {repr(image) if image else 'meant'}"
             )
             names = printable(list_names([name for name, _ in known]))
-            raise reading.error(found, f"wanted one, choose it with --image NAME ({names})")
+            raise file.error(found, f"wanted one, choose it with --image NAME ({names})")
         return chosen[0]
 
     def scene_of(
-        self, reading: Reading, view: View, unit: str | None = None, is_of_stored: bool = False
+        self, file: InputFile, view: View, unit: str | None = None, is_of_stored: bool = False
     ) -> Scene:
         """The scene of a view whose world is the frame of the model, in the user's ``unit`` or that
         of the file; ``is_of_stored``: the view is one of pixels as stored, whatever EXIF says.
         """
-        checked_camera(reading, view.camera)
+        check_camera(file, view.camera)
         photo = self.photo or view.file.location
         if is_of_stored:
             said: list[str] = []
             view = as_shown(view, photo, said)
-            reading.warnings.extend(f"{photo.name}: {note}" for note in said)
+            file.warnings.extend(f"{photo.name}: {note}" for note in said)
         elif orientation_of(photo) != UPRIGHT:
             found = f"{photo.name} is {TURNED}"
-            reading.warnings.append(f"{found}; the pose is taken as one in the upright photo.")
+            file.warnings.append(f"{found}; the pose is taken as one in the upright photo.")
         model = model_file(Path(), unit=self.unit or unit)
         item = SceneObject(id="1", model=model, world_from_model=Similarity(view.camera_from_world))
         view = replace(view, camera_from_world=WORLD)
-        notes = tuple(reading.warnings)
-        return Scene(views=(self.sized(reading, view),), objects=(item,), notes=notes)
+        notes = tuple(file.warnings)
+        return Scene(views=(self.with_size(file, view),), objects=(item,), notes=notes)
 
 
 Lenses = Sequence[tuple[str, LensModel, int]]
@@ -220,7 +220,7 @@ class Format:
                     )
             orientation = orientation_of(view.file.location)
             if self.is_of_stored and orientation not in (UPRIGHT, *MIRRORED):
-                view = turned(view, WAY_BACK[orientation])
+                view = turn_view(view, WAY_BACK[orientation])
                 notes.append(f"{name} is {TURNED}; camera and pose are of the stored pixels.")
             elif not (self.is_own or self.is_upright or ready) and orientation != UPRIGHT:
                 found = f"{name} is {TURNED}, and the pose is one in the upright photo"
@@ -241,7 +241,7 @@ class Format:
         return [*files, *written], notes
 
 
-def turned(view: View, orientation: int) -> View:
+def turn_view(view: View, orientation: int) -> View:
     """The view in a picture turned by EXIF's orientation, with camera, lens and place.
 
     Raises:
@@ -274,7 +274,7 @@ def as_shown(view: View, photo: Path, notes: list[str]) -> View:
     if orientation > 4 and (size[0] > size[1]) != (stored[0] > stored[1]):
         return view  # made of the upright photo
     notes.append(f"It is {TURNED}; camera and pose, of the stored pixels, were turned with it.")
-    return turned(view.resized(*size), orientation)
+    return turn_view(view.resize_photo(*size), orientation)
 
 
 def _of_undistorted(view: View, path: Path, options: ConvertOptions) -> View:
@@ -294,15 +294,15 @@ def _of_undistorted(view: View, path: Path, options: ConvertOptions) -> View:
     return view_of_file(path, view.camera, camera_from_world=view.camera_from_world)
 
 
-def from_4x4(reading: Reading, values: Any, what: str) -> RigidTransform:
+def from_4x4(file: InputFile, values: Any, what: str) -> RigidTransform:
     """The rigid transform in 4 rows of 4 numbers (or 3, without the last), or all in one list."""
-    numbers = reading.flat_numbers(values, what)
+    numbers = file.flat_numbers(values, what)
     if len(numbers) not in (12, 16):
-        raise reading.error(f"{what} has {len(numbers)} numbers", "wanted 4 rows of 4, or 3 of 4")
+        raise file.error(f"{what} has {len(numbers)} numbers", "wanted 4 rows of 4, or 3 of 4")
     matrix, last = np.reshape(numbers, (-1, 4)), numbers[12:]
     if last and not np.allclose(last, (0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=1e-9):
-        raise reading.error(f"the last row of {what} is {last}", "wanted 0 0 0 1 (row-major)")
-    return RigidTransform(checked_rotation(reading, matrix[:3, :3]), matrix[:3, 3])
+        raise file.error(f"the last row of {what} is {last}", "wanted 0 0 0 1 (row-major)")
+    return RigidTransform(repair_rotation(file, matrix[:3, :3]), matrix[:3, 3])
 
 
 def in_one_world(scene: Scene) -> tuple[list[FloatArray], list[Pose]]:

@@ -63,7 +63,7 @@ def read_dae(path: Path) -> p.ModelParts:
         bound = {material.symbol: material for material in node.materials}
         for primitive in (each for each in node.geometry.primitives if each.vertex is not None):
             part = _part(primitive, bound.get(primitive.material), textures, notes)
-            parts.append(replace(part, name=name).moved(matrix))
+            parts.append(replace(part, name=name).transform(matrix))
     asset = document.assetInfo
     return p.ModelParts(parts, notes, asset.unitmeter, asset.upaxis == "Y_UP")
 

@@ -23,7 +23,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.checks import MAX_DATA_BYTES, Reading
+from poseviewer.files.checks import MAX_DATA_BYTES, InputFile
 from poseviewer.files.mesh import parts as p
 from poseviewer.files.mesh.named import find_named
 from poseviewer.files.mesh.parts import ModelParts, Part
@@ -87,7 +87,7 @@ def read_gltf(path: Path) -> ModelParts:
         wanted = "not read here; export it without (compression, KTX2 pictures ...)"
         raise MeshFileError(f"{path.name}: needs {', '.join(required)[:120]}, {wanted}.")
     document.notes += [f"Not read, left out: {name[:80]}." for name in used if name not in SPARED]
-    parts = [part for node in document.placed() for part in document.parts_of(*node)]
+    parts = [part for node in document.find_meshes() for part in document.parts_of(*node)]
     document.notes += [f"{what}: {count:,}." for what, count in document.counts.items() if count]
     return ModelParts(parts, document.notes, 1.0, y_up=True)
 
@@ -104,7 +104,7 @@ class _Document:
     counts: Counter[str] = field(default_factory=Counter)
     """Numbers of what is left out, for notes."""
 
-    def placed(self) -> Iterator[tuple[int, str, Matrix]]:
+    def find_meshes(self) -> Iterator[tuple[int, str, Matrix]]:
         """Each node of the scene that has a mesh: its index, name, and world from node."""
         nodes, scenes = self.data.get("nodes", []), self.data.get("scenes")
         roots = scenes[self.data.get("scene", 0)].get("nodes", []) if scenes else roots_of(nodes)
@@ -141,9 +141,11 @@ class _Document:
             if part is None:
                 continue
             if "skin" in node:
-                yield self._skinned(part, primitive["attributes"], self.data["skins"][node["skin"]])
+                yield self._apply_skin(
+                    part, primitive["attributes"], self.data["skins"][node["skin"]]
+                )
             else:
-                yield from (part.moved(place) for place in places)
+                yield from (part.transform(place) for place in places)
 
     def _part(self, name: str, primitive: dict[str, Any], weights: list[float]) -> Part | None:
         attributes, mode = primitive["attributes"], primitive.get("mode", TRIANGLES)
@@ -171,7 +173,7 @@ class _Document:
         if "material" in primitive:
             material = self.data["materials"][primitive["material"]]
             rgba = _look(material)[0] * rgba
-            part = self._dressed(part, material, attributes, rgba[..., 3])
+            part = self._add_texture(part, material, attributes, rgba[..., 3])
         elif not has_colours:
             return part
         rgb = np.ascontiguousarray(rgba[..., :3])
@@ -182,7 +184,7 @@ class _Document:
         """Whether its colours are display-encoded: trimesh writes them so, against the rules."""
         return "trimesh" in str(self.data.get("asset", {}).get("generator", ""))
 
-    def _dressed(
+    def _add_texture(
         self, part: Part, material: dict[str, Any], attributes: dict[str, int], alpha: NDArray
     ) -> Part:
         """The part with its texture, without triangles that are invisible: by alpha, of vertices
@@ -195,7 +197,7 @@ class _Document:
         texture, mode = self.textures.get(image), material.get("alphaMode", "OPAQUE")
         shown = np.broadcast_to(alpha, len(part.vertices))[part.faces] @ ALPHA_SAMPLES.T
         if texture is not None and coordinates in attributes:
-            uvs = _transformed(self.array(attributes[coordinates]), transform)
+            uvs = _transform_uvs(self.array(attributes[coordinates]), transform)
             uvs = np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)
             part = replace(part, uvs=uvs, texture=texture)
             number = self.data["textures"][info["index"]].get("sampler")
@@ -240,7 +242,7 @@ class _Document:
             name = "a picture" if uri.startswith("data:") else unquote(uri)[:80]
             if index not in used:
                 continue
-            with p.noted(name, self.notes):
+            with p.note_errors(name, self.notes):
                 content = self.fetch(uri) if view is None else self.view(view)
                 image = Image.open(BytesIO(content))
                 if used[index] and image.width * image.height <= p.MAX_TEXELS:
@@ -248,7 +250,7 @@ class _Document:
                 opened[index] = name, image
         return p.textures_from_images(opened, self.notes)
 
-    def _skinned(self, part: Part, attributes: dict[str, int], skin: dict[str, Any]) -> Part:
+    def _apply_skin(self, part: Part, attributes: dict[str, int], skin: dict[str, Any]) -> Part:
         matrices = np.array([self.worlds[joint] for joint in skin["joints"]])
         if "inverseBindMatrices" in skin:
             inverse = self.array(skin["inverseBindMatrices"]).reshape(-1, 4, 4)
@@ -316,7 +318,7 @@ class _Document:
         path = find_named(self.path.parent, unquote(uri))
         if path is None:
             raise ValueError(f"{unquote(uri)[:80]} is not there")
-        return Reading(path, [], MeshFileError, "file of a model", MAX_DATA_BYTES).load_bytes()
+        return InputFile(path, [], MeshFileError, "file of a model", MAX_DATA_BYTES).load_bytes()
 
 
 def _extension(entry: dict[str, Any], name: str) -> Any:
@@ -332,7 +334,7 @@ def _look(material: dict[str, Any]) -> tuple[NDArray, dict[str, Any] | None]:
     return factor, look.get(names[1])
 
 
-def _transformed(uvs: NDArray, transform: dict[str, Any]) -> NDArray:
+def _transform_uvs(uvs: NDArray, transform: dict[str, Any]) -> NDArray:
     """Texture coordinates (n, 2), v downwards, as KHR_texture_transform moves them."""
     c, s = (f(transform.get("rotation", 0.0)) for f in (np.cos, np.sin))
     scaled = uvs * np.array(transform.get("scale", (1.0, 1.0)))

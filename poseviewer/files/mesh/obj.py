@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import InputFile
 from poseviewer.files.mesh import parts as p
 from poseviewer.files.mesh.named import bare_name, find_named
 from poseviewer.files.mesh.polygons import polygon_corners
@@ -55,7 +55,7 @@ def read_obj(path: Path) -> p.ModelParts:
     starts, names = zip(*changes, strict=True)
     keys = {key: number for number, key in enumerate(dict.fromkeys(names))}
     which = np.repeat([keys[key] for key in names], np.diff([*starts, len(counts)]))
-    of_part = p.split_by(np.repeat(which, np.maximum(counts - 2, 0)), len(keys))
+    of_part = p.group_by(np.repeat(which, np.maximum(counts - 2, 0)), len(keys))
     used = {material for _, material in keys if material}
     if materials and (missing := sorted(used - set(materials))):
         notes.append(f"Materials not in the MTL file: {', '.join(missing)[:120]}.")
@@ -189,16 +189,16 @@ def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[
     if len(libraries) > MAX_LIBRARIES:
         notes.append(f"Material files left out: all but {MAX_LIBRARIES} of {len(libraries):,}.")
     for library in list(dict.fromkeys(libraries))[:MAX_LIBRARIES]:
-        file = find_named(path.parent, library)
-        if file is None or not file.stat().st_size:
-            why = "is not there" if file is None else "is empty"
+        mtl = find_named(path.parent, library)
+        if mtl is None or not mtl.stat().st_size:
+            why = "is not there" if mtl is None else "is empty"
             notes.append(f"Material file left out: {bare_name(library)} {why}.")
             continue
-        reading = Reading(file, [], MeshFileError, "material file")
+        file = InputFile(mtl, [], MeshFileError, "material file")
         diffuse: dict[str, NDArray | None] = {}
         files: dict[str, str] = {}
         name = ""
-        for line in reading.load_bytes().decode("utf-8-sig", "surrogateescape").splitlines():
+        for line in file.load_bytes().decode("utf-8-sig", "surrogateescape").splitlines():
             word, _, rest = line.strip().replace("\t", " ").partition(" ")
             if word.lower() == "newmtl":
                 name = rest.strip()
@@ -215,6 +215,6 @@ def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[
                     values = [float(value) for value in rest.split()[:3]]
                     if len(values) in (1, 3):
                         diffuse[name] = np.clip(np.nan_to_num(np.resize(values, 3)), 0.0, 1.0)
-        textures = p.load_textures(file.parent, filter(None, files.values()), notes)
+        textures = p.load_textures(mtl.parent, filter(None, files.values()), notes)
         materials |= {key: (diffuse[key], textures.get(files.get(key, ""))) for key in diffuse}
     return materials

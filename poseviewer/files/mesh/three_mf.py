@@ -75,7 +75,7 @@ def read_3mf(path: Path) -> ModelParts:
         if not np.all(np.isnan(colours)):
             colours = np.where(np.isnan(colours), GREY, colours)
             part = replace(part.corners_of(slice(None)), colours=colours)
-        parts.append(part.moved(place["matrix"]))
+        parts.append(part.transform(place["matrix"]))
     notes = [f"Not read, left out: {words}." for words in lost]
     return ModelParts(parts, notes, METRES[root.get("unit", "millimeter")])
 

@@ -17,7 +17,7 @@ import msgspec
 
 from poseviewer.errors import AutosaveError, PoseViewerError
 from poseviewer.files import scene_json as s
-from poseviewer.files.checks import MAX_DATA_BYTES, Reading
+from poseviewer.files.checks import MAX_DATA_BYTES, InputFile
 from poseviewer.files.writing import lock_file, write_whole, writing_to
 from poseviewer.scene.types import Scene
 
@@ -91,10 +91,10 @@ def load_autosave(path: Path) -> AutosavedSession:
     Raises:
         AutosaveError: there is no such file, or it is damaged.
     """
-    reading = Reading(path, largest=MAX_DATA_BYTES)
+    file = InputFile(path, largest=MAX_DATA_BYTES)
     try:
-        with reading.naming_errors():
-            return _from_json(reading, reading.load_object())
+        with file.naming_errors():
+            return _from_json(file, file.load_object())
     except PoseViewerError as error:
         found = str(error).removeprefix(f"{path.name}: ").rstrip(".")
         raise AutosaveError(
@@ -102,7 +102,7 @@ def load_autosave(path: Path) -> AutosavedSession:
         ) from error
 
 
-def left_behind(folder: Path) -> tuple[Path, AutosavedSession] | None:
+def find_abandoned(folder: Path) -> tuple[Path, AutosavedSession] | None:
     """The newest session in ``folder`` whose process no longer runs, and its file.
 
     Damaged ones are left out, with a line in the log; those of ``EXPIRY_S`` ago are removed.
@@ -148,12 +148,12 @@ def _lock_path(path: Path) -> Path:
     return path.with_suffix(".lock")
 
 
-def _from_json(reading: Reading, data: dict[str, Any]) -> AutosavedSession:
-    reading.require_format(data, FORMAT, VERSION)
-    form: Any = reading.decoded(data, s.form_of(AutosavedSession).kind, raw=("file", "mask"))
-    s.require_whole(reading, form.scene)
+def _from_json(file: InputFile, data: dict[str, Any]) -> AutosavedSession:
+    file.require_format(data, FORMAT, VERSION)
+    form: Any = file.decode(data, s.form_of(AutosavedSession).kind, raw=("file", "mask"))
+    s.require_whole(file, form.scene)
     session: AutosavedSession = s.form_of(AutosavedSession).decode(form)
     session.scene.index(session.active_object)
     if not 0 <= session.active_view < len(session.scene.views):
-        raise reading.error(f"active_view is {session.active_view}", "wanted one of the views")
+        raise file.error(f"active_view is {session.active_view}", "wanted one of the views")
     return session

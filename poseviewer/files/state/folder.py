@@ -35,7 +35,7 @@ def state_folder() -> Path:
     return folder.absolute()
 
 
-def kept_token(folder: Path) -> str:
+def load_token(folder: Path) -> str:
     """The token of the user's apps, from a file that nobody else reads: a page that is open, and
     its address, outlive the app. A new one where none can be kept.
     """

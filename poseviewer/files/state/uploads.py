@@ -20,7 +20,7 @@ import msgspec
 from msgspec import Meta
 
 from poseviewer.errors import FileSetError, printable
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import InputFile
 from poseviewer.files.file_set import MAX_FILES, ModelFiles, is_of_system, model_files
 from poseviewer.files.mesh.load import READERS
 from poseviewer.files.mesh.named import bare_name
@@ -72,21 +72,21 @@ def keep_set(folder: Path, data: bytes) -> Path:
 
     The same bytes go to the same folder, under safe names.
     """
-    files = _unpacked(data)
+    files = _unpack(data)
     shown = display_name(files[0][0]) if len(files) == 1 else f"{len(files)} files"
-    return _kept(folder, data, files, shown)
+    return _keep(folder, data, files, shown)
 
 
 def keep_zip(folder: Path, path: Path) -> Path:
     """Unpack a zip of the disk as ``keep_set`` does."""
-    reading = Reading(path, [], FileSetError, "zip", MAX_UNPACKED_BYTES)
-    with reading.naming_errors():
-        reading.check_size()
+    file = InputFile(path, [], FileSetError, "zip", MAX_UNPACKED_BYTES)
+    with file.naming_errors():
+        file.check_size()
         marks = f"{path.name} {sha256_of(path)}".encode()
-    return _kept(folder, marks, [(path.name, path)], path.name)
+    return _keep(folder, marks, [(path.name, path)], path.name)
 
 
-def gathered(folder: Path, model: ModelFiles) -> Path:
+def gather(folder: Path, model: ModelFiles) -> Path:
     """The model where it lies, or copied with all it names into ``folder``, as by ``keep_set``."""
     if not model.scattered:
         return model.path
@@ -96,13 +96,13 @@ def gathered(folder: Path, model: ModelFiles) -> Path:
         # Material files lie beside the model: what they name is sought from where they lie.
         is_bare = path.suffix.lower() == ".mtl" or str(inside) != written.replace("\\", "/")
         files.setdefault(safe_path(bare_name(written)) if is_bare else inside, path)
-    with Reading(model.path, error_type=FileSetError, kind="model").naming_errors():
+    with InputFile(model.path, error_type=FileSetError, kind="model").naming_errors():
         marks = "\n".join(f"{name} {sha256_of(path)}" for name, path in files.items())
     copies = [(str(name), path) for name, path in files.items()]
-    return _kept(folder, marks.encode(), copies, model.path.name) / model.path.name
+    return _keep(folder, marks.encode(), copies, model.path.name) / model.path.name
 
 
-def taken_out(path: Path, scene: Scene, private: Path) -> Scene:
+def copy_out(path: Path, scene: Scene, private: Path) -> Scene:
     """The scene with copies of its files that lie in the folder ``private``, with what the models
     name, beside the scene file at ``path``: in its folder, or where other files have their names in
     one of its own.
@@ -170,7 +170,7 @@ def display_name(name: str) -> str:
     return printable(last.strip(), MAX_NAME_LETTERS) or "unnamed"
 
 
-def _unpacked(data: bytes) -> list[tuple[str, memoryview]]:
+def _unpack(data: bytes) -> list[tuple[str, memoryview]]:
     head, rest = data.partition(b"\n")[0], memoryview(data)[data.find(b"\n") + 1 :]
     try:
         entries = msgspec.convert(json.loads(head), Entries)
@@ -186,16 +186,16 @@ def _unpacked(data: bytes) -> list[tuple[str, memoryview]]:
     return [(name, rest[i:j]) for name, i, j in zip(names, [0, *ends], ends, strict=False)]
 
 
-def _unzip(file: Path | BytesIO, name: str, place: Path, room: int) -> int:
-    reading = Reading(Path(name), error_type=FileSetError, kind="zip")
-    with reading.naming_errors():
-        _check_directory(reading, file)
-    with reading.naming_errors(), zipfile.ZipFile(file) as archive:
+def _unzip(packed: Path | BytesIO, name: str, place: Path, room: int) -> int:
+    file = InputFile(Path(name), error_type=FileSetError, kind="zip")
+    with file.naming_errors():
+        _check_directory(file, packed)
+    with file.naming_errors(), zipfile.ZipFile(packed) as archive:
         entries = [entry for entry in archive.infolist() if _is_wanted(entry)]
         size = sum(entry.file_size for entry in entries)
         if size > room or len(entries) > MAX_FILES:
             found = f"unpacks to more than {MAX_UNPACKED_BYTES:,} bytes or {MAX_FILES:,} files"
-            raise reading.error(found, UNPACK)
+            raise file.error(found, UNPACK)
         for entry in entries:
             path = place / safe_path(entry.filename)
             with archive.open(entry) as source, writing_to(place, name, FileSetError):
@@ -205,9 +205,9 @@ def _unzip(file: Path | BytesIO, name: str, place: Path, room: int) -> int:
     return size
 
 
-def _check_directory(reading: Reading, file: Path | BytesIO) -> None:
+def _check_directory(file: InputFile, packed: Path | BytesIO) -> None:
     """Raise where a zip's directory is very large: it is read before the first entry is seen."""
-    with file.open("rb") if isinstance(file, Path) else nullcontext(file) as source:
+    with packed.open("rb") if isinstance(packed, Path) else nullcontext(packed) as source:
         source.seek(max(0, source.seek(0, os.SEEK_END) - MAX_END_BYTES))
         end = source.read()
     sizes = [0]
@@ -216,7 +216,7 @@ def _check_directory(reading: Reading, file: Path | BytesIO) -> None:
             sizes.append(int.from_bytes(end[at + place : at + place + length], "little"))
     largest = max(size for size in sizes if size != 0xFFFFFFFF)  # then the other one says it
     if largest > MAX_DIRECTORY_BYTES:
-        raise reading.error(f"a directory of {largest:,} bytes", UNPACK)
+        raise file.error(f"a directory of {largest:,} bytes", UNPACK)
 
 
 def _is_wanted(entry: zipfile.ZipInfo) -> bool:
@@ -224,7 +224,7 @@ def _is_wanted(entry: zipfile.ZipInfo) -> bool:
     return not (entry.is_dir() or any(is_of_system(part) for part in parts if part != ".."))
 
 
-def _kept(
+def _keep(
     folder: Path, marks: bytes, files: Sequence[tuple[str, memoryview | Path]], shown: str
 ) -> Path:
     """The folder of these ``files``, which ``marks`` tell apart; filled whole or not at all."""

@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 
 from poseviewer.files.cameras import load_cameras
 from poseviewer.files.formats.conversion import ConvertOptions
-from poseviewer.files.formats.gltf import GLTF
+from poseviewer.files.formats.gltf_export import GLTF
 from poseviewer.files.formats.meshlab import MESHLAB, read_meshlab
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.scene_json import load_scene, scene_of_pose

@@ -5,9 +5,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.checks import Reading, quiet_libraries
+from poseviewer.files.checks import InputFile, quiet_libraries
 from poseviewer.files.mesh.parts import ModelParts
-from poseviewer.processes import call_alone
+from poseviewer.processes import call_in_subprocess
 
 DEADLINE_S, BYTES_PER_S = 20.0, 250_000
 """Time that a reader may take, and longer by a second for so many bytes of the file."""
@@ -15,7 +15,7 @@ MAX_MEMORY_BYTES, PER_BYTE = 4_000_000_000, 40
 """Bytes that a reader may take, and more for each byte of the file."""
 
 
-def guarded(reader: Callable[[Path], ModelParts]) -> Callable[[Path], ModelParts]:
+def isolate(reader: Callable[[Path], ModelParts]) -> Callable[[Path], ModelParts]:
     """Return the reader with a deadline and a bound of memory, in a process of its own: what ends
     that process is a MeshFileError here.
     """
@@ -24,7 +24,7 @@ def guarded(reader: Callable[[Path], ModelParts]) -> Callable[[Path], ModelParts
         size = path.stat().st_size
         seconds, memory = DEADLINE_S + size / BYTES_PER_S, MAX_MEMORY_BYTES + PER_BYTE * size
         try:
-            return call_alone(_read, reader, path, seconds=seconds, memory=memory)
+            return call_in_subprocess(_read, reader, path, seconds=seconds, memory=memory)
         except subprocess.TimeoutExpired:
             found = f"its reader was not done after {seconds:.0f} s and was stopped"
         except subprocess.CalledProcessError:
@@ -36,5 +36,5 @@ def guarded(reader: Callable[[Path], ModelParts]) -> Callable[[Path], ModelParts
 
 def _read(reader: Callable[[Path], ModelParts], path: Path) -> ModelParts:
     kind = f"{path.suffix[1:].upper()} file"
-    with Reading(path, [], MeshFileError, kind).naming_errors(), quiet_libraries():
+    with InputFile(path, [], MeshFileError, kind).naming_errors(), quiet_libraries():
         return reader(path)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.checks import MAX_DATA_BYTES, Reading
+from poseviewer.files.checks import MAX_DATA_BYTES, InputFile
 from poseviewer.files.formats import conversion as c
 from poseviewer.files.mesh.gltf import gltf_header, world_matrices
 from poseviewer.files.mesh.load import load_mesh
@@ -48,7 +48,7 @@ INDICES = 34963
 """OpenGL's targets: what a buffer is for."""
 
 
-def write_gltf(
+def write_gltf_scene(
     scene: Scene, out: Path, options: c.ConvertOptions, notes: list[str]
 ) -> dict[Path, bytes]:
     """Write a GLB file of models and cameras ``in_one_world``, which is glTF's; lengths become
@@ -226,44 +226,44 @@ def _photo_plane(pose: Pose, depth: float, scale: float, rgb: NDArray[np.uint8])
     )
 
 
-def read_gltf(path: Path, request: c.ConvertOptions) -> Scene:
+def read_gltf_scene(path: Path, request: c.ConvertOptions) -> Scene:
     """Read the only camera, or that of node ``request.image``; the world is the model's frame."""
-    reading = Reading(path, kind="glTF file", largest=MAX_DATA_BYTES)
-    with reading.naming_errors():
-        reading.check_size()
+    file = InputFile(path, kind="glTF file", largest=MAX_DATA_BYTES)
+    with file.naming_errors():
+        file.check_size()
         document = gltf_header(path)
         nodes = document.get("nodes", [])
         known = [(str(node.get("name")), i) for i, node in enumerate(nodes) if "camera" in node]
-        index = request.the_one(reading, "cameras", known)
+        index = request.the_one(file, "cameras", known)
         world_from_camera = world_matrices(nodes)[index]
         entry = document["cameras"][nodes[index]["camera"]]
         metres = c.metres_per_unit(request.unit or "m")
-        camera = _camera(reading, entry, request, metres)
+        camera = _camera(file, entry, request, metres)
     lengths = np.linalg.norm(world_from_camera[:3, :3], axis=0)
     if not np.allclose(lengths, 1.0, rtol=0.0, atol=1e-12) and np.all(lengths > 0.0):
         world_from_camera[:3, :3] /= lengths  # cameras have no size
-    place = c.from_4x4(reading, world_from_camera.tolist(), "the camera's matrix")
+    place = c.from_4x4(file, world_from_camera.tolist(), "the camera's matrix")
     place = RigidTransform(place.rotation, place.translation / metres)
     view = view_of_file(Path(), camera, camera_from_world=OPENGL_FROM_OPENCV @ place.inverse())
-    return request.scene_of(reading, view, "m")
+    return request.scene_of(file, view, "m")
 
 
 def _camera(
-    reading: Reading, entry: dict[str, Any], request: c.ConvertOptions, metres: float
+    file: InputFile, entry: dict[str, Any], request: c.ConvertOptions, metres: float
 ) -> Camera:
     extras = entry.get("extras", {}).get("poseviewer", {})
-    width, height = request.size_of(reading, extras.get("width"), extras.get("height"))
-    cx = reading.number(extras.get("cx", width / 2.0 - HALF_PIXEL), "cx") + HALF_PIXEL
-    cy = reading.number(extras.get("cy", height / 2.0 - HALF_PIXEL), "cy") + HALF_PIXEL
+    width, height = request.size_of(file, extras.get("width"), extras.get("height"))
+    cx = file.number(extras.get("cx", width / 2.0 - HALF_PIXEL), "cx") + HALF_PIXEL
+    cy = file.number(extras.get("cy", height / 2.0 - HALF_PIXEL), "cy") + HALF_PIXEL
     half_width, half_height = _half_view(cx, cy, width, height)
     lens = entry[entry["type"]]
     if entry["type"] == "orthographic":
-        scale = half_height / reading.positive(lens.get("ymag"), "ymag") * metres
+        scale = half_height / file.positive(lens.get("ymag"), "ymag") * metres
         return Parallel(scale, cx, cy, width, height)
-    tangent = math.tan(reading.positive(lens.get("yfov"), "yfov", math.pi) / 2.0)
-    aspect = reading.positive(lens.get("aspectRatio", half_width / half_height), "aspectRatio")
+    tangent = math.tan(file.positive(lens.get("yfov"), "yfov", math.pi) / 2.0)
+    aspect = file.positive(lens.get("aspectRatio", half_width / half_height), "aspectRatio")
     fx, fy = half_width / (tangent * aspect), half_height / tangent
     return Perspective(fx, fy, cx, cy, width, height)
 
 
-GLTF = c.Format(write_gltf, read_gltf, ".glb", several_objects=True, is_upright=True)
+GLTF = c.Format(write_gltf_scene, read_gltf_scene, ".glb", several_objects=True, is_upright=True)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.mesh.guarded import guarded
+from poseviewer.files.mesh.isolation import isolate
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.mesh.parts import ModelParts, Part
 
@@ -47,7 +47,7 @@ def path(tmp_path: Path) -> Path:
 
 
 def test_what_it_reads_comes_back(path: Path) -> None:
-    (first, second), notes, *_ = guarded(reads)(path)
+    (first, second), notes, *_ = isolate(reads)(path)
     assert (first.name, second.name, notes) == ("a.3ds", "b", ["a note"])
     assert first.texture is second.texture
 
@@ -68,9 +68,10 @@ def test_what_it_reads_comes_back(path: Path) -> None:
 def test_what_it_does_to_its_process_is_a_sentence(
     path: Path, monkeypatch: pytest.MonkeyPatch, reader: Callable[[Path], ModelParts], words: str
 ) -> None:
-    monkeypatch.setattr("poseviewer.files.mesh.guarded.DEADLINE_S", 600.0 if reader != hangs else 3)
+    seconds = 600.0 if reader != hangs else 3
+    monkeypatch.setattr("poseviewer.files.mesh.isolation.DEADLINE_S", seconds)
     with pytest.raises(MeshFileError, match=rf"^a\.3ds: .*{words}"):
-        guarded(reader)(path)
+        isolate(reader)(path)
 
 
 def test_a_file_that_crashed_its_library_gives_a_sentence_or_a_model(shared_cases: Path) -> None:
