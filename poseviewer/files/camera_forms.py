@@ -171,8 +171,7 @@ class _Said:
 
     def number(self, name: str, default: float | None = None) -> float:
         """A number."""
-        value = self.value(name, default)
-        return self.file.number(value, self.entries.get(name, (name,))[0])
+        return self.file.number(self.value(name, default), self.entries.get(name, (name,))[0])
 
     def numbers(self, name: str, count: int | None = None) -> list[float]:
         """Numbers in a list, a text or a mapping of x and y; [] where there is no such field."""

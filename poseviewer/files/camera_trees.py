@@ -86,8 +86,7 @@ def _of_text(file: InputFile) -> dict[str, Any]:
         elif len(values) == 9 and re.fullmatch(r"cam\d+", name):
             top[name] = {"K": values}
     for entries in (top, *tree.values()):
-        ones = {k: v[0] for k, v in entries.items() if isinstance(v, list) and len(v) == 1}
-        entries.update(ones)
+        entries.update({k: v[0] for k, v in entries.items() if isinstance(v, list) and len(v) == 1})
     return top | tree
 
 

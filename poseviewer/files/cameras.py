@@ -109,8 +109,7 @@ def load_calibration(
         wanted = "calibrate on pictures of the photo's size"
         raise file.error(f"{said} the photo's {size}", wanted)
     if camera.fx < MIN_FOCAL * camera.width:
-        found = f"a focal length of {camera.fx:g} px"
-        raise file.error(found, "wanted px, not sides of a photo")
+        raise file.error(f"a focal length of {camera.fx:g} px", "wanted px, not sides of a photo")
     if (camera.width, camera.height) == (width, height):
         return chosen, notes
     said = f"the camera is for {size}, the photo has {width}x{height} px"

@@ -73,8 +73,7 @@ def wheels_from_text(text: str) -> Wheels:
             raise file.error(f"{len(rows)} ellipses", wanted)
         ellipses = []
         for which, row in zip(("rear", "front"), rows, strict=True):
-            where = f"the {which} wheel"
-            cx, cy, a, b, degrees = _numbers(file, where, row, ELLIPSE, ELLIPSE)
+            cx, cy, a, b, degrees = _numbers(file, f"the {which} wheel", row, ELLIPSE, ELLIPSE)
             u, v = points_from_integer_centres([cx, cy])
             ellipses.append(Ellipse(float(u), float(v), a, b, math.radians(degrees)))
         return Wheels(*ellipses)

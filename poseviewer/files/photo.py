@@ -61,8 +61,7 @@ def load_photo(path: str | Path) -> Photo:
     with file.naming_errors(), quiet_libraries():
         data = file.load_bytes()
         is_heic = data[4:8] == b"ftyp" and data[8:12] in HEIC_BRANDS
-        decode = _decode_heic if is_heic else _decode
-        pixels, focal, is_transparent = decode(file, data)
+        pixels, focal, is_transparent = (_decode_heic if is_heic else _decode)(file, data)
         if pixels.dtype not in (np.uint8, np.uint16):
             raise file.error(f"pixels of type {pixels.dtype}", "save it with 8 or 16 bits")
         pixels = np.ascontiguousarray(pixels)
@@ -147,8 +146,7 @@ def _decode(file: InputFile, data: bytes) -> tuple[NDArray, float | None, bool]:
         found = f"more than {MAX_MEGAPIXELS:.0f} megapixels"
         raise file.error(found, "make it smaller first") from None
     # OpenCV reads 16 bits of each colour, turns them upright, and leaves transparency out.
-    how = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH
-    picture = cv2.imdecode(np.frombuffer(data, np.uint8), how)
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
     if picture is None:
         raise file.error("OpenCV cannot read this kind of picture", "save it as PNG or JPEG")
     if tags.get(PHOTOMETRIC, 1) == WHITE_IS_ZERO and picture.dtype == np.uint16:

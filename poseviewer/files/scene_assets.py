@@ -48,8 +48,7 @@ def photo_file(
             raise PoseFileError(f"{photo.name}: {found}; {wanted}.")
         return photo if undistortion is None else undistort_photo(photo, undistortion)
 
-    name = printable(path.name)
-    return PhotoFile(path, name, width, height, sha256, undistortion, read=read)
+    return PhotoFile(path, printable(path.name), width, height, sha256, undistortion, read=read)
 
 
 def view_of_file(

@@ -333,10 +333,8 @@ def load_scene(path: str | Path, inside: Path | None = None) -> Scene:
         if data.get("format") != s.SCENE:
             raise file.error(f"format is {kind_of(data.get('format'))}", f"wanted {s.SCENE!r}")
         file.require_format(data, s.SCENE, VERSION)
-        form = decode_scene(file, data)
-        scene = scene_from_json(_with_files(form, find))
-        notes = tuple(dict.fromkeys(file.warnings))
-        return replace(scene, name=file.path.name, notes=notes)
+        scene = scene_from_json(_with_files(decode_scene(file, data), find))
+        return replace(scene, name=file.path.name, notes=tuple(dict.fromkeys(file.warnings)))
 
 
 def decode_scene(file: InputFile, data: Any, what: str = "") -> Any:
@@ -532,8 +530,7 @@ def scene_of_record(
 
 def _beside(path: Path, name: str | None) -> Path:
     """The file of a name in the folder of a pose; a name is no path."""
-    folder = path if path.is_dir() else path.parent
-    return folder / bare_name(name) if name else Path()
+    return (path if path.is_dir() else path.parent) / bare_name(name) if name else Path()
 
 
 def relative_name(path: Path, file: Path) -> str:

@@ -85,5 +85,4 @@ def load_symmetry(mesh_path: str | Path, mesh: Mesh) -> Symmetry:
         return NO_SYMMETRY if known is None else known.symmetry
     file = InputFile(path, error_type=MeshFileError, kind=KIND)
     with file.naming_errors():
-        data = file.load_beside_model(FORMAT, mesh.unit)
-        return file.decode(data, SymmetryTurns).symmetry
+        return file.decode(file.load_beside_model(FORMAT, mesh.unit), SymmetryTurns).symmetry

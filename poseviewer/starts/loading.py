@@ -141,8 +141,7 @@ def open_photo(
         mask = load_mask(mask, (opened.width, opened.height))
     if not isinstance(start, Pose):
         mesh = model.content.mesh_without(without)
-        inputs = StartInputs(opened, mesh, model.keypoints, mask, settings)
-        start, notes, others = start(inputs)
+        start, notes, others = start(StartInputs(opened, mesh, model.keypoints, mask, settings))
     camera = start.camera
     if (camera.width, camera.height) != (opened.width, opened.height):
         raise SettingsError(
@@ -151,8 +150,7 @@ def open_photo(
             "smaller or larger."
         )
     file = PhotoFile.of(opened, None if is_loaded else Path(photo))
-    left_out = model.content.mesh_without(without).left_out
-    fields = {"without": left_out, "note": note}
+    fields = {"without": model.content.mesh_without(without).left_out, "note": note}
     scene = scene_at(View(file, camera, mask=mask), model, start, settings, **fields)
     notes = (*notes_of(opened), *notes_of(model), *notes)
     return with_instances(replace(scene, name=opened.name, notes=notes), others)

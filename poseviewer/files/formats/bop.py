@@ -233,8 +233,7 @@ def _objects(file: InputFile, entries: Any, image: str) -> tuple[BopObject, ...]
         what = f"pose {number} of image {image}"
         said = file.object(entry, what)
         place = _transform(file, said, IN_CAMERA, what)
-        object_id = file.positive(said.get("obj_id"), f"{what}.obj_id")
-        objects.append(BopObject(int(object_id), place))
+        objects.append(BopObject(int(file.positive(said.get("obj_id"), f"{what}.obj_id")), place))
     return tuple(objects)
 
 

@@ -74,8 +74,7 @@ def colmap_views(folder: Path, file: InputFile) -> list[tuple[str, View]]:
     for name, key, pose in images:
         name = with_slashes(name)
         if key not in cameras:
-            wanted = "wanted the one that the image names"
-            raise of_cameras.error(f"it has no camera {key}", wanted)
+            raise of_cameras.error(f"it has no camera {key}", "wanted the one that the image names")
         camera, lens = cameras[key]
         place = image_pose(file, pose)
         views.append((name, view_of_file(folder / name, camera, None, lens, place)))
@@ -110,8 +109,7 @@ def read_nerfstudio(path: Path, request: c.ConvertOptions) -> Scene:
     frames = file.decode(data.get("frames", []), list[dict[str, Any]], "frames")
     named = [(with_slashes(frame.get("file_path")), frame) for frame in frames]
     frame = request.the_one(file, "frames", named)
-    view = frame_view(file, data | frame, request)
-    return request.scene_of(file, view, is_of_stored=True)
+    return request.scene_of(file, frame_view(file, data | frame, request), is_of_stored=True)
 
 
 def with_slashes(name: Any) -> str:

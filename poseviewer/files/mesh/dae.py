@@ -45,8 +45,7 @@ def read_dae(path: Path) -> p.ModelParts:
         raise MeshFileError(f"{path.name}: {wanted}.") from None
     root = etree.parse(str(path), XML).getroot()
     notes = _prune(root, path.name)
-    source = BytesIO(etree.tostring(root))
-    document: Any = collada.Collada(source, ignore=[DaeUnsupportedError])
+    document: Any = collada.Collada(BytesIO(etree.tostring(root)), ignore=[DaeUnsupportedError])
     notes += [f"Not read, left out: {error.msg}." for error in document.errors]
     if document.scene is None:
         raise ValueError("it has no scene")

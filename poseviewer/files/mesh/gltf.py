@@ -330,8 +330,7 @@ def _look(material: dict[str, Any]) -> tuple[NDArray, dict[str, Any] | None]:
     look, names = material.get("pbrMetallicRoughness", {}), ("baseColorFactor", "baseColorTexture")
     if glossy := _extension(material, "KHR_materials_pbrSpecularGlossiness"):
         look, names = glossy, ("diffuseFactor", "diffuseTexture")
-    factor = np.array(look.get(names[0], [1.0] * 4), dtype=float)
-    return factor, look.get(names[1])
+    return np.array(look.get(names[0], [1.0] * 4), dtype=float), look.get(names[1])
 
 
 def _transform_uvs(uvs: NDArray, transform: dict[str, Any]) -> NDArray:
@@ -345,8 +344,7 @@ def _triangles(order: NDArray, mode: int) -> NDArray:
     if mode == STRIP:
         return strip_corners(order)
     if mode == FAN:
-        first = np.full(len(order) - 2, order[0])
-        return np.stack([first, order[1:-1], order[2:]], axis=1)
+        return np.stack([np.full(len(order) - 2, order[0]), order[1:-1], order[2:]], axis=1)
     return order.reshape(-1, 3)
 
 

@@ -166,8 +166,7 @@ def why_not_sent(name: str, trouble: Literal["unreadable", "empty", "cut off"]) 
 
 def display_name(name: str) -> str:
     """A name from a browser as text that is safe to show: one line, at most 80 characters."""
-    last = re.split(r"[/\\]", name)[-1]
-    return printable(last.strip(), MAX_NAME_LETTERS) or "unnamed"
+    return printable(re.split(r"[/\\]", name)[-1].strip(), MAX_NAME_LETTERS) or "unnamed"
 
 
 def _unpack(data: bytes) -> list[tuple[str, memoryview]]:
