@@ -1,8 +1,8 @@
-"""Cameras as the tools of the field write them: one table of forms, of a few lines each.
+"""Cameras as the tools of the field write them: one table of forms.
 
 A file is a tree of mappings, whatever it is written in (YAML, XML, JSON, NumPy, CSV). Each mapping
-that has all keys of a form is a camera. What looks like a lens and belongs to no form is an error
-that names the key: a lens is never lost without a word.
+that has all keys of a form is a camera. A key that looks like a lens and belongs to no form is an
+error that names the key.
 """
 
 import math
@@ -20,9 +20,7 @@ from poseviewer.geometry.frames import HALF_PIXEL, camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
 
 MAX_SKEW = 1e-6
-"""Share of the focal length."""
 DEEPEST = 8
-"""Mappings within mappings."""
 ALIASES = {
     "matrix": "cameramatrix intrinsicmatrix intrinsicsmatrix camk mtx k m kmatrix matrix",
     "intrinsics": "intrinsic cameraintrinsics projectionparameters",
@@ -79,7 +77,6 @@ MAYBE_SIZE = re.compile(
 )
 """Names of what may be the size of the pictures."""
 SIZES = ("width", "height", "imagesize")
-"""Fields of the pictures' size."""
 MIN_SIDE_PX = 40
 """Side of a picture: chessboards have fewer squares."""
 TYPED = ("Metashape", "Meshroom", "OpenSfM, OpenDroneMap")
@@ -182,9 +179,7 @@ class _Said:
         return self.file.flat_numbers(value, self.entries.get(name, (name,))[0], count)
 
     def model_words(self, form: "Form") -> Iterator[tuple[str, bool]]:
-        """Words that may name the lens's model, the surest first; and whether they name nothing
-        else.
-        """
+        """Iterate over words that may name the lens's model, the surest first, and if they do."""
         for fields in (self.entries, self.above):
             names = [n for n in fields if TYPE_LIKE.match(n) and n not in MODEL_FIELDS]
             for name in (*MODEL_FIELDS, *names):
@@ -197,9 +192,7 @@ class _Said:
 
     @property
     def sizes(self) -> dict[str, Any]:
-        """Both sides of the pictures as the mapping says them, or else those that it stands in, by
-        their keys; those of a key each come first, and are in order.
-        """
+        """Both sides of the pictures by their keys, the mapping's or those above it."""
         fields = self.entries if not self.entries.keys().isdisjoint(SIZES) else self.above
         names = ("w", "h") if {"flx", "w", "h"} <= fields.keys() else ("width", "height")
         sides = [fields[name] for name in names if name in fields]
@@ -207,10 +200,12 @@ class _Said:
         return (ordered if len(sides) == 2 else {}) | dict(fields.get("imagesize", ("", ()))[1])
 
     def size(self, cx: float = 0.0, cy: float = 0.0) -> tuple[int, int]:
-        """Width and height in px, as said, or else those of the photo.
+        """Return width and height in px, as said, or else those of the photo.
 
-        A list of two has either first: where they are given, ``cx`` and ``cy`` (px) tell it, as
-        they lie near the middle. Raises the file's error where two keys say different sizes.
+        A list of two has either first: ``cx`` and ``cy`` (px), where given, lie near the middle.
+
+        Raises:
+            PoseViewerError: two keys say different sizes.
         """
         sizes = {key: self._pair(key, value) for key, value in self.sizes.items()}
         for chosen in (sizes, {key: size for key, size in sizes.items() if "calib" in key.lower()}):
@@ -383,7 +378,6 @@ READ = (
     ("Metashape, Meshroom, RealityCapture, fSpy", ".xml .sfm .csv .json", "frames and fisheyes"),
     ("Gyroflow", ".json", "fisheye_params"),
 )  # fmt: skip
-"""Tools, their files, and what of a camera is read there."""
 
 
 def cameras_in(
@@ -464,9 +458,7 @@ def _plain(key: Any) -> str:
 
 
 def _split_dots(data: Any) -> Any:
-    """ORB-SLAM's ``LEFT.K`` and ``Camera1.fx`` as mappings; what ``Camera.`` says of size and type
-    is said of all.
-    """
+    """Split ORB-SLAM's ``LEFT.K`` into mappings; size and type of ``Camera.`` are of all."""
     tree: dict[str, Any] = {}
     for key, value in data.items() if isinstance(data, dict) else ():
         head, _, name = str(key).partition(".")
@@ -536,9 +528,7 @@ def _pick_sides(key: Any, value: Any) -> list[Any]:
 def _mappings(
     node: Any, path: tuple[str, ...], depth: int, above: dict[str, tuple[str, Any]]
 ) -> Iterator[tuple[str, dict[str, Any], dict[str, tuple[str, Any]]]]:
-    """Names of mappings, each with what others inside it say of the same camera, and the fields
-    ``above`` it that may.
-    """
+    """Iterate over mappings with their names and the fields ``above`` them."""
     if not isinstance(node, dict) or not depth:
         return
     entries, inner = {}, []

@@ -22,9 +22,7 @@ SECTION = re.compile(r"\s*\[\s*([A-Za-z]\w*)\s*\]\s*")
 KEY = re.compile(r"\s*(?P<key>[A-Za-z][\w ]*?)\s*([:=](?P<numbers>.*))?")
 """Lines of a text: the name of a section; a key, alone or with numbers."""
 BETWEEN = re.compile(r"[\[\](),;]")
-"""Characters that stand between the numbers of a matrix."""
 TREES = (".yml", ".yaml", ".xml", ".json", ".sfm", ".npz", ".npy", ".csv", ".txt", ".ini")
-"""Endings of files of forms."""
 
 
 def load_tree(file: InputFile) -> Any:
@@ -52,10 +50,9 @@ def load_tree(file: InputFile) -> Any:
 
 
 def _of_text(file: InputFile) -> dict[str, Any]:
-    """Mappings of a text: ``[sections]`` of ``key: numbers``, ``key = numbers``, or a key above its
-    numbers; without keys, a matrix.
+    """Parse ``[sections]`` of ``key: numbers``, ``key = numbers``, or keys above numbers.
 
-    KITTI's projections ``P0`` and ``P_rect_00`` and Middlebury's ``cam0`` are cameras.
+    A text without keys is a matrix; KITTI's ``P0`` and Middlebury's ``cam0`` are cameras.
     """
     tree: dict[str, dict[str, Any]] = {"": {}}
     entries, key = tree[""], ""

@@ -1,6 +1,4 @@
-"""Cameras in files: those of ``camera_forms``, and COLMAP's; and the one that took a photo, chosen
-and scaled.
-"""
+"""Cameras in files, and the one that took a photo, chosen and scaled."""
 
 import re
 from collections import defaultdict
@@ -17,7 +15,6 @@ from poseviewer.geometry.lens import UPRIGHT, LensModel, turned_camera, turned_l
 
 KIND = "file of cameras"
 MAX_HEAD_LETTERS = 2000
-"""Bytes of a text in which COLMAP names a model."""
 COLMAP_LIKE = re.compile(rb"^\s*\d+\s+[A-Z_]+\s+\d+\s+\d+", re.MULTILINE)
 """A line of COLMAP's cameras: number, model, width and height."""
 MIN_FOCAL = 0.02
@@ -30,7 +27,7 @@ def load_cameras(
     photo: tuple[int, int] = (0, 0),
     is_turned: bool = False,
 ) -> list[FileCamera]:
-    """All cameras in a file, as ``cameras_in`` has them."""
+    """Load all cameras in a file, as ``cameras_in``."""
     file = InputFile(Path(path), [], CalibrationFileError, KIND, numbers_as_text=True)
     ending, head = file.path.suffix.lower(), b""
     with file.naming_errors():

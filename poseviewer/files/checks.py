@@ -36,7 +36,6 @@ MAX_PX = 1e7
 """Limit of focal lengths, principal points and sides: 100 times those of the largest pictures."""
 MAX_NAME_LETTERS = 200
 MAX_QUOTE_LETTERS = 60
-"""Characters of a value in a message."""
 Number = Annotated[float, Meta(ge=-MAX_NUMBER, le=MAX_NUMBER)]
 Positive = Annotated[float, Meta(ge=1.0 / MAX_NUMBER, le=MAX_NUMBER)]
 Pixels = Annotated[int, Meta(ge=1, le=10_000_000)]

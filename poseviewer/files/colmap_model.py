@@ -1,5 +1,6 @@
-"""Cameras and images of a COLMAP model, text or binary: https://colmap.github.io/format.html. Pixel
-centres are at i + 0.5, quaternions w first, axes OpenCV's.
+"""Cameras and images of a COLMAP model, text or binary: https://colmap.github.io/format.html.
+
+Pixel centres are at i + 0.5, quaternions w first, axes OpenCV's.
 """
 
 import struct

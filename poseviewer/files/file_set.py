@@ -1,7 +1,6 @@
-"""Sort files that came together (a drop, a zip, a folder) by what they are.
+"""Files that came together (a drop, a zip, a folder), sorted by what they are.
 
-Files hold at most one photo or one set of photos, models with their textures, and at most one pose
-and one camera. What belongs to a model is told by the names inside it; nothing is guessed.
+Names inside a model tell what belongs to it; nothing is guessed.
 """
 
 import os
@@ -33,9 +32,7 @@ Kind = Literal["photo", "model", "pose"]
 MAX_FILES = 10_000
 """Limit of a set: a scene of a thousand photos with depths and masks has some thousand."""
 MAX_MODELS = 200
-"""Models that are opened together, each an object."""
 MAX_NAMED = 5
-"""Files in one sentence."""
 OF_MODELS = (".mtl", ".bin")
 """Files that are nothing without their model."""
 NO_PICTURES = (*OF_MODELS, ".json")
@@ -102,11 +99,18 @@ def is_of_system(name: str) -> bool:
 def sort_set(
     files: Sequence[Path], kind: Kind | None = None, at_hand: Path | None = None
 ) -> FileSet:
-    """Sort ``files`` by what they are.
+    """Sort files by what they are: one photo or set of photos, models, one pose, one camera.
 
-    A picture is a texture where a model names it, else the photo; but beside a model that names
-    pictures, only one that a camera has taken, or whose ``kind`` the user called a photo, is. Of
-    the ``kind`` pose every JSON file is one. ``at_hand``: an open model that may miss what is here.
+    A picture that a model names is a texture. Beside such a model, another picture is the photo only
+    if a camera has taken it.
+
+    Args:
+        files: paths of all that came.
+        kind: what the user calls them; each JSON file of the kind pose is a pose.
+        at_hand: open model, which may miss what is here.
+
+    Raises:
+        FileSetError: several of a kind, or nothing that can be opened.
     """
     of_kind: dict[str, list[Path]] = defaultdict(list)
     for path in files:
@@ -222,9 +226,7 @@ def _kind_of(path: Path, as_pose: bool, sole: bool) -> str:
 
 
 def is_scene_file(path: Path) -> bool:
-    """Whether a file is JSON that says that it is a scene of objects, or is called ``.scene.json``:
-    then what is wrong with it can be told. What it is otherwise is not asked.
-    """
+    """Tell whether a file is JSON of a scene of objects, or is called ``.scene.json``."""
     data = _json_of(path)
     if data.get("format") == SCENE:
         return data.get("version") != 2 or bool(data.get("objects"))

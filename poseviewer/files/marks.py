@@ -1,7 +1,4 @@
-"""Marks on a photo from files and the command line: point pairs, and the ellipses of two wheels.
-
-As in all files, pixel centres are at integers; inside at i + 0.5 (``geometry.frames``).
-"""
+"""Marks on a photo from files and the command line: point pairs, and ellipses of two wheels."""
 
 import csv
 import math
@@ -21,7 +18,6 @@ from poseviewer.vehicle.wheel_pose import Ellipse, Wheels
 PAIR = ("x", "y", "z", "u", "v")
 ELLIPSE = ("cx", "cy", "a", "b", "angle")
 MAX_VALUES: dict[str, float] = dict.fromkeys((*PAIR[3:], *ELLIPSE[:4]), MAX_PX)
-"""Limits of columns in px of the photo."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,8 +35,9 @@ class PointPairs:
 
 
 def load_pairs(path: str | Path) -> PointPairs:
-    """Point pairs from a table: columns x, y, z, u, v, or in the order of a header's names among
-    others; parted by tabs, semicolons, commas or spaces; decimal commas are points.
+    """Load point pairs from a table: columns x, y, z, u, v, or as a header names them.
+
+    Tabs, semicolons, commas or spaces part the columns; decimal commas are points.
     """
     file = _reading(path)
     with file.naming_errors():
@@ -62,9 +59,7 @@ def load_pairs(path: str | Path) -> PointPairs:
 
 
 def wheels_from_text(text: str) -> Wheels:
-    """Wheels from ``cx,cy,a,b,angle;cx,cy,a,b,angle`` (rear, then front; half axes in px, degrees
-    clockwise from the u axis).
-    """
+    """Parse ``cx,cy,a,b,angle;cx,cy,a,b,angle``: rear, then front; px, degrees clockwise."""
     file = _reading("--wheels")
     with file.naming_errors():
         rows = [wheel.split(",") for wheel in text.split(";") if wheel.strip()]

@@ -1,6 +1,4 @@
-"""Masks as pictures: white counts, black is hidden by something in front. A pose file names its
-mask, which lies beside it.
-"""
+"""Masks as pictures: white counts, black is occluded."""
 
 from base64 import b64decode, b64encode
 from io import BytesIO
@@ -24,9 +22,7 @@ INLINE = "data:image/png;base64,"
 
 
 def load_mask(path: str | Path, size: tuple[int, int] | None = None) -> Mask:
-    """The mask in a picture, or in a text of ``mask_text``; white is 1 and black 0. ``size``: width
-    and height that are wanted, px.
-    """
+    """Load the mask in a picture, or in a text of ``mask_text``, of ``size`` (width, height)."""
     is_inline = str(path).startswith(INLINE)
     file = InputFile(Path("a mask" if is_inline else path), [], PhotoFileError, "mask")
     if is_inline:

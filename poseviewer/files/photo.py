@@ -23,7 +23,6 @@ from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import MAX_SIDE_PX, UPRIGHT, Undistortion, undistort
 
 ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
-"""Endings of photo files."""
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "PPM")
 """Pillow's names of them; its readers of others believe the lengths that a file claims."""
 RAW_ENDINGS = (".dng", ".nef", ".cr2", ".cr3", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw")
@@ -33,9 +32,11 @@ BITS = 258
 PHOTOMETRIC = 262
 SAMPLES = 277
 PLANAR = 284
-"""TIFF's tags."""
-WHITE_IS_ZERO, MAX_CENTRE_ERROR = 0, 2
-"""Values of ``PHOTOMETRIC`` and ``PLANAR``."""
+"""Tags of TIFF, as those above."""
+WHITE_IS_ZERO = 0
+"""Value of ``PHOTOMETRIC``."""
+IN_PLANES = 2
+"""Value of ``PLANAR``: each colour has a plane of its own."""
 REDUCED = 1
 """Subfile type of a preview, as that of raw files is."""
 MAX_MEGAPIXELS = 100.0
@@ -53,9 +54,9 @@ MM_PER_RESOLUTION_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 
 
 def load_photo(path: str | Path) -> Photo:
-    """The photo in a file: grey or RGB without transparency, 8 or 16 bits, upright.
+    """Load a photo: grey or RGB without transparency, 8 or 16 bits, upright.
 
-    What would unpack to more than 100 megapixels is refused before it is decoded.
+    A photo of more than 100 megapixels is refused before it is decoded.
     """
     file = _reading(path)
     with file.naming_errors(), quiet_libraries():
@@ -97,9 +98,7 @@ def _exif_tags(path: str | Path) -> dict[int, Any]:
 
 
 def save_image(path: str | Path, rgb: NDArray, *, is_own: bool = False) -> None:
-    """Write a picture (height, width, 3), RGB, in the format of the file's ending, as by
-    ``write_whole``.
-    """
+    """Write a picture (height, width, 3), RGB, in the format of the file's ending."""
     path = Path(path)
     if not cv2.haveImageWriter(f"a{path.suffix}"):
         found = f"pictures cannot be written as {path.suffix!r}"
@@ -135,7 +134,7 @@ def _decode(file: InputFile, data: bytes) -> tuple[NDArray, float | None, bool]:
                 if image.mode not in ("L", "RGB"):
                     image = image.convert("L" if image.mode in ("1", "LA") else "RGB")
                 return np.atleast_3d(np.asarray(image)), focal, is_transparent
-            if tags.get(PLANAR, 1) == MAX_CENTRE_ERROR and tags.get(SAMPLES, 1) > 1:
+            if tags.get(PLANAR, 1) == IN_PLANES and tags.get(SAMPLES, 1) > 1:
                 found = "a TIFF of 16 bits that has each colour in a plane of its own"
                 raise file.error(found, "save it with interleaved pixels, or as PNG")
             image.close()  # frees its pixels

@@ -1,5 +1,6 @@
-"""Views from files: of scene files, and of sets of photos whose cameras know their poses to one
-another: COLMAP's models, ``transforms.json`` of nerfstudio and NeRF, and BOP scenes.
+"""Sets of photos whose cameras know their poses to one another.
+
+COLMAP's models, ``transforms.json`` of nerfstudio and NeRF, BOP scenes, and our scene files.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -168,9 +169,7 @@ def _of_bop(file: InputFile, choice: SetChoice) -> Iterator[View]:
 
 
 def _is_chosen(name: str, photos: Sequence[str]) -> bool:
-    """Whether a photo is one of those wanted, by its name with or without folders, by stem, or by
-    number (BOP).
-    """
+    """Tell whether a photo is wanted, by name, end of its path, stem, or number (BOP)."""
     path = PurePosixPath(with_slashes(name))
     numbers = {str(int(path.stem))} if path.stem.isdecimal() else set()
     if not photos or not {path.stem, *numbers}.isdisjoint(photos):

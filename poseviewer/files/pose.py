@@ -88,11 +88,10 @@ class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
 
 
 def load_pose(path: str | Path, width: int | None = None, height: int | None = None) -> PoseRecord:
-    """Load the pose in a file, for a photo of ``width`` x ``height`` px; by default of the size
-    that the file says, or 1 x 1.
+    """Load the pose in a file, for a photo of ``width`` x ``height`` px or of the file's size.
 
-    Only ``projection``, ``camera`` and ``camera_from_model`` are needed; unknown fields are
-    ignored. A rotation off by rounding is made exact; below 1 degree, with a warning.
+    Only ``projection``, ``camera`` and ``camera_from_model`` are needed; unknown fields are ignored.
+    A rotation off by less than 1 degree is made exact, beyond rounding with a warning.
 
     Raises:
         PoseFileError: there is no such file, or it does not hold a pose.

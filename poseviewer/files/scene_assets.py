@@ -76,8 +76,9 @@ def view_of_file(
 
 
 def open_view(view: View) -> tuple[View, tuple[str, ...]]:
-    """Read the photo of a view; and say what the user should know. The photo may be of any size
-    where the view is of 0x0 px.
+    """Read the photo of a view; also return notes for the user.
+
+    The photo may be of any size where the view is of 0x0 px.
     """
     path = view.path
     if path is not None and not view.file.width:

@@ -1,8 +1,7 @@
 """Scene files: JSON that says which models are where in which photos (``scene.schema.json``).
 
-Each type of ``scene.types`` has a form in files: a struct of its own fields, made here from the
-type, which msgspec checks and writes the schema of. A field that is added to a type is in files,
-too. In files, paths start from the scene's folder; in a scene they are absolute.
+Each type of ``scene.types`` has a form in files, a struct that msgspec checks and whose schema it
+writes, made here from the type's fields. Paths in files start from the scene's folder.
 """
 
 import os
@@ -48,7 +47,6 @@ from poseviewer.scene.types import (
 
 KIND = "scene file"
 VERSION = 2
-"""Version of scene files."""
 SOFTWARE = {"name": "poseviewer", "version": version("poseviewer")}
 """The program, as files name what wrote them."""
 Region = Annotated[tuple[s.Number, ...], Meta(min_length=4, max_length=4)]
@@ -202,7 +200,6 @@ DESCRIPTIONS: dict[type, str] = {
         folder. unit: of the world; free_scale: nothing tells the world's unit in the model's, it is
         to be searched for.""",
 }
-"""Descriptions in the schema."""
 HEADS: dict[type, list[tuple[str, Any, Any]]] = {
     Scene: [("format", Literal["poseviewer-scene"], s.SCENE), ("version", Literal[2], VERSION)]
 }
@@ -268,9 +265,7 @@ def _form_of_fields(kind: Any) -> JsonForm:
 
 
 SceneJson: Any = form_of(Scene).kind
-"""Struct of a scene file."""
 SearchResultJson: Any = form_of(SearchResult).kind
-"""Struct of the result of a search."""
 OF_OBJECT = ("without", "note")
 """Fields that objects share with pose files."""
 AS_IN_POSE = ("loss", "unexplained", "verdict", "settings", "notes")
@@ -307,14 +302,15 @@ def _whole(scene: Scene, item: SceneObject) -> SceneObject:
 
 
 def load_scene(path: str | Path, inside: Path | None = None) -> Scene:
-    """The scene in a file; its photos and models are there, but not yet read.
+    """Load a scene whose photos and models are there, but not yet read.
 
-    ``inside``: a folder in which all of them have to lie.
+    Args:
+        path: scene file.
+        inside: folder in which all files have to lie.
 
     Raises:
-        PoseFileError: there is no such file, it does not hold a scene, or names a file that is not
-            there or not ``inside``; two objects have one id; the scale is not known, and there are
-            several objects.
+        PoseFileError: it is no scene, its parts do not fit together, or it names a file that is not
+            there or not ``inside``.
         PoseViewerError: a mask cannot be used; settings make no sense.
     """
     file = InputFile(Path(path).absolute(), kind=KIND)
@@ -345,9 +341,7 @@ def decode_scene(file: InputFile, data: Any, what: str = "") -> Any:
 
 
 def _with_files(form: Any, name: Named, name_inline: Named | None = None) -> Any:
-    """The ``SceneJson`` with its files under other names; masks that stand in it stay, or become
-    files by ``name_inline``.
-    """
+    """Rename the files of a ``SceneJson``; masks in it become files by ``name_inline``."""
 
     def named(mask: str | None, where: str) -> str | None:
         change = name_inline if mask and mask.startswith(INLINE) else name
@@ -370,8 +364,9 @@ def _with_files(form: Any, name: Named, name_inline: Named | None = None) -> Any
 
 
 def as_saved(scene: Scene, *, canonical: bool = True) -> Scene:
-    """The scene as files have it: without starts; what a search took for something in front is in
-    the masks; a pose of a symmetric model is a ``canonical`` one of those that show the same.
+    """Return the scene as files have it: occlusion is in the masks, starts are left out.
+
+    A pose of a symmetric model is a ``canonical`` one of those that show the same.
     """
     objects = tuple(_object_as_saved(scene, i, canonical) for i in range(len(scene.objects)))
     return replace(scene, objects=objects, software=SOFTWARE)

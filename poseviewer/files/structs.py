@@ -1,5 +1,4 @@
-"""JSON of our own formats as structs (msgspec): what a file may hold, its schema, and errors in a
-sentence; and geometry to and from the structs that pose files and scene files share.
+"""JSON of our own formats as structs (msgspec), which give schema and errors.
 
 In files, pixel centres are at integers, as in OpenCV; inside at i + 0.5 (``geometry.frames``).
 """
@@ -23,7 +22,6 @@ Focal = Annotated[float, Meta(ge=1.0 / MAX_PX, le=MAX_PX)]
 PrincipalPoint = Annotated[float, Meta(ge=-MAX_PX, le=MAX_PX)]
 Sha256 = Annotated[str, Meta(extra_json_schema={"pattern": "^[0-9a-fA-F]{64}$"})]
 SCENE = "poseviewer-scene"
-"""Name of the format of scene files."""
 Projection = Literal["perspective", "parallel"]
 NEEDED: dict[Projection, tuple[str, ...]] = {"perspective": ("fx", "fy"), "parallel": ("scale",)}
 """Numbers of a camera beside its principal point, by its projection."""
@@ -36,7 +34,6 @@ PROJECTIONS: Any = {
 """Schema of what a camera needs by its projection."""
 LensName = Literal["opencv", "opencv-fisheye"]
 MODELS: dict[LensName, LensModel] = {"opencv": "opencv", "opencv-fisheye": "fisheye"}
-"""Names of lens models in files."""
 NOTE = (
     "The pose, its camera and its chart belong to the undistorted photo, not to the photo as taken."
 )

@@ -19,7 +19,6 @@ from poseviewer.geometry.symmetry_group import MAX_FOLD, NO_SYMMETRY, Symmetry, 
 FORMAT = "poseviewer-symmetry"
 KIND = "symmetry file"
 ANY: Literal["any"] = "any"
-"""The fold of a continuous symmetry, in files."""
 BOP_MODEL = re.compile(r"obj_(\d{6})\.ply")
 
 

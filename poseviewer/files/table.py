@@ -16,9 +16,7 @@ Row = TypeVar("Row")
 
 
 def load_rows(path: Path, row_type: type[Row]) -> list[Row]:
-    """Read rows of a dataclass of texts, numbers and truth values, a line each; none where there is
-    no table. A last line that was cut off is dropped from the file.
-    """
+    """Read rows of a dataclass, a line each; a last line that was cut off is dropped."""
     file = InputFile(path, [], SettingsError, "table of trials", MAX_DATA_BYTES)
     text = file.load_text() if path.exists() and path.stat().st_size else ""
     whole = text[: text.rfind("\n") + 1]

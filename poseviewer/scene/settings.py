@@ -27,7 +27,6 @@ SEARCHES: dict[SearchName, str] = {
     "simplex": "Restarted simplex",
     "models": "CMA-ES and quadratic models",
 }
-"""Names of the searches for people."""
 OF_LOSS = ("grey", "colour_reflectance", "pixels")
 """The settings that each loss has its own of: what it compares."""
 

@@ -253,7 +253,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, help="(a new one, which is printed)")
     parser.add_argument("--keep", type=Path, help="a folder for what is found")
     options = parser.parse_args()
-    uploads.KEPT, uploads.OLD_S = 1, 0.0  # the disk is small
+    uploads.MIN_UPLOADS, uploads.OLD_S = 1, 0.0  # the disk is small
     seed = random.SystemRandom().randrange(1 << 32) if options.seed is None else options.seed
     print(f"seed {seed}", flush=True)
     seconds = options.seconds / len(options.readers)

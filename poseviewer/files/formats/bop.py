@@ -1,7 +1,7 @@
 """BOP's scenes: ``scene_gt.json`` and ``scene_camera.json``, single poses or all images at once.
 
-As published in the BOP toolkit's ``docs/bop_datasets_format.md``: translations in mm, rotations and
-K row-major, OpenCV axes, pixel centres at integers.
+As in the BOP toolkit's ``docs/bop_datasets_format.md``: translations in mm, rotations and K
+row-major, OpenCV axes, pixel centres at integers.
 """
 
 import json
@@ -29,12 +29,13 @@ from poseviewer.scene.types import Scene, SceneObject
 MAX_DIGITS = 18
 """Length of an image's number: what 64 bits hold."""
 UNIT = "mm"
-CAMERAS, POSES = "scene_camera.json", "scene_gt.json"
+CAMERAS = "scene_camera.json"
+POSES = "scene_gt.json"
 WORLD = ("cam_R_w2c", "cam_t_w2c")
 """BOP's names of the camera from the scene's world; many scenes do not have it."""
 IN_CAMERA = ("cam_R_m2c", "cam_t_m2c")
-"""BOP's names of the camera from a model."""
-PHOTO_NAME, MODEL_NAME = r"(\d+)\.\w+", r"obj_(\d+)\.\w+"
+PHOTO_NAME = r"(\d+)\.\w+"
+MODEL_NAME = r"obj_(\d+)\.\w+"
 PHOTO_FOLDERS = ("gray", "rgb")
 """Folders of a scene's photos; of both, the second counts."""
 PHOTO_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
@@ -74,9 +75,7 @@ class BopImage:
 
 
 def write_bop(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.Contents:
-    """Append an object's poses to the scene folder ``out``, unless they are there; of several
-    objects, write their poses as the whole image.
-    """
+    """Append an object's poses to a scene folder; with several objects, write the whole image."""
     in_cameras, in_poses = (InputFile(out / name) for name in (CAMERAS, POSES))
     cameras, poses = (load_scene_file(file.path) for file in (in_cameras, in_poses))
     for index, view in enumerate(scene.views):
@@ -103,10 +102,7 @@ def write_bop(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.
 
 
 def read_bop(path: Path, request: c.ConvertOptions) -> Scene:
-    """Read all objects of an image of a scene folder, or those of the number ``object_id``.
-
-    Their models lie in the folder ``request.model``, where one is named.
-    """
+    """Read the objects of an image; ``request.model`` may be the folder of their models."""
     file = InputFile(path / POSES)
     asked = request.object_id
     stem = Path(request.image or "").stem

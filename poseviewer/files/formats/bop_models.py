@@ -1,7 +1,7 @@
 """BOP's models and estimated poses: ``models_info.json``, and tables of results.
 
-As published in the BOP toolkit's ``docs/bop_datasets_format.md`` and
-``docs/bop_challenge_2019.md``; lengths in mm; symmetries map the model onto itself.
+As in the BOP toolkit's ``docs/bop_datasets_format.md`` and ``docs/bop_challenge_2019.md``; lengths
+in mm.
 """
 
 import csv
@@ -19,7 +19,6 @@ from poseviewer.geometry.transform import RigidTransform, nearest_rotation
 
 MODELS_INFO = "models_info.json"
 RESULTS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
-"""The columns of a table of results."""
 NO_ROTATION = 0.01
 """By how much a rotation's product with its own transpose may differ from 1: files round, to two
 digits at worst."""

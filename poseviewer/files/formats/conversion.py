@@ -1,9 +1,7 @@
-"""Formats: their functions, the options of a conversion, checks that all share, and the choice of
-the photo that the numbers of a file belong to.
+"""Formats, the options of a conversion, and the photo that the numbers of a file belong to.
 
-Where the photo was undistorted for the pose, a tool that has the photo's lens model gets camera and
-lens of the photo as taken: the same polynomials under its own names. Every other gets the
-undistorted photo, written beside its file, and the pinhole camera of that.
+A tool that has the photo's lens model gets camera and lens of the photo as taken; every other gets
+the undistorted photo, written beside its file, and the pinhole camera of that.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -41,9 +39,7 @@ from poseviewer.scene.types import Scene, SceneObject, View
 Entry = TypeVar("Entry")
 Contents = Mapping[Path, str | bytes]
 MAX_NAMED = 10
-"""Number of images in a message."""
 TURNED = "stored turned (EXIF)"
-"""Words of a photo in notes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,9 +79,7 @@ class ConvertOptions:
         return self.unit or next((o.model.unit for o in scene.objects if o.model.unit), None)
 
     def lengths_in(self, unit: str, scene: Scene, tool: str) -> float:
-        """The tool's ``unit``, in which its lengths are, in the models'; raises PoseFileError where
-        theirs is not known.
-        """
+        """Return the tool's ``unit`` in the models'; raises PoseFileError if that is unknown."""
         own = self.unit_of(scene)
         if own is None:
             found = f"{tool} wants {unit}, and the model's unit is not known"
@@ -242,7 +236,7 @@ class Format:
 
 
 def turn_view(view: View, orientation: int) -> View:
-    """The view in a picture turned by EXIF's orientation, with camera, lens and place.
+    """Turn a view by EXIF's orientation, with camera, lens and pose.
 
     Raises:
         PoseFileError: no camera sees that picture.
@@ -306,10 +300,10 @@ def from_4x4(file: InputFile, values: Any, what: str) -> RigidTransform:
 
 
 def in_one_world(scene: Scene) -> tuple[list[FloatArray], list[Pose]]:
-    """The objects and cameras of a scene in one frame: the model's, or, of several objects, the
-    first camera's with OpenGL's axes; lengths in the models' unit.
+    """Return world from model (4, 4) for each object, and each view's camera from the world.
 
-    Returns world from model (4, 4) for each object, and each view's camera from the world.
+    The world is the model's frame or, with several objects, the first camera's with OpenGL's axes;
+    lengths are in the models' unit.
     """
     if len(scene.objects) == 1:
         return [np.eye(4)], [scene.pose(0, view) for view in range(len(scene.views))]
@@ -352,9 +346,7 @@ def metres_per_unit(unit: str) -> float:
 def cameras_as_taken(
     scene: Scene, tool: str, lenses: Lenses
 ) -> Iterator[tuple[Path, RigidTransform, Perspective, str, tuple[float, ...]]]:
-    """List for each photo as taken its path, ``camera_from_model`` of the only object, the camera
-    (pixel centres at i + 0.5), and the tool's name of its lens and coefficients.
-    """
+    """Iterate over photos as taken: path, camera_from_model, camera, lens model, coefficients."""
     for index, view in enumerate(scene.views):
         perspective_of(view.camera, tool)
         taken = _as_taken(view, lenses)
@@ -363,9 +355,7 @@ def cameras_as_taken(
 
 
 def _as_taken(view: View, lenses: Lenses) -> tuple[Perspective, str, tuple[float, ...]] | None:
-    """Camera of a view's photo as taken, and name and coefficients of the first model that holds
-    its lens; None where a format has no such model, or the camera is another by now.
-    """
+    """Return camera, lens model and coefficients of the photo as taken, if the format has it."""
     camera = view.camera
     undistortion = view.file.undistortion
     model = "opencv"

@@ -1,12 +1,11 @@
 """glTF: the model, the camera that sees it, and the photo on a plane behind the model (GLB).
 
-The model's frame is glTF's world. glTF cameras look through the middle of their picture; where
-the principal point is elsewhere, the view is widened until it holds the whole photo, and the
-photo's plane still lies exactly where it belongs. ``extras`` of the camera say the photo's size
-and principal point; without them, it is the photo's middle.
+The model's frame is glTF's world. glTF cameras look through the middle of their picture: the view
+is widened until it holds the whole photo, and ``extras`` of the camera say the photo's size and
+principal point.
 
-Written here rather than by trimesh, which keeps linear colours in 8 bits (dark ones run into each
-other) and knows neither orthographic cameras nor materials without light.
+Written here since trimesh keeps linear colours in 8 bits and knows neither orthographic cameras nor
+materials without light.
 """
 
 import json
@@ -39,13 +38,10 @@ PLANE_BEHIND = 1.05
 FAR = 100.0
 """Distance of a model from its origin, in its diameters, at which 1e-5 of it are lost."""
 NEAREST = 1e-3
-"""Distance of the near plane, in those of the model's furthest point."""
 FLOAT = 5126
 UNSIGNED = 5125
-"""OpenGL's types of a buffer's components."""
 VERTICES = 34962
 INDICES = 34963
-"""OpenGL's targets: what a buffer is for."""
 
 
 def write_gltf_scene(
@@ -95,9 +91,7 @@ def _origin(mesh: Mesh) -> FloatArray:
 
 
 def _before(pose: Pose, points: FloatArray) -> tuple[Pose, float]:
-    """The pose with the points before the camera, as parallel projection has no depth to keep; and
-    the depth of the furthest, or a little where all are behind the camera.
-    """
+    """Move a parallel camera back until all points are ahead; also return the furthest depth."""
     place, size = pose.camera_from_model, float(np.linalg.norm(np.ptp(points, axis=0)))
     depths = place.apply(points)[:, 2]
     if isinstance(pose.camera, Parallel):
@@ -140,10 +134,7 @@ class _Glb:
         )
 
     def add_mesh(self, mesh: Mesh, unlit: str = "") -> int:
-        """The model about its ``_origin``, a primitive for each texture; returns the mesh's index.
-
-        ``unlit``: the name of one that is shown without light.
-        """
+        """Add a model about its ``_origin``, named ``unlit`` if it is shown without light."""
         attributes = {
             "POSITION": self.add_array(mesh.vertices - _origin(mesh)),
             "NORMAL": self.add_array(mesh.normals),

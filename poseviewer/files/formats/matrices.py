@@ -1,16 +1,10 @@
-"""Poses of one model as matrices, vectors and quaternions alone; pixel centres are at integers.
+"""Poses of one model as matrices, vectors and quaternions; pixel centres are at integers.
 
-``opencv``: camera matrix, rotation vector and translation in the files of ``cv2.FileStorage``, by
-the names of OpenCV's own calibration sample; rows first.
-
-``matrix``: the 4x4 matrix camera from model, row-major, as text, JSON or ``.npy``: what
-FoundationPose, SAM-6D and most scripts print. It says no camera, which a file of one has to.
-
-``linemod``: LINEMOD's ``rot0.rot`` and ``tra0.tra``, in cm; and the text of Occlusion-LINEMOD (read
-alone), in m and with OpenGL's axes. They say no camera.
-
-``dope``: DOPE's and NDDS's JSON (https://github.com/NVlabs/Deep_Object_Pose): cm, OpenCV axes,
-quaternions x y z w.
+``opencv``: the files of ``cv2.FileStorage``, by the names of OpenCV's calibration sample.
+``matrix``: camera from model, row-major, as FoundationPose and SAM-6D print it; it says no camera.
+``linemod``: ``rot0.rot`` and ``tra0.tra``, in cm; the text of Occlusion-LINEMOD (read alone), in m
+with OpenGL's axes. They say no camera.
+``dope``: JSON of https://github.com/NVlabs/Deep_Object_Pose: cm, OpenCV axes, quaternions x y z w.
 """
 
 import json
@@ -38,12 +32,12 @@ from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.geometry.world_pose import WORLD
 from poseviewer.scene.types import Scene, SceneObject, View
 
-ENDINGS, STORAGES = (".txt", ".npy", ".json"), (".yml", ".yaml", ".json")
-"""Endings of matrices' and of OpenCV's files."""
+ENDINGS = (".txt", ".npy", ".json")
+OPENCV_ENDINGS = (".yml", ".yaml", ".json")
 FISHEYE = "OpenCV fisheye"
 LENSES: c.Lenses = (*(("OpenCV", "opencv", n) for n in (5, 8, 12, 14)), (FISHEYE, "fisheye", 4))
 UNIT = "cm"
-"""DOPE's and LINEMOD's."""
+"""Of DOPE and LINEMOD."""
 LINEMOD_ENDINGS = (".rot", ".tra")
 
 
@@ -51,8 +45,10 @@ def write_opencv(scene: Scene, out: Path, *_: object) -> dict[Path, str]:
     """Write YAML or JSON, by the ending."""
     transform, camera, lens, k = next(c.cameras_as_taken(scene, "OpenCV", LENSES))[1:]
     ending = out.suffix.lower()
-    if ending not in STORAGES:
-        raise PoseFileError(f"{out.name}: OpenCV files end in {', '.join(STORAGES)}; name one so.")
+    if ending not in OPENCV_ENDINGS:
+        raise PoseFileError(
+            f"{out.name}: OpenCV files end in {', '.join(OPENCV_ENDINGS)}; name one so."
+        )
     storage = cv2.FileStorage(f"m{ending}", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
     storage.write("image_width", camera.width)
     storage.write("image_height", camera.height)

@@ -1,8 +1,7 @@
 """MeshLab's project: model, camera and photo together, to be looked at.
 
-The axes of the rows of ``RotationMatrix`` (the VCG library's ``Shot``) are OpenGL's,
-``TranslationVector`` is minus the camera's place, and ``CenterPx`` counts from the lower left
-corner of the picture, with pixel centres at i + 0.5.
+The axes of ``RotationMatrix`` are OpenGL's, ``TranslationVector`` is minus the camera's position,
+and ``CenterPx`` counts from the lower left corner, with pixel centres at i + 0.5.
 """
 
 from pathlib import Path

@@ -1,10 +1,7 @@
-"""Cameras as programs of 3D reconstruction keep them; the world is the model's frame, pixel centres
-are at i + 0.5. COLMAP's model is written as text (``colmap_model``).
+"""Cameras of programs of 3D reconstruction; the world is the model's frame.
 
-nerfstudio's ``transforms.json`` (https://docs.nerf.studio/quickstart/data_conventions.html): camera
-to world, OpenGL axes; its ``Cameras.generate_rays`` looks through the pixel (i, j) at
-``((j + 0.5 - cx) / fl_x, -(i + 0.5 - cy) / fl_y, -1)``, and its ``_undistort_image`` hands ``k1 k2
-k3 p1 p2`` (or the fisheye's ``k1 .. k4``) to OpenCV in OpenCV's order.
+Pixel centres are at i + 0.5. nerfstudio's ``transforms.json``: camera to world, OpenGL axes
+(https://docs.nerf.studio/quickstart/data_conventions.html).
 """
 
 import json
@@ -25,7 +22,6 @@ from poseviewer.scene.types import Scene, View
 PHOTO_ENDINGS = ("", ".png", ".jpg", ".jpeg")
 """NeRF's own sets leave them out."""
 INTRINSICS = ("fl_x", "fl_y", "cx", "cy")
-"""nerfstudio's names."""
 COLMAP_LENSES: c.Lenses = (
     ("PINHOLE", "opencv", 0),
     ("OPENCV", "opencv", 4),
@@ -66,9 +62,7 @@ def read_colmap(path: Path, request: c.ConvertOptions) -> Scene:
 
 
 def colmap_views(folder: Path, file: InputFile) -> list[tuple[str, View]]:
-    """Name and view of each image of the model in a folder, the photo beside the model's files;
-    ``file``: of its images.
-    """
+    """List name and view of each image of the model in a folder; ``file``: of its images."""
     of_cameras, views = InputFile(colmap_file(folder, "cameras"), file.warnings), []
     images, cameras = colmap_images(file), colmap_cameras(of_cameras)
     for name, key, pose in images:

@@ -1,7 +1,7 @@
-"""COLLADA (https://www.khronos.org/collada/) by pycollada, the parser that trimesh has for it.
+"""COLLADA (https://www.khronos.org/collada/) by pycollada.
 
-The walk through what pycollada gives is ours: trimesh's cuts concave polygons wrong, and passes
-over names of nodes, colours beside a material, skins, and pictures that are not there.
+trimesh's walk through it cuts concave polygons wrong, and passes over names of nodes, colours
+beside a material, skins, and pictures that are not there.
 """
 
 from dataclasses import replace
@@ -24,7 +24,6 @@ REFUSED = {"instance_controller": "a skin or morph", "ph": "polygons with holes"
            "skew": "a skewed node", "lookat": "a node turned by lookat"}  # fmt: skip
 """Elements that change the shape, and are not read."""
 LOST = {"animation": "animations", "lines": "lines", "linestrips": "lines"}
-"""Elements that are left out with a note."""
 IDLE = ("library_animations", "library_cameras", "library_lights", "library_controllers",
         "instance_camera", "instance_light", "extra")  # fmt: skip
 """Elements that say nothing of shape and base colour."""

@@ -1,9 +1,4 @@
-"""glTF 2.0 and GLB (https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html), with the registered
-extensions that change shape or colour.
-
-Read here rather than by trimesh, which passes over sparse and normalised accessors, texture
-transforms, further texture coordinates, skins and instances without a word.
-"""
+"""glTF 2.0 and GLB (https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html) with extensions."""
 
 import json
 import struct
@@ -31,8 +26,10 @@ from poseviewer.files.mesh.polygons import strip_corners
 from poseviewer.geometry.image import srgb_from_linear
 
 GLTF = (".glb", ".gltf")
-GLB_HEADER, GLB_CHUNK = 20, 8
-"""Bytes of the headers of a GLB file with its first chunk, JSON, and of its second."""
+GLB_HEADER = 20
+"""Bytes of a GLB file's header and that of its first chunk, JSON."""
+GLB_CHUNK = 8
+"""Bytes of the header of its second chunk."""
 UNDERSTOOD = (
     "KHR_mesh_quantization", "KHR_texture_transform", "EXT_mesh_gpu_instancing",
     "KHR_materials_pbrSpecularGlossiness", "EXT_texture_webp", "KHR_node_visibility",
@@ -52,7 +49,6 @@ STRIP = 5
 FAN = 6
 TRIANGLES = 4
 REPEAT = 10497
-"""Wrap mode of a sampler whose texture is wrapped around."""
 CUT = ("MASK", "BLEND")
 """Modes in which alpha makes something invisible."""
 MIN_ALPHA = 0.05
@@ -187,9 +183,7 @@ class _Document:
     def _add_texture(
         self, part: Part, material: dict[str, Any], attributes: dict[str, int], alpha: NDArray
     ) -> Part:
-        """The part with its texture, without triangles that are invisible: by alpha, of vertices
-        (V,) or of all (), times the texture's.
-        """
+        """Add the texture, and leave out triangles that ``alpha``, (V,) or (), makes invisible."""
         info = _look(material)[1] or {}
         transform = _extension(info, "KHR_texture_transform") or {}
         coordinates = f"TEXCOORD_{transform.get('texCoord', info.get('texCoord', 0))}"

@@ -9,20 +9,22 @@ from poseviewer.files.checks import InputFile, quiet_libraries
 from poseviewer.files.mesh.parts import ModelParts
 from poseviewer.processes import call_in_subprocess
 
-DEADLINE_S, BYTES_PER_S = 20.0, 250_000
-"""Time that a reader may take, and longer by a second for so many bytes of the file."""
-MAX_MEMORY_BYTES, PER_BYTE = 4_000_000_000, 40
-"""Bytes that a reader may take, and more for each byte of the file."""
+DEADLINE_S = 20.0
+"""Time that a reader may take for a small file."""
+BYTES_PER_S = 250_000
+"""Bytes of a file that give its reader a second more."""
+MAX_MEMORY_BYTES = 4_000_000_000
+"""Memory that a reader may take for a small file."""
+MEMORY_PER_BYTE = 40
+"""Memory that a reader may take for each byte of the file besides."""
 
 
 def isolate(reader: Callable[[Path], ModelParts]) -> Callable[[Path], ModelParts]:
-    """Return the reader with a deadline and a bound of memory, in a process of its own: what ends
-    that process is a MeshFileError here.
-    """
+    """Run a reader in a process of its own, within a deadline and a bound of memory."""
 
     def read(path: Path) -> ModelParts:
         size = path.stat().st_size
-        seconds, memory = DEADLINE_S + size / BYTES_PER_S, MAX_MEMORY_BYTES + PER_BYTE * size
+        seconds, memory = DEADLINE_S + size / BYTES_PER_S, MAX_MEMORY_BYTES + MEMORY_PER_BYTE * size
         try:
             return call_in_subprocess(_read, reader, path, seconds=seconds, memory=memory)
         except subprocess.TimeoutExpired:

@@ -30,11 +30,10 @@ FINE_ANGLE = 0.2
 
 
 def load_mesh(path: str | Path) -> Mesh:
-    """The model in a file of one of the formats of ``READERS``.
+    """Load the model in a file of one of the formats of ``READERS``.
 
-    Reflectance comes from textures, vertex colours or material colours, whichever the file has.
-    Normals are the file's where they make sense, else computed. What had to be mended or left
-    out stands in ``notes``.
+    Reflectance is that of textures, vertex colours or material colours. Normals are the file's if they
+    make sense, else computed. ``notes`` say what was mended or left out.
     """
     path, known = Path(path), ", ".join(READERS)
     ending = path.suffix.lower()

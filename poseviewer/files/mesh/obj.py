@@ -1,8 +1,4 @@
-"""Wavefront OBJ with its MTL: parts by ``o`` and ``g``, materials by ``usemtl``.
-
-Read here rather than by trimesh, which loses group names where materials change inside a group,
-and gets relative indices in mid-file wrong.
-"""
+"""Wavefront OBJ with its MTL: parts by ``o`` and ``g``, materials by ``usemtl``."""
 
 import re
 from contextlib import suppress
@@ -24,7 +20,6 @@ Material = tuple[NDArray | None, NDArray[np.uint8] | None]
 Relative = dict[int, tuple[int, ...]]
 """Numbers of ``v``, ``vt`` and ``vn`` before each face whose indices count backwards."""
 Changes = list[tuple[int, tuple[str, str]]]
-"""Faces so far, then names of part and material."""
 KINDS = ("v", "vt", "vn", "f", "mtllib", "#MRGB")
 """Words of lines that are read; ``#MRGB`` is ZBrush's: mask, red, green and blue of vertices."""
 IDLE = ("", "s", "mg", "lod", "bevel", "c_interp", "d_interp", "usemap", "maplib", "shadow_obj")
@@ -181,10 +176,7 @@ def _as_part(
 
 
 def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[str, Material]:
-    """The materials by name in the MTL files ``libraries``; missing files are noted.
-
-    A texture replaces the colour Kd, as in Blender: many exporters write Kd 0 beside it.
-    """
+    """Read the materials in MTL files; a texture replaces Kd, as in Blender."""
     materials: dict[str, Material] = {}
     if len(libraries) > MAX_LIBRARIES:
         notes.append(f"Material files left out: all but {MAX_LIBRARIES} of {len(libraries):,}.")

@@ -89,10 +89,9 @@ def check_indices(indices: NDArray, size: int, kind: str = "vertex") -> None:
 
 
 def colours_from_numbers(values: NDArray, notes: list[str]) -> NDArray[np.float64]:
-    """Colours in [0, 1] from numbers of 0 to 1, 255, 65,535 or more, as their largest says.
+    """Scale colours to [0, 1] from 0 to 1, 255, 65,535 or more, as their largest says.
 
-    Bytes count to 255, and so does what has a fraction and is far above 1; a little above, as by
-    light that is baked in, it is cut to 1 with a note.
+    Numbers with a fraction a little above 1 (baked light) are cut to 1 with a note.
     """
     if values.dtype.kind in "iu" and values.itemsize == 1:
         return values.astype(np.uint8) / 255.0

@@ -8,10 +8,13 @@ TURNED = -1e-9
 
 
 def polygon_corners(counts: NDArray, points: NDArray) -> NDArray[np.int64]:
-    """(T, 3) corners of the triangles that polygons with ``counts`` corners (N,) at ``points``
-    (C, 3) fall into: fans about their first corners, or ears where a fan leaves the polygon.
+    """Cut polygons into (T, 3) corners of triangles: fans, or ears where a fan leaves it.
 
     Corners are numbered through all polygons; polygons of fewer than 3 corners give none.
+
+    Args:
+        counts: (N,) corners of each polygon.
+        points: (C, 3) positions of all corners.
     """
     counts = np.asarray(counts, dtype=np.int64)
     triangles, firsts = np.maximum(counts - 2, 0), np.cumsum(counts) - counts

@@ -20,7 +20,6 @@ MIN_COSINE = 0.25
 BAD_NORMALS_SHARE = 0.1
 """A file's normals are not used when they contradict the faces on more than this of the area."""
 MAX_NOTE_LETTERS = 300
-"""Characters."""
 
 
 def as_mesh(name: str, parts: list[Part], notes: list[str]) -> Mesh:

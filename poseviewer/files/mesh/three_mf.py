@@ -25,12 +25,11 @@ XML = etree.XMLParser(resolve_entities=False, no_network=True)
 
 
 def read_3mf(path: Path) -> ModelParts:
-    """A part for each object that the file builds, as often as it does, and notes.
+    """Read a part for each object that the file builds, as often as it does.
 
     Raises:
-        MeshFileError: The file needs an extension that is not read, or has objects in further
-            files, which trimesh 5.2 mixes up.
-        ValueError: The file is damaged.
+        MeshFileError: an extension is needed that is not read, or objects are in further files.
+        ValueError: the file is damaged.
     """
     from trimesh.exchange.threemf import load_3MF
 

@@ -1,8 +1,4 @@
-"""Sessions saved while they run, so that one that crashed can be opened again.
-
-A session is a scene, its files named by absolute paths and its masks in it, and what the user works
-on.
-"""
+"""Sessions saved while they run, so that one that crashed can be opened again."""
 
 import json
 import logging
@@ -21,7 +17,8 @@ from poseviewer.files.checks import MAX_DATA_BYTES, InputFile
 from poseviewer.files.writing import lock_file, write_whole, writing_to
 from poseviewer.scene.types import Scene
 
-FORMAT, VERSION = "poseviewer-autosave", 2
+FORMAT = "poseviewer-autosave"
+VERSION = 2
 EXPIRY_S = 30 * 24 * 3600.0
 """Age of a session, left behind, at which nobody will come back for it; its uploads may go then."""
 
@@ -55,11 +52,7 @@ class AutosavedSession:
 
 
 class SessionFile:
-    """The file of this process's session in a folder.
-
-    Beside it lies a file that is locked as long as the process lives: so others can tell whether
-    the session was left behind.
-    """
+    """File of this process's session; a file beside it is locked while the process lives."""
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / f"session-{secrets.token_hex(8)}.json"
@@ -103,9 +96,9 @@ def load_autosave(path: Path) -> AutosavedSession:
 
 
 def find_abandoned(folder: Path) -> tuple[Path, AutosavedSession] | None:
-    """The newest session in ``folder`` whose process no longer runs, and its file.
+    """Find the newest session in ``folder`` whose process no longer runs, and its file.
 
-    Damaged ones are left out, with a line in the log; those of ``EXPIRY_S`` ago are removed.
+    Damaged ones are logged and left out; those of ``EXPIRY_S`` ago are removed.
     """
     sessions = []
     for path in sorted(folder.glob("session-*.json")):

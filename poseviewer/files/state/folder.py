@@ -36,9 +36,7 @@ def state_folder() -> Path:
 
 
 def load_token(folder: Path) -> str:
-    """The token of the user's apps, from a file that nobody else reads: a page that is open, and
-    its address, outlive the app. A new one where none can be kept.
-    """
+    """Load the token of the user's apps from a private file, or return a fresh one."""
     fresh, path = secrets.token_urlsafe(), folder / "token"
     with suppress(OSError, ValueError):
         with suppress(FileExistsError):

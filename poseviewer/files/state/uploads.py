@@ -32,14 +32,15 @@ from poseviewer.scene.types import Scene
 MAX_UPLOAD_BYTES = 200_000_000
 """Bytes: viser holds an upload in memory."""
 MAX_UNPACKED_BYTES = 1_000_000_000
-"""Bytes of the content of all zips that come together."""
 MAX_DIRECTORY_BYTES = 4_000_000
 """Bytes of a zip's directory: twice ``MAX_FILES`` entries with names of 150 bytes have fewer."""
 MAX_END_BYTES = 65_535 + 22 + 20 + 56
 """Bytes at the end of a zip that say where its directory is, with the longest comment."""
 UNPACK = "unpack it yourself and start poseviewer with the path of what is needed"
-KEPT, OLD_S = 20, 3600.0
-"""Newest uploads that stay, and age (s) at which others go."""
+MIN_UPLOADS = 20
+"""Number of the newest uploads that stay at any age."""
+OLD_S = 3600.0
+"""Age (s) at which others go."""
 BEGUN = "new-"
 """A set that is not whole yet has such a name."""
 MAX_NAME_LETTERS = 80
@@ -57,7 +58,6 @@ ACCEPTED = {
 NO_NAME = '<>:"|?*'
 """Characters that names cannot hold on Windows."""
 RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
-"""Names of devices on Windows."""
 
 
 def pack(files: Iterable[tuple[str, bytes]]) -> bytes:
@@ -68,10 +68,7 @@ def pack(files: Iterable[tuple[str, bytes]]) -> bytes:
 
 
 def keep_set(folder: Path, data: bytes) -> Path:
-    """Keep files that a page sent (see ``pack``), with zips unpacked, in a folder of their own.
-
-    The same bytes go to the same folder, under safe names.
-    """
+    """Keep files that a page sent (see ``pack``), zips unpacked; the same bytes in one folder."""
     files = _unpack(data)
     shown = display_name(files[0][0]) if len(files) == 1 else f"{len(files)} files"
     return _keep(folder, data, files, shown)
@@ -103,9 +100,7 @@ def gather(folder: Path, model: ModelFiles) -> Path:
 
 
 def copy_out(path: Path, scene: Scene, private: Path) -> Scene:
-    """The scene with copies of its files that lie in the folder ``private``, with what the models
-    name, beside the scene file at ``path``: in its folder, or where other files have their names in
-    one of its own.
+    """Copy a scene's files from the folder ``private`` beside the scene file at ``path``.
 
     Raises:
         FileSetError: the folder cannot be written to.
@@ -267,7 +262,7 @@ def _safe_part(part: str) -> str:
 def _remove_old(folder: Path) -> None:
     ours = [p for p in folder.iterdir() if OUR_NAME.fullmatch(p.name) and not p.is_symlink()]
     ours.sort(key=lambda p: (p.name.startswith(BEGUN), -p.stat().st_mtime_ns))  # begun ones last
-    surplus = [p for i, p in enumerate(ours) if i >= KEPT or p.name.startswith(BEGUN)]
+    surplus = [p for i, p in enumerate(ours) if i >= MIN_UPLOADS or p.name.startswith(BEGUN)]
     old = [p for p in surplus if time.time() - p.stat().st_mtime > OLD_S]
     used = files_of_sessions(folder.with_name("sessions")) if old else ()
     for place in old:

@@ -159,7 +159,7 @@ def test_why_a_page_sends_nothing() -> None:
 
 
 def test_only_the_newest_uploads_stay(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr("poseviewer.files.state.uploads.KEPT", 3)
+    monkeypatch.setattr("poseviewer.files.state.uploads.MIN_UPLOADS", 3)
     (tmp_path / "notes").mkdir()
     paths = []
     for i in range(6):
@@ -174,7 +174,7 @@ def test_only_the_newest_uploads_stay(tmp_path: Path, monkeypatch) -> None:
 
 
 def test_of_old_and_broken_uploads_those_that_a_session_names_stay(tmp_path, monkeypatch):
-    monkeypatch.setattr("poseviewer.files.state.uploads.KEPT", 0)
+    monkeypatch.setattr("poseviewer.files.state.uploads.MIN_UPLOADS", 0)
     uploads = tmp_path / "uploads"
     used, other = (keep(uploads, {"maps/a.png": data}) for data in (b"used", b"other"))
     whole = session()
