@@ -101,8 +101,8 @@ def sort_set(
 ) -> FileSet:
     """Sort files by what they are: one photo or set of photos, models, one pose, one camera.
 
-    A picture that a model names is a texture. Beside such a model, another picture is the photo only
-    if a camera has taken it.
+    A picture that a model names is a texture. Beside such a model, another picture is the photo if
+    a camera has taken it.
 
     Args:
         files: paths of all that came.

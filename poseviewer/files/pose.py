@@ -90,7 +90,7 @@ class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
 def load_pose(path: str | Path, width: int | None = None, height: int | None = None) -> PoseRecord:
     """Load the pose in a file, for a photo of ``width`` x ``height`` px or of the file's size.
 
-    Only ``projection``, ``camera`` and ``camera_from_model`` are needed; unknown fields are ignored.
+    Needed are ``projection``, ``camera`` and ``camera_from_model``; unknown fields are ignored.
     A rotation off by less than 1 degree is made exact, beyond rounding with a warning.
 
     Raises:

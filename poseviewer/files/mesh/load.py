@@ -32,8 +32,8 @@ FINE_ANGLE = 0.2
 def load_mesh(path: str | Path) -> Mesh:
     """Load the model in a file of one of the formats of ``READERS``.
 
-    Reflectance is that of textures, vertex colours or material colours. Normals are the file's if they
-    make sense, else computed. ``notes`` say what was mended or left out.
+    Reflectance is that of textures, vertex colours or material colours. Normals are the file's, or
+    computed where these make no sense. ``notes`` say what was mended or left out.
     """
     path, known = Path(path), ", ".join(READERS)
     ending = path.suffix.lower()
