@@ -175,10 +175,7 @@ BROKEN = {
     "size.json": ({"K": [[9, 0, 4], [0, 9, 3], [0, 0, 1]], "width": 3.5, "height": 2}, "whole"),
     "bop.json": ({"fx": 1, "fy": "x", "cx": 0, "cy": 0}, "fy is 'x'"),
     "cameras.txt": ("# only a head\n", "no camera"),
-    "words.txt": (
-        "hello there\n",
-        "no camera in it (its keys: hello there); read are those",
-    ),
+    "words.txt": ("hello there\n", "no camera in it (its keys: hello there); read are those"),
     "fov.txt": ("1 FOV 640 480 1 1 1 1 1\n", "model FOV"),
     "negative.txt": ("1 PINHOLE 640 480 -1 1 1 1\n", "above 0"),
     "surplus.txt": ("1 PINHOLE 640 480 1 1 1 1 7\n", "5 parameters"),

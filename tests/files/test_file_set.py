@@ -54,8 +54,7 @@ def test_a_picture_that_a_model_names_is_its_texture(tmp_path: Path, write_model
 def test_of_two_pictures_of_one_name_the_nearer_is_taken(tmp_path: Path) -> None:
     path = write_obj(tmp_path, "red/wood.png")
     places = [picture(tmp_path / folder / "wood.png") for folder in ("x/blue", "x/red", "y")]
-    model = model_files(path, [path.with_suffix(".mtl"), *places])
-    assert model.named["red/wood.png"] == places[1]
+    assert model_files(path, [path.with_suffix(".mtl"), *places]).named["red/wood.png"] == places[1]
 
 
 def test_photo_model_camera_and_pose_are_told_apart_by_what_they_hold(tmp_path: Path) -> None:

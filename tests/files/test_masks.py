@@ -42,8 +42,7 @@ def test_a_mask_comes_back_from_its_picture(tmp_path: Path, is_painted, kind) ->
     shades = np.linspace(0.0, 1.0, WIDTH * HEIGHT).reshape(HEIGHT, WIDTH)
     mask = MASK if is_painted else Mask.of(shades)
     (tmp_path / "mask.png").write_bytes(mask_as_png(mask))
-    pixels = np.asarray(cv2.imread(str(tmp_path / "mask.png"), cv2.IMREAD_UNCHANGED))
-    assert pixels.dtype == kind
+    assert np.asarray(cv2.imread(str(tmp_path / "mask.png"), cv2.IMREAD_UNCHANGED)).dtype == kind
     found = load_mask(tmp_path / "mask.png", (WIDTH, HEIGHT)).weights
     np.testing.assert_allclose(found, mask.weights, atol=0.0 if is_painted else 1e-5)
 

@@ -137,8 +137,7 @@ def test_another_size_or_unit_is_said(path):
 
 def test_a_mask_of_another_size_is_said(path, tmp_path):
     scene = load_scene(path)
-    white = Mask.of(np.ones((240, 320)))
-    save_scene(path, scene.with_object(0, in_views=(InView(mask=white),)))
+    save_scene(path, scene.with_object(0, in_views=(InView(mask=Mask.of(np.ones((240, 320)))),)))
     (tmp_path / "three.scene.1.mask.png").write_bytes(mask_as_png(Mask.of(np.ones((10, 20)))))
     with pytest.raises(PoseViewerError, match=r"20x10 px, the photo three\.png has 320x240"):
         open_scene(path)
@@ -178,7 +177,7 @@ def test_what_lies_in_a_private_folder_is_copied_beside_the_scene(path, tmp_path
     names = ["ball.ply", "s.2/front.ply", "../apart.ply"]
     assert [one["model"]["file"] for one in data["objects"]] == names
     assert sorted(one.name for one in out.iterdir()) == [
-        *("ball.ply", "ball.symmetry.json", "front.ply", "s.2", "s.json", "three.png"),
+        *("ball.ply", "ball.symmetry.json", "front.ply", "s.2", "s.json", "three.png")
     ]
     shutil.rmtree(tmp_path / "uploads")
     assert load_scene(out / "s.json").views[0].path == out / "three.png"

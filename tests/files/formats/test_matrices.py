@@ -87,8 +87,7 @@ def test_linemods_poses_are_in_centimetres(tmp_path, ending, unit, size):
     scene = FORMATS["linemod"].read(path, options)
     seen = cv2.projectPoints(POINTS, TURN, SHIFT, K, None)[0][:, 0]
     np.testing.assert_allclose(scene.pose(0).project(size * POINTS) - 0.5, seen, atol=1e-6)
-    out = tmp_path / f"out{ending}"
-    files, _ = FORMATS["linemod"].convert(scene, out, options)
+    files, _ = FORMATS["linemod"].convert(scene, tmp_path / f"out{ending}", options)
     assert sorted(path.name for path in files) == ["out.rot", "out.tra"]
     np.testing.assert_allclose(np.loadtxt(tmp_path / "out.tra", skiprows=1), 100.0 * SHIFT)
     np.testing.assert_allclose(np.loadtxt(tmp_path / "out.rot", skiprows=1), MATRIX[:3, :3])
@@ -165,8 +164,7 @@ def test_a_file_of_dope_without_its_camera_takes_that_of_a_calibration(tmp_path)
 
 
 def test_a_pose_for_dope_is_as_its_description_says(tmp_path):
-    record = perspective_record(unit="m")
-    scene, out = scene_of_pose(tmp_path, record), tmp_path / "d.json"
+    scene, out = scene_of_pose(tmp_path, perspective_record(unit="m")), tmp_path / "d.json"
     FORMATS["dope"].convert(scene, out, ConvertOptions())
     data = json.loads(out.read_text())
     assert data["camera_data"] == DOPE["camera_data"]

@@ -75,8 +75,7 @@ def test_a_damaged_texture_is_noted(tmp_path: Path, content: bytes) -> None:
 @pytest.mark.parametrize("damage", ["", "not a picture", "BLP2"])
 def test_a_damaged_picture_in_a_glb_is_noted(tmp_path: Path, damage: str) -> None:
     paint = PBRMaterial(baseColorTexture=Image.fromarray(TEXTURE))
-    uvs = np.array(CORNERS)[:, :2]
-    visual = TextureVisuals(uvs, material=paint)
+    visual = TextureVisuals(np.array(CORNERS)[:, :2], material=paint)
     quad = trimesh.Trimesh(CORNERS, [[0, 1, 2], [0, 2, 3]], visual=visual, process=False)
     quad.export(tmp_path / "quad.glb")
     data = (tmp_path / "quad.glb").read_bytes()

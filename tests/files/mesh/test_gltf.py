@@ -113,8 +113,7 @@ ALL = ["red", "green", "blue", "yellow"]
 def test_textures_are_moved(tmp_path, transform, wanted):
     plate = Plate()
     plate.texture["extensions"] = {"KHR_texture_transform": transform}
-    mesh = plate.load(tmp_path, extensionsRequired=["KHR_texture_transform"])
-    assert quarters(mesh) == wanted
+    assert quarters(plate.load(tmp_path, extensionsRequired=["KHR_texture_transform"])) == wanted
 
 
 @pytest.mark.parametrize("way", ["texCoord", "extension"])
@@ -162,8 +161,7 @@ def test_sparse_accessors(tmp_path, is_empty):
         plate.primitive["indices"] = plate.array(np.array([0, 1, 3], "<u2"))
     wanted = CORNERS * (0.0 if is_empty else 1.0)
     wanted[which] = values
-    mesh = plate.load(tmp_path)
-    assert {tuple(v) for v in mesh.vertices} == {tuple(v) for v in wanted.tolist()}
+    assert {tuple(v) for v in plate.load(tmp_path).vertices} == {tuple(v) for v in wanted.tolist()}
 
 
 def test_instances(tmp_path):
@@ -199,8 +197,7 @@ def test_a_skin_stands_in_the_pose_of_its_joints(tmp_path):
 
 def test_morph_weights_change_the_shape(tmp_path):
     plate = Plate()
-    up = plate.array(np.array([[0, 0, 2]] * 4, "<f4"))
-    plate.primitive["targets"] = [{"POSITION": up}]
+    plate.primitive["targets"] = [{"POSITION": plate.array(np.array([[0, 0, 2]] * 4, "<f4"))}]
     plate.mesh["weights"] = [0.25]
     assert plate.load(tmp_path).vertices[0, 2] == pytest.approx(0.5)
 
@@ -209,8 +206,7 @@ def test_morph_weights_change_the_shape(tmp_path):
 def test_alpha_cuts(tmp_path, cutoff, right):
     """The picture's right half is clear; the plate has an edge in its middle."""
     plate = Plate()
-    columns = np.linspace(-1.0, 1.0, 17)
-    corners = np.array([(x, y, 0) for x in columns for y in (-1, 1)], "<f4")
+    corners = np.array([(x, y, 0) for x in np.linspace(-1.0, 1.0, 17) for y in (-1, 1)], "<f4")
     plate.attributes |= {
         "POSITION": plate.array(corners),
         "TEXCOORD_0": plate.array(((corners[:, :2] * (1, -1) + 1) / 2).astype("<f4")),
@@ -252,8 +248,7 @@ def test_what_alpha_makes_invisible_is_left_out(tmp_path, name):
 def test_nodes_that_the_scene_does_not_show_are_left_out(tmp_path, way):
     plate = Plate()
     hidden = {"extensions": {"KHR_node_visibility": {"visible": False}}}
-    box = {"mesh": 0, "scale": [3, 3, 3]}
-    plate.nodes += [{"name": "other", "children": [2]}, box]
+    plate.nodes += [{"name": "other", "children": [2]}, {"mesh": 0, "scale": [3, 3, 3]}]
     plate.nodes[1 if way.startswith("below") else 2] |= {} if way == "another scene" else hidden
     scenes = [{"nodes": [1]}, {"nodes": [0] if way == "another scene" else [0, 1]}]
     mesh = plate.load(tmp_path, scene=1, scenes=scenes, extensionsUsed=["KHR_node_visibility"])
@@ -287,8 +282,7 @@ def test_a_chain_of_thousands_of_nodes_is_read_at_once(tmp_path):
     ]
     plate.nodes[-1].pop("children")
     begun = time.process_time()
-    mesh = plate.load(tmp_path)
-    assert mesh.bounds[1, 2] == length
+    assert plate.load(tmp_path).bounds[1, 2] == length
     assert time.process_time() - begun < 20.0
 
 

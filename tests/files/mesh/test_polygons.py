@@ -39,8 +39,7 @@ def test_triangles_cover_a_polygon_once_and_face_its_way(name, turned):
     place = RigidTransform.from_rotation_vector([0.7, -1.2, 0.4], [5.0, 6.0, 7.0])
     points = place.apply(np.column_stack([flat, np.zeros(len(flat))]))
     points = points[::-1] if turned else points
-    corners = polygon_corners(np.array([len(flat)]), points)
-    normals, areas = face_normals_and_areas(points, corners)
+    normals, areas = face_normals_and_areas(points, polygon_corners(np.array([len(flat)]), points))
     assert areas.sum() == pytest.approx(shoelace(flat))
     wanted = place.rotation[:, 2] * (-1.0 if turned else 1.0)
     np.testing.assert_allclose(normals[areas > 1e-9] @ wanted, 1.0)
@@ -57,15 +56,13 @@ def test_polygons_keep_their_order_and_convex_ones_stay_fans():
 
 
 def test_a_polygon_that_crosses_itself_is_no_endless_loop():
-    flat = np.random.default_rng(0).normal(size=(50, 2))
-    points = np.column_stack([flat, np.zeros(50)])
+    points = np.column_stack([np.random.default_rng(0).normal(size=(50, 2)), np.zeros(50)])
     assert polygon_corners(np.array([50]), points).shape == (48, 3)
 
 
 def test_strips_end_at_minus_one_and_turn_every_second_triangle():
     strips = [0, 1, 2, 3, -1, 4, 5, 6, -1, 7, 8, -1, -1, 2, 1, 0]
-    wanted = [[0, 1, 2], [2, 1, 3], [4, 5, 6], [2, 1, 0]]
-    assert strip_corners(np.array(strips)).tolist() == wanted
+    assert strip_corners(np.array(strips)).tolist() == [[0, 1, 2], [2, 1, 3], [4, 5, 6], [2, 1, 0]]
 
 
 @pytest.mark.parametrize("suffix", ["obj", "ply", "off"])

@@ -37,8 +37,7 @@ def test_a_pose_in_another_unit_is_noted():
     for distance, noted in ((0.3, True), (-1.0, True), (900.0, False), (9e5, True)):
         place = RigidTransform(np.eye(3), np.array([0.0, 0.0, distance]))
         assert bool(distance_notes(mesh, Pose(camera, place))) == noted
-        parallel = Pose(Parallel(2.0, 320.0, 240.0, 640, 480), place)
-        assert not distance_notes(mesh, parallel)
+        assert not distance_notes(mesh, Pose(Parallel(2.0, 320.0, 240.0, 640, 480), place))
 
 
 def test_the_note_comes_with_a_start_in_metres_for_a_model_in_millimetres(scene, tmp_path):

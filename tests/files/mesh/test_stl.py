@@ -20,8 +20,7 @@ def binary(attribute: int = 0) -> bytes:
     [(2, b"", 0), (2, b"\0" * 30, 0), (0, b"", 1), (2, b"\0" * 100, 1)],
 )
 def test_stl_whose_header_says_another_length(tmp_path, promised, more, notes):
-    header = b" " * 80 + struct.pack("<I", promised)
-    (tmp_path / "m.stl").write_bytes(header + binary() + more)
+    (tmp_path / "m.stl").write_bytes(bytes(80) + struct.pack("<I", promised) + binary() + more)
     mesh = load_mesh(tmp_path / "m.stl")
     assert (len(mesh.faces), len(mesh.notes)) == (2, notes)
 

@@ -75,11 +75,7 @@ def test_settings_of_a_slicer_are_noted(tmp_path):
 
 BROKEN = {
     "other files": ('"5"/>', '"5" p:path="/3D/other.model"/>', "several files"),
-    "an extension": (
-        'requiredextensions="m p"',
-        'requiredextensions="b"',
-        "needs .*beam",
-    ),
+    "an extension": ('requiredextensions="m p"', 'requiredextensions="b"', "needs .*beam"),
     "no such object": ('objectid="5"', 'objectid="6"', "object 6 is not there"),
     "an object in itself": ('component objectid="3"', 'component objectid="5"', "object 5 is not"),
     "corners that are not there": ('v3="3"', 'v3="4"', "3MF file"),

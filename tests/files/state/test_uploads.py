@@ -139,8 +139,7 @@ def test_zips_that_unpack_to_too_much_are_refused(tmp_path: Path, monkeypatch) -
 
 def damaged_zips() -> list[bytes]:
     data = zipped({"a.obj": TRIANGLE, "b.png": np.random.default_rng(0).bytes(3000)})
-    size = (3000).to_bytes(4, "little")
-    says_less = data.replace(size, (10).to_bytes(4, "little"))
+    says_less = data.replace((3000).to_bytes(4, "little"), (10).to_bytes(4, "little"))
     return [b"", data[:10], data[:1500], data[:-1], says_less]
 
 
