@@ -64,7 +64,7 @@ class CaseEntry(Struct, frozen=True):
     visible: float = math.nan
 
     def __post_init__(self) -> None:
-        self.camera.perspective(1, 1)
+        self.camera.camera("perspective", (1, 1))
 
     def accuracy_percent(self, reading: InputFile) -> float:
         """Return the largest error of the truth, per cent of the model's size in the photo."""
@@ -91,7 +91,7 @@ def load_cases(folder: Path, pattern: str = "") -> list[Case]:
         if fnmatchcase(entry.id, pattern if set("*?") & set(pattern) else f"*{pattern}*"):
             path = folder / entry.photo
             photo = load_photo(path)
-            camera = entry.camera.perspective(photo.width, photo.height)
+            camera = entry.camera.camera("perspective", (photo.width, photo.height))
             truth = Pose(camera, entry.camera_from_model.rigid)
             accuracy, mesh = entry.accuracy_percent(reading), folder / entry.mesh
             cases.append(Case(entry.id, entry.set, path, mesh, truth, accuracy, entry.visible))

@@ -40,7 +40,7 @@ def load_mask(path: str | Path, size: tuple[int, int] | None = None) -> Mask:
 
 
 def mask_text(mask: Mask | None) -> str | None:
-    """A mask as a picture in text, as a scene has it."""
+    """Encode a mask as a picture in text."""
     return None if mask is None else INLINE + b64encode(mask_as_png(mask)).decode()
 
 
@@ -59,7 +59,7 @@ def mask_path(pose_file: str | Path) -> Path:
 
 
 def save_pose_and_mask(path: str | Path, record: PoseRecord, mask: Mask | None) -> None:
-    """Write a pose file, and its mask, where there is one, beside it; each whole or not at all."""
+    """Write a pose file and, beside it, its mask; each whole or not at all."""
     if mask is not None:
         beside = mask_path(path)
         write_whole(beside, mask_as_png(mask), PhotoFileError, is_own=True)
@@ -68,12 +68,12 @@ def save_pose_and_mask(path: str | Path, record: PoseRecord, mask: Mask | None) 
 
 
 def mask_beside(
-    pose_file: str | Path, record: PoseRecord, width: int, height: int
+    pose_file: str | Path, record: PoseRecord, size: tuple[int, int]
 ) -> tuple[Mask | None, tuple[str, ...]]:
-    """The mask that a pose file names; None and a note where it cannot be used."""
+    """Load the mask that a pose file names, or None and a note where it cannot be used."""
     if record.mask is None:
         return None, ()
     try:
-        return load_mask(Path(pose_file).parent / bare_name(record.mask), (width, height)), ()
+        return load_mask(Path(pose_file).parent / bare_name(record.mask), size), ()
     except PhotoFileError as error:
         return None, (f"Nothing of the photo is hidden: {error}",)

@@ -98,19 +98,13 @@ def load_pose(path: str | Path, width: int | None = None, height: int | None = N
     """
     file = InputFile(Path(path))
     with file.naming_errors():
-        return record_from_json(file, file.load_json(), width, height)
-
-
-def record_from_json(
-    file: InputFile, data: Any, width: int | None = None, height: int | None = None
-) -> PoseRecord:
-    """Read a pose file's JSON, for a photo as ``load_pose`` does."""
-    said = file.object(data, "its content")
-    file.require_format(said, FORMAT)
-    if said.keys().isdisjoint(("projection", "camera", "camera_from_model")):
-        found = f"no pose of poseviewer's (its keys: {', '.join(map(str, said))[:80] or 'none'})"
-        raise file.error(found, "make one of another tool's with poseviewer convert --from FORMAT")
-    record = file.decode(data, PoseRecord, raw=("mask",))
+        data = file.load_object()
+        file.require_format(data, FORMAT)
+        if data.keys().isdisjoint(("projection", "camera", "camera_from_model")):
+            found = f"no pose of poseviewer's (its keys: {', '.join(data)[:80] or 'none'})"
+            wanted = "make one of another tool's with poseviewer convert --from FORMAT"
+            raise file.error(found, wanted)
+        record = file.decode(data, PoseRecord, raw=("mask",))
     known = record.photo or s.PhotoReference()
     made_for = known.width or width, known.height or height
     photo = structs.replace(known, width=width or known.width, height=height or known.height)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import MISSING, fields, is_dataclass, replace
 from functools import cache, reduce
 from importlib.metadata import version
-from operator import attrgetter, or_
+from operator import or_
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
@@ -75,21 +75,11 @@ class ModelPath(Struct, frozen=True, omit_defaults=True):
         """The form of a model."""
         return cls(str(model.path or model.name), model.sha256, model.unit)
 
-    @property
-    def model(self) -> ModelFile:
-        """The model, not yet read."""
-        return model_file(Path(self.file), self.sha256, self.unit)
-
 
 class Place(s.Transform, frozen=True, omit_defaults=True):
     """x_in_world = scale * rotation @ x_in_model + translation, in the world's unit."""
 
     scale: s.Positive = 1.0
-
-    @property
-    def similarity(self) -> Similarity:
-        """The transform as the program has it."""
-        return Similarity(self.rigid, self.scale)
 
 
 class ViewJson(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
@@ -145,11 +135,11 @@ def _same(value: Any) -> Any:
 
 FORMS: dict[Any, JsonForm] = {
     float: JsonForm(s.Number, _same, _same),
-    # A camera is one of a photo, whose size ``_whole`` gives it.
+    # A camera is one of a photo, whose size ``_complete`` gives it.
     Camera: JsonForm(
         s.CameraNumbers,
         s.CameraNumbers.of,
-        lambda form: form.camera("perspective" if form.scale is None else "parallel", 0, 0),
+        lambda form: form.camera("perspective" if form.scale is None else "parallel", (0, 0)),
     ),
     ChartParameters: JsonForm(
         s.ChartJson,
@@ -162,8 +152,10 @@ FORMS: dict[Any, JsonForm] = {
         lambda data: DEFAULTS if data is None else settings_from_json(data),
     ),
     Mask: JsonForm(str, mask_text, load_mask),
-    ModelFile: JsonForm(ModelPath, ModelPath.of, attrgetter("model")),
-    # A covariance is one about a pose, which ``_whole`` gives it.
+    ModelFile: JsonForm(
+        ModelPath, ModelPath.of, lambda form: model_file(Path(form.file), form.sha256, form.unit)
+    ),
+    # A covariance is one about a pose, which ``_complete`` gives it.
     PoseCovariance: JsonForm(s.Uncertainty, s.Uncertainty.of, _same),
     Rectangle: JsonForm(
         Region, lambda region: tuple(map(float, region)), lambda form: Rectangle(*form)
@@ -171,7 +163,7 @@ FORMS: dict[Any, JsonForm] = {
     Similarity: JsonForm(
         Place,
         lambda place: Place.of(place.rigid, scale=float(place.scale)),
-        attrgetter("similarity"),
+        lambda form: Similarity(form.rigid, form.scale),
     ),
     Symmetry: JsonForm(
         SymmetryTurns | None,
@@ -179,7 +171,7 @@ FORMS: dict[Any, JsonForm] = {
         lambda form: NO_SYMMETRY if form is None else form.symmetry,
     ),
     View: JsonForm(
-        Annotated[ViewJson, Meta(extra_json_schema=s.PROJECTIONS)], ViewJson.of, attrgetter("view")
+        Annotated[ViewJson, Meta(extra_json_schema=s.PROJECTIONS)], ViewJson.of, lambda f: f.view
     ),
 }
 """Types whose form is not made of their fields."""
@@ -272,23 +264,8 @@ AS_IN_POSE = ("loss", "unexplained", "verdict", "settings", "notes")
 """Fields that results share with pose files, which are of one view."""
 
 
-def scene_as_json(scene: Scene) -> Any:
-    """The ``SceneJson`` of a scene: files by absolute paths, masks as pictures in text."""
-    return form_of(Scene).encode(scene)
-
-
-def scene_from_json(form: Any) -> Scene:
-    """The scene of a ``SceneJson``; photos and models are read when first asked for.
-
-    Raises:
-        PoseViewerError: a mask cannot be used; settings make no sense.
-    """
-    scene: Scene = form_of(Scene).decode(form)
-    return replace(scene, objects=tuple(_whole(scene, item) for item in scene.objects))
-
-
-def _whole(scene: Scene, item: SceneObject) -> SceneObject:
-    """The object with what follows from the scene's views."""
+def _complete(scene: Scene, item: SceneObject) -> SceneObject:
+    """Add to an object what follows from the scene's views."""
     cameras = tuple(
         replace(camera, width=view.file.width, height=view.file.height)
         for camera, view in zip(item.start_cameras, scene.views, strict=False)
@@ -329,21 +306,18 @@ def load_scene(path: str | Path, inside: Path | None = None) -> Scene:
         if data.get("format") != s.SCENE:
             raise file.error(f"format is {kind_of(data.get('format'))}", f"wanted {s.SCENE!r}")
         file.require_format(data, s.SCENE, VERSION)
-        scene = scene_from_json(_with_files(decode_scene(file, data), find))
-        return replace(scene, name=file.path.name, notes=tuple(dict.fromkeys(file.warnings)))
-
-
-def decode_scene(file: InputFile, data: Any, what: str = "") -> Any:
-    """The ``SceneJson`` of JSON data; raises the file's error where parts do not fit."""
-    form = file.decode(data, SceneJson, what, raw=("file", "mask"))
-    require_whole(file, form)
-    return form
+        form: Any = file.decode(data, SceneJson, raw=("file", "mask"))
+        require_whole(file, form)
+        scene: Scene = form_of(Scene).decode(_with_files(form, find))
+        objects = tuple(_complete(scene, item) for item in scene.objects)
+        notes = tuple(dict.fromkeys(file.warnings))
+        return replace(scene, objects=objects, name=file.path.name, notes=notes)
 
 
 def _with_files(form: Any, name: Named, name_inline: Named | None = None) -> Any:
     """Rename the files of a ``SceneJson``; masks in it become files by ``name_inline``."""
 
-    def named(mask: str | None, where: str) -> str | None:
+    def rename(mask: str | None, where: str) -> str | None:
         change = name_inline if mask and mask.startswith(INLINE) else name
         return change(mask, f"{where}.mask") if mask and change else mask
 
@@ -351,12 +325,12 @@ def _with_files(form: Any, name: Named, name_inline: Named | None = None) -> Any
     for number, view in enumerate(form.views):
         where = f"views[{number}]"
         photo = structs.replace(view.photo, file=name(view.photo.file, f"{where}.photo.file"))
-        views.append(structs.replace(view, photo=photo, mask=named(view.mask, where)))
+        views.append(structs.replace(view, photo=photo, mask=rename(view.mask, where)))
     for number, item in enumerate(form.objects):
         where = f"objects[{number}]"
         model = structs.replace(item.model, file=name(item.model.file, f"{where}.model.file"))
         in_views = tuple(
-            structs.replace(own, mask=named(own.mask, f"{where}.in_views[{index}]"))
+            structs.replace(own, mask=rename(own.mask, f"{where}.in_views[{index}]"))
             for index, own in enumerate(item.in_views)
         )
         objects.append(structs.replace(item, model=model, in_views=in_views))
@@ -423,7 +397,7 @@ def scene_contents(path: Path, scene: Scene) -> dict[Path, bytes]:
     """The files that ``save_scene`` writes; raises as that does."""
     file = InputFile(path, kind=KIND)
     contents = dict[Path, bytes]()
-    form = scene_as_json(scene)
+    form = form_of(Scene).encode(scene)
     require_whole(file, form)
 
     def name(asset: str, where: str) -> str:
@@ -468,7 +442,7 @@ def pose_json(scene: Scene, index: int = 0, view: int = 0) -> PoseRecord:
     model = s.ModelReference(printable(Path(file.file).name) or None, file.sha256, file.unit)
     return PoseRecord.of(
         scene.pose(index, view),
-        photo_reference(own),
+        s.PhotoReference(printable(own.file.location.name) or None, sha256=own.file.sha256),
         model=None if model == s.ModelReference() else model,
         **{name: getattr(form, name) for name in AS_IN_POSE},
         chart=form.chart if is_of_view else None,
@@ -482,13 +456,6 @@ def pose_json(scene: Scene, index: int = 0, view: int = 0) -> PoseRecord:
     )
 
 
-def photo_reference(view: View) -> s.PhotoReference:
-    """The photo of a view as pose files name it."""
-    file = view.file
-    name = printable((file.path or Path(file.name)).name) or None
-    return s.PhotoReference(name, file.width, file.height, file.sha256)
-
-
 def scene_of_pose(path: Path, record: PoseRecord) -> Scene:
     """The scene of a pose file, whose photo and model lie beside it, or not; without its mask."""
     photo, model = record.photo or s.PhotoReference(), record.model or s.ModelReference()
@@ -496,14 +463,6 @@ def scene_of_pose(path: Path, record: PoseRecord) -> Scene:
     view = view_of_file(_beside(path, photo.file), camera, photo.sha256, record.undistortion)
     if not photo.width or not photo.height:
         view = view.resize_photo(0, 0)
-    return scene_of_record(view, _beside(path, model.file), record, name=model.file or "")
-
-
-def scene_of_record(
-    view: View, model: Path, record: PoseRecord, object_id: str = "1", name: str = ""
-) -> Scene:
-    """The scene of one object in a view, with all that a pose file says of it."""
-    known = record.model or s.ModelReference()
     result: Any = SearchResultJson(
         seen=() if record.seen is None else (record.seen,),
         chart=record.chart,
@@ -511,16 +470,16 @@ def scene_of_record(
         **{name: getattr(record, name) for name in AS_IN_POSE},
     )
     item = SceneObject(
-        id=object_id,
-        name=name,
-        model=model_file(model, known.sha256, known.unit),
+        id="1",
+        name=model.file or "",
+        model=model_file(_beside(path, model.file), model.sha256, model.unit),
         world_from_model=view.world_from_model(record.pose),
         **{name: getattr(record, name) for name in OF_OBJECT},
         said_symmetry=NO_SYMMETRY if record.turns is None else record.turns.symmetry,
         result=None if result == SearchResultJson() else form_of(SearchResult).decode(result),
     )
     scene = Scene(views=(view,), software=record.software, notes=record.warnings)
-    return replace(scene, objects=(_whole(scene, item),))
+    return replace(scene, objects=(_complete(scene, item),))
 
 
 def _beside(path: Path, name: str | None) -> Path:

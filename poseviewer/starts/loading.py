@@ -132,7 +132,7 @@ def open_photo(
         without += known
         notes = (*record.warnings, *checks, *of_camera, *of_parts)
         if mask is None:
-            mask, of_mask = mask_beside(start, record, opened.width, opened.height)
+            mask, of_mask = mask_beside(start, record, (opened.width, opened.height))
             notes += of_mask
         start, note = record.pose, record.note
         notes += distance_notes(model.content.mesh_without(without), start)

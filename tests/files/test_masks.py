@@ -51,11 +51,11 @@ def test_a_pose_file_names_its_mask(tmp_path: Path) -> None:
     path = tmp_path / "car.pose.json"
     save_pose_and_mask(path, RECORD, MASK)
     assert json.loads(path.read_text())["mask"] == "car.mask.png"
-    mask, notes = mask_beside(path, load_pose(path, WIDTH, HEIGHT), WIDTH, HEIGHT)
+    mask, notes = mask_beside(path, load_pose(path, WIDTH, HEIGHT), (WIDTH, HEIGHT))
     assert notes == ()
     assert np.array_equal(mask.weights, COUNTS)
     save_pose_and_mask(path, RECORD, None)
-    assert mask_beside(path, load_pose(path, WIDTH, HEIGHT), WIDTH, HEIGHT) == (None, ())
+    assert mask_beside(path, load_pose(path, WIDTH, HEIGHT), (WIDTH, HEIGHT)) == (None, ())
 
 
 @pytest.mark.parametrize(
@@ -72,6 +72,6 @@ def test_a_mask_that_cannot_be_used_is_said(tmp_path: Path, name: str, said: str
     for path in (folder / "small.png", tmp_path / "secret.png"):
         cv2.imwrite(str(path), np.zeros((8, 8), np.uint8))
     record = structs.replace(RECORD, mask=name)
-    mask, (note,) = mask_beside(folder / "p.json", record, WIDTH, HEIGHT)
+    mask, (note,) = mask_beside(folder / "p.json", record, (WIDTH, HEIGHT))
     assert mask is None
     assert re.search(said, note)

@@ -34,7 +34,7 @@ def read_own(path: Path, request: ConvertOptions) -> Scene:
     record = load_pose(path)
     scene = scene_of_pose(path, record)
     view = request.with_size(InputFile(path), scene.views[0])
-    mask, notes = mask_beside(path, record, view.file.width, view.file.height)
+    mask, notes = mask_beside(path, record, (view.file.width, view.file.height))
     return replace(scene, views=(replace(view, mask=mask),), notes=(*scene.notes, *notes))
 
 
