@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseviewer.files.checks import InputFile
 from poseviewer.geometry.camera import Perspective
@@ -154,7 +155,6 @@ class _Said:
     above: dict[str, tuple[str, Any]] = field(default_factory=dict)
     """Fields of the mappings that it stands in, as far as they may say something of it."""
     used: dict[str, None] = field(default_factory=dict)
-    """Keys that were read."""
 
     def __contains__(self, name: str) -> bool:
         return name in self.entries
@@ -231,10 +231,6 @@ class _Said:
         width, height = (self.file.size(side, "image_size") or 0 for side in numbers)
         return width, height
 
-    def from_middle(self, fx: float, fy: float, x: float, y: float) -> tuple[float, ...]:
-        """fx, fy, cx, cy of a principal point that counts from the picture's middle."""
-        return fx, fy, self.size()[0] / 2.0 + x, self.size()[1] / 2.0 + y
-
 
 @dataclass(frozen=True, slots=True)
 class Form:
@@ -250,15 +246,22 @@ class Form:
     lens: str = OPENCV_ORDER
     """Names of its coefficients in OpenCV's order."""
     is_of_stored: bool = False
-    """Whether its tool is one of reconstruction: it takes pixels as stored, whatever EXIF says, and
-    a lens whose model it does not say for OpenCV's standard one."""
+    """Whether it takes pixels as stored, and a lens of no model for OpenCV's standard one."""
+
+
+def _from_middle(said: _Said, fx: float, fy: float, x: float, y: float) -> Any:
+    """Return fx, fy, cx, cy of a principal point that counts from the picture's middle."""
+    return fx, fy, said.size()[0] / 2.0 + x, said.size()[1] / 2.0 + y
 
 
 def _of_matrix(said: _Said, name: str = "matrix") -> Any:
-    key = said.entries[name][0]
-    is_flat = isinstance(said.entries[name][1], list) and len(said.entries[name][1]) == 9
-    is_by_columns = is_flat or key.replace("_", "").lower() == "intrinsicmatrix"
-    camera = camera_of_matrix(said.file, said.value(name), key, by_columns=is_by_columns)
+    key, value = said.entries[name][0], said.value(name)
+    matrix = _matrix_of(said.file, value, key)
+    may_be_columns = isinstance(value, list) and len(value) == 9
+    may_be_columns |= key.replace("_", "").lower() == "intrinsicmatrix"
+    if may_be_columns and np.array_equal(matrix[:, 2], [0, 0, 1]):
+        matrix = matrix.T
+    camera = camera_of_matrix(said.file, matrix.ravel().tolist(), key)
     shift = HALF_PIXEL + (key == "IntrinsicMatrix" or _is_matlab(said))
     return camera.fx, camera.fy, camera.cx - shift, camera.cy - shift
 
@@ -281,7 +284,7 @@ def _of_names(said: _Said) -> Any:
 
 def _metashape(said: _Said) -> Any:
     f = said.number("f")
-    return said.from_middle(f + said.number("b1", 0.0), f, said.number("cx"), said.number("cy"))
+    return _from_middle(said, f + said.number("b1", 0.0), f, said.number("cx"), said.number("cy"))
 
 
 def _meshroom(said: _Said) -> Any:
@@ -292,24 +295,24 @@ def _meshroom(said: _Said) -> Any:
         x, y = x - said.size()[0] / 2.0, y - said.size()[1] / 2.0
     if version < (1, 2, 2):
         focals = said.numbers("pxfocallength")
-        return said.from_middle(focals[0], focals[-1], x, y)
+        return _from_middle(said, focals[0], focals[-1], x, y)
     if said.number("pixelratio", 1.0) != 1.0:
         raise said.file.error("pixelRatio is not 1", "calibrate with square pixels")
     focal = said.number("focallength") / said.number("sensorwidth") * said.size()[0]
-    return said.from_middle(focal, focal, x, y)
+    return _from_middle(said, focal, focal, x, y)
 
 
 def _fspy(said: _Said) -> Any:
     half = max(said.size()) / 2.0
     (x, y), focal = said.numbers("principalpoint", 2), said.number("relativefocallength") * half
-    return said.from_middle(focal, focal, x * half, -y * half)
+    return _from_middle(said, focal, focal, x * half, -y * half)
 
 
 def _reality_capture(said: _Said) -> Any:
     """Lengths are those on 35-mm film, whose 36 mm are the longer side."""
     px_per_mm = (max(said.size()) or 1) / 36.0
     focal, x, y = (px_per_mm * said.number(name) for name in ("f", "px", "py"))
-    return said.from_middle(focal, focal, x, y)
+    return _from_middle(said, focal, focal, x, y)
 
 
 def _nerf(said: _Said) -> Any:
@@ -327,7 +330,7 @@ def _opensfm(said: _Said) -> Any:
     """Lengths count in longer sides."""
     f, unit = said.value("focal"), max(said.size())
     names = zip(("focalx", "focaly", "cx", "cy"), (f, f, 0.0, 0.0), strict=True)
-    return said.from_middle(*(unit * said.number(name, default) for name, default in names))
+    return _from_middle(said, *(unit * said.number(name, default) for name, default in names))
 
 
 def _of_lists(said: _Said) -> Any:
@@ -666,10 +669,7 @@ def _lens(said: _Said, form: Form, asked: LensModel | None) -> Lens | None:
     return Lens(model, tuple(values))
 
 
-def camera_of_matrix(
-    file: InputFile, value: Any, what: str, *, by_columns: bool = False
-) -> Perspective:
-    """The pinhole of 0x0 px (centres at i + 0.5) of a 3x3 matrix without skew (at integers)."""
+def _matrix_of(file: InputFile, value: Any, what: str) -> NDArray[np.float64]:
     values = file.flat_numbers(value, what)
     if len(values) == 16:  # a 4x4 matrix of which the last row and column say nothing
         whole = np.reshape(values, (4, 4))
@@ -677,12 +677,16 @@ def camera_of_matrix(
             values = whole[:3, :3].reshape(-1).tolist()
     if len(values) != 9:
         raise file.error(f"{what} has {len(values)} numbers", "wanted a 3x3 camera matrix")
-    matrix = np.reshape(values, (3, 3))
-    if by_columns and np.array_equal(matrix[:, 2], [0, 0, 1]):
-        matrix = matrix.T
+    return np.reshape(values, (3, 3))
+
+
+def camera_of_matrix(file: InputFile, value: Any, what: str) -> Perspective:
+    """Return the pinhole of 0x0 px (centres at i + 0.5) of a 3x3 matrix (at integers)."""
+    matrix = _matrix_of(file, value, what)
     fx, fy = (file.positive(float(matrix[i, i]), f"{what}: f{'xy'[i]}") for i in range(2))
     if not np.allclose(matrix[2], [0.0, 0.0, 1.0]) or abs(matrix[1, 0]) > MAX_SKEW * fx:
-        raise file.error(f"{what} is {values}", "wanted rows fx 0 cx, 0 fy cy, 0 0 1")
+        found = f"{what} is {matrix.ravel().tolist()}"
+        raise file.error(found, "wanted rows fx 0 cx, 0 fy cy, 0 0 1")
     if abs(matrix[0, 1]) > MAX_SKEW * fx:
         raise file.error(f"{what} has a skew of {matrix[0, 1]:g}", "calibrate without skew")
     camera = Perspective(fx, fy, float(matrix[0, 2]), float(matrix[1, 2]), 0, 0)

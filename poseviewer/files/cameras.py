@@ -27,7 +27,14 @@ def load_cameras(
     photo: tuple[int, int] = (0, 0),
     is_turned: bool = False,
 ) -> list[FileCamera]:
-    """Load all cameras in a file, as ``cameras_in``."""
+    """Load all cameras in a file, as ``cameras_in``.
+
+    Args:
+        path: file of one of the endings ``TREES``, or COLMAP's.
+        lens_model: OpenCV's model of the lens where the file does not say it.
+        photo: width and height of the pictures (px) where the file does not say them.
+        is_turned: whether EXIF turns these by 90 degrees.
+    """
     file = InputFile(Path(path), [], CalibrationFileError, KIND, numbers_as_text=True)
     ending, head = file.path.suffix.lower(), b""
     with file.naming_errors():
@@ -67,8 +74,7 @@ class Calibration:
     camera: str | None = None
     """Which camera of the file; None: the only one, or the one that took the photo."""
     lens_model: LensModel | None = None
-    """OpenCV's model that the coefficients are of, "opencv" (standard) or "fisheye"; None: as the
-    file says, or as their number says."""
+    """OpenCV's model of the coefficients; None: as the file says, or their number."""
 
 
 def load_calibration(

@@ -86,7 +86,6 @@ class InputFile:
     warnings: list[str] = field(default_factory=list)
     error_type: type[PoseViewerError] = PoseFileError
     kind: str = "pose file"
-    """Kind of file that is wanted, for messages."""
     largest: int = MAX_FILE_BYTES
     numbers_as_text: bool = False
     """Whether a text counts as the number that it spells."""

@@ -92,7 +92,7 @@ def colmap_images(file: InputFile) -> list[tuple[str, str, str]]:
 def image_pose(file: InputFile, text: str) -> RigidTransform:
     """``camera_from_world`` of QW QX QY QZ TX TY TZ."""
     numbers = file.flat_numbers(text, "the image's pose", 7)
-    rotation = rotation_of(file, numbers[:4], "the quaternion", scalar_first=True)
+    rotation = rotation_of(file, [*numbers[1:4], numbers[0]], "the quaternion")
     return RigidTransform(rotation, np.array(numbers[4:]))
 
 

@@ -60,10 +60,8 @@ class FileSet:
 
     photo: Path | None = None
     camera: Path | None = None
-    """File of the photo's camera."""
     models: tuple[ModelFiles, ...] = ()
     pose: Path | None = None
-    """The start."""
     views: Path | None = None
     """A set of photos, as ``photo_sets.load_views`` takes it."""
     scene: Path | None = None

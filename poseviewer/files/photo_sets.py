@@ -32,7 +32,6 @@ class LoadedViews:
     """Views of one thing, before it is known what that is."""
 
     name: str
-    """Name of the file or folder."""
     views: tuple[View, ...]
     unit: str | None = None
     """Unit of the world; None: not said."""
@@ -49,10 +48,8 @@ class SetChoice:
     folder: Path | None = None
     """Folder of COLMAP's photos; None: looked for beside the model."""
     rig_object: int | None = None
-    """The object of a BOP scene whose annotations tell how the cameras moved, where the scene does
-    not say it."""
+    """Object of a BOP scene whose poses tell how the cameras moved."""
     view: str | None = None
-    """Name of the photo that the start is a pose in; None: the one that the pose file names."""
     scale: float | None = None
     """Lengths of the model's unit in one of the set's; None: as the set says, or searched for."""
 

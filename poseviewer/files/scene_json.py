@@ -124,7 +124,6 @@ class JsonForm(NamedTuple):
     """The form of a type in files."""
 
     kind: Any
-    """Type that msgspec checks."""
     encode: Callable[[Any], Any]
     decode: Callable[[Any], Any]
 

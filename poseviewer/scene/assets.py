@@ -22,9 +22,8 @@ class PhotoFile:
     name: str
     """Name to show: of the file, with its folder where two views would else share a name."""
     width: int = 0
-    """px; 0: not known before the photo is read."""
+    """px; 0, as the height: not known before the photo is read."""
     height: int = 0
-    """px; 0: not known before the photo is read."""
     sha256: str | None = None
     undistortion: Undistortion | None = None
     """From the photo in the file to ``photo``; None: they are the same."""
@@ -53,7 +52,6 @@ class ModelContent:
     """Content of a model's files."""
 
     mesh: Mesh
-    """The whole surface."""
     keypoints: VehicleKeypoints | None = None
     symmetry: Symmetry = NO_SYMMETRY
     """Symmetry of the whole mesh, as far as a file says it."""

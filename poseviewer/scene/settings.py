@@ -67,16 +67,13 @@ class FitSettings:
     lock: tuple[str, ...] = ()
     """Names of the chart's numbers that stay as they are."""
     grey: bool = False
-    """Photo attributes grey (n = 1) even where the photo has colour (n = 3). A photo without
-    colour to speak of, by ``MIN_COLOUR``, is compared in grey in any case."""
+    """Photo attributes grey (n = 1) even where the photo has colour (n = 3), by ``MIN_COLOUR``."""
     colour_reflectance: bool = False
     """Model attributes of RGB reflectance (m = 12) instead of grey (m = 4)."""
     pixels: PixelsName = "near"
-    """P: a fixed box about the start, or the whole photo, both with the surroundings of the model
-    speaking against a wrong outline; or, as in the paper, what the model covers at each pose."""
+    """P: a fixed box about the start, the whole photo, or what the model covers at each pose."""
     in_front: InFrontName = "find"
-    """Pixels left out besides those that other objects hide: masks and what a search finds in front
-    of the model, masks alone, or none."""
+    """Pixels left out: masks and what a search finds in front, masks alone, or none."""
     region: Rectangle | None = None
     """Rectangle that P lies in, px."""
     mask: str | None = None
@@ -90,8 +87,7 @@ class FitSettings:
     limits: Limits = field(default_factory=Limits)
     seed: int = 0
     keep_start: bool = False
-    """The start is an estimate to be refined: it is given back where the search ends in a pose that
-    is not sure to be better."""
+    """Give the start back where the search ends in a pose that is not sure to be better."""
 
     def __post_init__(self) -> None:
         """Raises ``SettingsError`` where there is no such choice or seed."""

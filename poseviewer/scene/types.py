@@ -49,7 +49,6 @@ class View:
 
     file: PhotoFile
     camera: Camera
-    """Camera of ``photo``."""
     camera_from_world: RigidTransform = WORLD
     """Pose of the world, in its unit; by default the world is the camera's frame."""
     mask: Mask | None = None
@@ -125,9 +124,7 @@ class ChartParameters:
     """A pose as the parameters of a chart."""
 
     name: str
-    """Name of the chart."""
     names: tuple[str, ...]
-    """Names of the parameters."""
     parameters: tuple[float, ...]
 
 
@@ -145,13 +142,11 @@ class SearchResult:
     covariance: PoseCovariance | None = field(default=None, metadata={"key": "uncertainty"})
     """Covariance of the pose, if it is right; None for a lost one, and where it is not known."""
     chart: ChartParameters | None = None
-    """The pose in the chart that was searched."""
     settings: Mapping[str, Any] | None = None
     """Settings as JSON holds them, and the photo's channels."""
     notes: tuple[str, ...] = ()
     hidden: tuple[NDArray[np.bool_] | None, ...] = field(default=(), metadata=NOT_IN_FILES)
-    """For each view, (height, width): pixels of its photo taken for something in front; files have
-    them in the object's masks."""
+    """For each view, (height, width): pixels taken for occluders; in files, in the masks."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -164,11 +159,9 @@ class SceneObject:
     """Name given by the user; "": its id is shown."""
     model: ModelFile
     world_from_model: Similarity
-    """Its scale is 1 but in a world of another unit, and for objects under parallel projection,
-    which are each as large as the photo has them."""
+    """Its scale is 1 but in a world of another unit, and under parallel projection."""
     start: Similarity | None = None
-    """World from model where the last search began, and where a reset puts the object; None: where
-    the object is."""
+    """World from model where the last search began, for a reset; None: where the object is."""
     start_cameras: tuple[Camera, ...] = ()
     """The views' cameras at the start; empty: those of the views."""
     settings: FitSettings = DEFAULTS
@@ -181,14 +174,11 @@ class SceneObject:
     is_placed: bool = field(default=True, metadata={"key": "placed"})
     """Whether anybody has said yet where the object is."""
     without: tuple[str, ...] = ()
-    """Names of the model's parts that are left out."""
     said_symmetry: Symmetry = field(default=NO_SYMMETRY, metadata={"key": "symmetry"})
     """Symmetry of the mesh as a scene file says it, without its model."""
     result: SearchResult | None = None
     notes: tuple[str, ...] = ()
-    """Notes for the user on how the object's files were read."""
     note: str = ""
-    """Note of the user on the object."""
 
     @property
     def mesh(self) -> Mesh:
@@ -225,11 +215,9 @@ class Scene:
     views: Annotated[tuple[View, ...], Meta(min_length=1)]
     objects: tuple[SceneObject, ...] = ()
     software: dict[str, Any] | None = None
-    """Name and version of the program that wrote the file."""
     name: str = field(default="", metadata=NOT_IN_FILES)
     """Name of the file or folder that the scene was read from."""
     notes: tuple[str, ...] = field(default=(), metadata=NOT_IN_FILES)
-    """Notes for the user on how the files were read."""
 
     def __post_init__(self) -> None:
         """Raises ``SettingsError``: ids repeat, sizes differ, or the scale is free of several."""

@@ -83,7 +83,6 @@ class BopEstimate:
     object_id: int
     score: float
     place: RigidTransform
-    """Camera from model, mm."""
 
 
 def load_bop_models(path: Path) -> dict[int, BopModel]:

@@ -57,7 +57,6 @@ class ConvertOptions:
     image: str | None = None
     """Which image of a file with several: its name, or its number (BOP)."""
     object_id: int | None = None
-    """Which object (BOP)."""
     calibration: Path | None = None
     """The file of the photo's camera, for files that do not say it."""
     lens_model: LensModel | None = None
@@ -87,17 +86,14 @@ class ConvertOptions:
         return metres_per_unit(own) / metres_per_unit(unit)
 
     def size_of(
-        self, file: InputFile, width: Any, height: Any, photo: Path | None = None
+        self, file: InputFile, size: tuple[Any, Any], photo: Path | None = None
     ) -> tuple[int, int]:
-        """Width and height of the photo in px, as the file says (unchecked), else as the ``photo``
-        has them, else as the user says.
-        """
-        if None in (width, height) and photo is not None and photo.is_file():
+        """Return the photo's size, px: as the file says, else the photo, else the user."""
+        if None in size and photo is not None and photo.is_file():
             opened = load_photo(photo)
-            width, height = opened.width, opened.height
-        if None in (width, height):
-            width, height = self.photo_size or (None, None)
-        width, height = file.size(width, "the photo's width"), file.size(height, "its height")
+            size = opened.width, opened.height
+        size = (self.photo_size or size) if None in size else size
+        width, height = file.size(size[0], "the photo's width"), file.size(size[1], "its height")
         if width is None or height is None:
             wanted = "add --photo-size WIDTHxHEIGHT"
             raise file.error("it does not say how large the photo is", wanted)
@@ -107,18 +103,17 @@ class ConvertOptions:
         return width, height
 
     def with_size(self, file: InputFile, view: View) -> View:
-        """The view with the size of its photo, by ``size_of``."""
-        width, height = view.file.width or None, view.file.height or None
-        return view.resize_photo(*self.size_of(file, width, height, view.file.location))
+        """Give a view the size of its photo, by ``size_of``."""
+        size = view.file.width or None, view.file.height or None
+        return view.resize_photo(*self.size_of(file, size, view.file.location))
 
     def the_one(self, file: InputFile, kind: str, entries: Iterable[tuple[str, Entry]]) -> Entry:
         """The entry that ``image`` names, with or without folders, or the only one."""
         image, known = self.image, list(entries)
         chosen = [item for name, item in known if image is None or image in (name, Path(name).name)]
         if len(chosen) != 1:
-            found = (
-                f"{len(chosen)} of its {len(known)} {kind} are {repr(image) if image else 'meant'}"
-            )
+            meant = repr(image) if image else "meant"
+            found = f"{len(chosen)} of its {len(known)} {kind} are {meant}"
             names = printable(list_names([name for name, _ in known]))
             raise file.error(found, f"wanted one, choose it with --image NAME ({names})")
         return chosen[0]
@@ -126,8 +121,13 @@ class ConvertOptions:
     def scene_of(
         self, file: InputFile, view: View, unit: str | None = None, is_of_stored: bool = False
     ) -> Scene:
-        """The scene of a view whose world is the frame of the model, in the user's ``unit`` or that
-        of the file; ``is_of_stored``: the view is one of pixels as stored, whatever EXIF says.
+        """Make the scene of a view whose world is the model's frame.
+
+        Args:
+            file: the file that was read.
+            view: its view.
+            unit: the model's by the file; the user's own comes first.
+            is_of_stored: whether the view is of pixels as stored, whatever EXIF says.
         """
         check_camera(file, view.camera)
         photo = self.photo or view.file.location
@@ -146,8 +146,7 @@ class ConvertOptions:
 
 
 Lenses = Sequence[tuple[str, LensModel, int]]
-"""A format's lens models, the poorest first: its name for each, OpenCV's model, and how many of
-that one's coefficients it has."""
+"""A format's lens models, poorest first: its name, OpenCV's model, and count of coefficients."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,15 +176,11 @@ class Format:
     def convert(
         self, scene: Scene, out: Path, options: ConvertOptions
     ) -> tuple[list[Path], list[str]]:
-        """Write a scene for the photos as taken, or else the undistorted photos as well.
-
-        Returns the files that were written, and notes for the user.
-        """
-        views = scene.views
-        notes = []
-        files = []
-        ready = []
-        several = len(scene.objects) > 1
+        """Write a scene, and undistorted photos if need be; return all files, and notes."""
+        views, several = scene.views, len(scene.objects) > 1
+        notes: list[str] = []
+        files: list[Path] = []
+        ready: list[View] = []
         if several and not self.several_objects:
             wanted = "choose an object by --object ID, or convert all to bop, dope, gltf, meshlab"
             raise PoseFileError(f"Such a file holds one pose; {wanted}.")
@@ -208,10 +203,8 @@ class Format:
                         make_folder(path.parent)
                     view = _of_undistorted(view, path, options)
                     files.append(path)
-                    of_photo = f"{path.name}, the undistorted photo, which is written"
-                    notes.append(
-                        f"All numbers of {name} belong to {of_photo}; not to that as taken."
-                    )
+                    other = f"{path.name}, the undistorted photo, which is written"
+                    notes.append(f"All numbers of {name} belong to {other}; not to that as taken.")
             orientation = orientation_of(view.file.location)
             if self.is_of_stored and orientation not in (UPRIGHT, *MIRRORED):
                 view = turn_view(view, WAY_BACK[orientation])
@@ -225,8 +218,8 @@ class Format:
             if path.is_dir():
                 raise PoseFileError(f"{path}: is a folder; name a file in it.")
             if path.exists() and not options.overwrite:
-                found = "is there already and was not touched"
-                raise PoseFileError(f"{path}: {found}; name another, or add --overwrite.")
+                wanted = "name another, or add --overwrite"
+                raise PoseFileError(f"{path}: is there already and was not touched; {wanted}.")
         for path, content in written.items():
             if path.parent == out:
                 make_folder(out)
@@ -241,8 +234,7 @@ def turn_view(view: View, orientation: int) -> View:
     Raises:
         PoseFileError: no camera sees that picture.
     """
-    file = view.file
-    known = view.file.undistortion
+    file, known = view.file, view.file.undistortion
     place = view.camera_from_world
     try:
         if orientation in MIRRORED:
@@ -356,10 +348,8 @@ def cameras_as_taken(
 
 def _as_taken(view: View, lenses: Lenses) -> tuple[Perspective, str, tuple[float, ...]] | None:
     """Return camera, lens model and coefficients of the photo as taken, if the format has it."""
-    camera = view.camera
-    undistortion = view.file.undistortion
-    model = "opencv"
-    k = ()
+    camera, undistortion = view.camera, view.file.undistortion
+    model, k = "opencv", ()
     if not isinstance(camera, Perspective):
         return None
     if undistortion is not None:

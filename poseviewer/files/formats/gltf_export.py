@@ -47,8 +47,13 @@ INDICES = 34963
 def write_gltf_scene(
     scene: Scene, out: Path, options: c.ConvertOptions, notes: list[str]
 ) -> dict[Path, bytes]:
-    """Write a GLB file of models and cameras ``in_one_world``, which is glTF's; lengths become
-    metres where the models' unit is known.
+    """Write a GLB file of models and cameras ``in_one_world``.
+
+    Args:
+        scene: objects and views; lengths become metres if the models' unit is known.
+        out: GLB file.
+        options: unit of the models.
+        notes: list for notes to the user.
     """
     if out.suffix.lower() != ".glb":
         raise PoseFileError(f"{out.name}: binary glTF files end in .glb; name it so.")
@@ -60,7 +65,7 @@ def write_gltf_scene(
         meshes[path].vertices @ place[:3, :3].T + place[:3, 3]
         for path, place in zip(paths, places, strict=True)
     ]
-    points, file = np.concatenate(corners), _Glb()
+    points, file = np.concatenate(corners), _Glb(scale)
     index = {path: file.add_mesh(mesh) for path, mesh in meshes.items()}
     models = []
     for item, place in zip(scene.objects, places, strict=True):
@@ -72,7 +77,7 @@ def write_gltf_scene(
     placed = [_before(pose, points) for pose in poses]
     names = ["photo", *(view.file.location.name or "another photo" for view in scene.views[1:])]
     for name, (pose, depth) in zip(names, placed, strict=True):
-        nodes.append(file.add_camera(name, pose, depth, scale))
+        nodes.append(file.add_camera(name, pose, depth))
     if not scene.views[0].file.location.is_file():
         notes.append("No photo is known: the file has no plane with it; add --photo FILE.")
         return {out: file.as_bytes(nodes)}
@@ -104,7 +109,8 @@ def _before(pose: Pose, points: FloatArray) -> tuple[Pose, float]:
 class _Glb:
     """A glTF 2.0 document that grows; ``data`` is its one buffer."""
 
-    def __init__(self) -> None:
+    def __init__(self, scale: float) -> None:
+        self.scale = scale
         self.document: dict[str, Any] = {"asset": {"version": "2.0", "generator": "poseviewer"}}
         self.data = bytearray()
 
@@ -163,9 +169,9 @@ class _Glb:
             )
         return self.add("meshes", name=unlit or "model", primitives=primitives)
 
-    def add_camera(self, name: str, pose: Pose, far: float, scale: float) -> int:
-        """The camera of a pose that sees up to a depth; returns the index of its node."""
-        camera = pose.camera
+    def add_camera(self, name: str, pose: Pose, far: float) -> int:
+        """Add the camera of a pose that sees up to a depth; returns the index of its node."""
+        camera, scale = pose.camera, self.scale
         half_width, half_height = _half_view(camera.cx, camera.cy, camera.width, camera.height)
         if isinstance(camera, Perspective):
             tangents = half_width / camera.fx, half_height / camera.fy
@@ -243,7 +249,7 @@ def _camera(
     file: InputFile, entry: dict[str, Any], request: c.ConvertOptions, metres: float
 ) -> Camera:
     extras = entry.get("extras", {}).get("poseviewer", {})
-    width, height = request.size_of(file, extras.get("width"), extras.get("height"))
+    width, height = request.size_of(file, (extras.get("width"), extras.get("height")))
     cx = file.number(extras.get("cx", width / 2.0 - HALF_PIXEL), "cx") + HALF_PIXEL
     cy = file.number(extras.get("cy", height / 2.0 - HALF_PIXEL), "cy") + HALF_PIXEL
     half_width, half_height = _half_view(cx, cy, width, height)

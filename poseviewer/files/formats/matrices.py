@@ -159,7 +159,7 @@ def _read_calibration(
     if request.calibration is None:
         wanted = "add --calibration FILE, and --photo or --photo-size"
         raise file.error("it does not say the camera", wanted)
-    size, photo = request.size_of(file, None, None, request.photo), request.photo or Path()
+    size, photo = request.size_of(file, (None, None), request.photo), request.photo or Path()
     choice = Calibration(request.calibration, lens_model=request.lens_model)
     known, notes = load_calibration(choice, photo.name, *size, orientation_of(photo))
     file.warnings.extend(notes)

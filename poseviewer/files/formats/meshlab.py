@@ -27,7 +27,14 @@ SENSOR_MM = 36.0
 def write_meshlab(
     scene: Scene, out: Path, _: c.ConvertOptions, notes: list[str]
 ) -> dict[Path, str]:
-    """Write a project that names models and photos by their paths from its folder."""
+    """Write a project that names models and photos by their paths from its folder.
+
+    Args:
+        scene: objects and views.
+        out: project file.
+        _: no option is used.
+        notes: list for notes to the user.
+    """
     c.require_file(scene.views[0].file.location, "photo", "MeshLab")
     places, poses = c.in_one_world(scene)
     add, root = ElementTree.SubElement, ElementTree.Element("MeshLabProject")

@@ -118,7 +118,7 @@ def frame_view(file: InputFile, own: dict[str, Any], options: c.ConvertOptions) 
     path = next((path for path in tried if is_there(path)), tried[0])
     size = file.size(own.get("w"), "w"), file.size(own.get("h"), "h")
     if None in size and own.get("fl_x") is None:  # NeRF's own sets have the angle of a width
-        size = options.size_of(file, *size, path)
+        size = options.size_of(file, size, path)
         size = size[::-1] if orientation_of(path) > 4 else size
     width, height = size[0] or 0, size[1] or 0
     said = {key: value for key, value in own.items() if key != "frames"}

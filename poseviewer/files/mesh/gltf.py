@@ -98,7 +98,6 @@ class _Document:
     alphas: dict[int | None, NDArray[np.uint8]] = field(default_factory=dict)
     """Alpha of pictures that cut, by their indices."""
     counts: Counter[str] = field(default_factory=Counter)
-    """Numbers of what is left out, for notes."""
 
     def find_meshes(self) -> Iterator[tuple[int, str, Matrix]]:
         """Each node of the scene that has a mesh: its index, name, and world from node."""

@@ -45,7 +45,6 @@ class Part:
     uvs: NDArray | None = None
     """(V, 2), v upwards."""
     texture: NDArray[np.uint8] | None = None
-    """(h, w, 3) RGB."""
 
     def transform(self, matrix: NDArray) -> Part:
         """The part moved by a (4, 4) matrix; a mirroring one turns the faces over."""

@@ -32,7 +32,6 @@ class AutosavedSession:
     saved_at: float
     """Seconds since 1970."""
     active_object: str
-    """Id of the object that is worked on."""
     active_view: int
     """Index of the view that is shown large."""
     photo_names: tuple[str, ...]
