@@ -58,7 +58,7 @@ from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Scene, SceneObject
 from poseviewer.starts.automatic import AUTOMATIC
 from poseviewer.starts.instances import AutoStart
-from poseviewer.starts.loading import FindStart, open_photo, open_scene, open_views
+from poseviewer.starts.loading import FindStart, open_photo_scene, open_scene_files, open_views
 from poseviewer.starts.loading import StartCamera as StartCamera
 
 
@@ -101,7 +101,7 @@ def load(
     start = AutoStart() if start == AUTOMATIC else start
     if not isinstance(photo, LoadedViews) and model is None and start is None:
         _refuse("a scene file", choice=choice, calibration=calibration, mask=mask)
-        scene = open_scene(photo, settings)
+        scene = open_scene_files(photo, settings)
     elif model is None or start is None:
         raise SettingsError("wanted a photo, or several, with a model and a start; or a scene.")
     elif isinstance(photo, LoadedViews) or choice is not None or _is_set(Path(photo)):
@@ -111,7 +111,7 @@ def load(
         choice = choice or SetChoice()
         scene = open_views(photo, model, start, settings, choice.view, choice.scale, choice)
     else:
-        scene = open_photo(photo, model, start, settings, calibration, mask)
+        scene = open_photo_scene(photo, model, start, settings, calibration, mask)
     return make_registration(scene, renderer)
 
 

@@ -58,7 +58,7 @@ class ModelContent:
     _parts: dict[frozenset[str], Mesh] = field(default_factory=dict, init=False, repr=False)
 
     def mesh_without(self, parts: tuple[str, ...]) -> Mesh:
-        """The mesh without these parts, the same object each time; raises as ``Mesh.without``."""
+        """Leave out parts, with the same result each time; raises as ``Mesh.without``."""
         names = frozenset(parts)
         if names not in self._parts:
             self._parts[names] = self.mesh.without(parts)
@@ -134,6 +134,6 @@ class ModelFile:
         return self.content.symmetry
 
     def with_content(self, **changes: object) -> "ModelFile":
-        """The model with changed fields of its content."""
+        """Change fields of the model's content."""
         content = replace(self.content, **changes)  # pyright: ignore[reportArgumentType]
         return replace(self, read=lambda: content)

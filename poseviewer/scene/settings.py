@@ -24,9 +24,8 @@ LOSSES: dict[LossName, str] = {
 }
 """Names of the losses for people: what the default compares, and the year of the paper."""
 SEARCHES: dict[SearchName, str] = {
-    "simplex": "Restarted simplex",
-    "models": "CMA-ES and quadratic models",
-}
+    "simplex": "Restarted simplex", "models": "CMA-ES and quadratic models"
+}  # fmt: skip
 OF_LOSS = ("grey", "colour_reflectance", "pixels")
 """The settings that each loss has its own of: what it compares."""
 
@@ -40,22 +39,15 @@ class Limits:
 
 
 CHOICES: dict[str, tuple[str, ...]] = {
-    "loss": get_args(LossName),
-    "search": ("auto", *get_args(SearchName)),
-    "chart": get_args(ChartName),
-    "pixels": get_args(PixelsName),
-    "in_front": get_args(InFrontName),
-    "renderer": get_args(RendererName),
-}
+    "loss": get_args(LossName), "search": ("auto", *get_args(SearchName)),
+    "chart": get_args(ChartName), "pixels": get_args(PixelsName),
+    "in_front": get_args(InFrontName), "renderer": get_args(RendererName),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
 class FitSettings:
-    """Settings of a fit; by default it compares all of the photo's colour, near the start.
-
-    The loss ``paper`` has grey, grey reflectance, and ``clip`` unless ``whole`` is chosen:
-    settings that say otherwise are set so.
-    """
+    """Settings of a fit; the loss ``paper`` sets what it compares, and ``clip`` for ``near``."""
 
     loss: LossName = "default"
     """The default, or exactly the paper's."""
@@ -92,11 +84,9 @@ class FitSettings:
     def __post_init__(self) -> None:
         """Raises ``SettingsError`` where there is no such choice or seed."""
         for name, choices in CHOICES.items():
-            if getattr(self, name) not in choices:
-                raise SettingsError(
-                    f"{name}={getattr(self, name)!r}: there is no such choice; "
-                    f"take one of {', '.join(choices)}."
-                )
+            if (value := getattr(self, name)) not in choices:
+                found = f"{name}={value!r}: there is no such choice"
+                raise SettingsError(f"{found}; take one of {', '.join(choices)}.")
         if not isinstance(self.seed, int) or self.seed < 0:
             raise SettingsError(f"seed={self.seed!r}: wanted a whole number of 0 or more.")
         if self.region is not None:
@@ -125,13 +115,10 @@ class FitSettings:
         return self.loss if self.search == "auto" else f"{self.loss} by {self.search}"
 
     def of_loss(self, loss: LossName, like: FitSettings | None = None) -> FitSettings:
-        """The fit by another loss, with what that compares in ``like``, if that is of it, else by
-        default.
-        """
+        """Change the loss; what it compares is as in ``like`` of that loss, else the default."""
         if loss == self.loss:
             return self
-        if like is None or like.loss != loss:
-            like = FitSettings(loss)
+        like = like if like is not None and like.loss == loss else FitSettings(loss)
         return replace(self, loss=loss, **{name: getattr(like, name) for name in OF_LOSS})
 
 
@@ -141,11 +128,7 @@ def settings_as_json(settings: FitSettings) -> dict[str, Any]:
 
 
 def settings_from_json(data: Mapping[str, Any]) -> FitSettings:
-    """The settings from ``settings_as_json``; names that are not known are left out.
-
-    Raises:
-        SettingsError: a value makes no sense.
-    """
+    """Read the settings, without unknown names; raises SettingsError where one makes no sense."""
     try:
         return msgspec.convert(data, FitSettings)
     except msgspec.ValidationError as error:

@@ -22,7 +22,7 @@ from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
 from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import ChartParameters, InView, Scene, SceneObject, SearchResult
-from poseviewer.starts.loading import open_scene
+from poseviewer.starts.loading import open_scene_files
 from tests.schemas import json_schema, load_valid
 from tests.several import CAMERA, IDS, MESHES, make_three
 from tests.writing import edit
@@ -93,7 +93,7 @@ def test_the_schemas_are_those_of_the_structs(kind):
 
 def test_the_same_model_may_be_there_twice(path):
     edit(path, lambda data: data["objects"].append({**data["objects"][0], "id": "again"}))
-    opened = open_scene(path)
+    opened = open_scene_files(path)
     assert opened.objects[3].mesh.whole is opened.objects[0].mesh.whole
 
 
@@ -124,7 +124,7 @@ def test_another_size_or_unit_is_said(path):
     scene = load_scene(path)
     edit(path, lambda data: data["views"][0]["photo"].update(width=100))
     with pytest.raises(PoseViewerError, match="320x240 px, and its camera is for 100x240"):
-        open_scene(path)
+        open_scene_files(path)
     save_scene(path, scene)
 
     def set_units(data) -> None:
@@ -132,7 +132,7 @@ def test_another_size_or_unit_is_said(path):
         data["objects"][2]["model"]["unit"] = "m"
 
     with pytest.raises(PoseViewerError, match="ball is in mm and apart in m"):
-        open_scene(edit(path, set_units))
+        open_scene_files(edit(path, set_units))
 
 
 def test_a_mask_of_another_size_is_said(path, tmp_path):
@@ -140,7 +140,7 @@ def test_a_mask_of_another_size_is_said(path, tmp_path):
     save_scene(path, scene.with_object(0, in_views=(InView(mask=Mask.of(np.ones((240, 320)))),)))
     (tmp_path / "three.scene.1.mask.png").write_bytes(mask_as_png(Mask.of(np.ones((10, 20)))))
     with pytest.raises(PoseViewerError, match=r"20x10 px, the photo three\.png has 320x240"):
-        open_scene(path)
+        open_scene_files(path)
 
 
 def test_files_are_sought_where_they_may_lie(path, tmp_path):

@@ -7,7 +7,7 @@ from poseviewer.files.mesh.size import distance_notes, size_words
 from poseviewer.files.pose import load_pose, save_pose
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.starts.loading import open_photo
+from poseviewer.starts.loading import open_photo_scene
 from tests.meshes import make_bumpy
 
 BALL = make_bumpy(2)
@@ -46,6 +46,8 @@ def test_the_note_comes_with_a_start_in_metres_for_a_model_in_millimetres(scene,
     place = RigidTransform(place.rotation, 0.001 * place.translation)
     path = tmp_path / "start.json"
     save_pose(path, record.with_pose(replace(record.pose, camera_from_model=place)))
-    assert any("in one unit" in note for note in open_photo(scene.photo, scene.model, path).notes)
-    notes = open_photo(scene.photo, scene.model, scene.start).notes
+    assert any(
+        "in one unit" in note for note in open_photo_scene(scene.photo, scene.model, path).notes
+    )
+    notes = open_photo_scene(scene.photo, scene.model, scene.start).notes
     assert not any("in one unit" in note for note in notes)
