@@ -409,7 +409,7 @@ def cameras_in(
     is_sized = True
     if isinstance(data, list):
         data = {"cameras" if data and isinstance(data[0], dict) else "camera_matrix": data}
-    for path, mapping, above in _mappings(_split_dots(data), (), DEEPEST, {}):
+    for path, mapping, above in _mappings(_nest_dotted(data), (), DEEPEST, {}):
         of_number = _entries_of(mapping)
         shared = of_number.get("", {}).copy()
         for name in ("matrix", "distortion"):
@@ -460,7 +460,7 @@ def _plain(key: Any) -> str:
     return re.sub(r"[_\s-]", "", str(key).lower())
 
 
-def _split_dots(data: Any) -> Any:
+def _nest_dotted(data: Any) -> Any:
     """Split ORB-SLAM's ``LEFT.K`` into mappings; size and type of ``Camera.`` are of all."""
     tree: dict[str, Any] = {}
     for key, value in data.items() if isinstance(data, dict) else ():

@@ -39,7 +39,7 @@ def load_pairs(path: str | Path) -> PointPairs:
 
     Tabs, semicolons, commas or spaces part the columns; decimal commas are points.
     """
-    file = _reading(path)
+    file = _marks_file(path)
     with file.naming_errors():
         text = file.load_text()
         first = next((line for line in text.splitlines() if line.strip() and "#" not in line), "")
@@ -60,7 +60,7 @@ def load_pairs(path: str | Path) -> PointPairs:
 
 def wheels_from_text(text: str) -> Wheels:
     """Parse ``cx,cy,a,b,angle;cx,cy,a,b,angle``: rear, then front; px, degrees clockwise."""
-    file = _reading("--wheels")
+    file = _marks_file("--wheels")
     with file.naming_errors():
         rows = [wheel.split(",") for wheel in text.split(";") if wheel.strip()]
         if len(rows) != 2:
@@ -74,7 +74,7 @@ def wheels_from_text(text: str) -> Wheels:
         return Wheels(*ellipses)
 
 
-def _reading(path: str | Path) -> InputFile:
+def _marks_file(path: str | Path) -> InputFile:
     return InputFile(Path(path), [], QuickStartError, "list of marks", numbers_as_text=True)
 
 

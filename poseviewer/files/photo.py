@@ -58,7 +58,7 @@ def load_photo(path: str | Path) -> Photo:
 
     A photo of more than 100 megapixels is refused before it is decoded.
     """
-    file = _reading(path)
+    file = _photo_input(path)
     with file.naming_errors(), quiet_libraries():
         data = file.load_bytes()
         is_heic = data[4:8] == b"ftyp" and data[8:12] in HEIC_BRANDS
@@ -87,7 +87,7 @@ def was_taken_by_a_camera(path: str | Path) -> bool:
 
 def _exif_tags(path: str | Path) -> dict[int, Any]:
     """EXIF of a picture by tag; {} for a HEIC photo, or a file that cannot be read."""
-    file = _reading(path)
+    file = _photo_input(path)
     with (
         suppress(PhotoFileError), file.naming_errors(), file.open() as stream,
         quiet_libraries(), Image.open(stream, formats=FORMATS) as image,
@@ -102,12 +102,12 @@ def save_image(path: str | Path, rgb: NDArray, *, is_own: bool = False) -> None:
     path = Path(path)
     if not cv2.haveImageWriter(f"a{path.suffix}"):
         found = f"pictures cannot be written as {path.suffix!r}"
-        raise _reading(path).error(found, "use .png or .jpg")
+        raise _photo_input(path).error(found, "use .png or .jpg")
     data = np.asarray(cv2.imencode(path.suffix, np.ascontiguousarray(rgb[..., ::-1]))[1])
     write_whole(path, data.tobytes(), PhotoFileError, is_own=is_own)
 
 
-def _reading(path: str | Path) -> InputFile:
+def _photo_input(path: str | Path) -> InputFile:
     return InputFile(Path(path), [], PhotoFileError, "photo", MAX_DATA_BYTES)
 
 

@@ -30,7 +30,7 @@ def polygon_corners(counts: NDArray, points: NDArray) -> NDArray[np.int64]:
     turned = shares < TURNED * np.einsum("nd,nd->n", wholes, wholes)[which]
     for polygon in np.unique(which[turned]):
         own = firsts[polygon] + np.arange(int(counts[polygon]))
-        ears = _ears(_flatten(points[own], wholes[polygon]))
+        ears = _ears(_to_plane(points[own], wholes[polygon]))
         corners[ends[polygon] - triangles[polygon] : ends[polygon]] = own[ears]
     return corners
 
@@ -46,7 +46,7 @@ def strip_corners(indices: NDArray) -> NDArray[np.int64]:
     return windows[(windows >= 0).all(axis=1)]
 
 
-def _flatten(points: NDArray, normal: NDArray) -> NDArray:
+def _to_plane(points: NDArray, normal: NDArray) -> NDArray:
     """(n, 2): a polygon in its own plane, counter-clockwise."""
     x = np.cross(np.eye(3)[np.argmin(np.abs(normal))], normal)
     return (points - points[0]) @ np.stack([x, np.cross(normal, x)], axis=1)

@@ -31,7 +31,7 @@ def as_mesh(name: str, parts: list[Part], notes: list[str]) -> Mesh:
         mesh = _orient_by_normals(mesh)
     if not np.any(mesh.normals):
         mesh = _with_computed_normals(mesh)
-    return _even_tints(mesh).of_faces(slice(None))
+    return _average_tints(mesh).of_faces(slice(None))
 
 
 def _check(name: str, parts: list[Part]) -> None:
@@ -136,7 +136,7 @@ def _detach_faces(mesh: Mesh, which: NDArray[np.bool_], **values: NDArray) -> Me
     return replace(mesh.with_vertices(source, faces), **own)
 
 
-def _even_tints(mesh: Mesh) -> Mesh:
+def _average_tints(mesh: Mesh) -> Mesh:
     """Give each textured face one colour to multiply its texture by, the mean of its corners'."""
     colours = mesh.colours[mesh.faces]
     varies = np.any(colours != colours[:, :1], axis=(1, 2)) & (mesh.face_texture >= 0)

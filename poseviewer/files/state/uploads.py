@@ -106,7 +106,7 @@ def copy_out(path: Path, scene: Scene, private: Path) -> Scene:
         FileSetError: the folder cannot be written to.
     """
 
-    def moved(own: Path | None) -> Path | None:
+    def copy(own: Path | None) -> Path | None:
         if own is None or private.resolve() not in own.resolve().parents:
             return own
         named = model_files(own, ()).named.values() if own.suffix.lower() in READERS else ()
@@ -123,8 +123,8 @@ def copy_out(path: Path, scene: Scene, private: Path) -> Scene:
         return pairs[0][1]
 
     with writing_to(path.parent, f"{path.name}, with its photos and models", FileSetError):
-        files = [replace(view.file, path=moved(view.path)) for view in scene.views]
-        models = [replace(item.model, path=moved(item.model.path)) for item in scene.objects]
+        files = [replace(view.file, path=copy(view.path)) for view in scene.views]
+        models = [replace(item.model, path=copy(item.model.path)) for item in scene.objects]
     views = [replace(view, file=file) for view, file in zip(scene.views, files, strict=True)]
     pairs = zip(scene.objects, models, strict=True)
     objects = tuple(replace(item, model=model) for item, model in pairs)
