@@ -131,6 +131,7 @@ def test_the_camera_of_the_stored_pixels_is_turned_with_the_photo(folder, capsys
         assert run("info", "turned.png", "--calibration", "c.json") == 0
         printed = capsys.readouterr().out
         assert "fx 310, fy 300, cx 61.5, cy 82.5" in printed
+        assert "from c.json" in printed  # and the keys
         assert "turned.png is stored turned (EXIF), its camera" in printed
         assert ("belongs to the stored pixels" in printed) == (said is not upright)
     (folder / "cameras.txt").write_text("1 OPENCV 160 120 300 310 83 58 -0.1 0.02 0.003 0.004\n")
