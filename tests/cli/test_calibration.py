@@ -13,7 +13,7 @@ from poseviewer.errors import CalibrationFileError
 from poseviewer.files.camera_forms import READ
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo import load_calibrated_photo, load_photo, save_image, undistorted
+from poseviewer.files.photo import load_calibrated_photo, load_photo, save_image, undistort_photo
 from poseviewer.files.pose import load_pose, save_pose
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.lens import Lens, Undistortion, same_undistortion
@@ -115,7 +115,7 @@ def test_a_lens_that_shows_nothing_is_refused(folder):
     camera = Perspective(300.0, 300.0, 5000.0, 5000.0, 160, 120)
     lens = Lens("opencv", (-900.0, 0.0, 0.0, 0.0, 0.0))
     with pytest.raises(CalibrationFileError, match="shows nothing"):
-        undistorted(load_photo(folder / "p.png"), Undistortion.of(lens, camera))
+        undistort_photo(load_photo(folder / "p.png"), Undistortion.of(lens, camera))
 
 
 def test_the_camera_of_the_stored_pixels_is_turned_with_the_photo(folder, capsys):
