@@ -398,16 +398,17 @@ def test_by_whatever_names_a_camera_is_right_or_refused(key, is_nested):
     assert right >= 5 or is_nested or key in ("A", "cameraMatrix0", "left_K", "K_left")
 
 
-@pytest.mark.parametrize(("cx", "cy"), [(-3.0, 239.0), (321.0, 481.0), (1000.0, 239.0)])
-def test_a_principal_point_outside_the_photo_is_refused(tmp_path, cx, cy):
-    path = write(tmp_path / "a.json", {**FOCALS, "cx": cx, "cy": cy})
-    with pytest.raises(CalibrationFileError, match=r"principal point.*outside"):
-        load_calibration(Calibration(path), "p.png", 640, 480)
-
-
-def test_shares_of_a_photo_are_no_pixels(tmp_path):
-    path = write(tmp_path / "a.json", {"K": [[0.78, 0, 0.5], [0, 1.04, 0.5], [0, 0, 1]]})
-    with pytest.raises(CalibrationFileError, match=r"focal length of 0\.78 px"):
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        *(({**FOCALS, "cx": cx, "cy": cy}, r"principal point.*outside")
+          for cx, cy in ((-3.0, 239.0), (321.0, 481.0), (1000.0, 239.0))),
+        ({"K": [[0.78, 0, 0.5], [0, 1.04, 0.5], [0, 0, 1]]}, r"focal length of 0\.78 px"),
+    ],
+)  # fmt: skip
+def test_points_outside_the_photo_and_shares_of_it_are_refused(tmp_path, content, words):
+    path = write(tmp_path / "a.json", content)
+    with pytest.raises(CalibrationFileError, match=words):
         load_calibration(Calibration(path), "p.png", 640, 480)
 
 

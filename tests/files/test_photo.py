@@ -194,23 +194,25 @@ def test_a_raw_photo_is_not_opened_as_its_preview(tmp_path: Path, name: str, tag
         load_photo(tmp_path / name)
 
 
-def tiled_tiff(pixels: np.ndarray, orientation: int, photometric: int = 1) -> bytes:
-    """A TIFF 6.0 file of tiles of 16 x 16 px of 16 bits, without compression, written by hand."""
-    height, width = pixels.shape
-    tiles = [
-        pixels[y : y + 16, x : x + 16] for y in range(0, height, 16) for x in range(0, width, 16)
-    ]
-    data = b"".join(np.ascontiguousarray(tile, "<u2").tobytes() for tile in tiles)
-    size, at = len(data) // len(tiles), 8 + len(data)
-    offsets = struct.pack(f"<{len(tiles)}I", *range(8, at, size))
-    counts = struct.pack(f"<{len(tiles)}I", *[size] * len(tiles))
-    entries = [(256, 4, 1, width), (257, 4, 1, height), (258, 3, 1, 16), (259, 3, 1, 1),
-               (262, 3, 1, photometric), (274, 3, 1, orientation), (277, 3, 1, 1), (322, 3, 1, 16),
-               (323, 3, 1, 16), (324, 4, len(tiles), at),
-               (325, 4, len(tiles), at + len(offsets))]  # fmt: skip
-    head = struct.pack("<2sHI", b"II", 42, at + len(offsets) + len(counts))
+def tiff(data: bytes, lists: bytes, *entries: tuple[int, int, int, int]) -> bytes:
+    """A TIFF 6.0 file by hand: pixels of 16 bits, what its entries point at, and these."""
+    head = struct.pack("<2sHI", b"II", 42, 8 + len(data) + len(lists))
     table = struct.pack("<H", len(entries)) + b"".join(struct.pack("<HHII", *e) for e in entries)
-    return head + data + offsets + counts + table + bytes(4)
+    return head + data + lists + table + bytes(4)
+
+
+def tiled_tiff(pixels: np.ndarray, orientation: int, photometric: int = 1) -> bytes:
+    """A TIFF of tiles of 16 x 16 px."""
+    height, width = pixels.shape
+    corners = [(y, x) for y in range(0, height, 16) for x in range(0, width, 16)]
+    tiles = [np.ascontiguousarray(pixels[y : y + 16, x : x + 16], "<u2") for y, x in corners]
+    data, count = b"".join(tile.tobytes() for tile in tiles), len(tiles)
+    at, size = 8 + len(data), len(data) // count
+    lists = struct.pack(f"<{2 * count}I", *range(8, at, size), *[size] * count)
+    return tiff(data, lists, (256, 4, 1, width), (257, 4, 1, height), (258, 3, 1, 16),
+                (259, 3, 1, 1), (262, 3, 1, photometric), (274, 3, 1, orientation), (277, 3, 1, 1),
+                (322, 3, 1, 16), (323, 3, 1, 16), (324, 4, count, at),
+                (325, 4, count, at + 4 * count))  # fmt: skip
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
@@ -233,17 +235,12 @@ def test_white_may_be_zero_with_16_bits(tmp_path: Path) -> None:
 
 def test_16_bits_in_planes_are_refused(tmp_path: Path) -> None:
     data = b"".join(np.ascontiguousarray(DEEP[..., i], "<u2").tobytes() for i in range(3))
-    at = 8 + len(data)
-    size = len(data) // 3
-    count = 10
-    after = at + 2 + 12 * count + 4
-    entries = [(256, 4, 1, 64), (257, 4, 1, 48), (258, 3, 3, after), (259, 3, 1, 1), (262, 3, 1, 2),
-               (273, 4, 3, after + 6), (277, 3, 1, 3), (278, 4, 1, 48), (279, 4, 3, after + 18),
-               (284, 3, 1, 2)]  # fmt: skip
-    table = struct.pack("<H", count) + b"".join(struct.pack("<HHII", *e) for e in entries)
-    lists = struct.pack("<3H3I3I", 16, 16, 16, 8, 8 + size, 8 + 2 * size, size, size, size)
+    at, size = 8 + len(data), len(data) // 3
+    lists = struct.pack("<3H6I", 16, 16, 16, 8, 8 + size, 8 + 2 * size, size, size, size)
     path = tmp_path / "a.tif"
-    path.write_bytes(struct.pack("<2sHI", b"II", 42, at) + data + table + bytes(4) + lists)
+    path.write_bytes(tiff(data, lists, (256, 4, 1, 64), (257, 4, 1, 48), (258, 3, 3, at),
+                          (259, 3, 1, 1), (262, 3, 1, 2), (273, 4, 3, at + 6), (277, 3, 1, 3),
+                          (278, 4, 1, 48), (279, 4, 3, at + 18), (284, 3, 1, 2)))  # fmt: skip
     with pytest.raises(PhotoFileError, match=r"a plane of its own; save it with interleaved"):
         load_photo(path)
 
