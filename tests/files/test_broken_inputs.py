@@ -101,6 +101,8 @@ MODELS: dict[str, str | bytes] = {
     "index_beyond.ply": PLY + TRIANGLE + "3 0 1 5\n",
     "index_below.ply": PLY + TRIANGLE + "3 0 1 -1\n",
     "index_beyond.off": "OFF\n3 1 0\n" + TRIANGLE + "3 0 1 5\n",
+    "long_rows.ply": PLY + "0 0 0 9\n1 0 0 9\n0 1 0 9\n3 0 1 2\n",
+    "long_face.ply": PLY + TRIANGLE + "3 0 1 2 255\n",
     "words.ply": PLY + "a b c\n" + TRIANGLE,
     "unknown_type.ply": PLY.replace("float y", "text y") + TRIANGLE,
     "too_many_faces.ply": PLY.replace("face 1", "face 30000000000") + TRIANGLE,
@@ -163,15 +165,11 @@ def refuse(path: Path, kind: str) -> str:
     return sentence
 
 
-@pytest.mark.parametrize(
-    ("kind", "name", "content"),
-    [
-        (kind, name, content)
-        for kind, contents in (("model", MODELS), ("photo", PHOTOS), ("pose", POSES))
-        for name, content in contents.items()
-    ],
-    ids=lambda value: value if isinstance(value, str) and len(value) < 40 else "",
-)
+@pytest.mark.parametrize(("kind", "name", "content"), [
+    (kind, name, content)
+    for kind, contents in (("model", MODELS), ("photo", PHOTOS), ("pose", POSES))
+    for name, content in contents.items()
+], ids=lambda value: value if isinstance(value, str) and len(value) < 40 else "")  # fmt: skip
 def test_a_broken_file_is_refused(tmp_path, kind, name, content):
     refuse(write(tmp_path / name, content), kind)
 

@@ -26,15 +26,12 @@ def test_every_error_is_one_bounded_line() -> None:
     text.encode()
 
 
-@pytest.mark.parametrize(
-    ("error", "words"),
-    [
-        (PoseFileError("p.json: an empty file; copy it again."), "p.json: an empty file"),
-        (MemoryError(), "not enough memory"),
-        (OSError(28, "No space left on device", "/x/\x1b"), "/x/?: No space left"),
-        (KeyError("x" * 100_000), "Something went wrong inside (KeyError: 'xxx"),
-    ],
-)
+@pytest.mark.parametrize(("error", "words"), [
+    (PoseFileError("p.json: an empty file; copy it again."), "p.json: an empty file"),
+    (MemoryError(), "not enough memory"),
+    (OSError(28, "No space left on device", "/x/\x1b"), "/x/?: No space left"),
+    (KeyError("x" * 100_000), "Something went wrong inside (KeyError: 'xxx"),
+])  # fmt: skip
 def test_every_error_becomes_a_sentence(error: Exception, words: str) -> None:
     text = sentence_of(error)
     assert words in text

@@ -58,14 +58,11 @@ def test_a_pose_file_names_its_mask(tmp_path: Path) -> None:
     assert mask_beside(path, load_pose(path, WIDTH, HEIGHT), (WIDTH, HEIGHT)) == (None, ())
 
 
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [
-        ("gone.mask.png", r"Nothing of the photo is hidden: gone\.mask\.png: no such file"),
-        ("small.png", r"Nothing of the photo is hidden: small\.png: the mask has 8x8 px"),
-        ("../secret.png", r"secret\.png: no such file"),
-    ],
-)
+@pytest.mark.parametrize(("name", "said"), [
+    ("gone.mask.png", r"Nothing of the photo is hidden: gone\.mask\.png: no such file"),
+    ("small.png", r"Nothing of the photo is hidden: small\.png: the mask has 8x8 px"),
+    ("../secret.png", r"secret\.png: no such file"),
+])  # fmt: skip
 def test_a_mask_that_cannot_be_used_is_said(tmp_path: Path, name: str, said: str) -> None:
     folder = tmp_path / "in"
     folder.mkdir()

@@ -108,29 +108,22 @@ def test_photos_of_16_bits_are_upright(tmp_path: Path, suffix: str) -> None:
 
 
 RATIONAL = TiffImagePlugin.IFDRational
-SENSOR = {
-    "FocalLength": RATIONAL(45),
-    "FocalPlaneXResolution": RATIONAL(6000 * 10, 36),
-    "FocalPlaneResolutionUnit": 3,
-    "ExifImageWidth": 6000,
-}
+SENSOR = {"FocalLength": RATIONAL(45), "FocalPlaneXResolution": RATIONAL(6000 * 10, 36),
+          "FocalPlaneResolutionUnit": 3, "ExifImageWidth": 6000}  # fmt: skip
 """A full-frame sensor of 36 x 27 mm with a 45 mm lens; the photo was shrunk afterwards."""
 FALLBACK = 32.0 / math.tan(math.radians(25.0))
 """Focal length at which 64 px are 50 degrees."""
 
 
-@pytest.mark.parametrize(
-    ("tags", "fx"),
-    [
-        ({"FocalLengthIn35mmFilm": 28}, Perspective.from_focal_length_35mm(28.0, 64, 48).fx),
-        (SENSOR, 45.0 / 36.0 * 64),
-        ({}, FALLBACK),
-        ({"FocalLengthIn35mmFilm": 0}, FALLBACK),
-        ({"FocalLength": RATIONAL(50)}, FALLBACK),
-        ({"FocalLength": RATIONAL(50, 0), "FocalPlaneXResolution": 5}, FALLBACK),
-        ({"FocalPlaneResolutionUnit": 9, "FocalPlaneXResolution": 5}, FALLBACK),
-    ],
-)
+@pytest.mark.parametrize(("tags", "fx"), [
+    ({"FocalLengthIn35mmFilm": 28}, Perspective.from_focal_length_35mm(28.0, 64, 48).fx),
+    (SENSOR, 45.0 / 36.0 * 64),
+    ({}, FALLBACK),
+    ({"FocalLengthIn35mmFilm": 0}, FALLBACK),
+    ({"FocalLength": RATIONAL(50)}, FALLBACK),
+    ({"FocalLength": RATIONAL(50, 0), "FocalPlaneXResolution": 5}, FALLBACK),
+    ({"FocalPlaneResolutionUnit": 9, "FocalPlaneXResolution": 5}, FALLBACK),
+])  # fmt: skip
 def test_the_camera_follows_exif(tmp_path: Path, tags: dict[str, Any], fx: float) -> None:
     exif = Image.Exif()
     inner = exif.get_ifd(ExifTags.IFD.Exif)

@@ -41,31 +41,18 @@ def told(path: Path) -> Scene:
     second = view_of_file(path.with_name("again.png"), CAMERA, "0" * 64, None, turned, mask)
     own = (InView(region=Rectangle(1.0, 2.0, 30.5, 40.0)), InView(mask=mask, is_compared=False))
     sure = PoseCovariance(scene.pose(0), MESHES[0].centre, np.diag(np.arange(1.0, 7.0)), 0.5)
+    result = SearchResult(
+        loss=0.1, unexplained=0.2, seen=(0.5, None), covariance=sure, settings={"seed": 1},
+        verdict=Verdict("found", 0.9, ("It is seen.",), {"outline": 0.75}),
+        chart=ChartParameters("free-body", ("x", "y"), (1.0, 2.0)), notes=("It was quick.",),
+    )  # fmt: skip
     first = replace(
-        scene.objects[0],
-        in_views=own,
-        start=Similarity(turned, 0.001),
-        start_cameras=(replace(CAMERA, fx=500.0), CAMERA),
-        settings=FitSettings(seed=1),
-        locked=True,
-        hidden=True,
-        name="round",
-        is_placed=False,
-        without=("mirror",),
+        scene.objects[0], in_views=own, start=Similarity(turned, 0.001),
+        start_cameras=(replace(CAMERA, fx=500.0), CAMERA), settings=FitSettings(seed=1),
+        locked=True, hidden=True, name="round", is_placed=False, without=("mirror",),
         said_symmetry=Symmetry.from_axes(np.zeros(3), [SymmetryAxis(np.array([0.0, 0.0, 1.0]), 2)]),
-        result=SearchResult(
-            loss=0.1,
-            unexplained=0.2,
-            seen=(0.5, None),
-            verdict=Verdict("found", 0.9, ("It is seen.",), {"outline": 0.75}),
-            covariance=sure,
-            chart=ChartParameters("free-body", ("x", "y"), (1.0, 2.0)),
-            settings={"seed": 1},
-            notes=("It was quick.",),
-        ),
-        notes=("It is round.",),
-        note="the left one",
-    )
+        result=result, notes=("It is round.",), note="the left one",
+    )  # fmt: skip
     objects = (first, *scene.objects[1:])
     return replace(scene, views=(*scene.views, second), objects=objects, unit="m")
 
@@ -97,23 +84,20 @@ def test_the_same_model_may_be_there_twice(path):
     assert opened.objects[3].mesh.whole is opened.objects[0].mesh.whole
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda d: d["objects"][1]["model"].update(file="gone.ply"), "gone.ply, and there is no"),
-        (lambda d: d["objects"][1]["model"].pop("file"), r"objects\[1\].model.file is missing"),
-        (lambda d: d["objects"][1].update(id="ball"), "two objects have the id 'ball'"),
-        (lambda d: d["objects"][1].update(in_views=[{"mask": "gone.png"}]), "gone.png, and there"),
-        (lambda d: d["objects"][1].update(in_views=[{}, {}]), r"\[1\].in_views is a list of 2"),
-        (lambda d: d.update(free_scale=True), "its scale is not known, and it has 3 objects"),
-        (lambda d: d.update(format="poseviewer-pose"), "wanted 'poseviewer-scene'"),
-        (lambda d: d.update(version=1), "version is 1; this poseviewer reads version 2"),
-        (lambda d: d["views"].clear(), "views is a list of 0; wanted a list of"),
-        (lambda d: d["views"][0]["photo"].pop("width"), r"views\[0\].photo.width is missing"),
-        (lambda d: d["views"][0]["camera"].update(fx=1e9), r"views\[0\].camera.fx is 1000000000"),
-        (lambda d: d["views"][0].update(projection="x"), r"projection is 'x'; wanted one of"),
-    ],
-)
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda d: d["objects"][1]["model"].update(file="gone.ply"), "gone.ply, and there is no"),
+    (lambda d: d["objects"][1]["model"].pop("file"), r"objects\[1\].model.file is missing"),
+    (lambda d: d["objects"][1].update(id="ball"), "two objects have the id 'ball'"),
+    (lambda d: d["objects"][1].update(in_views=[{"mask": "gone.png"}]), "gone.png, and there"),
+    (lambda d: d["objects"][1].update(in_views=[{}, {}]), r"\[1\].in_views is a list of 2"),
+    (lambda d: d.update(free_scale=True), "its scale is not known, and it has 3 objects"),
+    (lambda d: d.update(format="poseviewer-pose"), "wanted 'poseviewer-scene'"),
+    (lambda d: d.update(version=1), "version is 1; this poseviewer reads version 2"),
+    (lambda d: d["views"].clear(), "views is a list of 0; wanted a list of"),
+    (lambda d: d["views"][0]["photo"].pop("width"), r"views\[0\].photo.width is missing"),
+    (lambda d: d["views"][0]["camera"].update(fx=1e9), r"views\[0\].camera.fx is 1000000000"),
+    (lambda d: d["views"][0].update(projection="x"), r"projection is 'x'; wanted one of"),
+])  # fmt: skip
 def test_what_is_wrong_is_said(path, change, words):
     edit(path, change)
     with pytest.raises(PoseViewerError, match=words):

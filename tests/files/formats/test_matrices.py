@@ -94,16 +94,13 @@ def test_the_text_of_occlusion_linemod_has_metres_and_opengls_axes(tmp_path):
         FORMATS["linemod"].read(path, options)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("1 2 3", "3 numbers"),
-        ("a b", "wanted a number"),
-        ("2 0 0 0 0 2 0 0 0 0 2 0", "not a rotation"),
-        (" ".join(["1 0 0 0 0 1 0 0 0 0 1 0", "1 2 3 1"]), "last row"),
-        ("1 0 0 0 0 1 0 0 0 0 1 0", "--calibration"),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    ("1 2 3", "3 numbers"),
+    ("a b", "wanted a number"),
+    ("2 0 0 0 0 2 0 0 0 0 2 0", "not a rotation"),
+    (" ".join(["1 0 0 0 0 1 0 0 0 0 1 0", "1 2 3 1"]), "last row"),
+    ("1 0 0 0 0 1 0 0 0 0 1 0", "--calibration"),
+])  # fmt: skip
 def test_a_matrix_that_is_none_is_refused(tmp_path, text, words):
     (tmp_path / "pose.txt").write_text(text)
     with pytest.raises(PoseViewerError, match=words):

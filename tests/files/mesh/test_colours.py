@@ -222,18 +222,15 @@ def test_polypaint_of_zbrush(tmp_path, lines):
     assert mesh.notes == ("Colours by #MRGB, left out: they are not 8 digits for each vertex.",)
 
 
-@pytest.mark.parametrize(
-    ("line", "note"),
-    [
-        ("map_Kd -s 2 2 1 a picture.png", "Options of a texture, left out: -s 2 2 1."),
-        ("map_Kd -o 0.5 0 0 a picture.png", "Options of a texture, left out: -o 0.5 0 0."),
-        ("map_Kd -clamp on a picture.png", "Options of a texture, left out: -clamp on."),
-        ("map_Kd -s 1 1.0 1 -o 0 0 0 a picture.png", None),
-        ("d 0.0", "Material paint is said to be invisible, and is shown."),
-        ("Tr 1", "Material paint is said to be invisible, and is shown."),
-        ("d 1.0", None),
-    ],
-)
+@pytest.mark.parametrize(("line", "note"), [
+    ("map_Kd -s 2 2 1 a picture.png", "Options of a texture, left out: -s 2 2 1."),
+    ("map_Kd -o 0.5 0 0 a picture.png", "Options of a texture, left out: -o 0.5 0 0."),
+    ("map_Kd -clamp on a picture.png", "Options of a texture, left out: -clamp on."),
+    ("map_Kd -s 1 1.0 1 -o 0 0 0 a picture.png", None),
+    ("d 0.0", "Material paint is said to be invisible, and is shown."),
+    ("Tr 1", "Material paint is said to be invisible, and is shown."),
+    ("d 1.0", None),
+])  # fmt: skip
 def test_lines_of_an_mtl_that_are_not_followed_are_noted(folder, line, note):
     path = write_obj(folder, PICTURE)
     (folder / "quad.mtl").write_text(f"newmtl paint\n{line}\n")

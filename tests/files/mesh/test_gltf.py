@@ -94,18 +94,15 @@ def quarters(mesh: Mesh) -> list[str]:
 ALL = ["red", "green", "blue", "yellow"]
 
 
-@pytest.mark.parametrize(
-    ("transform", "wanted"),
-    [
-        ({}, ALL),
-        ({"offset": [0.5, 0.0], "scale": [0.5, 0.5]}, ["green"] * 4),
-        ({"offset": [0.5, 0.0]}, ["green", "red", "yellow", "blue"]),
-        # The specification's example: the lower left quarter alone, turned clockwise.
-        ({"offset": [0, 1], "rotation": 1.57079632679, "scale": [0.5, 0.5]}, ["blue"] * 4),
-        ({"offset": [0, 1], "rotation": 1.57079632679}, ["blue", "red", "yellow", "green"]),
-        ({"offset": [0, 1], "scale": [1, -1]}, ["blue", "yellow", "red", "green"]),
-    ],
-)
+@pytest.mark.parametrize(("transform", "wanted"), [
+    ({}, ALL),
+    ({"offset": [0.5, 0.0], "scale": [0.5, 0.5]}, ["green"] * 4),
+    ({"offset": [0.5, 0.0]}, ["green", "red", "yellow", "blue"]),
+    # The specification's example: the lower left quarter alone, turned clockwise.
+    ({"offset": [0, 1], "rotation": 1.57079632679, "scale": [0.5, 0.5]}, ["blue"] * 4),
+    ({"offset": [0, 1], "rotation": 1.57079632679}, ["blue", "red", "yellow", "green"]),
+    ({"offset": [0, 1], "scale": [1, -1]}, ["blue", "yellow", "red", "green"]),
+])  # fmt: skip
 def test_textures_are_moved(tmp_path, transform, wanted):
     plate = Plate()
     plate.texture["extensions"] = {"KHR_texture_transform": transform}
@@ -306,16 +303,13 @@ def test_an_extension_that_is_not_read_is_refused_where_it_is_required(tmp_path,
         Plate().load(tmp_path, extensionsUsed=[name], extensionsRequired=[name])
 
 
-@pytest.mark.parametrize(
-    ("name", "note"),
-    [
-        ("KHR_texture_basisu", ""),
-        ("ACME_unknown", "ACME_unknown"),
-        ("KHR_node_visibility", ""),
-        ("KHR_materials_clearcoat", ""),
-        ("KHR_draco_mesh_compression", ""),
-    ],
-)
+@pytest.mark.parametrize(("name", "note"), [
+    ("KHR_texture_basisu", ""),
+    ("ACME_unknown", "ACME_unknown"),
+    ("KHR_node_visibility", ""),
+    ("KHR_materials_clearcoat", ""),
+    ("KHR_draco_mesh_compression", ""),
+])  # fmt: skip
 def test_an_extension_that_is_not_required_is_noted_where_something_is_lost(tmp_path, name, note):
     mesh = Plate().load(tmp_path, extensionsUsed=[name])
     assert mesh.notes == ((f"Not read, left out: {note}.",) if note else ())

@@ -52,19 +52,16 @@ def test_what_it_reads_comes_back(path: Path) -> None:
     assert first.texture is second.texture
 
 
-@pytest.mark.parametrize(
-    ("reader", "words"),
-    [
-        (refuses, "not this one"),
-        (crashes, "its reader ended at it"),
-        (hangs, "was not done after"),
-        pytest.param(
-            fills,
-            "too large for this machine's memory",
-            marks=pytest.mark.skipif(sys.platform == "win32", reason="memory is not bounded"),
-        ),
-    ],
-)
+@pytest.mark.parametrize(("reader", "words"), [
+    (refuses, "not this one"),
+    (crashes, "its reader ended at it"),
+    (hangs, "was not done after"),
+    pytest.param(
+        fills,
+        "too large for this machine's memory",
+        marks=pytest.mark.skipif(sys.platform == "win32", reason="memory is not bounded"),
+    ),
+])  # fmt: skip
 def test_what_it_does_to_its_process_is_a_sentence(
     path: Path, monkeypatch: pytest.MonkeyPatch, reader: Callable[[Path], ModelParts], words: str
 ) -> None:

@@ -13,15 +13,12 @@ from tests.meshes import make_bumpy
 BALL = make_bumpy(2)
 
 
-@pytest.mark.parametrize(
-    ("size", "unit", "shift", "words"),
-    [
-        (0.1, None, 0.0, ("likely m)", "in its middle", "camera, in m")),
-        (150.0, None, 0.0, ("likely mm)", "camera, in mm")),
-        (150.0, "cm", 0.0, ("in cm;", "camera, in cm")),
-        (1.0, "m", 3.0, ("in m;", "of its size from its middle")),
-    ],
-)
+@pytest.mark.parametrize(("size", "unit", "shift", "words"), [
+    (0.1, None, 0.0, ("likely m)", "in its middle", "camera, in m")),
+    (150.0, None, 0.0, ("likely mm)", "camera, in mm")),
+    (150.0, "cm", 0.0, ("in cm;", "camera, in cm")),
+    (1.0, "m", 3.0, ("in m;", "of its size from its middle")),
+])  # fmt: skip
 def test_a_models_size_and_origin_are_said(size, unit, shift, words):
     moved = np.array([shift, 0.0, 0.0])
     vertices = moved + (BALL.vertices - BALL.centre) * size / np.ptp(BALL.vertices, axis=0).max()

@@ -57,13 +57,10 @@ def test_colours_instances_and_units_of_a_3mf(tmp_path):
     assert {frozenset(face) for face in shown - flat} == {frozenset([(0, 0, 0), (255, 255, 255)])}
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "note"),
-    [
-        ("<m:colorgroup", '<m:texture2dgroup id="9"/><m:colorgroup', "textures"),
-        ("<mesh>", "<mesh><b:beamlattice/>", "beams"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "note"), [
+    ("<m:colorgroup", '<m:texture2dgroup id="9"/><m:colorgroup', "textures"),
+    ("<mesh>", "<mesh><b:beamlattice/>", "beams"),
+])  # fmt: skip
 def test_what_is_lost_of_a_3mf_is_noted(tmp_path, old, new, note):
     assert load(tmp_path, TEXT.replace(old, new)).notes == (f"Not read, left out: {note}.",)
 

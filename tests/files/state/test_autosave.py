@@ -126,21 +126,18 @@ def test_a_session_is_saved_though_its_folder_was_removed(tmp_path: Path) -> Non
     assert require_left(tmp_path) == (file.path, as_json(session(active_object="2")))
 
 
-@pytest.mark.parametrize(
-    ("where", "value"),
-    [
-        ("format", "poseviewer-pose"),
-        ("version", 1),
-        ("scene", None),
-        ("active_object", "gone"),
-        ("active_view", 1),
-        ("scene.views.0.photo.file", 5),
-        ("scene.views.0.mask", "data:image/png;base64,AAAA"),
-        ("scene.objects.0.world_from_model.rotation.0", [1.0, 1.0, 1.0]),
-        ("scene.objects.1.id", "1"),
-        ("scene.objects.0.start_cameras", [{"fx": 1.0, "fy": 1.0, "cx": 0, "cy": 0}] * 2),
-    ],
-)
+@pytest.mark.parametrize(("where", "value"), [
+    ("format", "poseviewer-pose"),
+    ("version", 1),
+    ("scene", None),
+    ("active_object", "gone"),
+    ("active_view", 1),
+    ("scene.views.0.photo.file", 5),
+    ("scene.views.0.mask", "data:image/png;base64,AAAA"),
+    ("scene.objects.0.world_from_model.rotation.0", [1.0, 1.0, 1.0]),
+    ("scene.objects.1.id", "1"),
+    ("scene.objects.0.start_cameras", [{"fx": 1.0, "fy": 1.0, "cx": 0, "cy": 0}] * 2),
+])  # fmt: skip
 def test_damaged_sessions_are_left_out_with_a_sentence(tmp_path, caplog, where, value):
     good = saved(tmp_path, session())
     bad = Path(shutil.copy(good, good.with_name(f"session-1-{'ab' * 8}.json")))

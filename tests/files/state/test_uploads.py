@@ -17,16 +17,8 @@ from poseviewer.errors import FileSetError
 from poseviewer.files.file_set import MAX_FILES
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.scene_assets import view_of_file
-from poseviewer.files.state.uploads import (
-    MAX_UPLOAD_BYTES,
-    display_name,
-    keep_set,
-    keep_zip,
-    pack,
-    safe_path,
-    why_not_sent,
-    why_unfit,
-)
+from poseviewer.files.state import uploads as u
+from poseviewer.files.state.uploads import display_name, keep_set, keep_zip, pack, safe_path
 from tests.files.state.test_autosave import saved, session
 
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
@@ -150,10 +142,14 @@ def test_a_damaged_zip_is_refused_in_one_sentence(tmp_path: Path, data: bytes) -
 
 
 def test_why_a_page_sends_nothing() -> None:
-    assert why_unfit("a/b.ply", MAX_UPLOAD_BYTES + 1).startswith("b.ply: 200,000,001 bytes; up to")
-    assert why_unfit("disk", 10**9, MAX_FILES + 1).startswith("disk: more than 10,000 files; drop")
-    assert why_unfit("fine.ply", MAX_UPLOAD_BYTES) == ""
-    assert why_not_sent("new", "empty").startswith("new: an empty folder; drop one that")
+    assert u.why_unfit("a/b.ply", u.MAX_UPLOAD_BYTES + 1).startswith(
+        "b.ply: 200,000,001 bytes; up"
+    )
+    assert u.why_unfit("disk", 10**9, MAX_FILES + 1).startswith(
+        "disk: more than 10,000 files;"
+    )
+    assert u.why_unfit("fine.ply", u.MAX_UPLOAD_BYTES) == ""
+    assert u.why_not_sent("new", "empty").startswith("new: an empty folder; drop one that")
 
 
 def test_only_the_newest_uploads_stay(tmp_path: Path, monkeypatch) -> None:
