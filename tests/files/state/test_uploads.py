@@ -142,12 +142,8 @@ def test_a_damaged_zip_is_refused_in_one_sentence(tmp_path: Path, data: bytes) -
 
 
 def test_why_a_page_sends_nothing() -> None:
-    assert u.why_unfit("a/b.ply", u.MAX_UPLOAD_BYTES + 1).startswith(
-        "b.ply: 200,000,001 bytes; up"
-    )
-    assert u.why_unfit("disk", 10**9, MAX_FILES + 1).startswith(
-        "disk: more than 10,000 files;"
-    )
+    assert "b.ply: 200,000,001 bytes; up to" in u.why_unfit("a/b.ply", u.MAX_UPLOAD_BYTES + 1)
+    assert "disk: more than 10,000 files; drop" in u.why_unfit("disk", 10**9, MAX_FILES + 1)
     assert u.why_unfit("fine.ply", u.MAX_UPLOAD_BYTES) == ""
     assert u.why_not_sent("new", "empty").startswith("new: an empty folder; drop one that")
 
