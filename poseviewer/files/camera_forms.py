@@ -482,10 +482,6 @@ def _is_number(value: Any) -> bool:
     return False
 
 
-def _is_pair(value: Any) -> bool:
-    return isinstance(value, list) and len(value) == 2 and isinstance(value[1], dict)
-
-
 def _is_matrix(value: Any) -> bool:
     if isinstance(value, dict):
         return not isinstance(value.get("data", {}), dict)
@@ -536,7 +532,8 @@ def _mappings(
         return
     entries, inner = {}, []
     for key, value in node.items():
-        if isinstance(value, list) and value and all(map(_is_pair, value)):
+        rows = [row for row in value if isinstance(row, list)] if isinstance(value, list) else []
+        if rows and all(len(row) == 2 and isinstance(row[1], dict) for row in rows):
             value = {str(name): own for name, own in value}  # DepthAI's cameras by their sockets
         is_mapping, field_name = isinstance(value, dict) and not _is_matrix(value), _plain(key)
         field_name = FIELDS.get(field_name, field_name)

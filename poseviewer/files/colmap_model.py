@@ -17,29 +17,17 @@ from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
 from poseviewer.geometry.transform import RigidTransform
 
 MODELS: dict[str, tuple[int, int, LensModel | None]] = {
-    "SIMPLE_PINHOLE": (1, 0, "opencv"),
-    "PINHOLE": (2, 0, "opencv"),
-    "SIMPLE_RADIAL": (1, 1, "opencv"),
-    "RADIAL": (1, 2, "opencv"),
-    "OPENCV": (2, 4, "opencv"),
-    "OPENCV_FISHEYE": (2, 4, "fisheye"),
-    "FULL_OPENCV": (2, 8, "opencv"),
-    "FOV": (2, 1, None),
-    "SIMPLE_RADIAL_FISHEYE": (1, 1, "fisheye"),
-    "RADIAL_FISHEYE": (1, 2, "fisheye"),
-    "THIN_PRISM_FISHEYE": (2, 8, None),
-    "RAD_TAN_THIN_PRISM_FISHEYE": (2, 12, None),
-    "SIMPLE_DIVISION": (1, 1, None),
-    "DIVISION": (2, 1, None),
-    "SIMPLE_FISHEYE": (1, 0, "fisheye"),
-    "FISHEYE": (2, 0, "fisheye"),
-    "EUCM": (2, 2, None),
+    "SIMPLE_PINHOLE": (1, 0, "opencv"), "PINHOLE": (2, 0, "opencv"),
+    "SIMPLE_RADIAL": (1, 1, "opencv"), "RADIAL": (1, 2, "opencv"), "OPENCV": (2, 4, "opencv"),
+    "OPENCV_FISHEYE": (2, 4, "fisheye"), "FULL_OPENCV": (2, 8, "opencv"), "FOV": (2, 1, None),
+    "SIMPLE_RADIAL_FISHEYE": (1, 1, "fisheye"), "RADIAL_FISHEYE": (1, 2, "fisheye"),
+    "THIN_PRISM_FISHEYE": (2, 8, None), "RAD_TAN_THIN_PRISM_FISHEYE": (2, 12, None),
+    "SIMPLE_DIVISION": (1, 1, None), "DIVISION": (2, 1, None),
+    "SIMPLE_FISHEYE": (1, 0, "fisheye"), "FISHEYE": (2, 0, "fisheye"), "EUCM": (2, 2, None),
     "EQUIRECTANGULAR": (0, 0, None),
-}
-"""Camera models by number: how many focal lengths and distortion parameters, the principal point
-between them; and OpenCV's model, whose first coefficients the parameters are.
-https://github.com/colmap/colmap/blob/main/src/colmap/sensor/models.h
-"""
+}  # fmt: skip
+"""Camera models by number: counts of focal lengths and distortion parameters, and OpenCV's model,
+whose first coefficients these are (colmap/sensor/models.h)."""
 POINT_BYTES = 24
 """Size of an image's point: x, y, and the number of its point in space."""
 MAX_NAME_LETTERS = 4096

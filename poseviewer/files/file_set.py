@@ -80,12 +80,11 @@ class FileSet:
 
 
 def files_below(root: Path) -> tuple[Path, ...]:
-    """All files in a folder and below, sorted, without what systems leave there."""
+    """List all files in a folder and below, sorted, without what systems leave there."""
     files = tuple(islice(_walk(root), MAX_FILES + 1))
     if len(files) > MAX_FILES:
-        raise FileSetError(
-            f"{root}: more than {MAX_FILES:,} files; name a folder inside it, or PHOTO and MODEL."
-        )
+        wanted = "name a folder inside it, or PHOTO and MODEL"
+        raise FileSetError(f"{root}: more than {MAX_FILES:,} files; {wanted}.")
     return tuple(sorted(files))
 
 
@@ -124,7 +123,8 @@ def sort_set(
     used = {path for model in models for path in (model.path, *model.named.values())}
     poses = [path for path in of_kind["pose"] if path not in used]
     cameras = [path for path in of_kind["camera"] if path not in used]
-    used |= _masks_of(poses)
+    masks = [(path.parent, _json_of(path).get("mask")) for path in poses]
+    used |= {folder / bare_name(name) for folder, name in masks if isinstance(name, str)}
     pictures = [path for path in of_kind["picture"] if path not in used]
     sets = of_kind["set"]
     if len(pictures) > 1:
@@ -157,10 +157,8 @@ def model_files(path: Path, others: Sequence[Path]) -> ModelFiles:
     by_name: dict[str, list[Path]] = defaultdict(list)
     for other in others:
         by_name[plain_name(other.name)].append(other)
-    named: dict[str, Path] = {}
-    names_pictures = False
-    scattered = False
-    waiting = [path]
+    named, waiting = dict[str, Path](), [path]
+    names_pictures, scattered = False, False
     while waiting:
         file = waiting.pop()
         for written, is_read in names_in(file).items():
@@ -239,17 +237,11 @@ def _json_of(path: Path) -> dict[str, object]:
     return {}
 
 
-def _masks_of(poses: Sequence[Path]) -> set[Path]:
-    names = ((path, _json_of(path).get("mask")) for path in poses)
-    return {path.parent / bare_name(name) for path, name in names if isinstance(name, str)}
-
-
 def _only(paths: Sequence[Path], what: str, instead: str = "") -> Path | None:
     """The only path, or None where there is none; several of them raise a FileSetError."""
     if len(paths) > 1:
-        raise FileSetError(
-            f"{len(paths):,} {what}: {_list_paths(paths)}; wanted one{instead}, nothing was opened."
-        )
+        found = f"{len(paths):,} {what}: {_list_paths(paths)}"
+        raise FileSetError(f"{found}; wanted one{instead}, nothing was opened.")
     return paths[0] if paths else None
 
 

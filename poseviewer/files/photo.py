@@ -64,7 +64,6 @@ def load_photo(path: str | Path) -> Photo:
         pixels.flags.writeable = False
         sha256 = hashlib.sha256(data).hexdigest()
     notes = ("Its transparency is left out.",) if is_transparent else ()
-    notes += tuple(dict.fromkeys(file.warnings))
     return Photo(pixels, printable(file.path.name), sha256, focal, notes)
 
 

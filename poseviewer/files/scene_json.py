@@ -238,13 +238,9 @@ def _form_of_fields(kind: Any) -> JsonForm:
         default = {} if item.default is MISSING else {"default": form.encode(item.default)}
         made.append((item.name, form.kind, msgspec.field(name=key, **default)))
     struct = defstruct(
-        f"{kind.__name__}Json",
-        [*HEADS.get(kind, []), *made],
-        kw_only=True,
-        frozen=True,
-        omit_defaults=True,
-        namespace={"__doc__": DESCRIPTIONS.get(kind, kind.__doc__)},
-    )
+        f"{kind.__name__}Json", [*HEADS.get(kind, []), *made], kw_only=True, frozen=True,
+        omit_defaults=True, namespace={"__doc__": DESCRIPTIONS.get(kind, kind.__doc__)},
+    )  # fmt: skip
 
     def encode(value: Any) -> Any:
         return struct(**{name: form.encode(getattr(value, name)) for name, form in forms.items()})
@@ -444,15 +440,13 @@ def pose_json(scene: Scene, index: int = 0, view: int = 0) -> PoseRecord:
         s.PhotoReference(printable(own.file.location.name) or None, sha256=own.file.sha256),
         model=None if model == s.ModelReference() else model,
         **{name: getattr(form, name) for name in AS_IN_POSE},
+        **{name: getattr(item, name) for name in OF_OBJECT},
         chart=form.chart if is_of_view else None,
         uncertainty=form.covariance if is_of_view else None,
-        software=scene.software,
-        distortion=None if undistortion is None else s.Distortion.of(undistortion),
-        **{name: getattr(item, name) for name in OF_OBJECT},
+        distortion=undistortion and s.Distortion.of(undistortion),
         seen=result.seen[view] if view < len(result.seen) else None,
-        turns=SymmetryTurns.of(item.said_symmetry),
-        warnings=scene.notes,
-    )
+        turns=SymmetryTurns.of(item.said_symmetry), software=scene.software, warnings=scene.notes,
+    )  # fmt: skip
 
 
 def scene_of_pose(path: Path, record: PoseRecord) -> Scene:

@@ -84,7 +84,11 @@ def write_whole(
     temporary = path.with_name(f"{start}{secrets.token_hex(4)}.part")
     try:
         with writing_to(path.parent, path.name, error):
-            _remove_old_parts(path.parent, start)
+            for entry in os.scandir(path.parent):
+                if entry.name.startswith(start) and entry.name.endswith(".part"):
+                    with suppress(OSError):
+                        if time.time() - entry.stat().st_mtime > OLD_PART_S:
+                            Path(entry).unlink()
             with temporary.open("xb") as file:
                 file.write(data)
                 file.flush()
@@ -95,14 +99,6 @@ def write_whole(
     finally:
         with suppress(OSError):
             temporary.unlink()
-
-
-def _remove_old_parts(folder: Path, start: str) -> None:
-    for entry in os.scandir(folder):
-        if entry.name.startswith(start) and entry.name.endswith(".part"):
-            with suppress(OSError):
-                if time.time() - entry.stat().st_mtime > OLD_PART_S:
-                    Path(entry).unlink()
 
 
 def write_json(path: Path, data: Any, error: type[PoseViewerError], *, indent: int = 2) -> None:

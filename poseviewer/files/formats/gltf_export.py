@@ -129,15 +129,13 @@ class _Glb:
     def add_array(self, values: NDArray, indices: bool = False) -> int:
         """An accessor of floats (N, 2), (N, 3), or of indices (N,)."""
         values = np.ascontiguousarray(values, "<u4" if indices else "<f4")
+        low, high = (np.atleast_1d(f(values, axis=0)).tolist() for f in (np.min, np.max))
         return self.add(
             "accessors",
             bufferView=self._add_view(values.tobytes(), target=INDICES if indices else VERTICES),
-            componentType=UNSIGNED if indices else FLOAT,
-            count=len(values),
-            type=f"VEC{values.shape[1]}" if values.ndim > 1 else "SCALAR",
-            min=np.atleast_1d(values.min(axis=0)).tolist(),
-            max=np.atleast_1d(values.max(axis=0)).tolist(),
-        )
+            componentType=UNSIGNED if indices else FLOAT, count=len(values),
+            type=f"VEC{values.shape[1]}" if values.ndim > 1 else "SCALAR", min=low, max=high,
+        )  # fmt: skip
 
     def add_mesh(self, mesh: Mesh, unlit: str = "") -> int:
         """Add a model about its ``_origin``, named ``unlit`` if it is shown without light."""
@@ -160,13 +158,11 @@ class _Glb:
                 look["baseColorTexture"] = {"index": self.add("textures", source=image)}
             material = {"pbrMetallicRoughness": look, "doubleSided": True, **more}
             corners = mesh.faces[mesh.face_texture == texture].reshape(-1)
-            primitives.append(
-                {
-                    "attributes": attributes | ({"TEXCOORD_0": uvs} if texture >= 0 else {}),
-                    "indices": self.add_array(corners, indices=True),
-                    "material": self.add("materials", **material),
-                }
-            )
+            primitives.append({
+                "attributes": attributes | ({"TEXCOORD_0": uvs} if texture >= 0 else {}),
+                "indices": self.add_array(corners, indices=True),
+                "material": self.add("materials", **material),
+            })  # fmt: skip
         return self.add("meshes", name=unlit or "model", primitives=primitives)
 
     def add_camera(self, name: str, pose: Pose, far: float) -> int:
@@ -213,14 +209,10 @@ def _photo_plane(pose: Pose, depth: float, scale: float, rgb: NDArray[np.uint8])
     corners = uvs * (camera.width, -camera.height) + (0.0, camera.height)
     return Mesh(
         vertices=place.apply(camera.points_at(corners, depth)) * scale,
-        faces=np.array([[0, 3, 2], [0, 2, 1]], np.int32),
-        normals=np.tile(-place.rotation[:, 2], (4, 1)),
-        colours=np.ones((4, 3), np.float32),
-        uvs=uvs.astype(np.float32),
-        face_texture=np.zeros(2, np.int32),
-        face_part=np.zeros(2, np.int32),
-        textures=(rgb,),
-    )
+        faces=np.array([[0, 3, 2], [0, 2, 1]], np.int32), uvs=uvs.astype(np.float32),
+        normals=np.tile(-place.rotation[:, 2], (4, 1)), colours=np.ones((4, 3), np.float32),
+        face_texture=np.zeros(2, np.int32), face_part=np.zeros(2, np.int32), textures=(rgb,),
+    )  # fmt: skip
 
 
 def read_gltf_scene(path: Path, request: c.ConvertOptions) -> Scene:

@@ -40,19 +40,10 @@ def read_own(path: Path, request: ConvertOptions) -> Scene:
 
 FORMATS = {
     "poseviewer": Format(write_own, read_own, several_photos=False, is_own=True),
-    "opencv": OPENCV,
-    "bop": BOP,
-    "colmap": COLMAP,
-    "nerfstudio": NERFSTUDIO,
-    "gltf": GLTF,
-    "meshlab": MESHLAB,
-    "matrix": MATRIX,
-    "linemod": LINEMOD,
-    "dope": DOPE,
+    "opencv": OPENCV, "bop": BOP, "colmap": COLMAP, "nerfstudio": NERFSTUDIO, "gltf": GLTF,
+    "meshlab": MESHLAB, "matrix": MATRIX, "linemod": LINEMOD, "dope": DOPE,
     "scene": Format(
-        lambda scene, out, *_: scene_contents(out, scene),
-        lambda path, _: load_scene(path),
-        several_objects=True,
-        is_own=True,
+        lambda scene, out, *_: scene_contents(out, scene), lambda path, _: load_scene(path),
+        several_objects=True, is_own=True,
     ),
-}
+}  # fmt: skip

@@ -65,15 +65,12 @@ def _shot(pose: Pose) -> dict[str, str]:
     focal_mm = camera.fx * pixel_mm
     return {
         "TranslationVector": _words((*-place.inverse().translation, 1.0)),
-        "LensDistortion": "0 0",
-        "ViewportPx": f"{camera.width} {camera.height}",
+        "LensDistortion": "0 0", "ViewportPx": f"{camera.width} {camera.height}",
         "PixelSizeMm": _words((pixel_mm, focal_mm / camera.fy)),
-        "CenterPx": _words((camera.cx, camera.cy)),
-        "FocalMm": repr(float(focal_mm)),
-        "RotationMatrix": _words(rotation.as_matrix().reshape(-1)),
-        "CameraType": "0",
+        "CenterPx": _words((camera.cx, camera.cy)), "FocalMm": repr(float(focal_mm)),
+        "RotationMatrix": _words(rotation.as_matrix().reshape(-1)), "CameraType": "0",
         "BinaryData": "0",
-    }
+    }  # fmt: skip
 
 
 def _words(numbers: Any) -> str:

@@ -23,17 +23,12 @@ PHOTO_ENDINGS = ("", ".png", ".jpg", ".jpeg")
 """NeRF's own sets leave them out."""
 INTRINSICS = ("fl_x", "fl_y", "cx", "cy")
 COLMAP_LENSES: c.Lenses = (
-    ("PINHOLE", "opencv", 0),
-    ("OPENCV", "opencv", 4),
-    ("FULL_OPENCV", "opencv", 8),
+    ("PINHOLE", "opencv", 0), ("OPENCV", "opencv", 4), ("FULL_OPENCV", "opencv", 8),
     ("OPENCV_FISHEYE", "fisheye", 4),
-)
+)  # fmt: skip
 """Models with two focal lengths."""
 NERFSTUDIO_LENSES: c.Lenses = (("OPENCV", "opencv", 5), ("OPENCV_FISHEYE", "fisheye", 4))
-COEFFICIENTS = {
-    "OPENCV": ("k1", "k2", "p1", "p2", "k3"),
-    "OPENCV_FISHEYE": ("k1", "k2", "k3", "k4"),
-}
+COEFFICIENTS = {"OPENCV": "k1 k2 p1 p2 k3", "OPENCV_FISHEYE": "k1 k2 k3 k4"}
 """nerfstudio's names."""
 
 
@@ -83,12 +78,10 @@ def write_nerfstudio(scene: Scene, out: Path, *_: object) -> dict[Path, str]:
         name = relative_name(out, path) if path.is_file() else path.name or "photo"
         world_from_camera = (OPENGL_FROM_OPENCV @ transform).inverse()
         own = {
-            "camera_model": model,
-            "w": camera.width,
-            "h": camera.height,
+            "camera_model": model, "w": camera.width, "h": camera.height,
             **dict(zip(INTRINSICS, map(float, astuple(camera)), strict=False)),
-            **dict(zip(COEFFICIENTS[model], distortion, strict=True)),
-        }
+            **dict(zip(COEFFICIENTS[model].split(), distortion, strict=True)),
+        }  # fmt: skip
         shared = shared or own
         other = {key: value for key, value in own.items() if shared.get(key) != value}
         matrix = world_from_camera.as_matrix().tolist()

@@ -172,12 +172,9 @@ class _Document:
         elif not has_colours:
             return part
         rgb = np.ascontiguousarray(rgba[..., :3])
-        return replace(part, colours=rgb if self.is_encoded else srgb_from_linear(rgb))
-
-    @cached_property
-    def is_encoded(self) -> bool:
-        """Whether its colours are display-encoded: trimesh writes them so, against the rules."""
-        return "trimesh" in str(self.data.get("asset", {}).get("generator", ""))
+        # trimesh writes display-encoded colours, against the rules.
+        is_encoded = "trimesh" in str(self.data.get("asset", {}).get("generator", ""))
+        return replace(part, colours=rgb if is_encoded else srgb_from_linear(rgb))
 
     def _add_texture(
         self, part: Part, material: dict[str, Any], attributes: dict[str, int], alpha: NDArray

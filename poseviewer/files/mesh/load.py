@@ -24,7 +24,6 @@ from poseviewer.files.mesh.surface import as_mesh
 from poseviewer.files.mesh.three_mf import read_3mf
 from poseviewer.geometry.mesh import Mesh
 
-STEP = (".step", ".stp")
 FINE_ANGLE = 0.2
 """Largest angle (rad) between triangles of a curved face."""
 
@@ -104,16 +103,9 @@ def _read_step(path: Path) -> ModelParts:
 
 
 READERS: dict[str, Callable[[Path], ModelParts]] = {
-    ".obj": read_obj,
-    ".ply": read_ply,
-    ".stl": read_stl,
-    ".off": read_off,
-    ".glb": read_gltf,
-    ".gltf": read_gltf,
-    ".3ds": isolate(_read_3ds),
-    ".3mf": isolate(read_3mf),
-    ".dae": isolate(read_dae),
-    **dict.fromkeys(STEP, isolate(_read_step)),
-}
+    ".obj": read_obj, ".ply": read_ply, ".stl": read_stl, ".off": read_off,
+    ".glb": read_gltf, ".gltf": read_gltf, ".3ds": isolate(_read_3ds), ".3mf": isolate(read_3mf),
+    ".dae": isolate(read_dae), ".step": isolate(_read_step), ".stp": isolate(_read_step),
+}  # fmt: skip
 ELSEWHERE = (".fbx", ".usd", ".usda", ".usdc", ".usdz", ".blend", ".ifc", ".x", ".wrl")
 """Endings of models that other programs make GLB of."""
