@@ -21,33 +21,25 @@ from poseviewer.geometry.frames import HALF_PIXEL, camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
 
 MAX_SKEW = 1e-6
-DEEPEST = 8
+MAX_DEPTH = 8
 ALIASES = {
     "matrix": "cameramatrix intrinsicmatrix intrinsicsmatrix camk mtx k m kmatrix matrix",
     "intrinsics": "intrinsic cameraintrinsics projectionparameters",
     "distortion": "distortioncoefficients distortioncoefficient distortioncoeffs distortioncoeff "
     "distortion distcoeffs distcoeff distcoefs distcoef dist d coeffs coefficients kc "
     "distortionparams distortionparameters distortions",
-    "radial": "radialdistortion",
-    "tangential": "tangentialdistortion",
-    "imagesize": "imgsize resolution",
-    "width": "imagewidth width imgwidth",
-    "height": "imageheight height imgheight",
-    "isfisheye": "fisheyemodel fisheye",
-    "distortionmodel": "distortiontype",
-    "model": "lensmodel",
-    "cameramodel": "cameramodel projectionmodel",
-    "cx": "cx ppx",
-    "cy": "cy ppy",
-}
-"""Names of a camera's numbers, in small letters without ``_``; others keep their own. A number
-behind a name tells the cameras of a file apart.
-"""
+    "radial": "radialdistortion", "tangential": "tangentialdistortion",
+    "imagesize": "imgsize resolution", "width": "imagewidth imgwidth",
+    "height": "imageheight imgheight", "isfisheye": "fisheyemodel fisheye",
+    "distortionmodel": "distortiontype", "model": "lensmodel", "cameramodel": "projectionmodel",
+    "cx": "ppx", "cy": "ppy",
+}  # fmt: skip
+"""Names of a camera's numbers, in small letters without ``_``; others keep their own."""
 FIELDS = {a: name for name, aliases in ALIASES.items() for a in (name, *aliases.split())}
 MODEL_FIELDS = ("distortionmodel", "model", "cameramodel")
 """Fields that name a lens model and nothing else, the surest first."""
 NUMBERED = ("matrix", "distortion", "imagesize", "width", "height", *MODEL_FIELDS)
-"""Fields whose names may end in the number of a camera."""
+"""Fields whose names may end in a number, which tells the cameras of a file apart."""
 MERGED = ("matrix", "intrinsics", "distortion", "imagesize", "lens")
 """Mappings that say more of the camera that they stand in, if they are none themselves."""
 UNNAMED = (
@@ -66,11 +58,9 @@ SIZE_LIKE = re.compile(
 )
 """Names, in small letters without ``_``, of the pictures' width, height or both."""
 SIZED = re.compile("size|dim|res|shape|photo|picture|image|img|frame")
-"""Words of ``SIZE_LIKE`` without which a key names something else."""
-SIDES = {
-    **dict.fromkeys(("width", "cols", "columns", "w", "x"), "width"),
-    **dict.fromkeys(("height", "rows", "h", "y"), "height"),
-}
+"""Words without which a key like that names something else."""
+SIDES = dict.fromkeys(("width", "cols", "columns", "w", "x"), "width")
+SIDES |= dict.fromkeys(("height", "rows", "h", "y"), "height")
 """Sides by their names between the words of ``SIZE_LIKE``."""
 MAYBE_SIZE = re.compile(
     r"(?!.*(board|square|pattern|pixel|win|marker|tile|grid|roi|crop|depth|corner|file))"
@@ -100,13 +90,10 @@ LENS_NAMES: dict[LensModel | None, str] = {
     "kannalabrandt4 kannalabrandt8 kb4 fisheye4",
     None: "none rectified inversebrownconrady modifiedbrownconrady",
 }
-"""OpenCV's model by the names of others, in small letters without ``_``; None: a pinhole is read,
-and its coefficients have to be 0."""
+"""OpenCV's model by the names of others; None: a pinhole, whose coefficients have to be 0."""
 PINHOLES = ("pinhole", "simplepinhole", "perspective", "frame", "standard")
 """Names of a projection or a mode, with which a lens of either model may come."""
-LENS_MODELS: dict[str, LensModel | None] = {
-    name: model for model, names in LENS_NAMES.items() for name in names.split()
-}
+LENS_MODELS = {name: model for model, names in LENS_NAMES.items() for name in names.split()}
 LENS_LIKE = re.compile(
     r"(?!num|estimate|.*(std|error|sigma|covar|model|type|distance|corner|intrinsic|limit))"
     r"(.*dist.*|.*coeff?(icient)?s?|kc|lens|kappa.*|(left|right)?d(left|right|\d*)|.*radial.*"
@@ -346,16 +333,13 @@ FORMS = (
     Form("nerfstudio", ("flx", "cx", "cy"), _of_names, 0.0, "k1 k2 p1 p2 k3", True),
     Form("RealityCapture", ("f", "px", "py"), _reality_capture, 0.0, "k1 k2 p1 p2 k3", True),
     Form("Metashape", ("f", "cx", "cy", "width"), _metashape, 0.0, "k1 k2 p2 p1 k3", True),
-    Form("Meshroom", ("principalpoint", "focallength", "sensorwidth", "width"), _meshroom, 0.0,
-         is_of_stored=True),
-    Form("Meshroom", ("principalpoint", "pxfocallength", "width"), _meshroom, 0.0,
-         is_of_stored=True),
+    *(Form("Meshroom", ("principalpoint", *focal, "width"), _meshroom, 0.0, is_of_stored=True)
+      for focal in (("focallength", "sensorwidth"), ("pxfocallength",))),
     Form("fSpy", ("principalpoint", "relativefocallength", "width"), _fspy, 0.0),
     Form("OpenMVG", ("focallength", "principalpoint", "width"), _of_lists, is_of_stored=True),
     Form("MATLAB", ("focallength", "principalpoint", "imagesize"), _of_lists),
-    Form("OpenSfM, OpenDroneMap", ("focal", "projectiontype"), _opensfm, 0.0, is_of_stored=True),
-    Form("OpenSfM, OpenDroneMap", ("focalx", "focaly", "projectiontype"), _opensfm, 0.0,
-         is_of_stored=True),
+    *(Form("OpenSfM, OpenDroneMap", (*focal, "projectiontype"), _opensfm, 0.0, is_of_stored=True)
+      for focal in (("focal",), ("focalx", "focaly"))),
     Form("NeRF", ("cameraanglex",), _nerf, 0.0, "k1 k2 p1 p2 k3", True),
 )  # fmt: skip
 """Forms; the first of which a mapping has all keys is taken."""
@@ -409,7 +393,7 @@ def cameras_in(
     is_sized = True
     if isinstance(data, list):
         data = {"cameras" if data and isinstance(data[0], dict) else "camera_matrix": data}
-    for path, mapping, above in _mappings(_nest_dotted(data), (), DEEPEST, {}):
+    for path, mapping, above in _mappings(_nest_dotted(data), (), MAX_DEPTH, {}):
         of_number = _entries_of(mapping)
         shared = of_number.get("", {}).copy()
         for name in ("matrix", "distortion"):
@@ -482,6 +466,10 @@ def _is_number(value: Any) -> bool:
     return False
 
 
+def _is_pair(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 2 and isinstance(value[1], dict)
+
+
 def _is_matrix(value: Any) -> bool:
     if isinstance(value, dict):
         return not isinstance(value.get("data", {}), dict)
@@ -532,8 +520,7 @@ def _mappings(
         return
     entries, inner = {}, []
     for key, value in node.items():
-        rows = [row for row in value if isinstance(row, list)] if isinstance(value, list) else []
-        if rows and all(len(row) == 2 and isinstance(row[1], dict) for row in rows):
+        if isinstance(value, list) and value and all(map(_is_pair, value)):
             value = {str(name): own for name, own in value}  # DepthAI's cameras by their sockets
         is_mapping, field_name = isinstance(value, dict) and not _is_matrix(value), _plain(key)
         field_name = FIELDS.get(field_name, field_name)
