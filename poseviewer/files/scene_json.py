@@ -99,12 +99,10 @@ class ViewJson(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
         file, undistortion = view.file, view.file.undistortion
         return cls(
             photo=PhotoPath(str(file.path or file.name), file.width, file.height, file.sha256),
-            projection=s.projection_of(view.camera),
-            numbers=s.CameraNumbers.of(view.camera),
-            distortion=None if undistortion is None else s.Distortion.of(undistortion),
-            place=s.Transform.of(view.camera_from_world),
-            mask=mask_text(view.mask),
-        )
+            projection=s.projection_of(view.camera), numbers=s.CameraNumbers.of(view.camera),
+            distortion=undistortion and s.Distortion.of(undistortion),
+            place=s.Transform.of(view.camera_from_world), mask=mask_text(view.mask),
+        )  # fmt: skip
 
     @property
     def view(self) -> View:
@@ -121,7 +119,7 @@ class ViewJson(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class JsonForm(NamedTuple):
-    """The form of a type in files."""
+    """The type that msgspec checks for a type of the program, and the ways there and back."""
 
     kind: Any
     encode: Callable[[Any], Any]
@@ -136,43 +134,29 @@ FORMS: dict[Any, JsonForm] = {
     float: JsonForm(s.Number, _same, _same),
     # A camera is one of a photo, whose size ``_complete`` gives it.
     Camera: JsonForm(
-        s.CameraNumbers,
-        s.CameraNumbers.of,
-        lambda form: form.camera("perspective" if form.scale is None else "parallel", (0, 0)),
-    ),
+        s.CameraNumbers, s.CameraNumbers.of,
+        lambda form: form.camera("perspective" if form.scale is None else "parallel", (0, 0))),
     ChartParameters: JsonForm(
-        s.ChartJson,
-        lambda chart: s.ChartJson(chart.name, chart.names, chart.parameters),
-        lambda form: ChartParameters(form.name, form.names, form.parameters),
-    ),
+        s.ChartJson, lambda chart: s.ChartJson(chart.name, chart.names, chart.parameters),
+        lambda form: ChartParameters(form.name, form.names, form.parameters)),
     FitSettings: JsonForm(
-        dict[str, Any] | None,
-        lambda settings: None if settings is DEFAULTS else settings_as_json(settings),
-        lambda data: DEFAULTS if data is None else settings_from_json(data),
-    ),
+        dict[str, Any] | None, lambda own: None if own is DEFAULTS else settings_as_json(own),
+        lambda data: DEFAULTS if data is None else settings_from_json(data)),
     Mask: JsonForm(str, mask_text, load_mask),
     ModelFile: JsonForm(
-        ModelPath, ModelPath.of, lambda form: model_file(Path(form.file), form.sha256, form.unit)
-    ),
+        ModelPath, ModelPath.of, lambda form: model_file(Path(form.file), form.sha256, form.unit)),
     # A covariance is one about a pose, which ``_complete`` gives it.
     PoseCovariance: JsonForm(s.Uncertainty, s.Uncertainty.of, _same),
-    Rectangle: JsonForm(
-        Region, lambda region: tuple(map(float, region)), lambda form: Rectangle(*form)
-    ),
+    Rectangle: JsonForm(Region, lambda own: tuple(map(float, own)), lambda form: Rectangle(*form)),
     Similarity: JsonForm(
-        Place,
-        lambda place: Place.of(place.rigid, scale=float(place.scale)),
-        lambda form: Similarity(form.rigid, form.scale),
-    ),
+        Place, lambda place: Place.of(place.rigid, scale=float(place.scale)),
+        lambda form: Similarity(form.rigid, form.scale)),
     Symmetry: JsonForm(
-        SymmetryTurns | None,
-        SymmetryTurns.of,
-        lambda form: NO_SYMMETRY if form is None else form.symmetry,
-    ),
+        SymmetryTurns | None, SymmetryTurns.of,
+        lambda form: NO_SYMMETRY if form is None else form.symmetry),
     View: JsonForm(
-        Annotated[ViewJson, Meta(extra_json_schema=s.PROJECTIONS)], ViewJson.of, lambda f: f.view
-    ),
-}
+        Annotated[ViewJson, Meta(extra_json_schema=s.PROJECTIONS)], ViewJson.of, lambda f: f.view),
+}  # fmt: skip
 """Types whose form is not made of their fields."""
 DESCRIPTIONS: dict[type, str] = {
     InView: """An object's own part in a view: a mask besides the view's, a region (left, top,
@@ -199,7 +183,7 @@ HEADS: dict[type, list[tuple[str, Any, Any]]] = {
 
 @cache
 def form_of(kind: Any) -> JsonForm:
-    """The form of a type: in ``FORMS``, or made of its parts."""
+    """Return the form of a type: of ``FORMS``, or made of its parts."""
     if kind in FORMS:
         return FORMS[kind]
     if is_dataclass(kind):
@@ -228,8 +212,7 @@ def form_of(kind: Any) -> JsonForm:
 def _form_of_fields(kind: Any) -> JsonForm:
     """The form of a dataclass: a struct of the forms of its fields."""
     hints = get_type_hints(kind, include_extras=True)
-    forms = {}
-    made = []
+    forms, made = {}, []
     for item in fields(kind):
         key = item.metadata.get("key", item.name)
         if key is None:
@@ -343,10 +326,8 @@ def as_saved(scene: Scene, *, canonical: bool = True) -> Scene:
 
 def _object_as_saved(scene: Scene, index: int, canonical: bool) -> SceneObject:
     item = scene.objects[index]
-    result = item.result
-    place = item.world_from_model
-    symmetry = item.symmetry
-    at = 0 if result is None else result.view
+    result, symmetry = item.result, item.symmetry
+    place, at = item.world_from_model, 0 if result is None else result.view
     pose = scene.pose(index, at)
     equal = symmetry.canonical(pose) if canonical else pose
     if equal is not pose:
@@ -362,19 +343,13 @@ def _object_as_saved(scene: Scene, index: int, canonical: bool) -> SceneObject:
     if result is not None:
         sure = result.covariance
         chart = result.chart if equal is pose and result.chart and result.chart.names else None
-        result = replace(
-            result, covariance=sure and sure.at_equal_pose(equal), chart=chart, hidden=()
-        )
+        sure = sure and sure.at_equal_pose(equal)
+        result = replace(result, covariance=sure, chart=chart, hidden=())
     return replace(
-        item,
-        world_from_model=place,
-        start=None,
-        start_cameras=(),
-        in_views=tuple(in_views) if is_own else (),
+        item, world_from_model=place, start=None, start_cameras=(),
+        in_views=tuple(in_views) if is_own else (), said_symmetry=symmetry, result=result,
         settings=replace(item.settings),  # said, even where they are the defaults
-        said_symmetry=symmetry,
-        result=result,
-    )
+    )  # fmt: skip
 
 
 def save_scene(path: str | Path, scene: Scene) -> None:
@@ -428,7 +403,7 @@ def require_whole(file: InputFile, form: Any) -> None:
 
 
 def pose_json(scene: Scene, index: int = 0, view: int = 0) -> PoseRecord:
-    """All that a pose file says of an object in a view: the scene ``as_saved``, or one of files."""
+    """Return all that a pose file says of an object in a view of a scene ``as_saved``."""
     item, own = scene.objects[index], scene.views[view]
     result = item.result or SearchResult(settings=FORMS[FitSettings].encode(item.settings))
     form: Any = form_of(SearchResult).encode(result)
@@ -450,27 +425,23 @@ def pose_json(scene: Scene, index: int = 0, view: int = 0) -> PoseRecord:
 
 
 def scene_of_pose(path: Path, record: PoseRecord) -> Scene:
-    """The scene of a pose file, whose photo and model lie beside it, or not; without its mask."""
+    """Make the scene of a pose file, without its mask; photo and model may lie beside it."""
     photo, model = record.photo or s.PhotoReference(), record.model or s.ModelReference()
     camera = replace(record.camera, width=photo.width or 0, height=photo.height or 0)
     view = view_of_file(_beside(path, photo.file), camera, photo.sha256, record.undistortion)
     if not photo.width or not photo.height:
         view = view.resize_photo(0, 0)
     result: Any = SearchResultJson(
-        seen=() if record.seen is None else (record.seen,),
-        chart=record.chart,
-        covariance=record.uncertainty,
-        **{name: getattr(record, name) for name in AS_IN_POSE},
-    )
+        seen=() if record.seen is None else (record.seen,), chart=record.chart,
+        covariance=record.uncertainty, **{name: getattr(record, name) for name in AS_IN_POSE},
+    )  # fmt: skip
     item = SceneObject(
-        id="1",
-        name=model.file or "",
+        id="1", name=model.file or "", world_from_model=view.world_from_model(record.pose),
         model=model_file(_beside(path, model.file), model.sha256, model.unit),
-        world_from_model=view.world_from_model(record.pose),
         **{name: getattr(record, name) for name in OF_OBJECT},
         said_symmetry=NO_SYMMETRY if record.turns is None else record.turns.symmetry,
         result=None if result == SearchResultJson() else form_of(SearchResult).decode(result),
-    )
+    )  # fmt: skip
     scene = Scene(views=(view,), software=record.software, notes=record.warnings)
     return replace(scene, objects=(_complete(scene, item),))
 
