@@ -14,7 +14,7 @@ from poseviewer.files.colmap_model import colmap_file
 from poseviewer.files.formats.bop import CAMERAS, UNIT, WORLD, load_bop_images
 from poseviewer.files.formats.conversion import ConvertOptions, as_shown
 from poseviewer.files.formats.reconstructions import colmap_views, frame_view, with_slashes
-from poseviewer.files.scene_assets import open_view, view_of_file
+from poseviewer.files.scene_assets import open_view, view_of_file, with_photo
 from poseviewer.files.scene_json import load_scene
 from poseviewer.geometry.camera import Perspective
 from poseviewer.scene.assets import PhotoFile
@@ -138,10 +138,7 @@ def _of_colmap(file: InputFile, model: Path, choice: SetChoice) -> list[View]:
         found = f"{len(missing)} of the {len(images)} photos that it names are not {where}"
         wanted = "name their folder with --photo-folder, or those that are there with --photos"
         raise file.error(f"{found}, such as {missing[0]}", wanted)
-    return [
-        view_of_file(most / name, v.camera, None, v.file.undistortion, v.camera_from_world)
-        for name, v in images
-    ]
+    return [with_photo(view, most / name) for name, view in images]
 
 
 def _of_bop(file: InputFile, choice: SetChoice) -> Iterator[View]:

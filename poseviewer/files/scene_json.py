@@ -25,7 +25,7 @@ from poseviewer.files.checks import InputFile, is_there, kind_of
 from poseviewer.files.masks import INLINE, load_mask, mask_text
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene_assets import model_file, photo_file, view_of_file
+from poseviewer.files.scene_assets import model_file, view_of_file
 from poseviewer.files.symmetry import SymmetryTurns
 from poseviewer.files.writing import json_bytes, write_whole
 from poseviewer.geometry.camera import Camera
@@ -107,10 +107,9 @@ class ViewJson(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     @property
     def view(self) -> View:
         """The view, its photo not yet read."""
-        photo, (width, height) = self.photo, self.size
-        file = photo_file(Path(photo.file), width, height, photo.sha256, self.undistortion)
-        mask = None if self.mask is None else load_mask(self.mask)
-        return View(file, self.camera, self.place.rigid, mask)
+        path, mask = Path(self.photo.file), None if self.mask is None else load_mask(self.mask)
+        where = self.undistortion, self.place.rigid, mask
+        return view_of_file(path, self.camera, self.photo.sha256, *where)
 
     @property
     def size(self) -> tuple[int, int]:
