@@ -11,7 +11,9 @@ import cv2
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
+from PIL import Image, ImageOps, UnidentifiedImageError
+from PIL.ExifTags import IFD
+from PIL.ExifTags import Base as Tag
 
 from poseviewer.errors import CalibrationFileError, PhotoFileError, printable
 from poseviewer.files.cameras import Calibration, load_calibration
@@ -25,25 +27,18 @@ ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", "
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "PPM")
 """Pillow's names of them; its readers of others believe the lengths that a file claims."""
 RAW_ENDINGS = (".dng", ".nef", ".cr2", ".cr3", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw")
-DNG_VERSION = 50706
-SUBFILE_TYPE = 254
-BITS = 258
-PHOTOMETRIC = 262
-SAMPLES = 277
-PLANAR = 284
-"""Tags of TIFF, as those above."""
 WHITE_IS_ZERO = 0
-"""Value of ``PHOTOMETRIC``."""
+"""Value of TIFF's ``PhotometricInterpretation``."""
 IN_PLANES = 2
-"""Value of ``PLANAR``: each colour has a plane of its own."""
+"""Value of ``PlanarConfiguration``: each colour has a plane of its own."""
 REDUCED = 1
-"""Subfile type of a preview, as that of raw files is."""
+"""Value of ``NewSubfileType`` of a preview, as that of raw files is."""
 MAX_MEGAPIXELS = 100.0
 ROWS = 256
 """Rows of pixels that are turned from BGR to RGB at a time."""
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 """Brands in the file type box (ISO/IEC 23008-12): HEVC pictures, and pictures of any codec."""
-OF_CAMERAS = {ExifTags.Base.Make, ExifTags.Base.ExposureTime, ExifTags.Base.FocalLength}
+OF_CAMERAS = {Tag.Make, Tag.ExposureTime, Tag.FocalLength}
 MM_PER_RESOLUTION_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 """EXIF FocalPlaneResolutionUnit: inch, cm, mm, um."""
 
@@ -69,7 +64,7 @@ def load_photo(path: str | Path) -> Photo:
 
 def orientation_of(path: str | Path) -> int:
     """EXIF's orientation of a photo, from 1 to 8, in which other tools may not show it."""
-    number = _exif_tags(path).get(ExifTags.Base.Orientation, UPRIGHT)
+    number = _exif_tags(path).get(Tag.Orientation, UPRIGHT)
     return number if number in range(1, 9) else UPRIGHT
 
 
@@ -87,7 +82,7 @@ def _exif_tags(path: str | Path) -> dict[int, Any]:
         quiet_libraries(), Image.open(stream, formats=FORMATS) as image,
     ):  # fmt: skip
         exif = image.getexif()
-        return {**exif, **exif.get_ifd(ExifTags.IFD.Exif)}
+        return {**exif, **exif.get_ifd(IFD.Exif)}
     return {}
 
 
@@ -113,20 +108,21 @@ def _decode(file: InputFile, data: bytes) -> tuple[NDArray, float | None, bool]:
     try:
         with Image.open(BytesIO(data), formats=FORMATS) as image:
             tags = getattr(image, "tag_v2", {})
-            is_preview = DNG_VERSION in tags or tags.get(SUBFILE_TYPE, 0) & REDUCED
+            is_preview = Tag.DNGVersion in tags or tags.get(Tag.NewSubfileType, 0) & REDUCED
             if is_preview or data[8:10] == b"CR":
                 raise raw
             _refuse_size(file, *image.size)
             focal = focal_35mm(image.getexif(), image.width, image.height)
             is_transparent = image.has_transparency_data
             image.load()  # whether it is whole: OpenCV fills up with grey
-            depth = max(tags.get(BITS, (data[24] if image.format == "PNG" else 8,)))
+            depth = max(tags.get(Tag.BitsPerSample, (data[24] if image.format == "PNG" else 8,)))
             if depth <= 8 and image.mode[0] not in "IF":
                 ImageOps.exif_transpose(image, in_place=True)
                 if image.mode not in ("L", "RGB"):
                     image = image.convert("L" if image.mode in ("1", "LA") else "RGB")
                 return np.atleast_3d(np.asarray(image)), focal, is_transparent
-            if tags.get(PLANAR, 1) == IN_PLANES and tags.get(SAMPLES, 1) > 1:
+            is_planar = tags.get(Tag.PlanarConfiguration, 1) == IN_PLANES
+            if is_planar and tags.get(Tag.SamplesPerPixel, 1) > 1:
                 found = "a TIFF of 16 bits that has each colour in a plane of its own"
                 raise file.error(found, "save it with interleaved pixels, or as PNG")
             image.close()  # frees its pixels
@@ -140,7 +136,7 @@ def _decode(file: InputFile, data: bytes) -> tuple[NDArray, float | None, bool]:
     picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
     if picture is None:
         raise file.error("OpenCV cannot read this kind of picture", "save it as PNG or JPEG")
-    if tags.get(PHOTOMETRIC, 1) == WHITE_IS_ZERO and picture.dtype == np.uint16:
+    if tags.get(Tag.PhotometricInterpretation, 1) == WHITE_IS_ZERO and picture.dtype == np.uint16:
         np.invert(picture, out=picture)  # which OpenCV leaves out
     if picture.ndim == 2:
         return picture[..., None], focal, is_transparent
@@ -158,15 +154,15 @@ def _refuse_size(file: InputFile, width: int, height: int) -> None:
 def focal_35mm(exif: Image.Exif, width: int, height: int) -> float | None:
     """EXIF's own 35-mm focal length, else from the focal length and the sensor's resolution."""
     try:
-        tags = exif.get_ifd(ExifTags.IFD.Exif)
-        focal = float(tags.get(ExifTags.Base.FocalLengthIn35mmFilm, 0))
+        tags = exif.get_ifd(IFD.Exif)
+        focal = float(tags.get(Tag.FocalLengthIn35mmFilm, 0))
         if not focal:
-            unit = MM_PER_RESOLUTION_UNIT[tags.get(ExifTags.Base.FocalPlaneResolutionUnit, 2)]
-            per_mm = float(tags.get(ExifTags.Base.FocalPlaneXResolution, 0)) / unit
+            unit = MM_PER_RESOLUTION_UNIT[tags.get(Tag.FocalPlaneResolutionUnit, 2)]
+            per_mm = float(tags.get(Tag.FocalPlaneXResolution, 0)) / unit
             # The resolution belongs to the picture as taken; it may have been shrunk since.
-            taken = float(tags.get(ExifTags.Base.ExifImageWidth, 0)) or width
+            taken = float(tags.get(Tag.ExifImageWidth, 0)) or width
             diagonal = float(np.hypot(taken, taken * height / width)) / per_mm
-            focal = float(tags.get(ExifTags.Base.FocalLength, 0)) * 43.2666 / diagonal
+            focal = float(tags.get(Tag.FocalLength, 0)) * 43.2666 / diagonal
     except (KeyError, TypeError, ValueError, ZeroDivisionError, SyntaxError, OSError):
         return None
     return focal if 1.0 < focal < 10000.0 else None
