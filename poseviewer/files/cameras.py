@@ -109,8 +109,7 @@ def load_calibration(
     size = f"{camera.width}x{camera.height} px"
     if not (0.0 <= camera.cx <= camera.width and 0.0 <= camera.cy <= camera.height):
         said = f"its principal point, {camera.cx - 0.5:g}, {camera.cy - 0.5:g}, lies outside"
-        wanted = "calibrate on pictures of the photo's size"
-        raise file.error(f"{said} the photo's {size}", wanted)
+        raise file.error(f"{said} the photo's {size}", "calibrate on pictures of the photo's size")
     if camera.fx < MIN_FOCAL * camera.width:
         raise file.error(f"a focal length of {camera.fx:g} px", "wanted px, not sides of a photo")
     if (camera.width, camera.height) == (width, height):
@@ -119,8 +118,7 @@ def load_calibration(
     sides = ((width, camera.width), (height, camera.height))
     least = max((side - ROUNDING_PX) / own for side, own in sides)
     if least > min((side + ROUNDING_PX) / own for side, own in sides):  # no one factor
-        wanted = "calibrate on pictures of the photo's size and orientation"
-        raise file.error(said, wanted)
+        raise file.error(said, "calibrate on pictures of the photo's size and orientation")
     scaled = replace(chosen, camera=camera.resize(width, height))
     return scaled, (*notes, f"{choice.path.name}: {said}; it was scaled to the photo's size.")
 

@@ -217,8 +217,7 @@ def photo_text(photo: Photo) -> str:
     text = f"Photo: {photo.label}; SHA-256 of its file: {photo.sha256}"
     if photo.undistortion is None:
         return text
-    distortion = msgspec.json.encode(Distortion.of(photo.undistortion)).decode()
-    return f"{text}; distortion: {distortion}"
+    return f"{text}; distortion: {msgspec.json.encode(Distortion.of(photo.undistortion)).decode()}"
 
 
 def save_photo(path: Path, photo: Photo, *, is_own: bool = False) -> None:

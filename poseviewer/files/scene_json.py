@@ -394,8 +394,7 @@ def require_whole(file: InputFile, form: Any) -> None:
         for key in ("in_views", "start_cameras"):
             if (count := len(getattr(item, key))) not in (0, len(form.views)):
                 found = f"objects[{number}].{key} is a list of {count}"
-                wanted = f"wanted one for each of {len(form.views)} views, or none"
-                raise file.error(found, wanted)
+                raise file.error(found, f"wanted one for each of {len(form.views)} views, or none")
     if form.free_scale and len(ids) > 1:
         wanted = "say free_scale: false and the objects' scales, or leave one object alone"
         raise file.error(f"its scale is not known, and it has {len(ids)} objects", wanted)

@@ -83,5 +83,4 @@ def _holds(corners: NDArray, points: NDArray) -> bool:
     inside = np.ones(len(points), bool)
     for first, second in ((0, 1), (1, 2), (2, 0)):
         inside &= _side(corners[first], corners[second], points) >= 0.0
-    own = (points[:, None] == corners).all(axis=2).any(axis=1)
-    return bool((inside & ~own).any())
+    return bool((inside & ~(points[:, None] == corners).all(axis=2).any(axis=1)).any())

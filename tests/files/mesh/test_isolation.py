@@ -3,7 +3,6 @@
 import os
 import sys
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -62,9 +61,7 @@ def test_what_it_reads_comes_back(path: Path) -> None:
         marks=pytest.mark.skipif(sys.platform == "win32", reason="memory is not bounded"),
     ),
 ])  # fmt: skip
-def test_what_it_does_to_its_process_is_a_sentence(
-    path: Path, monkeypatch: pytest.MonkeyPatch, reader: Callable[[Path], ModelParts], words: str
-) -> None:
+def test_what_it_does_to_its_process_is_a_sentence(path: Path, monkeypatch, reader, words):
     seconds = 600.0 if reader != hangs else 3
     monkeypatch.setattr("poseviewer.files.mesh.isolation.DEADLINE_S", seconds)
     with pytest.raises(MeshFileError, match=rf"^a\.3ds: .*{words}"):

@@ -172,9 +172,7 @@ def test_all_ways_of_writing_an_obj_face(tmp_path: Path, face: str) -> None:
     np.testing.assert_allclose(mesh.normals, np.tile([0, 0, 1], (len(mesh.vertices), 1)))
 
 
-def test_libraries_do_not_talk_to_the_user(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_libraries_do_not_talk_to_the_user(tmp_path: Path, caplog, capfd) -> None:
     text: Any = cube().export(file_type="stl_ascii")
     (tmp_path / "cube.stl").write_text(text.replace("normal", "normal oops", 1))
     assert_is_cube(load_mesh(tmp_path / "cube.stl"))

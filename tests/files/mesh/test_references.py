@@ -57,9 +57,7 @@ def test_damaged_files_name_nothing(tmp_path: Path, name: str, data: bytes) -> N
     ("source/textures/wood.png", "wood.png"),
     ("textures/wood.png", "wood.png"),
 ])  # fmt: skip
-def test_what_is_named_is_found_where_programs_put_it(
-    tmp_path: Path, place: str, written: str
-) -> None:
+def test_what_is_named_is_found_where_programs_put_it(tmp_path: Path, place, written) -> None:
     path = tmp_path / place
     (tmp_path / "source").mkdir()
     path.parent.mkdir(exist_ok=True)

@@ -43,8 +43,6 @@ def test_the_note_comes_with_a_start_in_metres_for_a_model_in_millimetres(scene,
     place = RigidTransform(place.rotation, 0.001 * place.translation)
     path = tmp_path / "start.json"
     save_pose(path, record.with_pose(replace(record.pose, camera_from_model=place)))
-    assert any(
-        "in one unit" in note for note in open_photo_scene(scene.photo, scene.model, path).notes
-    )
-    notes = open_photo_scene(scene.photo, scene.model, scene.start).notes
-    assert not any("in one unit" in note for note in notes)
+    for start, is_noted in ((path, True), (scene.start, False)):
+        notes = open_photo_scene(scene.photo, scene.model, start).notes
+        assert any("in one unit" in note for note in notes) == is_noted
