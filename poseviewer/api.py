@@ -58,7 +58,7 @@ from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Scene, SceneObject
 from poseviewer.starts.automatic import AUTOMATIC
 from poseviewer.starts.instances import AutoStart
-from poseviewer.starts.loading import FindStart, open_photo, open_scene, open_views
+from poseviewer.starts.loading import FindStart, open_photo_scene, open_scene_files, open_views
 from poseviewer.starts.loading import StartCamera as StartCamera
 
 
@@ -101,7 +101,7 @@ def load(
     start = AutoStart() if start == AUTOMATIC else start
     if not isinstance(photo, LoadedViews) and model is None and start is None:
         _refuse("a scene file", choice=choice, calibration=calibration, mask=mask)
-        scene = open_scene(photo, settings)
+        scene = open_scene_files(photo, settings)
     elif model is None or start is None:
         raise SettingsError("wanted a photo, or several, with a model and a start; or a scene.")
     elif isinstance(photo, LoadedViews) or choice is not None or _is_set(Path(photo)):
@@ -111,7 +111,7 @@ def load(
         choice = choice or SetChoice()
         scene = open_views(photo, model, start, settings, choice.view, choice.scale, choice)
     else:
-        scene = open_photo(photo, model, start, settings, calibration, mask)
+        scene = open_photo_scene(photo, model, start, settings, calibration, mask)
     return make_registration(scene, renderer)
 
 
@@ -258,7 +258,7 @@ class PosedScene:
     @property
     def visibility(self) -> Visibility:
         """Pixels of the chart's view that show each object, and how much of each is seen."""
-        models = (self.scene.placed(i, self.view_index) for i in range(len(self.objects)))
+        models = (self.scene.model_at(i, self.view_index) for i in range(len(self.objects)))
         return visibility([*models])
 
     def at(self, pose: Pose) -> Registration:
@@ -317,9 +317,9 @@ class PosedScene:
         return picture
 
     def _draw_over(self, picture: Picture, look: str, opacity: float, view: int) -> Picture:
-        placed = self.scene.placed(self._index, view)
+        placed = self.scene.model_at(self._index, view)
         others = [
-            self.scene.placed(index, view)
+            self.scene.model_at(index, view)
             for index, item in enumerate(self.objects)
             if index != self._index and not item.hidden
         ]

@@ -21,7 +21,7 @@ _SPAWN = multiprocessing.get_context("spawn")
 """A fork would copy an OpenGL context, and other threads' locks as they happen to be."""
 
 
-def call_alone(
+def call_in_subprocess(
     function: Callable[..., Result],
     *given: Any,
     seconds: float | None = None,

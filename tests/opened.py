@@ -23,9 +23,8 @@ def scene_of(
 ) -> Scene:
     """A mesh at a start in a photo."""
     view = View(PhotoFile.of(photo), start.camera, mask=mask)
-    return scene_at(
-        view, ModelFile.of(mesh, None, "0" * 64, name="m.ply", keypoints=keypoints), start, settings
-    )
+    model = ModelFile.of(mesh, None, "0" * 64, name="m.ply", keypoints=keypoints)
+    return scene_at(view, model, start, settings=settings)
 
 
 def by(scene: Scene, **settings: Any) -> Scene:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from poseviewer.errors import BatchError
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import InputFile
 from poseviewer.scene.settings import FitSettings, settings_as_json
 
 COLUMNS = ("photo", "model", "start")
@@ -75,7 +75,7 @@ def with_keys(jobs: Iterable[Job], settings: FitSettings) -> tuple[Job, ...]:
 
 
 def _read_rows(path: Path) -> list[dict[str, str]]:
-    reading = Reading(path, [], BatchError, "table of jobs (CSV)")
+    reading = InputFile(path, [], BatchError, "table of jobs (CSV)")
     text = reading.load_text()
     head = text.split("\n", 1)[0]
     # Many spreadsheets write semicolons.

@@ -18,7 +18,7 @@ from msgspec import Struct
 from poseviewer.batch.job_table import Job
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import BatchError, PoseViewerError
-from poseviewer.files.checks import Reading, is_there
+from poseviewer.files.checks import InputFile, is_there
 from poseviewer.files.writing import lock_file, write_json, write_whole
 from poseviewer.scene.settings import FitSettings, settings_as_json, settings_from_json
 
@@ -169,7 +169,7 @@ def load_result(folder: Path, key: str) -> JobResult | None:
     the folder.
     """
     try:
-        data = Reading(folder / ROWS / f"{key}.json").load_bytes()
+        data = InputFile(folder / ROWS / f"{key}.json").load_bytes()
         result = msgspec.json.decode(data, type=JobResult)
     except (PoseViewerError, msgspec.MsgspecError, RecursionError):
         return None
@@ -224,7 +224,7 @@ def load_batch(folder: Path) -> Batch:
             "`poseviewer batch ... --out` filled (run it again if an older version did)."
         )
     try:
-        data = Reading(folder / MANIFEST, kind="batch", largest=MAX_MANIFEST_BYTES).load_bytes()
+        data = InputFile(folder / MANIFEST, kind="batch", largest=MAX_MANIFEST_BYTES).load_bytes()
         manifest = msgspec.json.decode(data, type=Manifest)
     except (PoseViewerError, msgspec.MsgspecError, RecursionError) as error:
         raise BatchError(

@@ -44,13 +44,13 @@ def _files_of(options: Namespace) -> tuple[FileSet, list[Path]]:
         return files, [model.path for model in files.models]
     from poseviewer.files.file_set import files_below, sort_set
     from poseviewer.files.state.folder import state_folder
-    from poseviewer.files.state.uploads import gathered, keep_zip
+    from poseviewer.files.state.uploads import gather, keep_zip
 
     uploads = state_folder() / "uploads"
     files = sort_set(files_below(path if path.is_dir() else keep_zip(uploads, path)))
     for note in files.notes:
         say(f"{path}: {note}")
-    models = [options.model] if options.model else [gathered(uploads, m) for m in files.models]
+    models = [options.model] if options.model else [gather(uploads, m) for m in files.models]
     return replace(files, pose=options.pose or files.pose), models
 
 

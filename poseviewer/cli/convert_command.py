@@ -129,9 +129,9 @@ def _source(options: Namespace, request: ConvertOptions) -> tuple[Scene, Convert
 
 
 def _read(options: Namespace, request: ConvertOptions) -> Scene:
-    from poseviewer.files.checks import Reading
+    from poseviewer.files.checks import InputFile
 
-    with Reading(options.source, kind=f"{options.source_format} file").naming_errors():
+    with InputFile(options.source, kind=f"{options.source_format} file").naming_errors():
         return FORMATS[options.source_format].read(options.source, request)
 
 
@@ -139,14 +139,12 @@ def _with_named(scene: Scene, request: ConvertOptions) -> Scene:
     """The scene with the files that the user names in place of those that it was made with; the
     content of a file is known if its name is.
     """
-    from poseviewer.files.scene_assets import model_file, photo_file
+    from poseviewer.files.scene_assets import model_file, with_photo
 
     (view, *others), objects = scene.views, scene.objects
     if (path := request.photo) is not None:
-        file = view.file
-        sha256 = file.sha256 if path.name == file.location.name else None
-        file = photo_file(path, file.width, file.height, sha256, file.undistortion)
-        view = replace(view, file=file)
+        sha256 = view.file.sha256 if path.name == view.file.location.name else None
+        view = with_photo(view, path, sha256)
     if len(objects) == 1:
         model = objects[0].model
         path = None if request.model and request.model.is_dir() else request.model

@@ -34,11 +34,11 @@ EXAMPLES = (
 def run(options: Namespace) -> int:
     """Print which model explains the photo best."""
     from poseviewer.fit.identification import identify
-    from poseviewer.starts.loading import open_photo
+    from poseviewer.starts.loading import open_photo_scene
 
     settings = settings_of(options)
     opened = [
-        open_photo(options.photo, model, options.start, settings, None, options.mask)
+        open_photo_scene(options.photo, model, options.start, settings, None, options.mask)
         for model in options.models
     ]
     if not options.quiet:

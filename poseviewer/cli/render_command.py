@@ -28,7 +28,7 @@ def run(options: Namespace) -> int:
     from dataclasses import replace
 
     from poseviewer.figures.object_maps import INFO, pictures_of_objects, save_pictures
-    from poseviewer.files.checks import Reading
+    from poseviewer.files.checks import InputFile
     from poseviewer.files.file_set import is_scene_file
     from poseviewer.files.formats.conversion import ConvertOptions, require_file
     from poseviewer.files.mesh.size import distance_notes
@@ -39,7 +39,7 @@ def run(options: Namespace) -> int:
     path = options.scene
     scene = load_scene(path) if is_scene_file(path) else scene_of_pose(path, load_pose(path))
     request = ConvertOptions(photo_size=options.photo_size)
-    views = [request.sized(Reading(path), view) for view in scene.views]
+    views = [request.with_size(InputFile(path), view) for view in scene.views]
     scene = replace(scene, views=tuple(views))
     if options.model is not None:
         known = scene.objects[0].model

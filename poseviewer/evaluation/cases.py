@@ -10,7 +10,7 @@ from pathlib import Path
 from msgspec import Struct
 
 from poseviewer.errors import SettingsError
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import InputFile
 from poseviewer.files.formats.bop_models import BopModel
 from poseviewer.files.photo import load_photo
 from poseviewer.files.structs import CameraNumbers, Positive, Transform
@@ -64,9 +64,9 @@ class CaseEntry(Struct, frozen=True):
     visible: float = math.nan
 
     def __post_init__(self) -> None:
-        self.camera.perspective(1, 1)
+        self.camera.camera("perspective", (1, 1))
 
-    def accuracy_percent(self, reading: Reading) -> float:
+    def accuracy_percent(self, reading: InputFile) -> float:
         """Return the largest error of the truth, per cent of the model's size in the photo."""
         match = _PIXELS.search(self.accuracy)
         if match is None:
@@ -86,12 +86,12 @@ class CaseStart(Struct, frozen=True):
 
 def load_cases(folder: Path, pattern: str = "") -> list[Case]:
     """Load the cases whose id contains the pattern, or matches one with ``*`` or ``?`` in it."""
-    reading, cases = Reading(folder / CASES, kind="list of cases"), []
-    for entry in reading.decoded(reading.load_object().get("cases"), list[CaseEntry], "cases"):
+    reading, cases = InputFile(folder / CASES, kind="list of cases"), []
+    for entry in reading.decode(reading.load_object().get("cases"), list[CaseEntry], "cases"):
         if fnmatchcase(entry.id, pattern if set("*?") & set(pattern) else f"*{pattern}*"):
             path = folder / entry.photo
             photo = load_photo(path)
-            camera = entry.camera.perspective(photo.width, photo.height)
+            camera = entry.camera.camera("perspective", (photo.width, photo.height))
             truth = Pose(camera, entry.camera_from_model.rigid)
             accuracy, mesh = entry.accuracy_percent(reading), folder / entry.mesh
             cases.append(Case(entry.id, entry.set, path, mesh, truth, accuracy, entry.visible))
@@ -102,8 +102,8 @@ def load_cases(folder: Path, pattern: str = "") -> list[Case]:
 
 def load_starts(folder: Path, degrees: Sequence[int], draws: int) -> list[CaseStart]:
     """Load the first ``draws`` starts of every case at each of the deviations."""
-    reading = Reading(folder / STARTS, kind="list of starts")
-    starts = reading.decoded(reading.load_json(), list[CaseStart])
+    reading = InputFile(folder / STARTS, kind="list of starts")
+    starts = reading.decode(reading.load_json(), list[CaseStart])
     known = sorted({start.degrees for start in starts})
     for wanted in degrees:
         if wanted not in known:

@@ -39,7 +39,7 @@ from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.types import PhotoAttributes, Renderer
 from poseviewer.scene.settings import LOSSES, FitSettings, Limits, LossName
 from poseviewer.scene.types import Scene
-from poseviewer.starts.loading import open_photo
+from poseviewer.starts.loading import open_photo_scene
 
 PACKAGES = ("poseviewer", "numpy", "numba", "scipy", "pyrender")
 """Packages whose versions are told."""
@@ -128,7 +128,7 @@ class Demo(NamedTuple):
 def load_demo() -> Demo:
     """Load the bundled demo and its true pose."""
     files = demo_case()
-    scene = open_photo(files.photo, files.model, files.start)
+    scene = open_photo_scene(files.photo, files.model, files.start)
     photo = scene.views[0].photo
     return Demo(scene, load_pose(files.truth, photo.width, photo.height).pose)
 

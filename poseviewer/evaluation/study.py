@@ -33,7 +33,7 @@ from poseviewer.evaluation.trials import (
 )
 from poseviewer.figures.landscape_sheet import figure_bytes
 from poseviewer.figures.study_sheet import make_study_sheet
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import InputFile
 from poseviewer.files.demo import demo_case
 from poseviewer.files.formats.bop import MODEL_FILE, load_bop_images
 from poseviewer.files.formats.bop_models import MODELS_INFO, load_bop_estimates, load_bop_models
@@ -248,7 +248,7 @@ def _open_folder(plan: Plan, about: dict[str, Any], files: Sequence[Path]) -> No
     about["files"] = {path.name: sha256_of(path) for path in files}
     make_folder(plan.out, SettingsError)
     path = plan.out / ABOUT
-    before = Reading(path).load_object() if path.exists() else about
+    before = InputFile(path).load_object() if path.exists() else about
     if differs := [key for key, value in about.items() if before.get(key) != value]:
         raise SettingsError(
             f"{plan.out}: holds trials of another study ({', '.join(differs)} differs, see "

@@ -121,7 +121,7 @@ class TrialTask:
         symmetry = case.bop.symmetry if case.bop else model.symmetry
         model = model.with_content(keypoints=keypoints, symmetry=symmetry)
         view = View(PhotoFile.of(fetch_photo(case.photo)), self.start.camera)
-        scene = scene_at(view, model, self.start, self.settings)
+        scene = scene_at(view, model, self.start, settings=self.settings)
         for other in self.others:
             truth = scene.views[0].world_from_model(other.truth)
             known = SceneObject(

@@ -64,7 +64,7 @@ def pictures_of_objects(
     unit = next((item.model.unit for item in scene.objects if item.model.unit), None)
     mm = 1.0 if unit is None else 1000.0 * metres_per_unit(unit)
     for number, view in enumerate(scene.views, first):
-        models = [scene.placed(index, number - first) for index in range(len(scene.objects))]
+        models = [scene.model_at(index, number - first) for index in range(len(scene.objects))]
         depths = [depth_image(model) for model in models]
         shown = visibility_of_depths(depths)
         for index, (model, depth) in enumerate(zip(models, depths, strict=True)):

@@ -1,8 +1,8 @@
-"""Cameras as the tools of the field write them: one table of forms, of a few lines each.
+"""Cameras as the tools of the field write them: one table of forms.
 
 A file is a tree of mappings, whatever it is written in (YAML, XML, JSON, NumPy, CSV). Each mapping
-that has all keys of a form is a camera. What looks like a lens and belongs to no form is an error
-that names the key: a lens is never lost without a word.
+that has all keys of a form is a camera. A key that looks like a lens and belongs to no form is an
+error that names the key.
 """
 
 import math
@@ -13,42 +13,33 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import InputFile
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import HALF_PIXEL, camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
 
 MAX_SKEW = 1e-6
-"""Share of the focal length."""
-DEEPEST = 8
-"""Mappings within mappings."""
+MAX_DEPTH = 8
 ALIASES = {
     "matrix": "cameramatrix intrinsicmatrix intrinsicsmatrix camk mtx k m kmatrix matrix",
     "intrinsics": "intrinsic cameraintrinsics projectionparameters",
     "distortion": "distortioncoefficients distortioncoefficient distortioncoeffs distortioncoeff "
     "distortion distcoeffs distcoeff distcoefs distcoef dist d coeffs coefficients kc "
     "distortionparams distortionparameters distortions",
-    "radial": "radialdistortion",
-    "tangential": "tangentialdistortion",
-    "imagesize": "imgsize resolution",
-    "width": "imagewidth width imgwidth",
-    "height": "imageheight height imgheight",
-    "isfisheye": "fisheyemodel fisheye",
-    "distortionmodel": "distortiontype",
-    "model": "lensmodel",
-    "cameramodel": "cameramodel projectionmodel",
-    "cx": "cx ppx",
-    "cy": "cy ppy",
-}
-"""Names of a camera's numbers, in small letters without ``_``; others keep their own. A number
-behind a name tells the cameras of a file apart.
-"""
+    "radial": "radialdistortion", "tangential": "tangentialdistortion",
+    "imagesize": "imgsize resolution", "width": "imagewidth imgwidth",
+    "height": "imageheight imgheight", "isfisheye": "fisheyemodel fisheye",
+    "distortionmodel": "distortiontype", "model": "lensmodel", "cameramodel": "projectionmodel",
+    "cx": "ppx", "cy": "ppy",
+}  # fmt: skip
+"""Names of a camera's numbers, in small letters without ``_``; others keep their own."""
 FIELDS = {a: name for name, aliases in ALIASES.items() for a in (name, *aliases.split())}
 MODEL_FIELDS = ("distortionmodel", "model", "cameramodel")
 """Fields that name a lens model and nothing else, the surest first."""
 NUMBERED = ("matrix", "distortion", "imagesize", "width", "height", *MODEL_FIELDS)
-"""Fields whose names may end in the number of a camera."""
+"""Fields whose names may end in a number, which tells the cameras of a file apart."""
 MERGED = ("matrix", "intrinsics", "distortion", "imagesize", "lens")
 """Mappings that say more of the camera that they stand in, if they are none themselves."""
 UNNAMED = (
@@ -67,11 +58,9 @@ SIZE_LIKE = re.compile(
 )
 """Names, in small letters without ``_``, of the pictures' width, height or both."""
 SIZED = re.compile("size|dim|res|shape|photo|picture|image|img|frame")
-"""Words of ``SIZE_LIKE`` without which a key names something else."""
-SIDES = {
-    **dict.fromkeys(("width", "cols", "columns", "w", "x"), "width"),
-    **dict.fromkeys(("height", "rows", "h", "y"), "height"),
-}
+"""Words without which a key like that names something else."""
+SIDES = dict.fromkeys(("width", "cols", "columns", "w", "x"), "width")
+SIDES |= dict.fromkeys(("height", "rows", "h", "y"), "height")
 """Sides by their names between the words of ``SIZE_LIKE``."""
 MAYBE_SIZE = re.compile(
     r"(?!.*(board|square|pattern|pixel|win|marker|tile|grid|roi|crop|depth|corner|file))"
@@ -79,7 +68,6 @@ MAYBE_SIZE = re.compile(
 )
 """Names of what may be the size of the pictures."""
 SIZES = ("width", "height", "imagesize")
-"""Fields of the pictures' size."""
 MIN_SIDE_PX = 40
 """Side of a picture: chessboards have fewer squares."""
 TYPED = ("Metashape", "Meshroom", "OpenSfM, OpenDroneMap")
@@ -102,13 +90,10 @@ LENS_NAMES: dict[LensModel | None, str] = {
     "kannalabrandt4 kannalabrandt8 kb4 fisheye4",
     None: "none rectified inversebrownconrady modifiedbrownconrady",
 }
-"""OpenCV's model by the names of others, in small letters without ``_``; None: a pinhole is read,
-and its coefficients have to be 0."""
+"""OpenCV's model by the names of others; None: a pinhole, whose coefficients have to be 0."""
 PINHOLES = ("pinhole", "simplepinhole", "perspective", "frame", "standard")
 """Names of a projection or a mode, with which a lens of either model may come."""
-LENS_MODELS: dict[str, LensModel | None] = {
-    name: model for model, names in LENS_NAMES.items() for name in names.split()
-}
+LENS_MODELS = {name: model for model, names in LENS_NAMES.items() for name in names.split()}
 LENS_LIKE = re.compile(
     r"(?!num|estimate|.*(std|error|sigma|covar|model|type|distance|corner|intrinsic|limit))"
     r"(.*dist.*|.*coeff?(icient)?s?|kc|lens|kappa.*|(left|right)?d(left|right|\d*)|.*radial.*"
@@ -149,7 +134,7 @@ class FileCamera:
 class _Said:
     """Fields of a camera that a mapping has: of each the key as written, and the value."""
 
-    reading: Reading
+    file: InputFile
     entries: dict[str, tuple[str, Any]]
     photo: tuple[int, int]
     is_turned: bool = False
@@ -157,7 +142,6 @@ class _Said:
     above: dict[str, tuple[str, Any]] = field(default_factory=dict)
     """Fields of the mappings that it stands in, as far as they may say something of it."""
     used: dict[str, None] = field(default_factory=dict)
-    """Keys that were read."""
 
     def __contains__(self, name: str) -> bool:
         return name in self.entries
@@ -171,8 +155,7 @@ class _Said:
 
     def number(self, name: str, default: float | None = None) -> float:
         """A number."""
-        value = self.value(name, default)
-        return self.reading.number(value, self.entries.get(name, (name,))[0])
+        return self.file.number(self.value(name, default), self.entries.get(name, (name,))[0])
 
     def numbers(self, name: str, count: int | None = None) -> list[float]:
         """Numbers in a list, a text or a mapping of x and y; [] where there is no such field."""
@@ -180,12 +163,10 @@ class _Said:
         if isinstance(value, dict) and "data" not in value:
             value = list(value.values())
         value = value if isinstance(value, dict | list | tuple | str) else [value]
-        return self.reading.flat_numbers(value, self.entries.get(name, (name,))[0], count)
+        return self.file.flat_numbers(value, self.entries.get(name, (name,))[0], count)
 
     def model_words(self, form: "Form") -> Iterator[tuple[str, bool]]:
-        """Words that may name the lens's model, the surest first; and whether they name nothing
-        else.
-        """
+        """Iterate over words that may name the lens's model, the surest first, and if they do."""
         for fields in (self.entries, self.above):
             names = [n for n in fields if TYPE_LIKE.match(n) and n not in MODEL_FIELDS]
             for name in (*MODEL_FIELDS, *names):
@@ -198,9 +179,7 @@ class _Said:
 
     @property
     def sizes(self) -> dict[str, Any]:
-        """Both sides of the pictures as the mapping says them, or else those that it stands in, by
-        their keys; those of a key each come first, and are in order.
-        """
+        """Both sides of the pictures by their keys, the mapping's or those above it."""
         fields = self.entries if not self.entries.keys().isdisjoint(SIZES) else self.above
         names = ("w", "h") if {"flx", "w", "h"} <= fields.keys() else ("width", "height")
         sides = [fields[name] for name in names if name in fields]
@@ -208,10 +187,12 @@ class _Said:
         return (ordered if len(sides) == 2 else {}) | dict(fields.get("imagesize", ("", ()))[1])
 
     def size(self, cx: float = 0.0, cy: float = 0.0) -> tuple[int, int]:
-        """Width and height in px, as said, or else those of the photo.
+        """Return width and height in px, as said, or else those of the photo.
 
-        A list of two has either first: where they are given, ``cx`` and ``cy`` (px) tell it, as
-        they lie near the middle. Raises the reading's error where two keys say different sizes.
+        A list of two has either first: ``cx`` and ``cy`` (px), where given, lie near the middle.
+
+        Raises:
+            PoseViewerError: two keys say different sizes.
         """
         sizes = {key: self._pair(key, value) for key, value in self.sizes.items()}
         for chosen in (sizes, {key: size for key, size in sizes.items() if "calib" in key.lower()}):
@@ -220,7 +201,7 @@ class _Said:
                 break
         else:
             found = " and ".join(f"{w}x{h} px ({key})" for key, (w, h) in sizes.items())
-            raise self.reading.error(f"its pictures have {found}", "leave out all but one")
+            raise self.file.error(f"its pictures have {found}", "leave out all but one")
         self.used.update(dict.fromkeys([key] if key else []))
         off, off_turned = (
             abs(cx / (w or 1) - 0.5) + abs(cy / (h or 1) - 0.5) for w, h in (size, size[::-1])
@@ -233,13 +214,9 @@ class _Said:
         numbers = _numbers_in(value)
         numbers = numbers[:2] if len(numbers) == 3 and numbers[2] <= 4 else numbers  # of channels
         if len(numbers) != 2:
-            raise self.reading.error(f"{key} is {str(value)[:40]!r}", "wanted 2 numbers")
-        width, height = (self.reading.size(side, "image_size") or 0 for side in numbers)
+            raise self.file.error(f"{key} is {str(value)[:40]!r}", "wanted 2 numbers")
+        width, height = (self.file.size(side, "image_size") or 0 for side in numbers)
         return width, height
-
-    def from_middle(self, fx: float, fy: float, x: float, y: float) -> tuple[float, ...]:
-        """fx, fy, cx, cy of a principal point that counts from the picture's middle."""
-        return fx, fy, self.size()[0] / 2.0 + x, self.size()[1] / 2.0 + y
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,15 +233,22 @@ class Form:
     lens: str = OPENCV_ORDER
     """Names of its coefficients in OpenCV's order."""
     is_of_stored: bool = False
-    """Whether its tool is one of reconstruction: it takes pixels as stored, whatever EXIF says, and
-    a lens whose model it does not say for OpenCV's standard one."""
+    """Whether it takes pixels as stored, and a lens of no model for OpenCV's standard one."""
+
+
+def _from_middle(said: _Said, fx: float, fy: float, x: float, y: float) -> Any:
+    """Return fx, fy, cx, cy of a principal point that counts from the picture's middle."""
+    return fx, fy, said.size()[0] / 2.0 + x, said.size()[1] / 2.0 + y
 
 
 def _of_matrix(said: _Said, name: str = "matrix") -> Any:
-    key = said.entries[name][0]
-    is_flat = isinstance(said.entries[name][1], list) and len(said.entries[name][1]) == 9
-    is_by_columns = is_flat or key.replace("_", "").lower() == "intrinsicmatrix"
-    camera = camera_of_matrix(said.reading, said.value(name), key, by_columns=is_by_columns)
+    key, value = said.entries[name][0], said.value(name)
+    matrix = _matrix_of(said.file, value, key)
+    may_be_columns = isinstance(value, list) and len(value) == 9
+    may_be_columns |= key.replace("_", "").lower() == "intrinsicmatrix"
+    if may_be_columns and np.array_equal(matrix[:, 2], [0, 0, 1]):
+        matrix = matrix.T
+    camera = camera_of_matrix(said.file, matrix.ravel().tolist(), key)
     shift = HALF_PIXEL + (key == "IntrinsicMatrix" or _is_matlab(said))
     return camera.fx, camera.fy, camera.cx - shift, camera.cy - shift
 
@@ -287,7 +271,7 @@ def _of_names(said: _Said) -> Any:
 
 def _metashape(said: _Said) -> Any:
     f = said.number("f")
-    return said.from_middle(f + said.number("b1", 0.0), f, said.number("cx"), said.number("cy"))
+    return _from_middle(said, f + said.number("b1", 0.0), f, said.number("cx"), said.number("cy"))
 
 
 def _meshroom(said: _Said) -> Any:
@@ -298,24 +282,24 @@ def _meshroom(said: _Said) -> Any:
         x, y = x - said.size()[0] / 2.0, y - said.size()[1] / 2.0
     if version < (1, 2, 2):
         focals = said.numbers("pxfocallength")
-        return said.from_middle(focals[0], focals[-1], x, y)
+        return _from_middle(said, focals[0], focals[-1], x, y)
     if said.number("pixelratio", 1.0) != 1.0:
-        raise said.reading.error("pixelRatio is not 1", "calibrate with square pixels")
+        raise said.file.error("pixelRatio is not 1", "calibrate with square pixels")
     focal = said.number("focallength") / said.number("sensorwidth") * said.size()[0]
-    return said.from_middle(focal, focal, x, y)
+    return _from_middle(said, focal, focal, x, y)
 
 
 def _fspy(said: _Said) -> Any:
     half = max(said.size()) / 2.0
     (x, y), focal = said.numbers("principalpoint", 2), said.number("relativefocallength") * half
-    return said.from_middle(focal, focal, x * half, -y * half)
+    return _from_middle(said, focal, focal, x * half, -y * half)
 
 
 def _reality_capture(said: _Said) -> Any:
     """Lengths are those on 35-mm film, whose 36 mm are the longer side."""
     px_per_mm = (max(said.size()) or 1) / 36.0
     focal, x, y = (px_per_mm * said.number(name) for name in ("f", "px", "py"))
-    return said.from_middle(focal, focal, x, y)
+    return _from_middle(said, focal, focal, x, y)
 
 
 def _nerf(said: _Said) -> Any:
@@ -323,7 +307,7 @@ def _nerf(said: _Said) -> Any:
     for side, axis in zip(said.size(), "xy", strict=True):
         name, middle = f"cameraangle{axis}", 0.5 * side
         if name in said:
-            angle = said.reading.positive(said.value(name), f"camera_angle_{axis}", math.pi)
+            angle = said.file.positive(said.value(name), f"camera_angle_{axis}", math.pi)
             focals.append(middle / math.tan(0.5 * angle))
         centre.append(said.number(f"c{axis}", middle))
     return focals[0], focals[-1], *centre
@@ -333,7 +317,7 @@ def _opensfm(said: _Said) -> Any:
     """Lengths count in longer sides."""
     f, unit = said.value("focal"), max(said.size())
     names = zip(("focalx", "focaly", "cx", "cy"), (f, f, 0.0, 0.0), strict=True)
-    return said.from_middle(*(unit * said.number(name, default) for name, default in names))
+    return _from_middle(said, *(unit * said.number(name, default) for name, default in names))
 
 
 def _of_lists(said: _Said) -> Any:
@@ -349,16 +333,13 @@ FORMS = (
     Form("nerfstudio", ("flx", "cx", "cy"), _of_names, 0.0, "k1 k2 p1 p2 k3", True),
     Form("RealityCapture", ("f", "px", "py"), _reality_capture, 0.0, "k1 k2 p1 p2 k3", True),
     Form("Metashape", ("f", "cx", "cy", "width"), _metashape, 0.0, "k1 k2 p2 p1 k3", True),
-    Form("Meshroom", ("principalpoint", "focallength", "sensorwidth", "width"), _meshroom, 0.0,
-         is_of_stored=True),
-    Form("Meshroom", ("principalpoint", "pxfocallength", "width"), _meshroom, 0.0,
-         is_of_stored=True),
+    *(Form("Meshroom", ("principalpoint", *focal, "width"), _meshroom, 0.0, is_of_stored=True)
+      for focal in (("focallength", "sensorwidth"), ("pxfocallength",))),
     Form("fSpy", ("principalpoint", "relativefocallength", "width"), _fspy, 0.0),
     Form("OpenMVG", ("focallength", "principalpoint", "width"), _of_lists, is_of_stored=True),
     Form("MATLAB", ("focallength", "principalpoint", "imagesize"), _of_lists),
-    Form("OpenSfM, OpenDroneMap", ("focal", "projectiontype"), _opensfm, 0.0, is_of_stored=True),
-    Form("OpenSfM, OpenDroneMap", ("focalx", "focaly", "projectiontype"), _opensfm, 0.0,
-         is_of_stored=True),
+    *(Form("OpenSfM, OpenDroneMap", (*focal, "projectiontype"), _opensfm, 0.0, is_of_stored=True)
+      for focal in (("focal",), ("focalx", "focaly"))),
     Form("NeRF", ("cameraanglex",), _nerf, 0.0, "k1 k2 p1 p2 k3", True),
 )  # fmt: skip
 """Forms; the first of which a mapping has all keys is taken."""
@@ -384,11 +365,10 @@ READ = (
     ("Metashape, Meshroom, RealityCapture, fSpy", ".xml .sfm .csv .json", "frames and fisheyes"),
     ("Gyroflow", ".json", "fisheye_params"),
 )  # fmt: skip
-"""Tools, their files, and what of a camera is read there."""
 
 
 def cameras_in(
-    reading: Reading,
+    file: InputFile,
     data: Any,
     lens_model: LensModel | None = None,
     photo: tuple[int, int] = (0, 0),
@@ -397,7 +377,7 @@ def cameras_in(
     """Read all cameras in a tree.
 
     Args:
-        reading: the file that the tree is of.
+        file: the file that the tree is of.
         data: the tree.
         lens_model: OpenCV's model of the lens where the file does not say it.
         photo: width and height of the pictures (px) where the file does not say them.
@@ -413,14 +393,14 @@ def cameras_in(
     is_sized = True
     if isinstance(data, list):
         data = {"cameras" if data and isinstance(data[0], dict) else "camera_matrix": data}
-    for path, mapping, above in _mappings(_undotted(data), (), DEEPEST, {}):
+    for path, mapping, above in _mappings(_nest_dotted(data), (), MAX_DEPTH, {}):
         of_number = _entries_of(mapping)
         shared = of_number.get("", {}).copy()
         for name in ("matrix", "distortion"):
             shared.pop(name, None)
         said += mapping.items()
         for number, entries in of_number.items():
-            own = _Said(reading, shared | entries if number else entries, photo, is_turned, above)
+            own = _Said(file, shared | entries if number else entries, photo, is_turned, above)
             form = next((form for form in FORMS if all(name in own for name in form.needs)), None)
             if form is not None and (number == "" or "matrix" in entries):
                 name = "-".join(part for part in (path, number) if part)
@@ -437,17 +417,17 @@ def cameras_in(
         keys = ", ".join(str(key)[:20] for key in data) if isinstance(data, dict) else ""
         wanted = f"read are those of {', '.join(tools for tools, *_ in READ)}"
         wanted += "; poseviewer info --calibration --help lists the keys"
-        raise reading.error(f"no camera in it (its keys: {keys[:80] or 'none'})", wanted)
+        raise file.error(f"no camera in it (its keys: {keys[:80] or 'none'})", wanted)
     is_bare = len(cameras) == 1 and cameras[0].lens is None
     for key, value in said:
         plain, is_list = _plain(key), _is_matrix(value)
         if not is_sized and key not in used and MAYBE_SIZE.fullmatch(plain) and _sides(value):
             found = f"{key!r} may be the size of its pictures, and is not known here"
-            raise reading.error(found, "wanted image_width and image_height")
+            raise file.error(found, "wanted image_width and image_height")
         if key in used or (plain == "w" and str(value).isdecimal()):
             continue
         if TYPE_LIKE.match(plain) and OTHER_LENS.fullmatch(_plain(value)):
-            raise reading.error(f"{key!r} is {str(value)[:40]!r}", "wanted it as distortion_model")
+            raise file.error(f"{key!r} is {str(value)[:40]!r}", "wanted it as distortion_model")
         like = LENS_LIKE.fullmatch(plain)
         is_word = "fish" in plain or plain == "lens"  # what stands for no number
         may_be = like and not (like["alone"] if is_list else is_word)
@@ -456,7 +436,7 @@ def cameras_in(
         has_their_count = is_flat and len(numbers) in COUNTS_OF_LENSES and "time" not in plain
         if (may_be or (is_bare and has_their_count)) and _is_number(value):
             wanted = "wanted distortion_coefficients, or k1, k2, p1, p2, k3 ..."
-            raise reading.error(f"{key!r} may be a lens, and is not known here", wanted)
+            raise file.error(f"{key!r} may be a lens, and is not known here", wanted)
     return cameras
 
 
@@ -464,10 +444,8 @@ def _plain(key: Any) -> str:
     return re.sub(r"[_\s-]", "", str(key).lower())
 
 
-def _undotted(data: Any) -> Any:
-    """ORB-SLAM's ``LEFT.K`` and ``Camera1.fx`` as mappings; what ``Camera.`` says of size and type
-    is said of all.
-    """
+def _nest_dotted(data: Any) -> Any:
+    """Split ORB-SLAM's ``LEFT.K`` into mappings; size and type of ``Camera.`` are of all."""
     tree: dict[str, Any] = {}
     for key, value in data.items() if isinstance(data, dict) else ():
         head, _, name = str(key).partition(".")
@@ -524,7 +502,7 @@ def _size_field(plain: str, value: Any) -> str:
     return "imagesize" if is_size and not side and len(sides) == 2 else ""
 
 
-def _named_sides(key: Any, value: Any) -> list[Any]:
+def _pick_sides(key: Any, value: Any) -> list[Any]:
     """Width and height in a mapping that a key names as the size of pictures, or nothing."""
     plain = _plain(key)
     if not (isinstance(value, dict) and SIZE_LIKE.fullmatch(plain) and SIZED.search(plain)):
@@ -537,9 +515,7 @@ def _named_sides(key: Any, value: Any) -> list[Any]:
 def _mappings(
     node: Any, path: tuple[str, ...], depth: int, above: dict[str, tuple[str, Any]]
 ) -> Iterator[tuple[str, dict[str, Any], dict[str, tuple[str, Any]]]]:
-    """Names of mappings, each with what others inside it say of the same camera, and the fields
-    ``above`` it that may.
-    """
+    """Iterate over mappings with their names and the fields ``above`` them."""
     if not isinstance(node, dict) or not depth:
         return
     entries, inner = {}, []
@@ -549,7 +525,7 @@ def _mappings(
         is_mapping, field_name = isinstance(value, dict) and not _is_matrix(value), _plain(key)
         field_name = FIELDS.get(field_name, field_name)
         is_base = key == "value0" and isinstance(value, dict) and "principal_point" in value
-        if len(sides := _named_sides(key, value)) == 2:
+        if len(sides := _pick_sides(key, value)) == 2:
             both = dict(zip(("width", "height"), sides, strict=True))
             entries |= both | entries if field_name == "imagesize" else {key: sides}
         elif isinstance(value, dict) and is_mapping and (is_base or field_name in MERGED):
@@ -606,7 +582,7 @@ def _entries_of(mapping: dict[str, Any]) -> dict[str, dict[str, tuple[str, Any]]
     return of_number
 
 
-def _said_model(said: _Said, form: Form) -> tuple[bool, LensModel | None]:
+def _lens_model(said: _Said, form: Form) -> tuple[bool, LensModel | None]:
     """Whether the file says the model of a camera's lens, and which; None: it has to have none."""
     marks = [f["isfisheye"] for f in (said.entries, said.above) if "isfisheye" in f]
     marks = [(key, mark) for key, mark in marks if not isinstance(mark, dict | list)]
@@ -617,7 +593,7 @@ def _said_model(said: _Said, form: Form) -> tuple[bool, LensModel | None]:
         number = said.number("cameratype")
         if number not in (0, 1):
             found = f"its cameraType is {number:g}"
-            raise said.reading.error(found, "wanted 0, perspective, or 1, fisheye")
+            raise said.file.error(found, "wanted 0, perspective, or 1, fisheye")
         return True, "fisheye" if number else "opencv"
     for text, is_sure in said.model_words(form):
         plain = _plain(text).removeprefix("distortion.")
@@ -626,24 +602,24 @@ def _said_model(said: _Said, form: Form) -> tuple[bool, LensModel | None]:
                 return True, LENS_MODELS[plain]
         elif OTHER_LENS.fullmatch(plain) or (is_sure and plain not in PINHOLES):
             wanted = "wanted OpenCV's standard or fisheye model"
-            raise said.reading.error(f"its lens model is {text[:40]!r}", wanted)
+            raise said.file.error(f"its lens model is {text[:40]!r}", wanted)
     if "named" in said or "named" in said.above:
         return True, "fisheye"
     return bool(marks), "opencv"
 
 
 def _lens(said: _Said, form: Form, asked: LensModel | None) -> Lens | None:
-    is_said, model = _said_model(said, form)
+    is_said, model = _lens_model(said, form)
     if asked not in (None, model) and is_said:
         found = f"its lens is said to be of the model {model or 'none'!r}"
-        raise said.reading.error(found, f"lens model {asked!r} is for files that do not say it")
+        raise said.file.error(found, f"lens model {asked!r} is for files that do not say it")
     is_said, model = (True, asked) if asked else (is_said, model)
     if "distortion" in said:
         values = said.numbers("distortion")
         is_clear = len(values) != 4
         if form.tools == "Meshroom" and model == "opencv" and any(values):
             if len(values) not in (1, 3):
-                raise said.reading.error("a lens of Meshroom's Brown model", "wanted radial3")
+                raise said.file.error("a lens of Meshroom's Brown model", "wanted radial3")
             k1, k2, k3 = [*values, 0.0, 0.0][:3]
             values = [k1, k2, 0.0, 0.0, k3]
     elif form.tools == "OpenMVG":
@@ -661,7 +637,7 @@ def _lens(said: _Said, form: Form, asked: LensModel | None) -> Lens | None:
         is_clear = "k4" not in said or any(name in said for name in NOT_STANDARD)
     if any(values) and not (is_said or is_clear or form.is_of_stored):
         found = "nothing says of which lens model its four distortion coefficients are"
-        raise said.reading.error(found, ASK_MODEL)
+        raise said.file.error(found, ASK_MODEL)
     if model == "fisheye" and not any(values[4:]):
         values = values[:4] or [0.0] * 4
     elif not any(values):
@@ -669,32 +645,33 @@ def _lens(said: _Said, form: Form, asked: LensModel | None) -> Lens | None:
     if model is None:
         text = next((text for text, is_sure in said.model_words(form) if is_sure), "none")
         found = f"a lens of the model {text!r} with coefficients other than 0"
-        raise said.reading.error(found, "wanted OpenCV's standard or fisheye model")
+        raise said.file.error(found, "wanted OpenCV's standard or fisheye model")
     if len(values) not in COEFFICIENTS[model]:
         known = "fisheye" if model == "fisheye" else "standard"
         wanted = f"OpenCV's {known} model has {', '.join(map(str, COEFFICIENTS[model]))}"
-        raise said.reading.error(f"{len(values)} distortion coefficients", wanted)
+        raise said.file.error(f"{len(values)} distortion coefficients", wanted)
     return Lens(model, tuple(values))
 
 
-def camera_of_matrix(
-    reading: Reading, value: Any, what: str, *, by_columns: bool = False
-) -> Perspective:
-    """The pinhole of 0x0 px (centres at i + 0.5) of a 3x3 matrix without skew (at integers)."""
-    values = reading.flat_numbers(value, what)
+def _matrix_of(file: InputFile, value: Any, what: str) -> NDArray[np.float64]:
+    values = file.flat_numbers(value, what)
     if len(values) == 16:  # a 4x4 matrix of which the last row and column say nothing
         whole = np.reshape(values, (4, 4))
         if np.array_equal(whole[3], [0, 0, 0, 1]) and not whole[:3, 3].any():
             values = whole[:3, :3].reshape(-1).tolist()
     if len(values) != 9:
-        raise reading.error(f"{what} has {len(values)} numbers", "wanted a 3x3 camera matrix")
-    matrix = np.reshape(values, (3, 3))
-    if by_columns and np.array_equal(matrix[:, 2], [0, 0, 1]):
-        matrix = matrix.T
-    fx, fy = (reading.positive(float(matrix[i, i]), f"{what}: f{'xy'[i]}") for i in range(2))
+        raise file.error(f"{what} has {len(values)} numbers", "wanted a 3x3 camera matrix")
+    return np.reshape(values, (3, 3))
+
+
+def camera_of_matrix(file: InputFile, value: Any, what: str) -> Perspective:
+    """Return the pinhole of 0x0 px (centres at i + 0.5) of a 3x3 matrix (at integers)."""
+    matrix = _matrix_of(file, value, what)
+    fx, fy = (file.positive(float(matrix[i, i]), f"{what}: f{'xy'[i]}") for i in range(2))
     if not np.allclose(matrix[2], [0.0, 0.0, 1.0]) or abs(matrix[1, 0]) > MAX_SKEW * fx:
-        raise reading.error(f"{what} is {values}", "wanted rows fx 0 cx, 0 fy cy, 0 0 1")
+        found = f"{what} is {matrix.ravel().tolist()}"
+        raise file.error(found, "wanted rows fx 0 cx, 0 fy cy, 0 0 1")
     if abs(matrix[0, 1]) > MAX_SKEW * fx:
-        raise reading.error(f"{what} has a skew of {matrix[0, 1]:g}", "calibrate without skew")
+        raise file.error(f"{what} has a skew of {matrix[0, 1]:g}", "calibrate without skew")
     camera = Perspective(fx, fy, float(matrix[0, 2]), float(matrix[1, 2]), 0, 0)
     return camera_from_integer_centres(camera)

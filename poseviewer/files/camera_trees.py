@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import yaml
 
-from poseviewer.files.checks import Reading, quiet_libraries
+from poseviewer.files.checks import InputFile, quiet_libraries
 
 MAX_ARRAY_NUMBERS = 10_000
 """Bytes of an array that may say a camera."""
@@ -22,23 +22,21 @@ SECTION = re.compile(r"\s*\[\s*([A-Za-z]\w*)\s*\]\s*")
 KEY = re.compile(r"\s*(?P<key>[A-Za-z][\w ]*?)\s*([:=](?P<numbers>.*))?")
 """Lines of a text: the name of a section; a key, alone or with numbers."""
 BETWEEN = re.compile(r"[\[\](),;]")
-"""Characters that stand between the numbers of a matrix."""
 TREES = (".yml", ".yaml", ".xml", ".json", ".sfm", ".npz", ".npy", ".csv", ".txt", ".ini")
-"""Endings of files of forms."""
 
 
-def load_tree(reading: Reading) -> Any:
+def load_tree(file: InputFile) -> Any:
     """The mappings, lists and texts in a YAML, XML, JSON, NumPy, CSV or text file."""
-    match reading.path.suffix.lower():
+    match file.path.suffix.lower():
         case ".json" | ".sfm" | "":
-            return reading.load_json()
+            return file.load_json()
         case ".npy" | ".npz":
-            return _arrays(reading)
+            return _arrays(file)
         case ".txt" | ".ini":
-            return _of_text(reading)
+            return _of_text(file)
         case ".csv":
-            return {"rows": list(csv.DictReader(StringIO(reading.load_text())))}
-    text, data = reading.load_text(), None
+            return {"rows": list(csv.DictReader(StringIO(file.load_text())))}
+    text, data = file.load_text(), None
     with suppress(yaml.YAMLError, ElementTree.ParseError, RecursionError):
         if text.lstrip().startswith("<"):
             data = _of_element(ElementTree.fromstring(text))  # expat refuses bombs of entities
@@ -48,18 +46,17 @@ def load_tree(reading: Reading) -> Any:
             data = next(iter(yaml.load_all(body, LOADER)), None)
     if isinstance(data, dict | list):
         return data
-    raise reading.error("not YAML or XML as OpenCV writes it", "wanted a whole file")
+    raise file.error("not YAML or XML as OpenCV writes it", "wanted a whole file")
 
 
-def _of_text(reading: Reading) -> dict[str, Any]:
-    """Mappings of a text: ``[sections]`` of ``key: numbers``, ``key = numbers``, or a key above its
-    numbers; without keys, a matrix.
+def _of_text(file: InputFile) -> dict[str, Any]:
+    """Parse ``[sections]`` of ``key: numbers``, ``key = numbers``, or keys above numbers.
 
-    KITTI's projections ``P0`` and ``P_rect_00`` and Middlebury's ``cam0`` are cameras.
+    A text without keys is a matrix; KITTI's ``P0`` and Middlebury's ``cam0`` are cameras.
     """
     tree: dict[str, dict[str, Any]] = {"": {}}
     entries, key = tree[""], ""
-    for line in reading.load_text().splitlines():
+    for line in file.load_text().splitlines():
         line = line.partition("#")[0]
         words = line.split()
         section = SECTION.fullmatch(line)
@@ -86,19 +83,18 @@ def _of_text(reading: Reading) -> dict[str, Any]:
         elif len(values) == 9 and re.fullmatch(r"cam\d+", name):
             top[name] = {"K": values}
     for entries in (top, *tree.values()):
-        ones = {k: v[0] for k, v in entries.items() if isinstance(v, list) and len(v) == 1}
-        entries.update(ones)
+        entries.update({k: v[0] for k, v in entries.items() if isinstance(v, list) and len(v) == 1})
     return top | tree
 
 
-def matrix_text(reading: Reading) -> str:
+def matrix_text(file: InputFile) -> str:
     """The numbers in a text, without what may stand between them."""
-    return BETWEEN.sub(" ", reading.load_text())
+    return BETWEEN.sub(" ", file.load_text())
 
 
-def _arrays(reading: Reading) -> dict[str, Any]:
-    with quiet_libraries(), reading.naming_errors():
-        content = np.load(BytesIO(reading.load_bytes()))
+def _arrays(file: InputFile) -> dict[str, Any]:
+    with quiet_libraries(), file.naming_errors():
+        content = np.load(BytesIO(file.load_bytes()))
         if isinstance(content, np.ndarray):
             return {"camera_matrix": content.tolist()}
         small = [i.filename for i in content.zip.infolist() if i.file_size <= MAX_ARRAY_NUMBERS]

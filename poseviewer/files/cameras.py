@@ -1,6 +1,4 @@
-"""Cameras in files: those of ``camera_forms``, and COLMAP's; and the one that took a photo, chosen
-and scaled.
-"""
+"""Cameras in files, and the one that took a photo, chosen and scaled."""
 
 import re
 from collections import defaultdict
@@ -10,14 +8,13 @@ from pathlib import Path, PurePosixPath
 from poseviewer.errors import CalibrationFileError, list_names
 from poseviewer.files.camera_forms import FileCamera, cameras_in
 from poseviewer.files.camera_trees import TREES, load_tree
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import InputFile
 from poseviewer.files.colmap_model import colmap_cameras, colmap_images
-from poseviewer.files.structs import checked_camera
+from poseviewer.files.structs import check_camera
 from poseviewer.geometry.lens import UPRIGHT, LensModel, turned_camera, turned_lens
 
 KIND = "file of cameras"
 MAX_HEAD_LETTERS = 2000
-"""Bytes of a text in which COLMAP names a model."""
 COLMAP_LIKE = re.compile(rb"^\s*\d+\s+[A-Z_]+\s+\d+\s+\d+", re.MULTILINE)
 """A line of COLMAP's cameras: number, model, width and height."""
 MIN_FOCAL = 0.02
@@ -30,31 +27,38 @@ def load_cameras(
     photo: tuple[int, int] = (0, 0),
     is_turned: bool = False,
 ) -> list[FileCamera]:
-    """All cameras in a file, as ``cameras_in`` has them."""
-    reading = Reading(Path(path), [], CalibrationFileError, KIND, numbers_as_text=True)
-    ending, head = reading.path.suffix.lower(), b""
-    with reading.naming_errors():
+    """Load all cameras in a file, as ``cameras_in``.
+
+    Args:
+        path: file of one of the endings ``TREES``, or COLMAP's.
+        lens_model: OpenCV's model of the lens where the file does not say it.
+        photo: width and height of the pictures (px) where the file does not say them.
+        is_turned: whether EXIF turns these by 90 degrees.
+    """
+    file = InputFile(Path(path), [], CalibrationFileError, KIND, numbers_as_text=True)
+    ending, head = file.path.suffix.lower(), b""
+    with file.naming_errors():
         if ending == ".txt":
-            with reading.open() as file:
-                head = file.read(MAX_HEAD_LETTERS)
-        is_named = bool(head) and reading.path.stem == "cameras"
+            with file.open() as stream:
+                head = stream.read(MAX_HEAD_LETTERS)
+        is_named = bool(head) and file.path.stem == "cameras"
         if ending == ".bin" or is_named or COLMAP_LIKE.search(head):
-            cameras = _colmap_cameras(reading)
+            cameras = _colmap_cameras(file)
         elif ending in ("", *TREES):
-            cameras = cameras_in(reading, load_tree(reading), lens_model, photo, is_turned)
+            cameras = cameras_in(file, load_tree(file), lens_model, photo, is_turned)
         else:
             wanted = f"wanted {', '.join(TREES)} or .bin"
-            raise reading.error(f"its ending is {ending or 'missing'}", wanted)
-        return [replace(entry, camera=checked_camera(reading, entry.camera)) for entry in cameras]
+            raise file.error(f"its ending is {ending or 'missing'}", wanted)
+        return [replace(entry, camera=check_camera(file, entry.camera)) for entry in cameras]
 
 
-def _colmap_cameras(reading: Reading) -> list[FileCamera]:
+def _colmap_cameras(file: InputFile) -> list[FileCamera]:
     """Cameras by their CAMERA_ID; the ``images`` file beside says which photos each took."""
-    photos, beside = defaultdict[str, set[str]](set), reading.path.with_stem("images")
+    photos, beside = defaultdict[str, set[str]](set), file.path.with_stem("images")
     if beside.is_file():
-        for name, key, _ in colmap_images(replace(reading, path=beside)):
+        for name, key, _ in colmap_images(replace(file, path=beside)):
             photos[key].add(PurePosixPath(name).name)
-    known, read = colmap_cameras(reading).items(), "COLMAP's model"
+    known, read = colmap_cameras(file).items(), "COLMAP's model"
     return [FileCamera(key, *camera, frozenset(photos[key]), read, True) for key, camera in known]
 
 
@@ -70,8 +74,7 @@ class Calibration:
     camera: str | None = None
     """Which camera of the file; None: the only one, or the one that took the photo."""
     lens_model: LensModel | None = None
-    """OpenCV's model that the coefficients are of, "opencv" (standard) or "fisheye"; None: as the
-    file says, or as their number says."""
+    """OpenCV's model of the coefficients; None: as the file says, or their number."""
 
 
 def load_calibration(
@@ -93,11 +96,11 @@ def load_calibration(
     Raises:
         PoseViewerError: the file cannot be used, or not with this photo.
     """
-    reading = Reading(choice.path, error_type=CalibrationFileError)
+    file = InputFile(choice.path, error_type=CalibrationFileError)
     stored = (height, width) if orientation > 4 else (width, height)
     cameras = load_cameras(choice.path, choice.lens_model, stored, orientation > 4)
-    taken, notes = _chosen(reading, choice, cameras, photo, stored), ()
-    chosen = taken if orientation == UPRIGHT else _upright(reading, taken, orientation, stored)
+    taken, notes = _choose_camera(file, choice, cameras, photo, stored), ()
+    chosen = taken if orientation == UPRIGHT else _upright(file, taken, orientation, stored)
     if orientation != UPRIGHT:
         turned = "belongs to the stored pixels and was turned with it"
         said = "is taken to be that of the upright photo" if chosen is taken else turned
@@ -106,25 +109,22 @@ def load_calibration(
     size = f"{camera.width}x{camera.height} px"
     if not (0.0 <= camera.cx <= camera.width and 0.0 <= camera.cy <= camera.height):
         said = f"its principal point, {camera.cx - 0.5:g}, {camera.cy - 0.5:g}, lies outside"
-        wanted = "calibrate on pictures of the photo's size"
-        raise reading.error(f"{said} the photo's {size}", wanted)
+        raise file.error(f"{said} the photo's {size}", "calibrate on pictures of the photo's size")
     if camera.fx < MIN_FOCAL * camera.width:
-        found = f"a focal length of {camera.fx:g} px"
-        raise reading.error(found, "wanted px, not sides of a photo")
+        raise file.error(f"a focal length of {camera.fx:g} px", "wanted px, not sides of a photo")
     if (camera.width, camera.height) == (width, height):
         return chosen, notes
     said = f"the camera is for {size}, the photo has {width}x{height} px"
     sides = ((width, camera.width), (height, camera.height))
     least = max((side - ROUNDING_PX) / own for side, own in sides)
     if least > min((side + ROUNDING_PX) / own for side, own in sides):  # no one factor
-        wanted = "calibrate on pictures of the photo's size and orientation"
-        raise reading.error(said, wanted)
+        raise file.error(said, "calibrate on pictures of the photo's size and orientation")
     scaled = replace(chosen, camera=camera.resize(width, height))
     return scaled, (*notes, f"{choice.path.name}: {said}; it was scaled to the photo's size.")
 
 
 def _upright(
-    reading: Reading, taken: FileCamera, orientation: int, stored: tuple[int, int]
+    file: InputFile, taken: FileCamera, orientation: int, stored: tuple[int, int]
 ) -> FileCamera:
     """The camera of the upright photo; as it is where it is none of the stored pixels."""
     own, is_of_stored = taken.camera, taken.is_of_stored
@@ -136,12 +136,12 @@ def _upright(
         lens = taken.lens and turned_lens(taken.lens, orientation)
     except ValueError as error:
         found = f"{error}, and EXIF turns the photo"
-        raise reading.error(found, "save the photo upright, and calibrate anew") from None
+        raise file.error(found, "save the photo upright, and calibrate anew") from None
     return replace(taken, camera=turned_camera(own, orientation), lens=lens)
 
 
-def _chosen(
-    reading: Reading,
+def _choose_camera(
+    file: InputFile,
     choice: Calibration,
     cameras: list[FileCamera],
     photo: str,
@@ -152,7 +152,7 @@ def _chosen(
     if choice.camera is not None:
         named = [camera for camera in cameras if camera.name == choice.camera]
         if not named:
-            raise reading.error(f"no camera {choice.camera[:30]!r} in it", f"it has {known}")
+            raise file.error(f"no camera {choice.camera[:30]!r} in it", f"it has {known}")
         return named[0]
     if all((c.camera, c.lens) == (cameras[0].camera, cameras[0].lens) for c in cameras):
         return cameras[0]
@@ -163,5 +163,5 @@ def _chosen(
     named = named or [c for c in cameras if (c.camera.width, c.camera.height) == size]
     if 1 not in (len(cameras), len(named)):
         found = f"{len(cameras)} cameras, {known}, and none of them named after {photo}"
-        raise reading.error(found, "choose one by --calibration-camera NAME, Calibration's camera")
+        raise file.error(found, "choose one by --calibration-camera NAME, Calibration's camera")
     return cameras[0] if len(cameras) == 1 else named[0]

@@ -1,6 +1,4 @@
-"""Files into checked values: every error names the file, and the field; the libraries that parse
-files are silent.
-"""
+"""Checked values of files: every error names the file and the field."""
 
 import json
 import logging
@@ -25,39 +23,19 @@ from poseviewer.files.writing import keep
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.transform import nearest_rotation
 
-SILENT = logging.CRITICAL + 1
-
-
-@contextmanager
-def quiet_libraries() -> Iterator[None]:
-    """Silence Pillow and OpenCV (not libjpeg) inside the ``with`` block."""
-    pillow, cv2_level = logging.getLogger("PIL"), cv2_logging.getLogLevel()
-    level = pillow.level
-    cv2_logging.setLogLevel(cv2_logging.LOG_LEVEL_SILENT)
-    pillow.setLevel(SILENT)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        cv2_logging.setLogLevel(cv2_level)
-        pillow.setLevel(level)
-
-
 ROUNDING = 1e-6
 """A rotation this near to orthonormal is taken as rounded, and made exact without a warning."""
 MAX_REPAIR_DEG = 1.0
-MAX_FILE_BYTES, MAX_DATA_BYTES = 50_000_000, 2_000_000_000
-"""Bytes of numbers and names (100,000 cameras have fewer), and of pictures, models and tables."""
+MAX_FILE_BYTES = 50_000_000
+"""Limit of a file of numbers and names; 100,000 cameras have fewer."""
+MAX_DATA_BYTES = 2_000_000_000
+"""Limit of a picture, a model or a table."""
 MAX_NUMBER = 1e30
 """Beyond it, and below its reciprocal, products of numbers leave the range of 32-bit floats."""
 MAX_PX = 1e7
-"""Limit of focal lengths, principal points and sides: 100 times those of the longest lenses and
-largest pictures."""
+"""Limit of focal lengths, principal points and sides: 100 times those of the largest pictures."""
 MAX_NAME_LETTERS = 200
-"""Characters of a file's name in a message."""
 MAX_QUOTE_LETTERS = 60
-"""Characters of a value in a message."""
 Number = Annotated[float, Meta(ge=-MAX_NUMBER, le=MAX_NUMBER)]
 Positive = Annotated[float, Meta(ge=1.0 / MAX_NUMBER, le=MAX_NUMBER)]
 Pixels = Annotated[int, Meta(ge=1, le=10_000_000)]
@@ -71,35 +49,49 @@ NAMES = {
     "float": "a number", "int": "a whole number", "str": "a text", "bool": "true or false",
     "array": "a list", "object": "an object {...}",
 }  # fmt: skip
-"""Names of msgspec's types for people."""
+"""msgspec's types in words."""
 LIMITS = {
     f" >= {1.0 / MAX_NUMBER}": " above 0",
     f" >= {-MAX_NUMBER}": f" of at most {MAX_NUMBER:g}",
     f" <= {MAX_NUMBER}": f" of at most {MAX_NUMBER:g}",
 }
-"""Limits in msgspec's messages, in words."""
+"""msgspec's limits in words."""
 
 Value = TypeVar("Value")
 
 _log = logging.getLogger(__name__)
 
 
+@contextmanager
+def quiet_libraries() -> Iterator[None]:
+    """Silence Pillow and OpenCV (not libjpeg) inside the ``with`` block."""
+    pillow, cv2_level = logging.getLogger("PIL"), cv2_logging.getLogLevel()
+    level = pillow.level
+    cv2_logging.setLogLevel(cv2_logging.LOG_LEVEL_SILENT)
+    pillow.setLevel(logging.CRITICAL + 1)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        cv2_logging.setLogLevel(cv2_level)
+        pillow.setLevel(level)
+
+
 @dataclass(frozen=True, slots=True)
-class Reading:
-    """A file being read, named in every error; its checks take a value and its name."""
+class InputFile:
+    """A file to be read, with its checks: each takes a value and its name."""
 
     path: Path
     warnings: list[str] = field(default_factory=list)
     error_type: type[PoseViewerError] = PoseFileError
     kind: str = "pose file"
-    """Kind of file that is wanted, for messages."""
     largest: int = MAX_FILE_BYTES
-    """Bytes."""
     numbers_as_text: bool = False
     """Whether a text counts as the number that it spells."""
 
     def error(self, found: str, wanted: str) -> PoseViewerError:
-        """An error that names the file."""
+        """Return an error that names the file."""
         name = printable(self.path.name or str(self.path), MAX_NAME_LETTERS)
         return self.error_type(f"{name}: {found}; {wanted}.")
 
@@ -123,7 +115,7 @@ class Reading:
             keep(self.path)
 
     def open(self) -> IO[bytes]:
-        """The file, once its size is checked, for reading; raises OSError as well."""
+        """Open the file once its size is checked; raises OSError as well."""
         self.check_size()
         return self.path.open("rb")
 
@@ -141,42 +133,43 @@ class Reading:
             raise self.error(f"cannot be read ({reason})", "check the file") from error
         except Exception as error:
             _log.debug("reading %s", self.path, exc_info=error)
-            found = printable(str(error), 120) or type(error).__name__
-            wanted = "is it whole? Make it again"
-            raise self.error(f"not a readable {self.kind} ({found})", wanted) from error
+            found = (
+                f"not a readable {self.kind} ({printable(str(error), 120) or type(error).__name__})"
+            )
+            raise self.error(found, "is it whole? Make it again") from error
 
     def load_bytes(self) -> bytes:
-        """The file's content, 1 to ``largest`` bytes."""
+        """Load the file's content, 1 to ``largest`` bytes."""
         with self.naming_errors(), self.open() as file:
             return file.read()
 
     def load_text(self) -> str:
-        """Text of the file, in UTF-8."""
+        """Load the file's text, in UTF-8."""
         try:
             return self.load_bytes().decode("utf-8-sig")
         except UnicodeDecodeError:
             raise self.error("not a text in UTF-8", f"wanted a {self.kind}") from None
 
     def load_json(self) -> Any:
-        """Value of the file, JSON."""
+        """Load the file's JSON."""
         try:
             return json.loads(self.load_text())
         except (ValueError, RecursionError) as error:
-            found = f"not JSON ({str(error)[:80]})"
-            raise self.error(found, f"wanted a {self.kind}, a whole one") from error
+            wanted = f"wanted a {self.kind}, a whole one"
+            raise self.error(f"not JSON ({str(error)[:80]})", wanted) from error
 
     def load_object(self) -> dict[str, Any]:
-        """Value of the file, a JSON object."""
+        """Load the file's JSON, an object."""
         return self.object(self.load_json(), "its content")
 
     def object(self, value: Any, what: str) -> dict[str, Any]:
-        """The value, a JSON object."""
+        """Check that a value is a JSON object."""
         if not isinstance(value, dict):
             raise self.error(f"{what} is {kind_of(value)}", "wanted an object {...}")
         return value
 
     def load_beside_model(self, name: str, unit: str | None) -> dict[str, Any]:
-        """Object of a file of the format ``name`` that lies beside a model, in the model's unit."""
+        """Load a file of the format ``name`` that lies beside a model, in the model's unit."""
         data = self.load_object()
         self.require_format(data, name)
         own = data.get("unit")
@@ -191,18 +184,24 @@ class Reading:
             raise self.error(f"format is {kind_of(data['format'])}", f"wanted {name!r}")
         version = data.get("version", wanted)
         if version is True or version != wanted:
-            found = f"version is {kind_of(version)}"
             reads = f"this poseviewer reads version {wanted}, open it with the one that wrote it"
-            raise self.error(found, reads)
+            raise self.error(f"version is {kind_of(version)}", reads)
 
-    def decoded(
+    def decode(
         self, data: Any, kind: type[Value], what: str = "", raw: Sequence[str] = ()
     ) -> Value:
-        """Convert JSON data, called ``what``, to a type that msgspec knows; texts are made
-        ``printable`` but those of the keys ``raw``, null counts as missing, 640.0 as a whole
-        number, and a rotation is made exact.
+        """Convert JSON data to a type that msgspec knows.
 
-        Raises the reading's error, which says the place, what is there, and what was wanted.
+        Null counts as missing, 640.0 as a whole number; a rotation is made exact.
+
+        Args:
+            data: values as JSON holds them.
+            kind: type that is wanted.
+            what: name of the data in messages.
+            raw: keys whose texts stay as they are; others are made ``printable``.
+
+        Raises:
+            PoseViewerError: names the place, what is there, and what was wanted.
         """
         data = self._plain(data, raw)
         try:
@@ -238,7 +237,7 @@ class Reading:
             kept = {printable(key): item for key, item in value.items() if item is not None}
             with suppress(KeyError, msgspec.ValidationError):
                 matrix = np.array(msgspec.convert(kept["rotation"], Rows))
-                kept["rotation"] = checked_rotation(self, matrix).tolist()
+                kept["rotation"] = repair_rotation(self, matrix).tolist()
             return {
                 key: item if key in raw and isinstance(item, str) else self._plain(item, raw)
                 for key, item in kept.items()
@@ -247,37 +246,36 @@ class Reading:
             return int(value)
         return value
 
-    def number(
-        self, value: Any, what: str, most: float = MAX_NUMBER, least: float | None = None
-    ) -> float:
-        """A number from ``least``, or -``most``, to ``most``; no truth value."""
-        kind: Any = Annotated[float, Meta(ge=-most if least is None else least, le=most)]
-        return self.decoded(value, kind, what)
+    def number(self, value: Any, what: str, most: float = MAX_NUMBER) -> float:
+        """Check a number from -``most`` to ``most``; no truth value."""
+        kind: Any = Annotated[float, Meta(ge=-most, le=most)]
+        return self.decode(value, kind, what)
 
     def positive(self, value: Any, what: str, most: float = MAX_NUMBER) -> float:
-        """A number above 0 and up to ``most``."""
-        return self.number(value, what, most, 1.0 / MAX_NUMBER)
+        """Check a number above 0 and up to ``most``."""
+        kind: Any = Annotated[float, Meta(ge=1.0 / MAX_NUMBER, le=most)]
+        return self.decode(value, kind, what)
 
     def flat_numbers(self, value: Any, what: str, length: int | None = None) -> list[float]:
-        """Numbers of a text, of (lists in) a list, or of OpenCV's ``{rows, cols, data}``."""
+        """Flatten the numbers of a text, of (lists in) a list, or of OpenCV's ``{rows, data}``."""
         value = value.get("data") if isinstance(value, dict) else value
-        reading = replace(self, numbers_as_text=True) if isinstance(value, str) else self
+        file = replace(self, numbers_as_text=True) if isinstance(value, str) else self
         value = value.split() if isinstance(value, str) else value
-        rows = reading.decoded(value, list[Number | list[Number]], what)
+        rows = file.decode(value, list[Number | list[Number]], what)
         numbers = [item for row in rows for item in (row if isinstance(row, list) else [row])]
         if length not in (None, len(numbers)):
             raise self.error(f"{what} has {len(numbers)} numbers", f"wanted {length} numbers")
         return numbers
 
-    def text(self, value: Any, what: str) -> str | None:
-        """The value, a text or None; made ``printable``."""
+    def text(self, value: Any, what: str) -> str:
+        """Check a text, made ``printable``; "" for None."""
         kind: Any = str | None
-        return self.decoded(value, kind, what)
+        return self.decode(value, kind, what) or ""
 
     def size(self, value: Any, what: str) -> int | None:
-        """The value, a whole number above 0 or None."""
-        kind: Any = Pixels
-        return None if value is None else self.decoded(value, kind, what)
+        """Check a whole number above 0, or None."""
+        kind: Any = Pixels | None
+        return self.decode(value, kind, what)
 
 
 def _words(types: re.Match[str]) -> str:
@@ -299,37 +297,33 @@ def kind_of(value: Any) -> str:
 
 
 def is_there(path: Path) -> bool:
-    """Whether there is such a file; no file can have some names that files say of others."""
+    """Tell whether there is such a file, by any name that files say of others."""
     try:
         return path.is_file()
     except OSError:  # too long, or a folder that is not to be looked into
         return False
 
 
-def rotation_of(
-    reading: Reading, quaternion: Sequence[float], what: str, *, scalar_first: bool = False
-) -> FloatArray:
-    """The rotation matrix of a quaternion, whose length is 1 but for rounding."""
+def rotation_of(file: InputFile, quaternion: Sequence[float], what: str) -> FloatArray:
+    """Return the rotation matrix of a quaternion x y z w, whose length is 1 but for rounding."""
     if not 0.99 < float(np.linalg.norm(quaternion)) < 1.01:
-        raise reading.error(f"{what} is {list(quaternion)}", "wanted a quaternion of length 1")
-    return Rotation.from_quat(quaternion, scalar_first=scalar_first).as_matrix()
+        raise file.error(f"{what} is {list(quaternion)}", "wanted a quaternion of length 1")
+    return Rotation.from_quat(quaternion).as_matrix()
 
 
-def checked_rotation(reading: Reading, matrix: FloatArray) -> FloatArray:
-    """The nearest rotation; the matrix itself where it is one to the last digits."""
+def repair_rotation(file: InputFile, matrix: FloatArray) -> FloatArray:
+    """Return the nearest rotation; the matrix itself where it is one to the last digits."""
     nearest = nearest_rotation(matrix)
     # A small angle moves the matrix by sqrt(2) of it, in the Frobenius norm.
     off_deg = math.degrees(float(np.linalg.norm(matrix - nearest)) / math.sqrt(2.0))
     if off_deg >= MAX_REPAIR_DEG:
         found = f"the rotation is not a rotation matrix (determinant {np.linalg.det(matrix):.3g})"
-        wanted = (
-            "wanted an orthonormal one of determinant 1; where it is -1, change the sign of an axis"
-        )
-        raise reading.error(found, f"{wanted} of the model or camera")
+        wanted = "wanted an orthonormal one of determinant 1; where it is -1, change the sign of"
+        raise file.error(found, f"{wanted} an axis of the model or camera")
     error = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
     if error < 1e-14:
         return matrix
     if error > ROUNDING:
         found = f"the rotation was not quite orthonormal (by {off_deg:.2g} degrees)"
-        reading.warnings.append(f"{reading.path.name}: {found}; the nearest rotation is used.")
+        file.warnings.append(f"{file.path.name}: {found}; the nearest rotation is used.")
     return nearest

@@ -1,5 +1,6 @@
-"""Cameras and images of a COLMAP model, text or binary: https://colmap.github.io/format.html. Pixel
-centres are at i + 0.5, quaternions w first, axes OpenCV's.
+"""Cameras and images of a COLMAP model, text or binary: https://colmap.github.io/format.html.
+
+Pixel centres are at i + 0.5, quaternions w first, axes OpenCV's.
 """
 
 import struct
@@ -10,35 +11,23 @@ from typing import IO, Any
 
 import numpy as np
 
-from poseviewer.files.checks import Reading, rotation_of
+from poseviewer.files.checks import InputFile, rotation_of
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
 from poseviewer.geometry.transform import RigidTransform
 
 MODELS: dict[str, tuple[int, int, LensModel | None]] = {
-    "SIMPLE_PINHOLE": (1, 0, "opencv"),
-    "PINHOLE": (2, 0, "opencv"),
-    "SIMPLE_RADIAL": (1, 1, "opencv"),
-    "RADIAL": (1, 2, "opencv"),
-    "OPENCV": (2, 4, "opencv"),
-    "OPENCV_FISHEYE": (2, 4, "fisheye"),
-    "FULL_OPENCV": (2, 8, "opencv"),
-    "FOV": (2, 1, None),
-    "SIMPLE_RADIAL_FISHEYE": (1, 1, "fisheye"),
-    "RADIAL_FISHEYE": (1, 2, "fisheye"),
-    "THIN_PRISM_FISHEYE": (2, 8, None),
-    "RAD_TAN_THIN_PRISM_FISHEYE": (2, 12, None),
-    "SIMPLE_DIVISION": (1, 1, None),
-    "DIVISION": (2, 1, None),
-    "SIMPLE_FISHEYE": (1, 0, "fisheye"),
-    "FISHEYE": (2, 0, "fisheye"),
-    "EUCM": (2, 2, None),
+    "SIMPLE_PINHOLE": (1, 0, "opencv"), "PINHOLE": (2, 0, "opencv"),
+    "SIMPLE_RADIAL": (1, 1, "opencv"), "RADIAL": (1, 2, "opencv"), "OPENCV": (2, 4, "opencv"),
+    "OPENCV_FISHEYE": (2, 4, "fisheye"), "FULL_OPENCV": (2, 8, "opencv"), "FOV": (2, 1, None),
+    "SIMPLE_RADIAL_FISHEYE": (1, 1, "fisheye"), "RADIAL_FISHEYE": (1, 2, "fisheye"),
+    "THIN_PRISM_FISHEYE": (2, 8, None), "RAD_TAN_THIN_PRISM_FISHEYE": (2, 12, None),
+    "SIMPLE_DIVISION": (1, 1, None), "DIVISION": (2, 1, None),
+    "SIMPLE_FISHEYE": (1, 0, "fisheye"), "FISHEYE": (2, 0, "fisheye"), "EUCM": (2, 2, None),
     "EQUIRECTANGULAR": (0, 0, None),
-}
-"""Camera models by number: how many focal lengths and distortion parameters, the principal point
-between them; and OpenCV's model, whose first coefficients the parameters are.
-https://github.com/colmap/colmap/blob/main/src/colmap/sensor/models.h
-"""
+}  # fmt: skip
+"""Camera models by number: counts of focal lengths and distortion parameters, and OpenCV's model,
+whose first coefficients these are (colmap/sensor/models.h)."""
 POINT_BYTES = 24
 """Size of an image's point: x, y, and the number of its point in space."""
 MAX_NAME_LETTERS = 4096
@@ -47,87 +36,85 @@ MAX_FILE_BYTES = 100_000_000_000
 """Bytes: the points of all images are in it; they are skipped."""
 
 
-def model_file(folder: Path, stem: str) -> Path:
+def colmap_file(folder: Path, stem: str) -> Path:
     """``cameras`` or ``images`` of a model, the binary file where it is there, as COLMAP does."""
     binary = folder / f"{stem}.bin"
     return binary if binary.is_file() else folder / f"{stem}.txt"
 
 
-def colmap_cameras(reading: Reading) -> dict[str, tuple[Perspective, Lens | None]]:
+def colmap_cameras(file: InputFile) -> dict[str, tuple[Perspective, Lens | None]]:
     """The cameras in a ``cameras`` file, and their lenses, by CAMERA_ID."""
     cameras = {}
-    for words in _camera_rows(reading):
+    for words in _camera_rows(file):
         if len(words) < 5 or not words[0].isdecimal():
             found = f"a line reads {' '.join(words)[:40]!r}"
-            raise reading.error(found, "wanted COLMAP's CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]")
+            raise file.error(found, "wanted COLMAP's CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]")
         key, model = words[:2]
         focals, more, lens = MODELS.get(model, (0, 0, None))
         if lens is None:
             known = ", ".join(name for name, (_, _, lens) in MODELS.items() if lens)
             wanted = f"wanted one of {known}; undistort others first (colmap image_undistorter)"
-            raise reading.error(f"camera {key} is of model {model[:30]}", wanted)
-        sides = reading.flat_numbers(" ".join(words[2:4]), f"the size of camera {key}")
-        width, height = (reading.size(side, f"the size of camera {key}") or 0 for side in sides)
-        values = reading.flat_numbers(" ".join(words[4:]), f"the parameters of camera {key}")
+            raise file.error(f"camera {key} is of model {model[:30]}", wanted)
+        sides = file.flat_numbers(" ".join(words[2:4]), f"the size of camera {key}")
+        width, height = (file.size(side, f"the size of camera {key}") or 0 for side in sides)
+        values = file.flat_numbers(" ".join(words[4:]), f"the parameters of camera {key}")
         if len(values) != (count := focals + 2 + more):
-            raise reading.error(
-                f"camera {key} has {len(values)} parameters", f"{model} has {count}"
-            )
-        fx, fy = (reading.positive(values[i], f"focal length of {key}") for i in (0, focals - 1))
+            raise file.error(f"camera {key} has {len(values)} parameters", f"{model} has {count}")
+        fx, fy = (file.positive(values[i], f"focal length of {key}") for i in (0, focals - 1))
         cx, cy, *distortion = values[focals:]
         distortion += [0.0] * (COEFFICIENTS[lens][:2][-1] - len(distortion))
         cameras[key] = Perspective(fx, fy, cx, cy, width, height), Lens.of(lens, distortion)
     if not cameras:
-        raise reading.error("holds no camera", "wanted COLMAP's cameras.txt or cameras.bin")
+        raise file.error("holds no camera", "wanted COLMAP's cameras.txt or cameras.bin")
     return cameras
 
 
-def colmap_images(reading: Reading) -> list[tuple[str, str, str]]:
+def colmap_images(file: InputFile) -> list[tuple[str, str, str]]:
     """Name, CAMERA_ID and QW QX QY QZ TX TY TZ of each image in an ``images`` file."""
-    rows = _image_rows(reading)
+    rows = _image_rows(file)
     if short := [words for words in rows if len(words) < 10]:
-        raise reading.error(f"an image has {len(short[0])} entries", "wanted 10")
+        raise file.error(f"an image has {len(short[0])} entries", "wanted 10")
     return [(words[9], words[8], " ".join(words[1:8])) for words in rows]
 
 
-def image_pose(reading: Reading, text: str) -> RigidTransform:
+def image_pose(file: InputFile, text: str) -> RigidTransform:
     """``camera_from_world`` of QW QX QY QZ TX TY TZ."""
-    numbers = reading.flat_numbers(text, "the image's pose", 7)
-    rotation = rotation_of(reading, numbers[:4], "the quaternion", scalar_first=True)
+    numbers = file.flat_numbers(text, "the image's pose", 7)
+    rotation = rotation_of(file, [*numbers[1:4], numbers[0]], "the quaternion")
     return RigidTransform(rotation, np.array(numbers[4:]))
 
 
-def _camera_rows(reading: Reading) -> list[list[str]]:
+def _camera_rows(file: InputFile) -> list[list[str]]:
     """CAMERA_ID MODEL WIDTH HEIGHT PARAMS[] of each camera in a ``cameras`` file."""
-    with reading.naming_errors(), reading.open() as file:
-        if reading.path.suffix != ".bin":
-            return [line.split() for line in map(_text, file) if line]
+    with file.naming_errors(), file.open() as stream:
+        if file.path.suffix != ".bin":
+            return [line.split() for line in map(_text, stream) if line]
         rows = []
-        for _ in range(*_take(file, "<Q")):
-            number, model, width, height = _take(file, "<IIQQ")
+        for _ in range(*_take(stream, "<Q")):
+            number, model, width, height = _take(stream, "<IIQQ")
             name, (focals, more, _) = list(MODELS.items())[model]
-            numbers = _take(file, f"<{focals + 2 + more}d")
+            numbers = _take(stream, f"<{focals + 2 + more}d")
             rows.append([str(number), name, str(width), str(height), *map(repr, numbers)])
         return rows
 
 
-def _image_rows(reading: Reading) -> list[list[str]]:
+def _image_rows(file: InputFile) -> list[list[str]]:
     """IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME of each image in an ``images`` file."""
-    reading, rows = replace(reading, largest=MAX_FILE_BYTES), []
-    with reading.naming_errors(), reading.open() as file:
-        if reading.path.suffix != ".bin":
-            for line in file:
+    file, rows = replace(file, largest=MAX_FILE_BYTES), []
+    with file.naming_errors(), file.open() as stream:
+        if file.path.suffix != ".bin":
+            for line in stream:
                 if words := _text(line):
                     rows.append(words.split(maxsplit=9))
-                    next(file, None)  # its points
+                    next(stream, None)  # its points
             return rows
-        for _ in range(*_take(file, "<Q")):
-            number, *pose, camera = _take(file, "<I7dI")
-            start = file.tell()
-            name, end, _ = file.read(MAX_NAME_LETTERS).partition(b"\0")
-            file.seek(start + len(name + end))
-            (points,) = _take(file, "<Q")
-            file.seek(points * POINT_BYTES, SEEK_CUR)
+        for _ in range(*_take(stream, "<Q")):
+            number, *pose, camera = _take(stream, "<I7dI")
+            start = stream.tell()
+            name, end, _ = stream.read(MAX_NAME_LETTERS).partition(b"\0")
+            stream.seek(start + len(name + end))
+            (points,) = _take(stream, "<Q")
+            stream.seek(points * POINT_BYTES, SEEK_CUR)
             rows.append([str(number), *map(repr, pose), str(camera), name.decode()])
         return rows
 

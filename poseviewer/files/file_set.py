@@ -1,7 +1,6 @@
-"""Sort files that came together (a drop, a zip, a folder) by what they are.
+"""Files that came together (a drop, a zip, a folder), sorted by what they are.
 
-Files hold at most one photo or one set of photos, models with their textures, and at most one pose
-and one camera. What belongs to a model is told by the names inside it; nothing is guessed.
+Names inside a model tell what belongs to it; nothing is guessed.
 """
 
 import os
@@ -16,8 +15,8 @@ from typing import Literal
 from poseviewer.errors import FileSetError, PoseViewerError, list_names
 from poseviewer.files.camera_trees import TREES
 from poseviewer.files.cameras import load_cameras
-from poseviewer.files.checks import Reading
-from poseviewer.files.colmap_model import model_file
+from poseviewer.files.checks import InputFile
+from poseviewer.files.colmap_model import colmap_file
 from poseviewer.files.formats.bop import CAMERAS
 from poseviewer.files.keypoints import keypoints_path
 from poseviewer.files.mesh.load import ELSEWHERE, READERS
@@ -33,9 +32,7 @@ Kind = Literal["photo", "model", "pose"]
 MAX_FILES = 10_000
 """Limit of a set: a scene of a thousand photos with depths and masks has some thousand."""
 MAX_MODELS = 200
-"""Models that are opened together, each an object."""
 MAX_NAMED = 5
-"""Files in one sentence."""
 OF_MODELS = (".mtl", ".bin")
 """Files that are nothing without their model."""
 NO_PICTURES = (*OF_MODELS, ".json")
@@ -63,10 +60,8 @@ class FileSet:
 
     photo: Path | None = None
     camera: Path | None = None
-    """File of the photo's camera."""
     models: tuple[ModelFiles, ...] = ()
     pose: Path | None = None
-    """The start."""
     views: Path | None = None
     """A set of photos, as ``photo_sets.load_views`` takes it."""
     scene: Path | None = None
@@ -81,16 +76,15 @@ class FileSet:
             return ()
         hint = any(path.suffix.lower() in PICTURES for path in self.unused)
         more = " A picture alone is opened as the photo." if hint else ""
-        return (f"Not used: {_listed(self.unused)}.{more}",)
+        return (f"Not used: {_list_paths(self.unused)}.{more}",)
 
 
 def files_below(root: Path) -> tuple[Path, ...]:
-    """All files in a folder and below, sorted, without what systems leave there."""
+    """List all files in a folder and below, sorted, without what systems leave there."""
     files = tuple(islice(_walk(root), MAX_FILES + 1))
     if len(files) > MAX_FILES:
-        raise FileSetError(
-            f"{root}: more than {MAX_FILES:,} files; name a folder inside it, or PHOTO and MODEL."
-        )
+        wanted = "name a folder inside it, or PHOTO and MODEL"
+        raise FileSetError(f"{root}: more than {MAX_FILES:,} files; {wanted}.")
     return tuple(sorted(files))
 
 
@@ -102,11 +96,18 @@ def is_of_system(name: str) -> bool:
 def sort_set(
     files: Sequence[Path], kind: Kind | None = None, at_hand: Path | None = None
 ) -> FileSet:
-    """Sort ``files`` by what they are.
+    """Sort files by what they are: one photo or set of photos, models, one pose, one camera.
 
-    A picture is a texture where a model names it, else the photo; but beside a model that names
-    pictures, only one that a camera has taken, or whose ``kind`` the user called a photo, is. Of
-    the ``kind`` pose every JSON file is one. ``at_hand``: an open model that may miss what is here.
+    A picture that a model names is a texture. Beside such a model, another picture is the photo if
+    a camera has taken it.
+
+    Args:
+        files: paths of all that came.
+        kind: what the user calls them; each JSON file of the kind pose is a pose.
+        at_hand: open model, which may miss what is here.
+
+    Raises:
+        FileSetError: several of a kind, or nothing that can be opened.
     """
     of_kind: dict[str, list[Path]] = defaultdict(list)
     for path in files:
@@ -122,7 +123,8 @@ def sort_set(
     used = {path for model in models for path in (model.path, *model.named.values())}
     poses = [path for path in of_kind["pose"] if path not in used]
     cameras = [path for path in of_kind["camera"] if path not in used]
-    used |= _masks_of(poses)
+    masks = [(path.parent, _json_of(path).get("mask")) for path in poses]
+    used |= {folder / bare_name(name) for folder, name in masks if isinstance(name, str)}
     pictures = [path for path in of_kind["picture"] if path not in used]
     sets = of_kind["set"]
     if len(pictures) > 1:
@@ -155,10 +157,8 @@ def model_files(path: Path, others: Sequence[Path]) -> ModelFiles:
     by_name: dict[str, list[Path]] = defaultdict(list)
     for other in others:
         by_name[plain_name(other.name)].append(other)
-    named: dict[str, Path] = {}
-    names_pictures = False
-    scattered = False
-    waiting = [path]
+    named, waiting = dict[str, Path](), [path]
+    names_pictures, scattered = False, False
     while waiting:
         file = waiting.pop()
         for written, is_read in names_in(file).items():
@@ -205,8 +205,8 @@ def _kind_of(path: Path, as_pose: bool, sole: bool) -> str:
         return "scene"
     if as_pose:
         return "pose" if is_json else ""
-    of_colmap = path == model_file(path.parent, "cameras")
-    if path.name == CAMERAS or (of_colmap and model_file(path.parent, "images").is_file()):
+    of_colmap = path == colmap_file(path.parent, "cameras")
+    if path.name == CAMERAS or (of_colmap and colmap_file(path.parent, "images").is_file()):
         return "reconstruction"
     data = _json_of(path) if is_json else {}
     if data.get("format") == SCENE or isinstance(data.get("frames"), list):
@@ -222,9 +222,7 @@ def _kind_of(path: Path, as_pose: bool, sole: bool) -> str:
 
 
 def is_scene_file(path: Path) -> bool:
-    """Whether a file is JSON that says that it is a scene of objects, or is called ``.scene.json``:
-    then what is wrong with it can be told. What it is otherwise is not asked.
-    """
+    """Tell whether a file is JSON of a scene of objects, or is called ``.scene.json``."""
     data = _json_of(path)
     if data.get("format") == SCENE:
         return data.get("version") != 2 or bool(data.get("objects"))
@@ -233,27 +231,21 @@ def is_scene_file(path: Path) -> bool:
 
 def _json_of(path: Path) -> dict[str, object]:
     with suppress(PoseViewerError):
-        data = Reading(path).load_json()
+        data = InputFile(path).load_json()
         if isinstance(data, dict):
             return data
     return {}
 
 
-def _masks_of(poses: Sequence[Path]) -> set[Path]:
-    names = ((path, _json_of(path).get("mask")) for path in poses)
-    return {path.parent / bare_name(name) for path, name in names if isinstance(name, str)}
-
-
 def _only(paths: Sequence[Path], what: str, instead: str = "") -> Path | None:
     """The only path, or None where there is none; several of them raise a FileSetError."""
     if len(paths) > 1:
-        raise FileSetError(
-            f"{len(paths):,} {what}: {_listed(paths)}; wanted one{instead}, nothing was opened."
-        )
+        found = f"{len(paths):,} {what}: {_list_paths(paths)}"
+        raise FileSetError(f"{found}; wanted one{instead}, nothing was opened.")
     return paths[0] if paths else None
 
 
-def _listed(paths: Sequence[Path]) -> str:
+def _list_paths(paths: Sequence[Path]) -> str:
     root = Path(os.path.commonpath([path.parent for path in paths]))
     return list_names([path.relative_to(root).as_posix() for path in paths], MAX_NAMED)
 

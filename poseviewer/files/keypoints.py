@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import InputFile
 from poseviewer.files.writing import write_json
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints
@@ -27,10 +27,10 @@ def load_keypoints(mesh_path: str | Path, mesh: Mesh) -> VehicleKeypoints | None
     path = keypoints_path(mesh_path)
     if not path.exists():
         return find_wheels(mesh)
-    reading = Reading(path, error_type=MeshFileError, kind=KIND)
-    with reading.naming_errors():
-        data = reading.load_beside_model(FORMAT, mesh.unit)
-        return VehicleKeypoints(_side(reading, data, "left"), _side(reading, data, "right"))
+    file = InputFile(path, error_type=MeshFileError, kind=KIND)
+    with file.naming_errors():
+        data = file.load_beside_model(FORMAT, mesh.unit)
+        return VehicleKeypoints(_side(file, data, "left"), _side(file, data, "right"))
 
 
 def save_keypoints(mesh_path: str | Path, keypoints: VehicleKeypoints, unit: str | None) -> None:
@@ -42,7 +42,7 @@ def save_keypoints(mesh_path: str | Path, keypoints: VehicleKeypoints, unit: str
     write_json(keypoints_path(mesh_path), data, MeshFileError)
 
 
-def _side(reading: Reading, data: dict[str, Any], key: str) -> SideKeypoints:
-    side = reading.object(data.get(key), key)
-    points = [reading.flat_numbers(side.get(name), f"{key}.{name}", 3) for name in NAMES]
+def _side(file: InputFile, data: dict[str, Any], key: str) -> SideKeypoints:
+    side = file.object(data.get(key), key)
+    points = [file.flat_numbers(side.get(name), f"{key}.{name}", 3) for name in NAMES]
     return SideKeypoints(*map(np.array, points))

@@ -1,7 +1,4 @@
-"""Marks on a photo from files and the command line: point pairs, and the ellipses of two wheels.
-
-As in all files, pixel centres are at integers; inside at i + 0.5 (``geometry.frames``).
-"""
+"""Marks on a photo from files and the command line: point pairs, and ellipses of two wheels."""
 
 import csv
 import math
@@ -13,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from poseviewer.errors import QuickStartError
-from poseviewer.files.checks import MAX_NUMBER, MAX_PX, Reading
+from poseviewer.files.checks import MAX_NUMBER, MAX_PX, InputFile
 from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.frames import points_from_integer_centres
 from poseviewer.vehicle.wheel_pose import Ellipse, Wheels
@@ -21,7 +18,6 @@ from poseviewer.vehicle.wheel_pose import Ellipse, Wheels
 PAIR = ("x", "y", "z", "u", "v")
 ELLIPSE = ("cx", "cy", "a", "b", "angle")
 MAX_VALUES: dict[str, float] = dict.fromkeys((*PAIR[3:], *ELLIPSE[:4]), MAX_PX)
-"""Limits of columns in px of the photo."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,12 +35,13 @@ class PointPairs:
 
 
 def load_pairs(path: str | Path) -> PointPairs:
-    """Point pairs from a table: columns x, y, z, u, v, or in the order of a header's names among
-    others; parted by tabs, semicolons, commas or spaces; decimal commas are points.
+    """Load point pairs from a table: columns x, y, z, u, v, or as a header names them.
+
+    Tabs, semicolons, commas or spaces part the columns; decimal commas are points.
     """
-    reading = _reading(path)
-    with reading.naming_errors():
-        text = reading.load_text()
+    file = _marks_file(path)
+    with file.naming_errors():
+        text = file.load_text()
         first = next((line for line in text.splitlines() if line.strip() and "#" not in line), "")
         separator = next((mark for mark in "\t;," if mark in first), " ")
         table = csv.reader(StringIO(text), delimiter=separator, skipinitialspace=True)
@@ -56,41 +53,38 @@ def load_pairs(path: str | Path) -> PointPairs:
             if not numbers and set(PAIR) <= set(cells):
                 names = tuple(cells)
             else:
-                numbers.append(_numbers(reading, f"line {number}", cells, names, PAIR))
+                numbers.append(_numbers(file, f"line {number}", cells, names, PAIR))
     values = np.array(numbers, dtype=float).reshape(-1, len(PAIR))
     return PointPairs(values[:, :3], points_from_integer_centres(values[:, 3:]))
 
 
 def wheels_from_text(text: str) -> Wheels:
-    """Wheels from ``cx,cy,a,b,angle;cx,cy,a,b,angle`` (rear, then front; half axes in px, degrees
-    clockwise from the u axis).
-    """
-    reading = _reading("--wheels")
-    with reading.naming_errors():
+    """Parse ``cx,cy,a,b,angle;cx,cy,a,b,angle``: rear, then front; px, degrees clockwise."""
+    file = _marks_file("--wheels")
+    with file.naming_errors():
         rows = [wheel.split(",") for wheel in text.split(";") if wheel.strip()]
         if len(rows) != 2:
             wanted = "wanted two, rear;front, each cx,cy,a,b,angle"
-            raise reading.error(f"{len(rows)} ellipses", wanted)
+            raise file.error(f"{len(rows)} ellipses", wanted)
         ellipses = []
         for which, row in zip(("rear", "front"), rows, strict=True):
-            where = f"the {which} wheel"
-            cx, cy, a, b, degrees = _numbers(reading, where, row, ELLIPSE, ELLIPSE)
+            cx, cy, a, b, degrees = _numbers(file, f"the {which} wheel", row, ELLIPSE, ELLIPSE)
             u, v = points_from_integer_centres([cx, cy])
             ellipses.append(Ellipse(float(u), float(v), a, b, math.radians(degrees)))
         return Wheels(*ellipses)
 
 
-def _reading(path: str | Path) -> Reading:
-    return Reading(Path(path), [], QuickStartError, "list of marks", numbers_as_text=True)
+def _marks_file(path: str | Path) -> InputFile:
+    return InputFile(Path(path), [], QuickStartError, "list of marks", numbers_as_text=True)
 
 
 def _numbers(
-    reading: Reading, where: str, row: Sequence[str], names: Sequence[str], chosen: Sequence[str]
+    file: InputFile, where: str, row: Sequence[str], names: Sequence[str], chosen: Sequence[str]
 ) -> list[float]:
     if len(row) != len(names):
         wanted = f"wanted {len(names)}: {', '.join(names)[:80]}"
-        raise reading.error(f"{where} has {len(row)} values", wanted)
+        raise file.error(f"{where} has {len(row)} values", wanted)
     return [
-        reading.number(row[names.index(n)].strip(), f"{where}: {n}", MAX_VALUES.get(n, MAX_NUMBER))
+        file.number(row[names.index(n)].strip(), f"{where}: {n}", MAX_VALUES.get(n, MAX_NUMBER))
         for n in chosen
     ]

@@ -1,6 +1,4 @@
-"""Masks as pictures: white counts, black is hidden by something in front. A pose file names its
-mask, which lies beside it.
-"""
+"""Masks as pictures: white counts, black is occluded."""
 
 from base64 import b64decode, b64encode
 from io import BytesIO
@@ -12,7 +10,7 @@ from msgspec import structs
 from PIL import Image
 
 from poseviewer.errors import PhotoFileError
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import InputFile
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import PoseRecord, save_pose
@@ -24,13 +22,11 @@ INLINE = "data:image/png;base64,"
 
 
 def load_mask(path: str | Path, size: tuple[int, int] | None = None) -> Mask:
-    """The mask in a picture, or in a text of ``mask_text``; white is 1 and black 0. ``size``: width
-    and height that are wanted, px.
-    """
+    """Load the mask in a picture, or in a text of ``mask_text``, of ``size`` (width, height)."""
     is_inline = str(path).startswith(INLINE)
-    reading = Reading(Path("a mask" if is_inline else path), [], PhotoFileError, "mask")
+    file = InputFile(Path("a mask" if is_inline else path), [], PhotoFileError, "mask")
     if is_inline:
-        with reading.naming_errors():
+        with file.naming_errors():
             data = b64decode(str(path)[len(INLINE) :], validate=True)
             pixels = np.asarray(Image.open(BytesIO(data), formats=("PNG",)))
             weights = pixels * np.float32(1.0 / np.iinfo(pixels.dtype).max)
@@ -39,12 +35,12 @@ def load_mask(path: str | Path, size: tuple[int, int] | None = None) -> Mask:
     height, width = weights.shape
     if size not in (None, (width, height)):
         found = f"the mask has {width}x{height} px, the photo {size[0]}x{size[1]} px"
-        raise reading.error(found, "save the mask in the photo's size")
+        raise file.error(found, "save the mask in the photo's size")
     return Mask.of(weights)
 
 
 def mask_text(mask: Mask | None) -> str | None:
-    """A mask as a picture in text, as a scene has it."""
+    """Encode a mask as a picture in text."""
     return None if mask is None else INLINE + b64encode(mask_as_png(mask)).decode()
 
 
@@ -63,7 +59,7 @@ def mask_path(pose_file: str | Path) -> Path:
 
 
 def save_pose_and_mask(path: str | Path, record: PoseRecord, mask: Mask | None) -> None:
-    """Write a pose file, and its mask, where there is one, beside it; each whole or not at all."""
+    """Write a pose file and, beside it, its mask; each whole or not at all."""
     if mask is not None:
         beside = mask_path(path)
         write_whole(beside, mask_as_png(mask), PhotoFileError, is_own=True)
@@ -72,12 +68,12 @@ def save_pose_and_mask(path: str | Path, record: PoseRecord, mask: Mask | None) 
 
 
 def mask_beside(
-    pose_file: str | Path, record: PoseRecord, width: int, height: int
+    pose_file: str | Path, record: PoseRecord, size: tuple[int, int]
 ) -> tuple[Mask | None, tuple[str, ...]]:
-    """The mask that a pose file names; None and a note where it cannot be used."""
+    """Load the mask that a pose file names, or None and a note where it cannot be used."""
     if record.mask is None:
         return None, ()
     try:
-        return load_mask(Path(pose_file).parent / bare_name(record.mask), (width, height)), ()
+        return load_mask(Path(pose_file).parent / bare_name(record.mask), size), ()
     except PhotoFileError as error:
         return None, (f"Nothing of the photo is hidden: {error}",)

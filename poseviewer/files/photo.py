@@ -1,7 +1,6 @@
 """Photos from files, undistorted where the camera is calibrated; pictures into files."""
 
 import hashlib
-import re
 from contextlib import suppress
 from dataclasses import replace
 from io import BytesIO
@@ -12,70 +11,60 @@ import cv2
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
+from PIL import Image, ImageOps, UnidentifiedImageError
+from PIL.ExifTags import IFD
+from PIL.ExifTags import Base as Tag
 
 from poseviewer.errors import CalibrationFileError, PhotoFileError, printable
 from poseviewer.files.cameras import Calibration, load_calibration
-from poseviewer.files.checks import MAX_DATA_BYTES, Reading, quiet_libraries
+from poseviewer.files.checks import MAX_DATA_BYTES, InputFile, quiet_libraries
 from poseviewer.files.structs import Distortion
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import MAX_SIDE_PX, UPRIGHT, Undistortion, undistort
 
 ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
-"""Endings of photo files."""
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "PPM")
 """Pillow's names of them; its readers of others believe the lengths that a file claims."""
 RAW_ENDINGS = (".dng", ".nef", ".cr2", ".cr3", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw")
-DNG_VERSION = 50706
-SUBFILE_TYPE = 254
-BITS = 258
-PHOTOMETRIC = 262
-SAMPLES = 277
-PLANAR = 284
-"""TIFF's tags."""
-WHITE_IS_ZERO, MAX_CENTRE_ERROR = 0, 2
-"""Values of ``PHOTOMETRIC`` and ``PLANAR``."""
+WHITE_IS_ZERO = 0
+"""Value of TIFF's ``PhotometricInterpretation``."""
+IN_PLANES = 2
+"""Value of ``PlanarConfiguration``: each colour has a plane of its own."""
 REDUCED = 1
-"""Subfile type of a preview, as that of raw files is."""
+"""Value of ``NewSubfileType`` of a preview, as that of raw files is."""
 MAX_MEGAPIXELS = 100.0
 ROWS = 256
 """Rows of pixels that are turned from BGR to RGB at a time."""
-MAX_SCANS = 100
-"""Progressive JPEGs have some ten."""
-MARKER = re.compile(rb"\xff([^\x00\x01\xd0-\xd7\xff])", re.DOTALL)
-"""A JPEG's marker before a segment with its length, or its end (ITU-T T.81, B.1.1.3)."""
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 """Brands in the file type box (ISO/IEC 23008-12): HEVC pictures, and pictures of any codec."""
-OF_CAMERAS = {ExifTags.Base.Make, ExifTags.Base.ExposureTime, ExifTags.Base.FocalLength}
+OF_CAMERAS = {Tag.Make, Tag.ExposureTime, Tag.FocalLength}
 MM_PER_RESOLUTION_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 """EXIF FocalPlaneResolutionUnit: inch, cm, mm, um."""
 
 
 def load_photo(path: str | Path) -> Photo:
-    """The photo in a file: grey or RGB without transparency, 8 or 16 bits, upright.
+    """Load a photo: grey or RGB without transparency, 8 or 16 bits, upright.
 
-    What would unpack to more than 100 megapixels is refused before it is decoded.
+    A photo of more than 100 megapixels is refused before it is decoded.
     """
-    reading = _reading(path)
-    with reading.naming_errors(), quiet_libraries():
-        data = reading.load_bytes()
+    file = _photo_input(path)
+    with file.naming_errors(), quiet_libraries():
+        data = file.load_bytes()
         is_heic = data[4:8] == b"ftyp" and data[8:12] in HEIC_BRANDS
-        decode = _decode_heic if is_heic else _decode
-        pixels, focal, is_transparent = decode(reading, data)
+        pixels, focal, is_transparent = (_decode_heic if is_heic else _decode)(file, data)
         if pixels.dtype not in (np.uint8, np.uint16):
-            raise reading.error(f"pixels of type {pixels.dtype}", "save it with 8 or 16 bits")
+            raise file.error(f"pixels of type {pixels.dtype}", "save it with 8 or 16 bits")
         pixels = np.ascontiguousarray(pixels)
         pixels.flags.writeable = False
         sha256 = hashlib.sha256(data).hexdigest()
     notes = ("Its transparency is left out.",) if is_transparent else ()
-    notes += tuple(dict.fromkeys(reading.warnings))
-    return Photo(pixels, printable(reading.path.name), sha256, focal, notes)
+    return Photo(pixels, printable(file.path.name), sha256, focal, notes)
 
 
 def orientation_of(path: str | Path) -> int:
     """EXIF's orientation of a photo, from 1 to 8, in which other tools may not show it."""
-    number = _exif_tags(path).get(ExifTags.Base.Orientation, UPRIGHT)
+    number = _exif_tags(path).get(Tag.Orientation, UPRIGHT)
     return number if number in range(1, 9) else UPRIGHT
 
 
@@ -87,71 +76,67 @@ def was_taken_by_a_camera(path: str | Path) -> bool:
 
 def _exif_tags(path: str | Path) -> dict[int, Any]:
     """EXIF of a picture by tag; {} for a HEIC photo, or a file that cannot be read."""
-    reading = _reading(path)
+    file = _photo_input(path)
     with (
-        suppress(PhotoFileError), reading.naming_errors(), reading.open() as file,
-        quiet_libraries(), Image.open(file, formats=FORMATS) as image,
+        suppress(PhotoFileError), file.naming_errors(), file.open() as stream,
+        quiet_libraries(), Image.open(stream, formats=FORMATS) as image,
     ):  # fmt: skip
         exif = image.getexif()
-        return {**exif, **exif.get_ifd(ExifTags.IFD.Exif)}
+        return {**exif, **exif.get_ifd(IFD.Exif)}
     return {}
 
 
 def save_image(path: str | Path, rgb: NDArray, *, is_own: bool = False) -> None:
-    """Write a picture (height, width, 3), RGB, in the format of the file's ending, as by
-    ``write_whole``.
-    """
+    """Write a picture (height, width, 3), RGB, in the format of the file's ending."""
     path = Path(path)
     if not cv2.haveImageWriter(f"a{path.suffix}"):
         found = f"pictures cannot be written as {path.suffix!r}"
-        raise _reading(path).error(found, "use .png or .jpg")
+        raise _photo_input(path).error(found, "use .png or .jpg")
     data = np.asarray(cv2.imencode(path.suffix, np.ascontiguousarray(rgb[..., ::-1]))[1])
     write_whole(path, data.tobytes(), PhotoFileError, is_own=is_own)
 
 
-def _reading(path: str | Path) -> Reading:
-    return Reading(Path(path), [], PhotoFileError, "photo", MAX_DATA_BYTES)
+def _photo_input(path: str | Path) -> InputFile:
+    return InputFile(Path(path), [], PhotoFileError, "photo", MAX_DATA_BYTES)
 
 
-def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]:
+def _decode(file: InputFile, data: bytes) -> tuple[NDArray, float | None, bool]:
     """Pixels (h, w, 1 or 3), 35-mm focal length, and whether there was transparency."""
-    if (scans := _scans(data)) > MAX_SCANS:
-        raise reading.error(f"a JPEG of {scans:,} scans or more", "save it again")
-    raw = reading.error("a raw photo", "develop it to JPEG, PNG or TIFF first")
-    if reading.path.suffix.lower() in RAW_ENDINGS:
+    raw = file.error("a raw photo", "develop it to JPEG, PNG or TIFF first")
+    if file.path.suffix.lower() in RAW_ENDINGS:
         raise raw
     try:
         with Image.open(BytesIO(data), formats=FORMATS) as image:
             tags = getattr(image, "tag_v2", {})
-            is_preview = DNG_VERSION in tags or tags.get(SUBFILE_TYPE, 0) & REDUCED
+            is_preview = Tag.DNGVersion in tags or tags.get(Tag.NewSubfileType, 0) & REDUCED
             if is_preview or data[8:10] == b"CR":
                 raise raw
-            _refuse_size(reading, *image.size)
+            _refuse_size(file, *image.size)
             focal = focal_35mm(image.getexif(), image.width, image.height)
             is_transparent = image.has_transparency_data
             image.load()  # whether it is whole: OpenCV fills up with grey
-            depth = max(tags.get(BITS, (data[24] if image.format == "PNG" else 8,)))
+            depth = max(tags.get(Tag.BitsPerSample, (data[24] if image.format == "PNG" else 8,)))
             if depth <= 8 and image.mode[0] not in "IF":
                 ImageOps.exif_transpose(image, in_place=True)
                 if image.mode not in ("L", "RGB"):
                     image = image.convert("L" if image.mode in ("1", "LA") else "RGB")
                 return np.atleast_3d(np.asarray(image)), focal, is_transparent
-            if tags.get(PLANAR, 1) == MAX_CENTRE_ERROR and tags.get(SAMPLES, 1) > 1:
+            is_planar = tags.get(Tag.PlanarConfiguration, 1) == IN_PLANES
+            if is_planar and tags.get(Tag.SamplesPerPixel, 1) > 1:
                 found = "a TIFF of 16 bits that has each colour in a plane of its own"
-                raise reading.error(found, "save it with interleaved pixels, or as PNG")
+                raise file.error(found, "save it with interleaved pixels, or as PNG")
             image.close()  # frees its pixels
     except UnidentifiedImageError:
         wanted = "wanted JPEG, PNG, TIFF, WebP or BMP with 8 or 16 bits"
-        raise reading.error("not a picture that can be read", wanted) from None
+        raise file.error("not a picture that can be read", wanted) from None
     except Image.DecompressionBombError:
         found = f"more than {MAX_MEGAPIXELS:.0f} megapixels"
-        raise reading.error(found, "make it smaller first") from None
+        raise file.error(found, "make it smaller first") from None
     # OpenCV reads 16 bits of each colour, turns them upright, and leaves transparency out.
-    how = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH
-    picture = cv2.imdecode(np.frombuffer(data, np.uint8), how)
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
     if picture is None:
-        raise reading.error("OpenCV cannot read this kind of picture", "save it as PNG or JPEG")
-    if tags.get(PHOTOMETRIC, 1) == WHITE_IS_ZERO and picture.dtype == np.uint16:
+        raise file.error("OpenCV cannot read this kind of picture", "save it as PNG or JPEG")
+    if tags.get(Tag.PhotometricInterpretation, 1) == WHITE_IS_ZERO and picture.dtype == np.uint16:
         np.invert(picture, out=picture)  # which OpenCV leaves out
     if picture.ndim == 2:
         return picture[..., None], focal, is_transparent
@@ -160,50 +145,39 @@ def _decode(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]
     return picture, focal, is_transparent
 
 
-def _scans(data: bytes) -> int:
-    """Number of a JPEG's scans, each of which is decoded over the whole picture; 0 for others."""
-    at, count = 2, 0
-    while data.startswith(b"\xff\xd8") and (marker := MARKER.search(data, at)):
-        count += marker[1] == b"\xda"
-        if marker[1] == b"\xd9" or count > MAX_SCANS:
-            break
-        at = marker.end() + int.from_bytes(data[marker.end() : marker.end() + 2], "big")
-    return count
-
-
-def _refuse_size(reading: Reading, width: int, height: int) -> None:
+def _refuse_size(file: InputFile, width: int, height: int) -> None:
     if width * height > MAX_MEGAPIXELS * 1e6:
         wanted = f"poseviewer takes up to {MAX_MEGAPIXELS:.0f} megapixels, make it smaller first"
-        raise reading.error(f"{width}x{height} px", wanted)
+        raise file.error(f"{width}x{height} px", wanted)
 
 
 def focal_35mm(exif: Image.Exif, width: int, height: int) -> float | None:
     """EXIF's own 35-mm focal length, else from the focal length and the sensor's resolution."""
     try:
-        tags = exif.get_ifd(ExifTags.IFD.Exif)
-        focal = float(tags.get(ExifTags.Base.FocalLengthIn35mmFilm, 0))
+        tags = exif.get_ifd(IFD.Exif)
+        focal = float(tags.get(Tag.FocalLengthIn35mmFilm, 0))
         if not focal:
-            unit = MM_PER_RESOLUTION_UNIT[tags.get(ExifTags.Base.FocalPlaneResolutionUnit, 2)]
-            per_mm = float(tags.get(ExifTags.Base.FocalPlaneXResolution, 0)) / unit
+            unit = MM_PER_RESOLUTION_UNIT[tags.get(Tag.FocalPlaneResolutionUnit, 2)]
+            per_mm = float(tags.get(Tag.FocalPlaneXResolution, 0)) / unit
             # The resolution belongs to the picture as taken; it may have been shrunk since.
-            taken = float(tags.get(ExifTags.Base.ExifImageWidth, 0)) or width
+            taken = float(tags.get(Tag.ExifImageWidth, 0)) or width
             diagonal = float(np.hypot(taken, taken * height / width)) / per_mm
-            focal = float(tags.get(ExifTags.Base.FocalLength, 0)) * 43.2666 / diagonal
+            focal = float(tags.get(Tag.FocalLength, 0)) * 43.2666 / diagonal
     except (KeyError, TypeError, ValueError, ZeroDivisionError, SyntaxError, OSError):
         return None
     return focal if 1.0 < focal < 10000.0 else None
 
 
-def _decode_heic(reading: Reading, data: bytes) -> tuple[NDArray, float | None, bool]:
+def _decode_heic(file: InputFile, data: bytes) -> tuple[NDArray, float | None, bool]:
     """Values as of ``_decode``; 16 bits hold pixels of more than 8 in the upper ones."""
     try:
         import pillow_heif
     except ImportError:
         wanted = "pip install 'poseviewer[heic]', or save the photo as JPEG"
-        raise reading.error("HEIC photos need pillow-heif", wanted) from None
+        raise file.error("HEIC photos need pillow-heif", wanted) from None
     picture = pillow_heif.open_heif(data, convert_hdr_to_8bit=False)
     width, height = picture.size
-    _refuse_size(reading, width, height)
+    _refuse_size(file, width, height)
     pixels, exif = np.array(picture).reshape(height, width, -1), Image.Exif()
     exif.load(picture.info.get("exif") or b"")
     colours = pixels[..., :-1] if picture.has_alpha else pixels
@@ -220,10 +194,10 @@ def load_calibrated_photo(path: str | Path, calibration: Calibration | None = No
     photo = replace(photo, notes=(*photo.notes, *notes))
     if chosen.lens is None:
         return replace(photo, camera=chosen.camera)
-    return undistorted(photo, Undistortion.of(chosen.lens, chosen.camera))
+    return undistort_photo(photo, Undistortion.of(chosen.lens, chosen.camera))
 
 
-def undistorted(photo: Photo, undistortion: Undistortion) -> Photo:
+def undistort_photo(photo: Photo, undistortion: Undistortion) -> Photo:
     """The undistorted photo of one as taken; raises where it is too large or shows nothing."""
     if max(photo.width, photo.height) > MAX_SIDE_PX:
         wanted = f"undistorted up to {MAX_SIDE_PX} px a side, make it smaller first"
@@ -243,8 +217,7 @@ def photo_text(photo: Photo) -> str:
     text = f"Photo: {photo.label}; SHA-256 of its file: {photo.sha256}"
     if photo.undistortion is None:
         return text
-    distortion = msgspec.json.encode(Distortion.of(photo.undistortion)).decode()
-    return f"{text}; distortion: {distortion}"
+    return f"{text}; distortion: {msgspec.json.encode(Distortion.of(photo.undistortion)).decode()}"
 
 
 def save_photo(path: Path, photo: Photo, *, is_own: bool = False) -> None:

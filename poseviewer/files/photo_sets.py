@@ -1,5 +1,6 @@
-"""Views from files: of scene files, and of sets of photos whose cameras know their poses to one
-another: COLMAP's models, ``transforms.json`` of nerfstudio and NeRF, and BOP scenes.
+"""Sets of photos whose cameras know their poses to one another.
+
+COLMAP's models, ``transforms.json`` of nerfstudio and NeRF, BOP scenes, and our scene files.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -7,12 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from poseviewer.files import structs as s
-from poseviewer.files.checks import Reading, is_there, kind_of
-from poseviewer.files.colmap_model import model_file
+from poseviewer.files.checks import InputFile, is_there, kind_of
+from poseviewer.files.colmap_model import colmap_file
 from poseviewer.files.formats.bop import CAMERAS, UNIT, WORLD, load_bop_images
 from poseviewer.files.formats.conversion import ConvertOptions, as_shown
-from poseviewer.files.formats.reconstructions import colmap_views, frame_view, slashed
-from poseviewer.files.scene_assets import open_view, photo_file, view_of_file
+from poseviewer.files.formats.reconstructions import colmap_views, frame_view, with_slashes
+from poseviewer.files.scene_assets import open_view, view_of_file, with_photo
 from poseviewer.files.scene_json import load_scene
 from poseviewer.geometry.camera import Perspective
 from poseviewer.scene.assets import PhotoFile
@@ -30,7 +31,6 @@ class LoadedViews:
     """Views of one thing, before it is known what that is."""
 
     name: str
-    """Name of the file or folder."""
     views: tuple[View, ...]
     unit: str | None = None
     """Unit of the world; None: not said."""
@@ -47,10 +47,8 @@ class SetChoice:
     folder: Path | None = None
     """Folder of COLMAP's photos; None: looked for beside the model."""
     rig_object: int | None = None
-    """The object of a BOP scene whose annotations tell how the cameras moved, where the scene does
-    not say it."""
+    """Object of a BOP scene whose poses tell how the cameras moved."""
     view: str | None = None
-    """Name of the photo that the start is a pose in; None: the one that the pose file names."""
     scale: float | None = None
     """Lengths of the model's unit in one of the set's; None: as the set says, or searched for."""
 
@@ -63,30 +61,30 @@ def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews
             there twice, or has another size than its camera says.
     """
     path, choice = Path(path), choice or SetChoice()
-    reading = Reading(path, kind=KIND)
-    with reading.naming_errors():
-        records, unit, scale, is_of_stored = _views(reading, choice)
+    file = InputFile(path, kind=KIND)
+    with file.naming_errors():
+        records, unit, scale, is_of_stored = _views(file, choice)
         views: list[View] = []
         for unread in records:
             if _is_chosen(str(unread.file.location), choice.photos):
                 notes: list[str] = []
                 shown = as_shown(unread, unread.file.location, notes) if is_of_stored else unread
-                s.checked_camera(reading, shown.camera)
+                s.check_camera(file, shown.camera)
                 view = open_view(shown)[0]
                 for other in views:  # before the next is read: a list may name one many times
                     if other.photo.sha256 == view.photo.sha256:
                         found = f"{other.name} and {view.name} are one photo twice"
                         wanted = "a set has each photo once, leave one of them out"
-                        raise reading.error(found, wanted)
+                        raise file.error(found, wanted)
                 camera = view.camera if isinstance(view.camera, Perspective) else None
                 photo = replace(view.photo, camera=camera, notes=(*view.photo.notes, *notes))
                 views.append(replace(view, file=PhotoFile.of(photo, view.path)))
         for wanted in choice.photos:
             if not any(_is_chosen(str(view.path), [wanted]) for view in views):
-                raise reading.error(f"it has no photo {wanted}", "choose others with --photos")
+                raise file.error(f"it has no photo {wanted}", "choose others with --photos")
         if len(views) < 2:
             found = f"{len(views)} photo{'' if len(views) == 1 else 's'}"
-            raise reading.error(found, "a set has two or more; fit one photo without --views")
+            raise file.error(found, "a set has two or more; fit one photo without --views")
         return LoadedViews(path.name, with_names(views), unit, scale)
 
 
@@ -103,33 +101,33 @@ def with_names(views: Sequence[View]) -> tuple[View, ...]:
 
 
 def _views(
-    reading: Reading, choice: SetChoice
+    file: InputFile, choice: SetChoice
 ) -> tuple[Iterable[View], str | None, float | None, bool]:
     """Views, unit and scale of their world, and whether they are of pixels as stored."""
-    path = reading.path
+    path = file.path
     if path.is_dir():
         for name in COLMAP_FOLDERS:
-            if model_file(path / name, "images").is_file():
-                return _of_colmap(reading, path / name, choice), None, None, True
+            if colmap_file(path / name, "images").is_file():
+                return _of_colmap(file, path / name, choice), None, None, True
         if (path / CAMERAS).is_file():
-            return _of_bop(reading, choice), UNIT, None, False
+            return _of_bop(file, choice), UNIT, None, False
         wanted = f"wanted COLMAP's model (images.bin or .txt) or a BOP scene ({CAMERAS})"
-        raise reading.error("a folder without a set of photos", wanted)
-    data = reading.load_object()
+        raise file.error("a folder without a set of photos", wanted)
+    data = file.load_object()
     if isinstance(frames := data.get("frames"), list):
-        entries = (data | reading.object(frame, "a frame") for frame in frames)
+        entries = (data | file.object(frame, "a frame") for frame in frames)
         chosen = (e for e in entries if _is_chosen(str(e.get("file_path")), choice.photos))
-        return (frame_view(reading, own, ConvertOptions()) for own in chosen), None, None, True
+        return (frame_view(file, own, ConvertOptions()) for own in chosen), None, None, True
     if data.get("format") != s.SCENE:
         found = f"format is {kind_of(data.get('format'))}"
-        raise reading.error(found, f"wanted {s.SCENE!r}, or nerfstudio's frames")
+        raise file.error(found, f"wanted {s.SCENE!r}, or nerfstudio's frames")
     scene = load_scene(path)
     return scene.views, scene.unit, None if scene.free_scale or scene.unit else 1.0, False
 
 
-def _of_colmap(reading: Reading, model: Path, choice: SetChoice) -> list[View]:
+def _of_colmap(file: InputFile, model: Path, choice: SetChoice) -> list[View]:
     """Views of the chosen photos, which lie in the folder that has the most of them."""
-    images = colmap_views(model, Reading(model_file(model, "images")))
+    images = colmap_views(model, InputFile(colmap_file(model, "images")))
     images = [image for image in images if _is_chosen(image[0], choice.photos)]
     folders = [model / name for name in PHOTO_FOLDERS]
     folders = folders if choice.folder is None else [choice.folder]
@@ -139,20 +137,15 @@ def _of_colmap(reading: Reading, model: Path, choice: SetChoice) -> list[View]:
         where = f"in {most}" if len(missing) < len(images) or choice.folder else "beside it"
         found = f"{len(missing)} of the {len(images)} photos that it names are not {where}"
         wanted = "name their folder with --photo-folder, or those that are there with --photos"
-        raise reading.error(f"{found}, such as {missing[0]}", wanted)
-    return [replace(view, file=_at(view.file, most / name)) for name, view in images]
+        raise file.error(f"{found}, such as {missing[0]}", wanted)
+    return [with_photo(view, most / name) for name, view in images]
 
 
-def _at(file: PhotoFile, path: Path) -> PhotoFile:
-    """An unread photo in another place."""
-    return photo_file(path, file.width, file.height, file.sha256, file.undistortion)
-
-
-def _of_bop(reading: Reading, choice: SetChoice) -> Iterator[View]:
+def _of_bop(file: InputFile, choice: SetChoice) -> Iterator[View]:
     """Views by the scene's world; else by where the cameras see one of its objects."""
-    own = replace(reading, path=reading.path / CAMERAS)
+    own = replace(file, path=file.path / CAMERAS)
     rig, wanted = choice.rig_object, "name an object that stands still and is there once"
-    for image in load_bop_images(reading.path):
+    for image in load_bop_images(file.path):
         if not _is_chosen(image.photo, choice.photos):
             continue
         place, found = image.camera_from_world, f"image {image.number} has no {WORLD[0]}"
@@ -164,14 +157,12 @@ def _of_bop(reading: Reading, choice: SetChoice) -> Iterator[View]:
             found = f"image {image.number} has {len(poses)} poses of object {rig}"
         if place is None:
             raise own.error(found, f"{wanted}, with --rig-object: its poses tell the cameras'")
-        yield view_of_file(reading.path / image.photo, image.camera, camera_from_world=place)
+        yield view_of_file(file.path / image.photo, image.camera, camera_from_world=place)
 
 
 def _is_chosen(name: str, photos: Sequence[str]) -> bool:
-    """Whether a photo is one of those wanted, by its name with or without folders, by stem, or by
-    number (BOP).
-    """
-    path = PurePosixPath(slashed(name))
+    """Tell whether a photo is wanted, by name, end of its path, stem, or number (BOP)."""
+    path = PurePosixPath(with_slashes(name))
     numbers = {str(int(path.stem))} if path.stem.isdecimal() else set()
     if not photos or not {path.stem, *numbers}.isdisjoint(photos):
         return True

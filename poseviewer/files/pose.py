@@ -11,7 +11,7 @@ from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseFileError
 from poseviewer.files import structs as s
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import InputFile
 from poseviewer.files.symmetry import SymmetryTurns
 from poseviewer.files.writing import json_bytes, write_whole
 from poseviewer.geometry.camera import Pose
@@ -88,39 +88,30 @@ class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
 
 
 def load_pose(path: str | Path, width: int | None = None, height: int | None = None) -> PoseRecord:
-    """Load the pose in a file, for a photo of ``width`` x ``height`` px; by default of the size
-    that the file says, or 1 x 1.
+    """Load the pose in a file, for a photo of ``width`` x ``height`` px or of the file's size.
 
-    Only ``projection``, ``camera`` and ``camera_from_model`` are needed; unknown fields are
-    ignored. A rotation off by rounding is made exact; below 1 degree, with a warning.
+    Needed are ``projection``, ``camera`` and ``camera_from_model``; unknown fields are ignored.
+    A rotation off by less than 1 degree is made exact, beyond rounding with a warning.
 
     Raises:
         PoseFileError: there is no such file, or it does not hold a pose.
     """
-    reading = Reading(Path(path))
-    with reading.naming_errors():
-        return record_from_json(reading, reading.load_json(), width, height)
-
-
-def record_from_json(
-    reading: Reading, data: Any, width: int | None = None, height: int | None = None
-) -> PoseRecord:
-    """Read a pose file's JSON, for a photo as ``load_pose`` does."""
-    said = reading.object(data, "its content")
-    reading.require_format(said, FORMAT)
-    if said.keys().isdisjoint(("projection", "camera", "camera_from_model")):
-        found = f"no pose of poseviewer's (its keys: {', '.join(map(str, said))[:80] or 'none'})"
-        raise reading.error(
-            found, "make one of another tool's with poseviewer convert --from FORMAT"
-        )
-    record = reading.decoded(data, PoseRecord, raw=("mask",))
+    file = InputFile(Path(path))
+    with file.naming_errors():
+        data = file.load_object()
+        file.require_format(data, FORMAT)
+        if data.keys().isdisjoint(("projection", "camera", "camera_from_model")):
+            found = f"no pose of poseviewer's (its keys: {', '.join(data)[:80] or 'none'})"
+            wanted = "make one of another tool's with poseviewer convert --from FORMAT"
+            raise file.error(found, wanted)
+        record = file.decode(data, PoseRecord, raw=("mask",))
     known = record.photo or s.PhotoReference()
     made_for = known.width or width, known.height or height
     photo = structs.replace(known, width=width or known.width, height=height or known.height)
     if made_for != (photo.width, photo.height):
         size = f"a photo of {made_for[0]}x{made_for[1]} px, this one has {width}x{height} px"
-        reading.warnings.append(f"{reading.path.name}: the pose was made for {size}.")
-    return structs.replace(record, photo=photo, warnings=tuple(reading.warnings))
+        file.warnings.append(f"{file.path.name}: the pose was made for {size}.")
+    return structs.replace(record, photo=photo, warnings=tuple(file.warnings))
 
 
 def check_against(

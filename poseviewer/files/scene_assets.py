@@ -7,7 +7,7 @@ from pathlib import Path
 from poseviewer.errors import PoseFileError, printable
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo import load_photo, undistorted
+from poseviewer.files.photo import load_photo, undistort_photo
 from poseviewer.files.pose import check_against
 from poseviewer.files.structs import PhotoReference
 from poseviewer.files.symmetry import load_symmetry
@@ -22,36 +22,6 @@ from poseviewer.scene.assets import ModelContent, ModelFile, PhotoFile
 from poseviewer.scene.types import View
 
 
-def photo_file(
-    path: Path,
-    width: int = 0,
-    height: int = 0,
-    sha256: str | None = None,
-    undistortion: Undistortion | None = None,
-) -> PhotoFile:
-    """Name a photo that is read when first asked for.
-
-    Args:
-        path: the photo's file.
-        width: px; 0: any.
-        height: px; 0: any.
-        sha256: hash of the file's bytes, hexadecimal, as far as it is known.
-        undistortion: from the photo in the file to the one that is wanted.
-    """
-
-    @cache
-    def read() -> Photo:
-        photo = load_photo(path)
-        if (width, height) not in ((0, 0), (photo.width, photo.height)):
-            found = f"{photo.width}x{photo.height} px, and its camera is for {width}x{height} px"
-            wanted = "name the photo that the camera was found with"
-            raise PoseFileError(f"{photo.name}: {found}; {wanted}.")
-        return photo if undistortion is None else undistorted(photo, undistortion)
-
-    name = printable(path.name)
-    return PhotoFile(path, name, width, height, sha256, undistortion, read=read)
-
-
 def view_of_file(
     path: Path,
     camera: Camera,
@@ -60,7 +30,7 @@ def view_of_file(
     camera_from_world: RigidTransform = WORLD,
     mask: Mask | None = None,
 ) -> View:
-    """The view of a photo that is read when first asked for.
+    """Make the view of a photo that is read when first asked for.
 
     Args:
         path: the photo's file.
@@ -70,23 +40,39 @@ def view_of_file(
         camera_from_world: where the camera stands in the world.
         mask: weight of each pixel.
     """
-    if isinstance(lens, Lens):
-        lens = Undistortion.of(lens, camera) if isinstance(camera, Perspective) else None
-    file = photo_file(path, camera.width, camera.height, sha256, lens)
+    undone = lens if isinstance(lens, Undistortion) else None
+    if isinstance(lens, Lens) and isinstance(camera, Perspective):
+        undone = Undistortion.of(lens, camera)
+    size = camera.width, camera.height
+
+    @cache
+    def read() -> Photo:
+        photo = load_photo(path)
+        if size not in ((0, 0), (photo.width, photo.height)):
+            found = f"{photo.width}x{photo.height} px, and its camera is for {size[0]}x{size[1]} px"
+            wanted = "name the photo that the camera was found with"
+            raise PoseFileError(f"{photo.name}: {found}; {wanted}.")
+        return photo if undone is None else undistort_photo(photo, undone)
+
+    file = PhotoFile(path, printable(path.name), *size, sha256, undone, read=read)
     return View(file, camera, camera_from_world, mask)
 
 
+def with_photo(view: View, path: Path, sha256: str | None = None) -> View:
+    """Name another file of a view's photo."""
+    where = view.camera_from_world, view.mask
+    return view_of_file(path, view.camera, sha256, view.file.undistortion, *where)
+
+
 def open_view(view: View) -> tuple[View, tuple[str, ...]]:
-    """Read the photo of a view; and say what the user should know. The photo may be of any size
-    where the view is of 0x0 px.
+    """Read the photo of a view; also return notes for the user.
+
+    The photo may be of any size where the view is of 0x0 px.
     """
     path = view.path
     if path is not None and not view.file.width:
         photo = load_photo(path)
-        view = view.resized(photo.width, photo.height)
-        file = view.file
-        file = photo_file(path, file.width, file.height, file.sha256, file.undistortion)
-        view = replace(view, file=file)
+        view = with_photo(view.resize_photo(photo.width, photo.height), path, view.file.sha256)
     photo = view.photo
     notes = check_against(PhotoReference(view.name, sha256=view.file.sha256), photo.sha256)
     return replace(view, file=PhotoFile.of(photo, path)), notes

@@ -1,8 +1,7 @@
 """Scene files: JSON that says which models are where in which photos (``scene.schema.json``).
 
-Each type of ``scene.types`` has a form in files: a struct of its own fields, made here from the
-type, which msgspec checks and writes the schema of. A field that is added to a type is in files,
-too. In files, paths start from the scene's folder; in a scene they are absolute.
+Each type of ``scene.types`` has a form in files, a struct that msgspec checks and whose schema it
+writes, made here from the type's fields. Paths in files start from the scene's folder.
 """
 
 import os
@@ -11,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import MISSING, fields, is_dataclass, replace
 from functools import cache, reduce
 from importlib.metadata import version
-from operator import attrgetter, or_
+from operator import or_
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
@@ -22,11 +21,11 @@ from msgspec import Meta, Struct, defstruct, structs
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import PoseFileError, printable
 from poseviewer.files import structs as s
-from poseviewer.files.checks import Reading, is_there, kind_of
+from poseviewer.files.checks import InputFile, is_there, kind_of
 from poseviewer.files.masks import INLINE, load_mask, mask_text
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene_assets import model_file, photo_file, view_of_file
+from poseviewer.files.scene_assets import model_file, view_of_file
 from poseviewer.files.symmetry import SymmetryTurns
 from poseviewer.files.writing import json_bytes, write_whole
 from poseviewer.geometry.camera import Camera
@@ -48,7 +47,6 @@ from poseviewer.scene.types import (
 
 KIND = "scene file"
 VERSION = 2
-"""Version of scene files."""
 SOFTWARE = {"name": "poseviewer", "version": version("poseviewer")}
 """The program, as files name what wrote them."""
 Region = Annotated[tuple[s.Number, ...], Meta(min_length=4, max_length=4)]
@@ -77,21 +75,11 @@ class ModelPath(Struct, frozen=True, omit_defaults=True):
         """The form of a model."""
         return cls(str(model.path or model.name), model.sha256, model.unit)
 
-    @property
-    def model(self) -> ModelFile:
-        """The model, not yet read."""
-        return model_file(Path(self.file), self.sha256, self.unit)
-
 
 class Place(s.Transform, frozen=True, omit_defaults=True):
     """x_in_world = scale * rotation @ x_in_model + translation, in the world's unit."""
 
     scale: s.Positive = 1.0
-
-    @property
-    def similarity(self) -> Similarity:
-        """The transform as the program has it."""
-        return Similarity(self.rigid, self.scale)
 
 
 class ViewJson(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
@@ -111,20 +99,17 @@ class ViewJson(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
         file, undistortion = view.file, view.file.undistortion
         return cls(
             photo=PhotoPath(str(file.path or file.name), file.width, file.height, file.sha256),
-            projection=s.projection_of(view.camera),
-            numbers=s.CameraNumbers.of(view.camera),
-            distortion=None if undistortion is None else s.Distortion.of(undistortion),
-            place=s.Transform.of(view.camera_from_world),
-            mask=mask_text(view.mask),
-        )
+            projection=s.projection_of(view.camera), numbers=s.CameraNumbers.of(view.camera),
+            distortion=undistortion and s.Distortion.of(undistortion),
+            place=s.Transform.of(view.camera_from_world), mask=mask_text(view.mask),
+        )  # fmt: skip
 
     @property
     def view(self) -> View:
         """The view, its photo not yet read."""
-        photo, (width, height) = self.photo, self.size
-        file = photo_file(Path(photo.file), width, height, photo.sha256, self.undistortion)
-        mask = None if self.mask is None else load_mask(self.mask)
-        return View(file, self.camera, self.place.rigid, mask)
+        path, mask = Path(self.photo.file), None if self.mask is None else load_mask(self.mask)
+        where = self.undistortion, self.place.rigid, mask
+        return view_of_file(path, self.camera, self.photo.sha256, *where)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -133,10 +118,9 @@ class ViewJson(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class JsonForm(NamedTuple):
-    """The form of a type in files."""
+    """The type that msgspec checks for a type of the program, and the ways there and back."""
 
     kind: Any
-    """Type that msgspec checks."""
     encode: Callable[[Any], Any]
     decode: Callable[[Any], Any]
 
@@ -147,43 +131,31 @@ def _same(value: Any) -> Any:
 
 FORMS: dict[Any, JsonForm] = {
     float: JsonForm(s.Number, _same, _same),
-    # A camera is one of a photo, whose size ``_whole`` gives it.
+    # A camera is one of a photo, whose size ``_complete`` gives it.
     Camera: JsonForm(
-        s.CameraNumbers,
-        s.CameraNumbers.of,
-        lambda form: form.camera("perspective" if form.scale is None else "parallel", 0, 0),
-    ),
+        s.CameraNumbers, s.CameraNumbers.of,
+        lambda form: form.camera("perspective" if form.scale is None else "parallel", (0, 0))),
     ChartParameters: JsonForm(
-        s.ChartJson,
-        lambda chart: s.ChartJson(chart.name, chart.names, chart.parameters),
-        lambda form: ChartParameters(form.name, form.names, form.parameters),
-    ),
+        s.ChartJson, lambda chart: s.ChartJson(chart.name, chart.names, chart.parameters),
+        lambda form: ChartParameters(form.name, form.names, form.parameters)),
     FitSettings: JsonForm(
-        dict[str, Any] | None,
-        lambda settings: None if settings is DEFAULTS else settings_as_json(settings),
-        lambda data: DEFAULTS if data is None else settings_from_json(data),
-    ),
+        dict[str, Any] | None, lambda own: None if own is DEFAULTS else settings_as_json(own),
+        lambda data: DEFAULTS if data is None else settings_from_json(data)),
     Mask: JsonForm(str, mask_text, load_mask),
-    ModelFile: JsonForm(ModelPath, ModelPath.of, attrgetter("model")),
-    # A covariance is one about a pose, which ``_whole`` gives it.
+    ModelFile: JsonForm(
+        ModelPath, ModelPath.of, lambda form: model_file(Path(form.file), form.sha256, form.unit)),
+    # A covariance is one about a pose, which ``_complete`` gives it.
     PoseCovariance: JsonForm(s.Uncertainty, s.Uncertainty.of, _same),
-    Rectangle: JsonForm(
-        Region, lambda region: tuple(map(float, region)), lambda form: Rectangle(*form)
-    ),
+    Rectangle: JsonForm(Region, lambda own: tuple(map(float, own)), lambda form: Rectangle(*form)),
     Similarity: JsonForm(
-        Place,
-        lambda place: Place.of(place.rigid, scale=float(place.scale)),
-        attrgetter("similarity"),
-    ),
+        Place, lambda place: Place.of(place.rigid, scale=float(place.scale)),
+        lambda form: Similarity(form.rigid, form.scale)),
     Symmetry: JsonForm(
-        SymmetryTurns | None,
-        SymmetryTurns.of,
-        lambda form: NO_SYMMETRY if form is None else form.symmetry,
-    ),
+        SymmetryTurns | None, SymmetryTurns.of,
+        lambda form: NO_SYMMETRY if form is None else form.symmetry),
     View: JsonForm(
-        Annotated[ViewJson, Meta(extra_json_schema=s.PROJECTIONS)], ViewJson.of, attrgetter("view")
-    ),
-}
+        Annotated[ViewJson, Meta(extra_json_schema=s.PROJECTIONS)], ViewJson.of, lambda f: f.view),
+}  # fmt: skip
 """Types whose form is not made of their fields."""
 DESCRIPTIONS: dict[type, str] = {
     InView: """An object's own part in a view: a mask besides the view's, a region (left, top,
@@ -202,7 +174,6 @@ DESCRIPTIONS: dict[type, str] = {
         folder. unit: of the world; free_scale: nothing tells the world's unit in the model's, it is
         to be searched for.""",
 }
-"""Descriptions in the schema."""
 HEADS: dict[type, list[tuple[str, Any, Any]]] = {
     Scene: [("format", Literal["poseviewer-scene"], s.SCENE), ("version", Literal[2], VERSION)]
 }
@@ -211,7 +182,7 @@ HEADS: dict[type, list[tuple[str, Any, Any]]] = {
 
 @cache
 def form_of(kind: Any) -> JsonForm:
-    """The form of a type: in ``FORMS``, or made of its parts."""
+    """Return the form of a type: of ``FORMS``, or made of its parts."""
     if kind in FORMS:
         return FORMS[kind]
     if is_dataclass(kind):
@@ -240,8 +211,7 @@ def form_of(kind: Any) -> JsonForm:
 def _form_of_fields(kind: Any) -> JsonForm:
     """The form of a dataclass: a struct of the forms of its fields."""
     hints = get_type_hints(kind, include_extras=True)
-    forms = {}
-    made = []
+    forms, made = {}, []
     for item in fields(kind):
         key = item.metadata.get("key", item.name)
         if key is None:
@@ -250,13 +220,9 @@ def _form_of_fields(kind: Any) -> JsonForm:
         default = {} if item.default is MISSING else {"default": form.encode(item.default)}
         made.append((item.name, form.kind, msgspec.field(name=key, **default)))
     struct = defstruct(
-        f"{kind.__name__}Json",
-        [*HEADS.get(kind, []), *made],
-        kw_only=True,
-        frozen=True,
-        omit_defaults=True,
-        namespace={"__doc__": DESCRIPTIONS.get(kind, kind.__doc__)},
-    )
+        f"{kind.__name__}Json", [*HEADS.get(kind, []), *made], kw_only=True, frozen=True,
+        omit_defaults=True, namespace={"__doc__": DESCRIPTIONS.get(kind, kind.__doc__)},
+    )  # fmt: skip
 
     def encode(value: Any) -> Any:
         return struct(**{name: form.encode(getattr(value, name)) for name, form in forms.items()})
@@ -268,32 +234,15 @@ def _form_of_fields(kind: Any) -> JsonForm:
 
 
 SceneJson: Any = form_of(Scene).kind
-"""Struct of a scene file."""
 SearchResultJson: Any = form_of(SearchResult).kind
-"""Struct of the result of a search."""
 OF_OBJECT = ("without", "note")
 """Fields that objects share with pose files."""
 AS_IN_POSE = ("loss", "unexplained", "verdict", "settings", "notes")
 """Fields that results share with pose files, which are of one view."""
 
 
-def scene_as_json(scene: Scene) -> Any:
-    """The ``SceneJson`` of a scene: files by absolute paths, masks as pictures in text."""
-    return form_of(Scene).encode(scene)
-
-
-def scene_from_json(form: Any) -> Scene:
-    """The scene of a ``SceneJson``; photos and models are read when first asked for.
-
-    Raises:
-        PoseViewerError: a mask cannot be used; settings make no sense.
-    """
-    scene: Scene = form_of(Scene).decode(form)
-    return replace(scene, objects=tuple(_whole(scene, item) for item in scene.objects))
-
-
-def _whole(scene: Scene, item: SceneObject) -> SceneObject:
-    """The object with what follows from the scene's views."""
+def _complete(scene: Scene, item: SceneObject) -> SceneObject:
+    """Add to an object what follows from the scene's views."""
     cameras = tuple(
         replace(camera, width=view.file.width, height=view.file.height)
         for camera, view in zip(item.start_cameras, scene.views, strict=False)
@@ -307,51 +256,45 @@ def _whole(scene: Scene, item: SceneObject) -> SceneObject:
 
 
 def load_scene(path: str | Path, inside: Path | None = None) -> Scene:
-    """The scene in a file; its photos and models are there, but not yet read.
+    """Load a scene whose photos and models are there, but not yet read.
 
-    ``inside``: a folder in which all of them have to lie.
+    Args:
+        path: scene file.
+        inside: folder in which all files have to lie.
 
     Raises:
-        PoseFileError: there is no such file, it does not hold a scene, or names a file that is not
-            there or not ``inside``; two objects have one id; the scale is not known, and there are
-            several objects.
+        PoseFileError: it is no scene, its parts do not fit together, or it names a file that is not
+            there or not ``inside``.
         PoseViewerError: a mask cannot be used; settings make no sense.
     """
-    reading = Reading(Path(path).absolute(), kind=KIND)
+    file = InputFile(Path(path).absolute(), kind=KIND)
 
     def find(name: str, what: str) -> str:
-        file, wanted = reading.path.parent / name, "drop one folder of the scene with all its files"
-        if not name or not is_there(file):
+        full, wanted = file.path.parent / name, "drop one folder of the scene with all its files"
+        if not name or not is_there(full):
             found = f"{what} is {name or 'empty'}, and there is no such file"
-            raise reading.error(found, f"put it there, seen from the scene; on a page, {wanted}")
-        if inside is not None and inside.resolve() not in file.resolve().parents:
-            raise reading.error(f"{what} is {name}, outside of the folder that was dropped", wanted)
-        return str(file)
+            raise file.error(found, f"put it there, seen from the scene; on a page, {wanted}")
+        if inside is not None and inside.resolve() not in full.resolve().parents:
+            raise file.error(f"{what} is {name}, outside of the folder that was dropped", wanted)
+        return str(full)
 
-    with reading.naming_errors():
-        data = reading.load_object()
+    with file.naming_errors():
+        data = file.load_object()
         if data.get("format") != s.SCENE:
-            raise reading.error(f"format is {kind_of(data.get('format'))}", f"wanted {s.SCENE!r}")
-        reading.require_format(data, s.SCENE, VERSION)
-        form = decoded_scene(reading, data)
-        scene = scene_from_json(_with_files(form, find))
-        notes = tuple(dict.fromkeys(reading.warnings))
-        return replace(scene, name=reading.path.name, notes=notes)
-
-
-def decoded_scene(reading: Reading, data: Any, what: str = "") -> Any:
-    """The ``SceneJson`` of JSON data; raises the reading's error where parts do not fit."""
-    form = reading.decoded(data, SceneJson, what, raw=("file", "mask"))
-    require_whole(reading, form)
-    return form
+            raise file.error(f"format is {kind_of(data.get('format'))}", f"wanted {s.SCENE!r}")
+        file.require_format(data, s.SCENE, VERSION)
+        form: Any = file.decode(data, SceneJson, raw=("file", "mask"))
+        require_whole(file, form)
+        scene: Scene = form_of(Scene).decode(_with_files(form, find))
+        objects = tuple(_complete(scene, item) for item in scene.objects)
+        notes = tuple(dict.fromkeys(file.warnings))
+        return replace(scene, objects=objects, name=file.path.name, notes=notes)
 
 
 def _with_files(form: Any, name: Named, name_inline: Named | None = None) -> Any:
-    """The ``SceneJson`` with its files under other names; masks that stand in it stay, or become
-    files by ``name_inline``.
-    """
+    """Rename the files of a ``SceneJson``; masks in it become files by ``name_inline``."""
 
-    def named(mask: str | None, where: str) -> str | None:
+    def rename(mask: str | None, where: str) -> str | None:
         change = name_inline if mask and mask.startswith(INLINE) else name
         return change(mask, f"{where}.mask") if mask and change else mask
 
@@ -359,12 +302,12 @@ def _with_files(form: Any, name: Named, name_inline: Named | None = None) -> Any
     for number, view in enumerate(form.views):
         where = f"views[{number}]"
         photo = structs.replace(view.photo, file=name(view.photo.file, f"{where}.photo.file"))
-        views.append(structs.replace(view, photo=photo, mask=named(view.mask, where)))
+        views.append(structs.replace(view, photo=photo, mask=rename(view.mask, where)))
     for number, item in enumerate(form.objects):
         where = f"objects[{number}]"
         model = structs.replace(item.model, file=name(item.model.file, f"{where}.model.file"))
         in_views = tuple(
-            structs.replace(own, mask=named(own.mask, f"{where}.in_views[{index}]"))
+            structs.replace(own, mask=rename(own.mask, f"{where}.in_views[{index}]"))
             for index, own in enumerate(item.in_views)
         )
         objects.append(structs.replace(item, model=model, in_views=in_views))
@@ -372,8 +315,9 @@ def _with_files(form: Any, name: Named, name_inline: Named | None = None) -> Any
 
 
 def as_saved(scene: Scene, *, canonical: bool = True) -> Scene:
-    """The scene as files have it: without starts; what a search took for something in front is in
-    the masks; a pose of a symmetric model is a ``canonical`` one of those that show the same.
+    """Return the scene as files have it: occlusion is in the masks, starts are left out.
+
+    A pose of a symmetric model is a ``canonical`` one of those that show the same.
     """
     objects = tuple(_object_as_saved(scene, i, canonical) for i in range(len(scene.objects)))
     return replace(scene, objects=objects, software=SOFTWARE)
@@ -381,10 +325,8 @@ def as_saved(scene: Scene, *, canonical: bool = True) -> Scene:
 
 def _object_as_saved(scene: Scene, index: int, canonical: bool) -> SceneObject:
     item = scene.objects[index]
-    result = item.result
-    place = item.world_from_model
-    symmetry = item.symmetry
-    at = 0 if result is None else result.view
+    result, symmetry = item.result, item.symmetry
+    place, at = item.world_from_model, 0 if result is None else result.view
     pose = scene.pose(index, at)
     equal = symmetry.canonical(pose) if canonical else pose
     if equal is not pose:
@@ -400,19 +342,13 @@ def _object_as_saved(scene: Scene, index: int, canonical: bool) -> SceneObject:
     if result is not None:
         sure = result.covariance
         chart = result.chart if equal is pose and result.chart and result.chart.names else None
-        result = replace(
-            result, covariance=sure and sure.at_equal_pose(equal), chart=chart, hidden=()
-        )
+        sure = sure and sure.at_equal_pose(equal)
+        result = replace(result, covariance=sure, chart=chart, hidden=())
     return replace(
-        item,
-        world_from_model=place,
-        start=None,
-        start_cameras=(),
-        in_views=tuple(in_views) if is_own else (),
+        item, world_from_model=place, start=None, start_cameras=(),
+        in_views=tuple(in_views) if is_own else (), said_symmetry=symmetry, result=result,
         settings=replace(item.settings),  # said, even where they are the defaults
-        said_symmetry=symmetry,
-        result=result,
-    )
+    )  # fmt: skip
 
 
 def save_scene(path: str | Path, scene: Scene) -> None:
@@ -428,45 +364,44 @@ def save_scene(path: str | Path, scene: Scene) -> None:
 
 def scene_contents(path: Path, scene: Scene) -> dict[Path, bytes]:
     """The files that ``save_scene`` writes; raises as that does."""
-    reading = Reading(path, kind=KIND)
+    file = InputFile(path, kind=KIND)
     contents = dict[Path, bytes]()
-    form = scene_as_json(scene)
-    require_whole(reading, form)
+    form = form_of(Scene).encode(scene)
+    require_whole(file, form)
 
-    def name(file: str, where: str) -> str:
-        if not is_there(Path(file)):
-            found = f"{where} is {Path(file).name}, and there is no such file"
-            raise reading.error(found, "a scene's photos and models are files, save them first")
-        return relative_name(path, Path(file))
+    def name(asset: str, where: str) -> str:
+        if not is_there(Path(asset)):
+            found = f"{where} is {Path(asset).name}, and there is no such file"
+            raise file.error(found, "a scene's photos and models are files, save them first")
+        return relative_name(path, Path(asset))
 
     def beside(mask: str, _: str) -> str:
-        file = path.with_name(f"{path.stem}.{len(contents) + 1}.mask.png")
-        contents[file] = b64decode(mask.removeprefix(INLINE))
-        return file.name
+        picture = path.with_name(f"{path.stem}.{len(contents) + 1}.mask.png")
+        contents[picture] = b64decode(mask.removeprefix(INLINE))
+        return picture.name
 
     data = _with_files(form, name, beside)
     contents[path] = json_bytes(path, data, PoseFileError, format=s.SCENE, version=VERSION)
     return contents
 
 
-def require_whole(reading: Reading, form: Any) -> None:
-    """Raise the reading's error where parts of a ``SceneJson`` do not fit together."""
+def require_whole(file: InputFile, form: Any) -> None:
+    """Raise the file's error where parts of a ``SceneJson`` do not fit together."""
     ids = [item.id for item in form.objects]
     for number, item in enumerate(form.objects):
         if item.id in ids[:number]:
-            raise reading.error(f"two objects have the id {item.id!r}", "give each its own")
+            raise file.error(f"two objects have the id {item.id!r}", "give each its own")
         for key in ("in_views", "start_cameras"):
             if (count := len(getattr(item, key))) not in (0, len(form.views)):
                 found = f"objects[{number}].{key} is a list of {count}"
-                wanted = f"wanted one for each of {len(form.views)} views, or none"
-                raise reading.error(found, wanted)
+                raise file.error(found, f"wanted one for each of {len(form.views)} views, or none")
     if form.free_scale and len(ids) > 1:
         wanted = "say free_scale: false and the objects' scales, or leave one object alone"
-        raise reading.error(f"its scale is not known, and it has {len(ids)} objects", wanted)
+        raise file.error(f"its scale is not known, and it has {len(ids)} objects", wanted)
 
 
 def pose_json(scene: Scene, index: int = 0, view: int = 0) -> PoseRecord:
-    """All that a pose file says of an object in a view: the scene ``as_saved``, or one of files."""
+    """Return all that a pose file says of an object in a view of a scene ``as_saved``."""
     item, own = scene.objects[index], scene.views[view]
     result = item.result or SearchResult(settings=FORMS[FitSettings].encode(item.settings))
     form: Any = form_of(SearchResult).encode(result)
@@ -475,65 +410,43 @@ def pose_json(scene: Scene, index: int = 0, view: int = 0) -> PoseRecord:
     model = s.ModelReference(printable(Path(file.file).name) or None, file.sha256, file.unit)
     return PoseRecord.of(
         scene.pose(index, view),
-        photo_reference(own),
+        s.PhotoReference(printable(own.file.location.name) or None, sha256=own.file.sha256),
         model=None if model == s.ModelReference() else model,
         **{name: getattr(form, name) for name in AS_IN_POSE},
+        **{name: getattr(item, name) for name in OF_OBJECT},
         chart=form.chart if is_of_view else None,
         uncertainty=form.covariance if is_of_view else None,
-        software=scene.software,
-        distortion=None if undistortion is None else s.Distortion.of(undistortion),
-        **{name: getattr(item, name) for name in OF_OBJECT},
+        distortion=undistortion and s.Distortion.of(undistortion),
         seen=result.seen[view] if view < len(result.seen) else None,
-        turns=SymmetryTurns.of(item.said_symmetry),
-        warnings=scene.notes,
-    )
-
-
-def photo_reference(view: View) -> s.PhotoReference:
-    """The photo of a view as pose files name it."""
-    file = view.file
-    name = printable((file.path or Path(file.name)).name) or None
-    return s.PhotoReference(name, file.width, file.height, file.sha256)
+        turns=SymmetryTurns.of(item.said_symmetry), software=scene.software, warnings=scene.notes,
+    )  # fmt: skip
 
 
 def scene_of_pose(path: Path, record: PoseRecord) -> Scene:
-    """The scene of a pose file, whose photo and model lie beside it, or not; without its mask."""
+    """Make the scene of a pose file, without its mask; photo and model may lie beside it."""
     photo, model = record.photo or s.PhotoReference(), record.model or s.ModelReference()
     camera = replace(record.camera, width=photo.width or 0, height=photo.height or 0)
     view = view_of_file(_beside(path, photo.file), camera, photo.sha256, record.undistortion)
     if not photo.width or not photo.height:
-        view = view.resized(0, 0)
-    return scene_of_record(view, _beside(path, model.file), record, name=model.file or "")
-
-
-def scene_of_record(
-    view: View, model: Path, record: PoseRecord, object_id: str = "1", name: str = ""
-) -> Scene:
-    """The scene of one object in a view, with all that a pose file says of it."""
-    known = record.model or s.ModelReference()
+        view = view.resize_photo(0, 0)
     result: Any = SearchResultJson(
-        seen=() if record.seen is None else (record.seen,),
-        chart=record.chart,
-        covariance=record.uncertainty,
-        **{name: getattr(record, name) for name in AS_IN_POSE},
-    )
+        seen=() if record.seen is None else (record.seen,), chart=record.chart,
+        covariance=record.uncertainty, **{name: getattr(record, name) for name in AS_IN_POSE},
+    )  # fmt: skip
     item = SceneObject(
-        id=object_id,
-        name=name,
-        model=model_file(model, known.sha256, known.unit),
-        world_from_model=view.world_from_model(record.pose),
+        id="1", name=model.file or "", world_from_model=view.world_from_model(record.pose),
+        model=model_file(_beside(path, model.file), model.sha256, model.unit),
         **{name: getattr(record, name) for name in OF_OBJECT},
         said_symmetry=NO_SYMMETRY if record.turns is None else record.turns.symmetry,
         result=None if result == SearchResultJson() else form_of(SearchResult).decode(result),
-    )
+    )  # fmt: skip
     scene = Scene(views=(view,), software=record.software, notes=record.warnings)
-    return replace(scene, objects=(_whole(scene, item),))
+    return replace(scene, objects=(_complete(scene, item),))
 
 
 def _beside(path: Path, name: str | None) -> Path:
     """The file of a name in the folder of a pose; a name is no path."""
-    folder = path if path.is_dir() else path.parent
-    return folder / bare_name(name) if name else Path()
+    return (path if path.is_dir() else path.parent) / bare_name(name) if name else Path()
 
 
 def relative_name(path: Path, file: Path) -> str:

@@ -1,5 +1,4 @@
-"""JSON of our own formats as structs (msgspec): what a file may hold, its schema, and errors in a
-sentence; and geometry to and from the structs that pose files and scene files share.
+"""JSON of our own formats as structs (msgspec), which give schema and errors.
 
 In files, pixel centres are at integers, as in OpenCV; inside at i + 0.5 (``geometry.frames``).
 """
@@ -11,7 +10,7 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from poseviewer.confidence.pose_covariance import PoseCovariance
-from poseviewer.files.checks import MAX_PX, Number, Pixels, Positive, Reading, Rows, Three
+from poseviewer.files.checks import MAX_PX, InputFile, Number, Pixels, Positive, Rows, Three
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel, Undistortion
@@ -23,7 +22,6 @@ Focal = Annotated[float, Meta(ge=1.0 / MAX_PX, le=MAX_PX)]
 PrincipalPoint = Annotated[float, Meta(ge=-MAX_PX, le=MAX_PX)]
 Sha256 = Annotated[str, Meta(extra_json_schema={"pattern": "^[0-9a-fA-F]{64}$"})]
 SCENE = "poseviewer-scene"
-"""Name of the format of scene files."""
 Projection = Literal["perspective", "parallel"]
 NEEDED: dict[Projection, tuple[str, ...]] = {"perspective": ("fx", "fy"), "parallel": ("scale",)}
 """Numbers of a camera beside its principal point, by its projection."""
@@ -36,7 +34,6 @@ PROJECTIONS: Any = {
 """Schema of what a camera needs by its projection."""
 LensName = Literal["opencv", "opencv-fisheye"]
 MODELS: dict[LensName, LensModel] = {"opencv": "opencv", "opencv-fisheye": "fisheye"}
-"""Names of lens models in files."""
 NOTE = (
     "The pose, its camera and its chart belong to the undistorted photo, not to the photo as taken."
 )
@@ -89,21 +86,13 @@ class CameraNumbers(Struct, frozen=True, omit_defaults=True, kw_only=True):
         shifted, names = camera_as_integer_centres(camera), NEEDED[projection_of(camera)]
         return cls(**{name: float(getattr(shifted, name)) for name in (*names, "cx", "cy")})
 
-    def camera(
-        self, projection: Projection, width: int, height: int, where: str = "camera"
-    ) -> Camera:
-        """The camera, pixel centres at i + 0.5; raises ValueError where a number is missing."""
+    def camera(self, projection: Projection, size: tuple[int, int], where: str = "camera") -> Any:
+        """Return the camera, pixel centres at i + 0.5; raises ValueError if a number is missing."""
         numbers = {name: getattr(self, name) for name in (*NEEDED[projection], "cx", "cy")}
         if missing := [name for name, number in numbers.items() if number is None]:
             raise ValueError(f".{where}.{missing[0]} is missing; wanted a number above 0")
         kind = Perspective if projection == "perspective" else Parallel
-        return camera_from_integer_centres(kind(**numbers, width=width, height=height))
-
-    def perspective(self, width: int, height: int, where: str = "camera") -> Perspective:
-        """The camera under perspective projection; raises ValueError where a number is missing."""
-        camera = self.camera("perspective", width, height, where)
-        assert isinstance(camera, Perspective)
-        return camera
+        return camera_from_integer_centres(kind(**numbers, width=size[0], height=size[1]))
 
 
 class Transform(Struct, frozen=True):
@@ -126,53 +115,39 @@ class Transform(Struct, frozen=True):
         return RigidTransform(np.array(self.rotation), np.array(self.translation))
 
 
-class LensNumbers(Struct, frozen=True):
-    """A lens, its coefficients in OpenCV's order."""
-
-    model: LensName
-    coefficients: tuple[Number, ...]
-
-    def __post_init__(self) -> None:
-        known = COEFFICIENTS[MODELS[self.model]]
-        if len(self.coefficients) not in known:
-            found = f".coefficients is a list of {len(self.coefficients)}"
-            raise ValueError(f"{found}; wanted {', '.join(map(str, known))} numbers")
-
-    @property
-    def lens(self) -> Lens:
-        """The lens as the program has it."""
-        return Lens(MODELS[self.model], self.coefficients)
-
-
-class Distortion(LensNumbers, frozen=True):
+class Distortion(Struct, frozen=True):
     """Present where the photo was undistorted: the pose, its camera and its chart belong to the
     undistorted photo, not to the photo as taken. Remapping the photo from camera_as_taken with the
     coefficients (OpenCV's order: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]], or the
     fisheye's k1 k2 k3 k4) to camera_undistorted, in the same size, gives the undistorted photo.
     """
 
+    model: LensName
+    coefficients: tuple[Number, ...]
     camera_as_taken: CameraNumbers
     camera_undistorted: CameraNumbers
     note: str = ""
 
     @classmethod
     def of(cls, undistortion: Undistortion) -> Self:
-        """All that is needed to make the undistorted photo of the one as taken."""
+        """Return all that makes the undistorted photo of the one as taken."""
         lens = undistortion.lens
         name: LensName = "opencv-fisheye" if lens.model == "fisheye" else "opencv"
-        coefficients = tuple(map(float, lens.coefficients))
         taken, camera = map(CameraNumbers.of, (undistortion.taken, undistortion.camera))
-        return cls(name, coefficients, taken, camera, NOTE)
+        return cls(name, tuple(map(float, lens.coefficients)), taken, camera, NOTE)
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        self.undistortion(1, 1)
+        known = COEFFICIENTS[MODELS[self.model]]
+        if len(self.coefficients) not in known:
+            found = f".coefficients is a list of {len(self.coefficients)}"
+            raise ValueError(f"{found}; wanted {', '.join(map(str, known))} numbers")
+        self.undistortion((1, 1))
 
-    def undistortion(self, width: int, height: int) -> Undistortion:
-        """The lens of a photo of this size, and both cameras."""
-        taken = self.camera_as_taken.perspective(width, height, "camera_as_taken")
-        camera = self.camera_undistorted.perspective(width, height, "camera_undistorted")
-        return Undistortion(self.lens, taken, camera)
+    def undistortion(self, size: tuple[int, int]) -> Undistortion:
+        """Return lens and cameras of a photo of a size (width, height)."""
+        taken = self.camera_as_taken.camera("perspective", size, "camera_as_taken")
+        camera = self.camera_undistorted.camera("perspective", size, "camera_undistorted")
+        return Undistortion(Lens(MODELS[self.model], self.coefficients), taken, camera)
 
 
 class CameraRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -192,12 +167,12 @@ class CameraRecord(Struct, frozen=True, kw_only=True, omit_defaults=True):
     @property
     def camera(self) -> Camera:
         """Camera of the undistorted photo, pixel centres at i + 0.5."""
-        return self.numbers.camera(self.projection, *self.size)
+        return self.numbers.camera(self.projection, self.size)
 
     @property
     def undistortion(self) -> Undistortion | None:
         """Lens and cameras of the undistorted photo; None: no lens."""
-        return self.distortion and self.distortion.undistortion(*self.size)
+        return self.distortion and self.distortion.undistortion(self.size)
 
 
 class Uncertainty(Struct, frozen=True, kw_only=True):
@@ -241,9 +216,9 @@ class Uncertainty(Struct, frozen=True, kw_only=True):
         return PoseCovariance(pose, centre, matrix, self.deviations.get("px", 0.0), seventh)
 
 
-def checked_camera(reading: Reading, camera: AnyCamera) -> AnyCamera:
-    """The camera, whose numbers a picture can hold; raises the reading's error where it cannot."""
-    reading.decoded(msgspec.to_builtins(CameraNumbers.of(camera)), CameraNumbers, "camera")
+def check_camera(file: InputFile, camera: AnyCamera) -> AnyCamera:
+    """The camera, whose numbers a picture can hold; raises the file's error where it cannot."""
+    file.decode(msgspec.to_builtins(CameraNumbers.of(camera)), CameraNumbers, "camera")
     return camera
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import InputFile
 from poseviewer.files.formats.bop_models import MODELS_INFO, Axis, load_bop_models
 from poseviewer.files.structs import Three
 from poseviewer.geometry.mesh import Mesh
@@ -19,7 +19,6 @@ from poseviewer.geometry.symmetry_group import MAX_FOLD, NO_SYMMETRY, Symmetry, 
 FORMAT = "poseviewer-symmetry"
 KIND = "symmetry file"
 ANY: Literal["any"] = "any"
-"""The fold of a continuous symmetry, in files."""
 BOP_MODEL = re.compile(r"obj_(\d{6})\.ply")
 
 
@@ -46,7 +45,7 @@ class SymmetryTurns(Struct, frozen=True):
     @property
     def symmetry(self) -> Symmetry:
         """The symmetry as the program has it."""
-        return _closed(self.centre, self.turns)
+        return _generate_symmetry(self.centre, self.turns)
 
     @classmethod
     def of(cls, symmetry: Symmetry) -> SymmetryTurns | None:
@@ -58,7 +57,7 @@ class SymmetryTurns(Struct, frozen=True):
 
 
 @lru_cache(maxsize=16)
-def _closed(centre: tuple[float, ...], turns: tuple[TurnsAbout, ...]) -> Symmetry:
+def _generate_symmetry(centre: tuple[float, ...], turns: tuple[TurnsAbout, ...]) -> Symmetry:
     """The symmetry of these turns; many take 50 ms."""
     groups = [SymmetryAxis(turn.unit, 0 if turn.fold == ANY else turn.fold) for turn in turns]
     return Symmetry.from_axes(centre, groups)
@@ -83,7 +82,6 @@ def load_symmetry(mesh_path: str | Path, mesh: Mesh) -> Symmetry:
         number, info = BOP_MODEL.fullmatch(Path(mesh_path).name), path.with_name(MODELS_INFO)
         known = load_bop_models(info).get(int(number[1])) if number and info.is_file() else None
         return NO_SYMMETRY if known is None else known.symmetry
-    reading = Reading(path, error_type=MeshFileError, kind=KIND)
-    with reading.naming_errors():
-        data = reading.load_beside_model(FORMAT, mesh.unit)
-        return reading.decoded(data, SymmetryTurns).symmetry
+    file = InputFile(path, error_type=MeshFileError, kind=KIND)
+    with file.naming_errors():
+        return file.decode(file.load_beside_model(FORMAT, mesh.unit), SymmetryTurns).symmetry

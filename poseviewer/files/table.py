@@ -9,23 +9,21 @@ from typing import Any, TypeVar
 import msgspec
 
 from poseviewer.errors import SettingsError
-from poseviewer.files.checks import MAX_DATA_BYTES, Reading
+from poseviewer.files.checks import MAX_DATA_BYTES, InputFile
 from poseviewer.files.writing import open_to_append, write_whole
 
 Row = TypeVar("Row")
 
 
 def load_rows(path: Path, row_type: type[Row]) -> list[Row]:
-    """Read rows of a dataclass of texts, numbers and truth values, a line each; none where there is
-    no table. A last line that was cut off is dropped from the file.
-    """
-    reading = Reading(path, [], SettingsError, "table of trials", MAX_DATA_BYTES)
-    text = reading.load_text() if path.exists() and path.stat().st_size else ""
+    """Read rows of a dataclass, a line each; a last line that was cut off is dropped."""
+    file = InputFile(path, [], SettingsError, "table of trials", MAX_DATA_BYTES)
+    text = file.load_text() if path.exists() and path.stat().st_size else ""
     whole = text[: text.rfind("\n") + 1]
     table = csv.DictReader(StringIO(whole))
     if table.fieldnames not in (None, [field.name for field in fields(row_type)]):  # type: ignore[arg-type]
-        raise reading.error("is not a table of such trials", "name another folder")
-    with reading.naming_errors():
+        raise file.error("is not a table of such trials", "name another folder")
+    with file.naming_errors():
         rows = msgspec.convert(list(table), list[row_type], strict=False)
     if whole != text:
         write_whole(path, whole.encode(), SettingsError)

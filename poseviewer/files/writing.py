@@ -70,8 +70,13 @@ def writing_to(folder: Path, name: str, error: type[PoseViewerError]) -> Iterato
 def write_whole(
     path: Path, data: bytes, error: type[PoseViewerError], *, is_own: bool = False
 ) -> None:
-    """Write beside ``path`` and then rename, so that no reader sees half a file; over what was read
-    where the file ``is_own``, poseviewer's.
+    """Write beside ``path`` and then rename, so that no reader sees half a file.
+
+    Args:
+        path: file to write.
+        data: its content.
+        error: type of the error where it cannot be written.
+        is_own: whether a file that was read may be replaced.
     """
     with writing_to(path.parent, path.name, error):
         require_replaceable(path, error, is_own=is_own)
@@ -79,7 +84,11 @@ def write_whole(
     temporary = path.with_name(f"{start}{secrets.token_hex(4)}.part")
     try:
         with writing_to(path.parent, path.name, error):
-            _remove_old_parts(path.parent, start)
+            for entry in os.scandir(path.parent):
+                if entry.name.startswith(start) and entry.name.endswith(".part"):
+                    with suppress(OSError):
+                        if time.time() - entry.stat().st_mtime > OLD_PART_S:
+                            Path(entry).unlink()
             with temporary.open("xb") as file:
                 file.write(data)
                 file.flush()
@@ -92,24 +101,29 @@ def write_whole(
             temporary.unlink()
 
 
-def _remove_old_parts(folder: Path, start: str) -> None:
-    for entry in os.scandir(folder):
-        if entry.name.startswith(start) and entry.name.endswith(".part"):
-            with suppress(OSError):
-                if time.time() - entry.stat().st_mtime > OLD_PART_S:
-                    Path(entry).unlink()
-
-
 def write_json(path: Path, data: Any, error: type[PoseViewerError], *, indent: int = 2) -> None:
-    """Write what JSON can hold, in UTF-8, as ``write_whole`` does."""
+    """Write what JSON can hold, in UTF-8, as ``write_whole`` does.
+
+    Args:
+        path: file to write.
+        data: its entries.
+        error: type of the error where it cannot be written.
+        indent: spaces of a level.
+    """
     write_whole(path, json_bytes(path, data, error, indent=indent), error)
 
 
 def json_bytes(
     path: Path, data: Any, error: type[PoseViewerError], *, indent: int = 2, **first: Any
 ) -> bytes:
-    """Return the text of a JSON file, of the entries ``first`` and those of a dict or a struct;
-    raises ``error`` where a number is not finite.
+    """Encode a dict or a struct, after the entries ``first``, as the text of a JSON file.
+
+    Args:
+        path: file, for messages.
+        data: entries.
+        error: type of the error where a number is not finite.
+        indent: spaces of a level.
+        first: entries before those of ``data``.
     """
     try:
         entries = {**first, **msgspec.to_builtins(data, enc_hook=float)}

@@ -223,9 +223,9 @@ def hidings(scene: Scene, index: int, view: int = 0) -> dict[int, Hiding | None]
     firm = [i for i, one in enumerate(scene.objects) if i != index and one.stands_firm]
     hidden: dict[int, Hiding | None] = {}
     for number in sorted(range(len(scene.views)), key=lambda number: number != view):
-        placed, is_wanted = scene.placed(index, number), scene.in_view(index, number).is_compared
+        placed, is_wanted = scene.model_at(index, number), scene.in_view(index, number).is_compared
         if number == view or (is_wanted and placed.is_seen):
-            others = [scene.placed(other, number) for other in firm]
+            others = [scene.model_at(other, number) for other in firm]
             hidden[number] = hiding(placed, others) if others else None
     return hidden
 

@@ -176,7 +176,7 @@ class Search:
         if len(due) == 1:
             return next(iter(due))
         standing = [i for i, one in enumerate(self.scene.objects) if i in due or not one.hidden]
-        seen = visibility([self.scene.placed(index, self._view) for index in standing])
+        seen = visibility([self.scene.model_at(index, self._view) for index in standing])
         shares = dict(zip(standing, seen.shares, strict=True))
         return max(sorted(due), key=lambda index: shares[index])
 

@@ -22,9 +22,8 @@ class PhotoFile:
     name: str
     """Name to show: of the file, with its folder where two views would else share a name."""
     width: int = 0
-    """px; 0: not known before the photo is read."""
+    """px; 0, as the height: not known before the photo is read."""
     height: int = 0
-    """px; 0: not known before the photo is read."""
     sha256: str | None = None
     undistortion: Undistortion | None = None
     """From the photo in the file to ``photo``; None: they are the same."""
@@ -53,14 +52,13 @@ class ModelContent:
     """Content of a model's files."""
 
     mesh: Mesh
-    """The whole surface."""
     keypoints: VehicleKeypoints | None = None
     symmetry: Symmetry = NO_SYMMETRY
     """Symmetry of the whole mesh, as far as a file says it."""
     _parts: dict[frozenset[str], Mesh] = field(default_factory=dict, init=False, repr=False)
 
     def mesh_without(self, parts: tuple[str, ...]) -> Mesh:
-        """The mesh without these parts, the same object each time; raises as ``Mesh.without``."""
+        """Leave out parts, with the same result each time; raises as ``Mesh.without``."""
         names = frozenset(parts)
         if names not in self._parts:
             self._parts[names] = self.mesh.without(parts)
@@ -136,6 +134,6 @@ class ModelFile:
         return self.content.symmetry
 
     def with_content(self, **changes: object) -> "ModelFile":
-        """The model with changed fields of its content."""
+        """Change fields of the model's content."""
         content = replace(self.content, **changes)  # pyright: ignore[reportArgumentType]
         return replace(self, read=lambda: content)

@@ -24,10 +24,8 @@ LOSSES: dict[LossName, str] = {
 }
 """Names of the losses for people: what the default compares, and the year of the paper."""
 SEARCHES: dict[SearchName, str] = {
-    "simplex": "Restarted simplex",
-    "models": "CMA-ES and quadratic models",
-}
-"""Names of the searches for people."""
+    "simplex": "Restarted simplex", "models": "CMA-ES and quadratic models"
+}  # fmt: skip
 OF_LOSS = ("grey", "colour_reflectance", "pixels")
 """The settings that each loss has its own of: what it compares."""
 
@@ -41,22 +39,15 @@ class Limits:
 
 
 CHOICES: dict[str, tuple[str, ...]] = {
-    "loss": get_args(LossName),
-    "search": ("auto", *get_args(SearchName)),
-    "chart": get_args(ChartName),
-    "pixels": get_args(PixelsName),
-    "in_front": get_args(InFrontName),
-    "renderer": get_args(RendererName),
-}
+    "loss": get_args(LossName), "search": ("auto", *get_args(SearchName)),
+    "chart": get_args(ChartName), "pixels": get_args(PixelsName),
+    "in_front": get_args(InFrontName), "renderer": get_args(RendererName),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
 class FitSettings:
-    """Settings of a fit; by default it compares all of the photo's colour, near the start.
-
-    The loss ``paper`` has grey, grey reflectance, and ``clip`` unless ``whole`` is chosen:
-    settings that say otherwise are set so.
-    """
+    """Settings of a fit; the loss ``paper`` sets what it compares, and ``clip`` for ``near``."""
 
     loss: LossName = "default"
     """The default, or exactly the paper's."""
@@ -68,16 +59,13 @@ class FitSettings:
     lock: tuple[str, ...] = ()
     """Names of the chart's numbers that stay as they are."""
     grey: bool = False
-    """Photo attributes grey (n = 1) even where the photo has colour (n = 3). A photo without
-    colour to speak of, by ``MIN_COLOUR``, is compared in grey in any case."""
+    """Photo attributes grey (n = 1) even where the photo has colour (n = 3), by ``MIN_COLOUR``."""
     colour_reflectance: bool = False
     """Model attributes of RGB reflectance (m = 12) instead of grey (m = 4)."""
     pixels: PixelsName = "near"
-    """P: a fixed box about the start, or the whole photo, both with the surroundings of the model
-    speaking against a wrong outline; or, as in the paper, what the model covers at each pose."""
+    """P: a fixed box about the start, the whole photo, or what the model covers at each pose."""
     in_front: InFrontName = "find"
-    """Pixels left out besides those that other objects hide: masks and what a search finds in front
-    of the model, masks alone, or none."""
+    """Pixels left out: masks and what a search finds in front, masks alone, or none."""
     region: Rectangle | None = None
     """Rectangle that P lies in, px."""
     mask: str | None = None
@@ -91,17 +79,14 @@ class FitSettings:
     limits: Limits = field(default_factory=Limits)
     seed: int = 0
     keep_start: bool = False
-    """The start is an estimate to be refined: it is given back where the search ends in a pose that
-    is not sure to be better."""
+    """Give the start back where the search ends in a pose that is not sure to be better."""
 
     def __post_init__(self) -> None:
         """Raises ``SettingsError`` where there is no such choice or seed."""
         for name, choices in CHOICES.items():
-            if getattr(self, name) not in choices:
-                raise SettingsError(
-                    f"{name}={getattr(self, name)!r}: there is no such choice; "
-                    f"take one of {', '.join(choices)}."
-                )
+            if (value := getattr(self, name)) not in choices:
+                found = f"{name}={value!r}: there is no such choice"
+                raise SettingsError(f"{found}; take one of {', '.join(choices)}.")
         if not isinstance(self.seed, int) or self.seed < 0:
             raise SettingsError(f"seed={self.seed!r}: wanted a whole number of 0 or more.")
         if self.region is not None:
@@ -130,13 +115,10 @@ class FitSettings:
         return self.loss if self.search == "auto" else f"{self.loss} by {self.search}"
 
     def of_loss(self, loss: LossName, like: FitSettings | None = None) -> FitSettings:
-        """The fit by another loss, with what that compares in ``like``, if that is of it, else by
-        default.
-        """
+        """Change the loss; what it compares is as in ``like`` of that loss, else the default."""
         if loss == self.loss:
             return self
-        if like is None or like.loss != loss:
-            like = FitSettings(loss)
+        like = like if like is not None and like.loss == loss else FitSettings(loss)
         return replace(self, loss=loss, **{name: getattr(like, name) for name in OF_LOSS})
 
 
@@ -146,11 +128,7 @@ def settings_as_json(settings: FitSettings) -> dict[str, Any]:
 
 
 def settings_from_json(data: Mapping[str, Any]) -> FitSettings:
-    """The settings from ``settings_as_json``; names that are not known are left out.
-
-    Raises:
-        SettingsError: a value makes no sense.
-    """
+    """Read the settings, without unknown names; raises SettingsError where one makes no sense."""
     try:
         return msgspec.convert(data, FitSettings)
     except msgspec.ValidationError as error:

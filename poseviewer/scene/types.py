@@ -5,9 +5,7 @@ pose in the world. The world is the first view's camera frame where nothing else
 
     camera_from_model(view, object) = view.camera_from_world @ object.world_from_model
 
-These types are the app's document, the library's scene, an autosaved session and, by
-``files.scene_json``, the scene file: a field stands in files under its own name, or under the
-``key`` of its metadata; one whose key is None stands in none.
+A field stands in files (``files.scene_json``) under its own name, or the ``key`` of its metadata.
 """
 
 from __future__ import annotations
@@ -38,8 +36,6 @@ from poseviewer.scene.settings import FitSettings
 
 DEFAULTS = FitSettings()
 """Settings of an object of which nobody has said any; files leave them out."""
-
-
 NOT_IN_FILES = {"key": None}
 
 
@@ -49,7 +45,6 @@ class View:
 
     file: PhotoFile
     camera: Camera
-    """Camera of ``photo``."""
     camera_from_world: RigidTransform = WORLD
     """Pose of the world, in its unit; by default the world is the camera's frame."""
     mask: Mask | None = None
@@ -71,15 +66,15 @@ class View:
         return self.file.path
 
     def pose(self, world_from_model: Similarity) -> Pose:
-        """The pose by which this view shows a model, as ``pose_in_view``."""
+        """Return the pose by which this view shows a model, as ``pose_in_view``."""
         return pose_in_view(self.camera, self.camera_from_world, world_from_model)
 
     def world_from_model(self, pose: Pose, scale: float = 1.0) -> Similarity:
-        """The inverse of ``pose``, as ``world_from_pose``."""
+        """Return the inverse of ``pose``, as ``world_from_pose``."""
         return world_from_pose(self.camera, self.camera_from_world, pose, scale)
 
-    def resized(self, width: int, height: int) -> View:
-        """The view of a photo of another size, px; focal lengths and principal point stay."""
+    def resize_photo(self, width: int, height: int) -> View:
+        """Give the photo another size, px; focal lengths and principal point stay."""
         size, undone = {"width": width, "height": height}, self.file.undistortion
         if undone is not None:
             taken, camera = (replace(one, **size) for one in (undone.taken, undone.camera))
@@ -125,9 +120,7 @@ class ChartParameters:
     """A pose as the parameters of a chart."""
 
     name: str
-    """Name of the chart."""
     names: tuple[str, ...]
-    """Names of the parameters."""
     parameters: tuple[float, ...]
 
 
@@ -145,13 +138,11 @@ class SearchResult:
     covariance: PoseCovariance | None = field(default=None, metadata={"key": "uncertainty"})
     """Covariance of the pose, if it is right; None for a lost one, and where it is not known."""
     chart: ChartParameters | None = None
-    """The pose in the chart that was searched."""
     settings: Mapping[str, Any] | None = None
     """Settings as JSON holds them, and the photo's channels."""
     notes: tuple[str, ...] = ()
     hidden: tuple[NDArray[np.bool_] | None, ...] = field(default=(), metadata=NOT_IN_FILES)
-    """For each view, (height, width): pixels of its photo taken for something in front; files have
-    them in the object's masks."""
+    """For each view, (height, width): pixels taken for occluders; in files, in the masks."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -164,11 +155,9 @@ class SceneObject:
     """Name given by the user; "": its id is shown."""
     model: ModelFile
     world_from_model: Similarity
-    """Its scale is 1 but in a world of another unit, and for objects under parallel projection,
-    which are each as large as the photo has them."""
+    """Its scale is 1 but in a world of another unit, and under parallel projection."""
     start: Similarity | None = None
-    """World from model where the last search began, and where a reset puts the object; None: where
-    the object is."""
+    """World from model where the last search began, for a reset; None: where the object is."""
     start_cameras: tuple[Camera, ...] = ()
     """The views' cameras at the start; empty: those of the views."""
     settings: FitSettings = DEFAULTS
@@ -181,14 +170,11 @@ class SceneObject:
     is_placed: bool = field(default=True, metadata={"key": "placed"})
     """Whether anybody has said yet where the object is."""
     without: tuple[str, ...] = ()
-    """Names of the model's parts that are left out."""
     said_symmetry: Symmetry = field(default=NO_SYMMETRY, metadata={"key": "symmetry"})
     """Symmetry of the mesh as a scene file says it, without its model."""
     result: SearchResult | None = None
     notes: tuple[str, ...] = ()
-    """Notes for the user on how the object's files were read."""
     note: str = ""
-    """Note of the user on the object."""
 
     @property
     def mesh(self) -> Mesh:
@@ -225,72 +211,59 @@ class Scene:
     views: Annotated[tuple[View, ...], Meta(min_length=1)]
     objects: tuple[SceneObject, ...] = ()
     software: dict[str, Any] | None = None
-    """Name and version of the program that wrote the file."""
     name: str = field(default="", metadata=NOT_IN_FILES)
     """Name of the file or folder that the scene was read from."""
     notes: tuple[str, ...] = field(default=(), metadata=NOT_IN_FILES)
-    """Notes for the user on how the files were read."""
 
     def __post_init__(self) -> None:
         """Raises ``SettingsError``: ids repeat, sizes differ, or the scale is free of several."""
         ids = [one.id for one in self.objects]
         if twice := [one for one in ids if ids.count(one) > 1]:
             raise SettingsError(f"two objects have the id {twice[0]!r}; give each its own.")
-        if self.free_scale and len(self.objects) > 1:
-            raise SettingsError(
-                f"{self.name or 'the scene'}: its scale is not known, and it has "
-                f"{len(self.objects)} objects; give the scale, or search for one object alone."
-            )
+        if self.free_scale and len(ids) > 1:
+            found = f"its scale is not known, and it has {len(ids)} objects"
+            wanted = "give the scale, or search for one object alone"
+            raise SettingsError(f"{self.name or 'the scene'}: {found}; {wanted}.")
         for index, view in enumerate(self.views):
             file, camera = view.file, view.camera
             size = f"{file.width}x{file.height} px"
             if (camera.width, camera.height) != (file.width, file.height):
-                raise SettingsError(
-                    f"the camera of {view.name} is for {camera.width}x{camera.height} px, and the "
-                    f"photo has {size}; use the photo that the camera is of."
-                )
+                found = f"is for {camera.width}x{camera.height} px, and the photo has {size}"
+                wanted = "use the photo that the camera is of"
+                raise SettingsError(f"the camera of {view.name} {found}; {wanted}.")
             masks = [view.mask, *(one.in_views[index].mask for one in self.objects if one.in_views)]
-            for mask in masks:
-                if mask and (mask.width, mask.height) != (file.width, file.height):
-                    raise SettingsError(
-                        f"the mask has {mask.width}x{mask.height} px, the photo {file.name} has "
-                        f"{size}; make the mask in the photo's size."
-                    )
+            for mask in filter(None, masks):
+                if (mask.width, mask.height) != (file.width, file.height):
+                    found = f"has {mask.width}x{mask.height} px, the photo {file.name} has {size}"
+                    raise SettingsError(f"the mask {found}; make the mask in the photo's size.")
 
     def index(self, object_id: str) -> int:
-        """The number of the object that has an id.
-
-        Raises:
-            SettingsError: none has.
-        """
+        """Return the index of the object that has an id; raises SettingsError where none has."""
         ids = [one.id for one in self.objects]
         if object_id not in ids:
-            raise SettingsError(
-                f"There is no object {object_id!r} in the scene; there are {', '.join(ids)}."
-            )
+            found = f"There is no object {object_id!r} in the scene"
+            raise SettingsError(f"{found}; there are {', '.join(ids)}.")
         return ids.index(object_id)
 
     def pose(self, index: int, view: int = 0) -> Pose:
-        """The pose of an object in a view, in the model's unit."""
+        """Return the pose of an object in a view, in the model's unit."""
         return self.views[view].pose(self.objects[index].world_from_model)
 
-    def placed(self, index: int, view: int = 0) -> PlacedModel:
-        """An object's mesh at its pose in a view."""
+    def model_at(self, index: int, view: int = 0) -> PlacedModel:
+        """Return an object's mesh at its pose in a view."""
         return PlacedModel(self.objects[index].mesh, self.pose(index, view))
 
     def in_view(self, index: int, view: int = 0) -> InView:
-        """The settings of an object in a view alone."""
+        """Return the settings of an object in a view alone."""
         own = self.objects[index].in_views
         return own[view] if own else InView()
 
     def masks(self, index: int, view: int = 0) -> tuple[Mask, ...]:
-        """The masks of an object in a view: the view's, and its own."""
+        """Return the masks of an object in a view: the view's, and its own."""
         return tuple(filter(None, (self.views[view].mask, self.in_view(index, view).mask)))
 
     def mask(self, index: int, view: int = 0) -> Mask | None:
-        """The pixels of a view that count for an object: by the view's mask, its own, and without
-        what the last search took for something in front; None: all.
-        """
+        """Return the pixels of a view that count for an object: all masks, without occluders."""
         result = self.objects[index].result
         weights = [mask.weights for mask in self.masks(index, view)]
         in_front = result.hidden[view] if result and result.hidden else None
@@ -298,42 +271,40 @@ class Scene:
         return Mask.of(reduce(np.multiply, weights)) if weights else None
 
     def with_object(self, index: int, **changes: Any) -> Scene:
-        """The scene with changed fields of one object."""
+        """Change fields of one object."""
         objects = list(self.objects)
         objects[index] = replace(objects[index], **changes)
         return replace(self, objects=tuple(objects))
 
     def with_pose(self, index: int, pose: Pose, view: int = 0, scale: float | None = None) -> Scene:
-        """The scene with an object where a view shows it at a ``pose``, without a result.
-        ``scale``: lengths of the world's unit to one of the model's, by default as it is. A focal
-        length other than the view's becomes that of all views of its camera.
+        """Put an object where a view shows it at a pose, without a result.
+
+        Args:
+            index: of the object.
+            pose: in the view; its focal length becomes that of all views of this camera.
+            view: index of the view.
+            scale: lengths of the world's unit to one of the model's; None: as it is.
         """
         views, own = self.views, self.views[view]
         if pose.camera != own.camera and not _is_own_scale(pose, own, len(self.objects)):
-            views = tuple(
-                replace(one, camera=pose.camera) if one.camera == own.camera else one
-                for one in views
-            )
+            moved = (v if v.camera != own.camera else replace(v, camera=pose.camera) for v in views)
+            views = tuple(moved)
         scale = self.objects[index].world_from_model.scale if scale is None else scale
         place = views[view].world_from_model(pose, scale)
         return replace(self, views=views).with_object(index, world_from_model=place, result=None)
 
 
 def _is_own_scale(pose: Pose, view: View, objects: int) -> bool:
-    """Whether a parallel camera differs from the view's by the object's own scale alone."""
+    """Tell whether a parallel camera differs from the view's by the object's scale alone."""
     camera = view.camera
     if objects == 1 or not (isinstance(pose.camera, Parallel) and isinstance(camera, Parallel)):
         return False
     return replace(pose.camera, scale=camera.scale) == camera
 
 
-def scene_at(
-    view: View, model: ModelFile, pose: Pose, settings: FitSettings | None = None, **fields: Any
-) -> Scene:
-    """The scene of one object in one view, by the pose's camera; ``fields`` are the object's."""
+def scene_at(view: View, model: ModelFile, pose: Pose, **fields: Any) -> Scene:
+    """Make the scene of one object, with ``fields``, in one view, by the pose's camera."""
     view = replace(view, camera=pose.camera)
-    fields |= {"settings": settings or FitSettings()}
-    place = view.world_from_model(pose)
-    return Scene(
-        views=(view,), objects=(SceneObject(id="1", model=model, world_from_model=place, **fields),)
-    )
+    fields["settings"] = fields.get("settings") or FitSettings()
+    item = SceneObject(id="1", model=model, world_from_model=view.world_from_model(pose), **fields)
+    return Scene(views=(view,), objects=(item,))

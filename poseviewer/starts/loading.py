@@ -7,17 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from poseviewer.errors import (
-    CalibrationFileError,
-    PoseFileError,
-    SettingsError,
-    list_names,
-)
+from poseviewer.errors import CalibrationFileError, PoseFileError, SettingsError, list_names
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.formats.conversion import METRES
 from poseviewer.files.masks import load_mask, mask_beside
 from poseviewer.files.mesh.size import distance_notes
-from poseviewer.files.photo import load_calibrated_photo, undistorted
+from poseviewer.files.photo import load_calibrated_photo, undistort_photo
 from poseviewer.files.photo_sets import LoadedViews, SetChoice, load_views, with_names
 from poseviewer.files.pose import PoseRecord, check_against, load_pose
 from poseviewer.files.scene_assets import load_model, open_view
@@ -34,8 +29,8 @@ from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Scene, SceneObject, View, scene_at
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 
-NOTABLE = 1e-3
-"""Least relative difference of two cameras that a note tells of."""
+MIN_DIFFERENCE = 1e-3
+"""Relative difference of two cameras from which a note tells of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +44,7 @@ class StartCamera:
     """Find it from the pairs even where it is known."""
 
     def of(self, photo: Photo) -> Camera:
-        """The camera: its principal point is the photo's middle."""
+        """Return the camera, whose principal point is the photo's middle."""
         camera = photo.default_camera()
         if self.parallel:
             return Parallel(1.0, camera.cx, camera.cy, camera.width, camera.height)
@@ -58,7 +53,7 @@ class StartCamera:
         return camera
 
     def knows_focal(self, photo: Photo) -> bool:
-        """Whether a focal length was given, or stands in the photo."""
+        """Tell whether a focal length was given, or stands in the photo."""
         return self.focal_px is not None or photo.focal_length_35mm is not None
 
 
@@ -83,16 +78,16 @@ class StartInputs:
     settings: FitSettings = field(default_factory=FitSettings)
 
     def scene(self, start: Pose, settings: FitSettings) -> Scene:
-        """The scene from a start pose, without the names of files."""
+        """Make the scene of a start pose, without the names of files."""
         view = View(PhotoFile.of(self.photo), start.camera, mask=self.mask)
         model = ModelFile.of(self.mesh.whole, keypoints=self.keypoints)
-        return scene_at(view, model, start, settings, without=self.mesh.left_out)
+        return scene_at(view, model, start, settings=settings, without=self.mesh.left_out)
 
 
 FindStart = Callable[[StartInputs], Start]
 
 
-def open_photo(
+def open_photo_scene(
     photo: str | Path | Photo,
     model: str | Path | ModelFile,
     start: str | Path | Pose | FindStart,
@@ -100,12 +95,11 @@ def open_photo(
     calibration: Calibration | str | Path | None = None,
     mask: str | Path | Mask | None = None,
 ) -> Scene:
-    """Open the scene of a model in a photo, undistorted where there is a lens; parts that the
-    settings or the pose file leave out are left out.
+    """Open the scene of a model in a photo, undistorted where there is a lens.
 
     Args:
         photo: file, or loaded photo.
-        model: file, or loaded model.
+        model: file, or loaded model; without the parts that settings or pose file leave out.
         start: pose file, pose, or what finds one on the photo, or those of several instances.
         settings: those of the object.
         calibration: camera and lens of the photo: a file, or a choice among its cameras.
@@ -120,19 +114,18 @@ def open_photo(
         calibration = Calibration(Path(calibration))
     opened = photo if is_loaded else load_calibrated_photo(photo, calibration)
     model = model if isinstance(model, ModelFile) else load_model(model)
-    without = tuple(settings.without or ())
+    without, note = tuple(settings.without or ()), ""
     notes = tuple[str, ...]()
-    note = ""
     if isinstance(start, str | Path):
         record = load_pose(start, opened.width, opened.height)
-        opened, record, of_camera = _matched(opened, record)
+        opened, record, of_camera = _match_start(opened, record)
         checks = check_against(record.photo, opened.sha256)
         checks += check_against(record.model, model.sha256)
         known, of_parts = _known_parts(model, record.without)
         without += known
         notes = (*record.warnings, *checks, *of_camera, *of_parts)
         if mask is None:
-            mask, of_mask = mask_beside(start, record, opened.width, opened.height)
+            mask, of_mask = mask_beside(start, record, (opened.width, opened.height))
             notes += of_mask
         start, note = record.pose, record.note
         notes += distance_notes(model.content.mesh_without(without), start)
@@ -141,25 +134,21 @@ def open_photo(
         mask = load_mask(mask, (opened.width, opened.height))
     if not isinstance(start, Pose):
         mesh = model.content.mesh_without(without)
-        inputs = StartInputs(opened, mesh, model.keypoints, mask, settings)
-        start, notes, others = start(inputs)
+        start, notes, others = start(StartInputs(opened, mesh, model.keypoints, mask, settings))
     camera = start.camera
     if (camera.width, camera.height) != (opened.width, opened.height):
-        raise SettingsError(
-            f"a start for photos of {camera.width}x{camera.height} px, and {opened.name} has "
-            f"{opened.width}x{opened.height}; use pose.rescale, if it is the same photo made "
-            "smaller or larger."
-        )
+        found = f"{camera.width}x{camera.height} px, and {opened.name} has {opened.width}x"
+        wanted = "use pose.rescale, if it is the same photo made smaller or larger"
+        raise SettingsError(f"a start for photos of {found}{opened.height}; {wanted}.")
     file = PhotoFile.of(opened, None if is_loaded else Path(photo))
-    left_out = model.content.mesh_without(without).left_out
-    fields = {"without": left_out, "note": note}
-    scene = scene_at(View(file, camera, mask=mask), model, start, settings, **fields)
+    fields = {"without": model.content.mesh_without(without).left_out, "note": note}
+    scene = scene_at(View(file, camera, mask=mask), model, start, settings=settings, **fields)
     notes = (*notes_of(opened), *notes_of(model), *notes)
     return with_instances(replace(scene, name=opened.name, notes=notes), others)
 
 
 def with_instances(scene: Scene, others: Sequence[Pose]) -> Scene:
-    """The scene with further instances of its only object: ``bottle`` is beside ``bottle 2``."""
+    """Add further instances of the only object: ``bottle`` is beside ``bottle 2``."""
     if not others:
         return scene
     first, stem = scene.objects[0], Path(scene.objects[0].model.name).stem
@@ -171,28 +160,23 @@ def with_instances(scene: Scene, others: Sequence[Pose]) -> Scene:
     return scene
 
 
-def _matched(photo: Photo, start: PoseRecord) -> tuple[Photo, PoseRecord, tuple[str, ...]]:
-    """Photo and start pose, both of the same picture; and what the user should know.
-
-    A start of an undistorted photo undistorts the photo. A calibrated camera stands in for the
-    start's own, unless the start was found on just this undistorted photo.
-    """
+def _match_start(photo: Photo, start: PoseRecord) -> tuple[Photo, PoseRecord, tuple[str, ...]]:
+    """Match photo and start pose to one picture: undistort the photo, or change the camera."""
     if photo.camera is None:
         if start.undistortion is None:
             return photo, start, ()
-        return undistorted(photo, start.undistortion), start, ()
+        return undistort_photo(photo, start.undistortion), start, ()
     if same_undistortion(photo.undistortion, start.undistortion) and start.undistortion is not None:
         return photo, start, ()
     now = start.pose.camera
     if not isinstance(now, Perspective):
-        raise CalibrationFileError(
-            f"{photo.name}: the start pose is under parallel projection, and the calibration is "
-            "of a perspective camera; leave one of the two out."
-        )
+        found = "the start pose is under parallel projection, and the calibration is of a"
+        wanted = "leave one of the two out"
+        raise CalibrationFileError(f"{photo.name}: {found} perspective camera; {wanted}.")
     lens = photo.undistortion and Distortion.of(photo.undistortion)
     pose = replace(start.pose, camera=photo.camera)
     start = start.with_pose(pose, distortion=lens, chart=None, loss=None, unexplained=None)
-    if np.allclose(astuple(now), astuple(photo.camera), rtol=NOTABLE):
+    if np.allclose(astuple(now), astuple(photo.camera), rtol=MIN_DIFFERENCE):
         return photo, start, ()
     note = (
         f"The calibrated camera ({_numbers(photo.camera)}) is used, not the start pose's "
@@ -206,7 +190,7 @@ def _numbers(camera: Perspective) -> str:
     return f"fx {said.fx:.1f}, fy {said.fy:.1f}, cx {said.cx:.1f}, cy {said.cy:.1f} px"
 
 
-def open_scene(scene: str | Path | Scene, settings: FitSettings | None = None) -> Scene:
+def open_scene_files(scene: str | Path | Scene, settings: FitSettings | None = None) -> Scene:
     """Read the photos and models of a scene, or of a scene file.
 
     Args:
@@ -220,18 +204,15 @@ def open_scene(scene: str | Path | Scene, settings: FitSettings | None = None) -
     """
     scene = scene if isinstance(scene, Scene) else load_scene(scene)
     if settings is not None and settings.free_focal:
-        raise SettingsError(
-            "a free focal length with a scene, whose objects share one camera; leave it out, and "
-            "find it with one of them alone."
-        )
+        found = "a free focal length with a scene, whose objects share one camera"
+        raise SettingsError(f"{found}; leave it out, and find it with one of them alone.")
     if not scene.objects:
         name = scene.name or scene.views[0].name
         raise PoseFileError(f"{name}: it has no objects; name a model, and it with --views.")
     left_out = _parts_of_objects(scene, settings.without or () if settings else ())
-    views = []
-    notes = [*scene.notes]
     models = dict[Path | None, ModelFile]()
-    objects = []
+    notes = [*scene.notes]
+    views, objects = [], []
     for unread in scene.views:
         view, of_view = open_view(unread)
         views.append(view)
@@ -248,15 +229,9 @@ def open_scene(scene: str | Path | Scene, settings: FitSettings | None = None) -
         reference = ModelReference(model.name, item.model.sha256)
         notes += [*check_against(reference, model.sha256), *of_parts]
         without = model.content.mesh_without((*known, *left_out[item.id])).left_out
-        objects.append(
-            replace(
-                item,
-                model=model,
-                settings=settings or replace(item.settings),
-                without=without,
-                result=item.result if set(without) <= set(item.without) else None,
-            )
-        )
+        result = item.result if set(without) <= set(item.without) else None
+        own = settings or replace(item.settings)
+        objects.append(replace(item, model=model, settings=own, without=without, result=result))
     told = tuple(dict.fromkeys(notes))
     return replace(scene, views=with_names(views), objects=tuple(objects), notes=told)
 
@@ -270,8 +245,16 @@ def open_views(
     scale: float | None = None,
     choice: SetChoice | None = None,
 ) -> Scene:
-    """Open the scene of a model in several views, from its pose in the photo ``view``, else the
-    pose file's, which comes first. ``scale``: lengths of the model's unit in one of the world's.
+    """Open the scene of a model in several views.
+
+    Args:
+        views: file or folder of the set, or its views.
+        model: file, or loaded model.
+        start: pose in one of the photos, or its file.
+        settings: those of the object.
+        view: name of that photo, which comes first; default: the pose file's.
+        scale: lengths of the model's unit in one of the world's.
+        choice: what the set's file leaves open.
 
     Raises:
         PoseViewerError: the pose cannot be used with these photos; nothing tells in which it is, or
@@ -289,43 +272,32 @@ def open_views(
         notes = (*record.warnings, *check_against(record.photo, photo.sha256))
         notes += check_against(record.model, own.sha256)
     if not isinstance(record.pose.camera, Perspective):
-        raise SettingsError(
-            f"{photo.name}: a start under parallel projection, and the set's cameras are "
-            "perspective; start from a perspective pose."
-        )
+        found = "a start under parallel projection, and the set's cameras are perspective"
+        raise SettingsError(f"{photo.name}: {found}; start from a perspective pose.")
     if record.undistortion is not None and photo.undistortion is None:
-        raise SettingsError(
-            f"{photo.name}: the start was found on the photo undistorted by a lens that the set "
-            "does not have; give the set that lens, or start from a pose by the set's camera."
-        )
-    _, record, of_camera = _matched(photo, record)
+        found = "the start was found on the photo undistorted by a lens that the set does not have"
+        wanted = "give the set that lens, or start from a pose by the set's camera"
+        raise SettingsError(f"{photo.name}: {found}; {wanted}.")
+    _, record, of_camera = _match_start(photo, record)
     known = scale or known_scale(loaded, mesh)
-    scale = known or scale_by_sight(loaded.views, first, mesh, record.pose, loaded.name)
+    scale = known or scale_by_rays(loaded.views, first, mesh, record.pose, loaded.name)
     order = (first, *(i for i in range(len(loaded.views)) if i != first))
     ordered = tuple(loaded.views[i] for i in order)
     place = ordered[0].world_from_model(record.pose, 1.0 / scale)
     of_files = [note for file in (*(v.photo for v in ordered), own) for note in notes_of(file)]
     notes = tuple(dict.fromkeys([*of_files, *notes, *of_camera]))
     item = SceneObject(
-        id="1",
-        model=own,
-        world_from_model=place,
-        settings=settings,
-        without=mesh.left_out,
+        id="1", model=own, world_from_model=place, settings=settings, without=mesh.left_out,
         note=record.note,
-    )
+    )  # fmt: skip
     return Scene(
-        views=ordered,
-        objects=(item,),
-        name=loaded.name,
-        unit=loaded.unit,
-        free_scale=known is None,
-        notes=notes,
-    )
+        views=ordered, objects=(item,), name=loaded.name, unit=loaded.unit,
+        free_scale=known is None, notes=notes,
+    )  # fmt: skip
 
 
 def known_scale(views: LoadedViews, mesh: Mesh) -> float | None:
-    """Lengths of the model's unit in one of the world's, by what both say; None: they do not."""
+    """Return lengths of the model's unit in one of the world's, or None if these are not said."""
     unit = views.unit
     if views.scale is not None or unit is None:
         return views.scale
@@ -334,23 +306,33 @@ def known_scale(views: LoadedViews, mesh: Mesh) -> float | None:
     return METRES[unit] / METRES[mesh.unit] if {unit, mesh.unit} <= set(METRES) else None
 
 
-def scale_by_sight(views: Sequence[View], index: int, mesh: Mesh, pose: Pose, name: str) -> float:
-    """The scale by which the model, at a pose in view ``index``, is where the others look."""
+def scale_by_rays(views: Sequence[View], index: int, mesh: Mesh, pose: Pose, name: str) -> float:
+    """Triangulate the scale by which the model is where the viewing rays of the others meet.
+
+    Args:
+        views: all views of the set.
+        index: of the view that the pose is in.
+        mesh: the model.
+        pose: the model's, in its own unit.
+        name: of the set, for the error.
+
+    Raises:
+        SettingsError: the rays do not meet.
+    """
     centre = pose.camera_from_model.apply(mesh.centre)
     scale = None
     if centre[2] > 0.0:
         cameras = [(view.camera, view.camera_from_world) for view in views]
         scale = triangulated_scale(cameras, index, centre / centre[2], float(centre[2]))
     if scale is None:
-        raise SettingsError(
-            f"{name}: its scale is not known, and its cameras do not look at one place, which "
-            "would tell it about; give --scale, lengths of the model's unit in one of the set's."
-        )
+        found = "its scale is not known, and its cameras do not look at one place, which would"
+        wanted = "give --scale, lengths of the model's unit in one of the set's"
+        raise SettingsError(f"{name}: {found} tell it about; {wanted}.")
     return scale
 
 
 def notes_of(file: Photo | ModelFile) -> tuple[str, ...]:
-    """Sentences for the user on how a file was read."""
+    """Return sentences for the user on how a file was read."""
     notes = file.notes if isinstance(file, Photo) else file.mesh.notes
     return tuple(f"{file.name}: {note}" for note in notes)
 
@@ -358,7 +340,7 @@ def notes_of(file: Photo | ModelFile) -> tuple[str, ...]:
 def _known_parts(
     model: ModelFile, without: Sequence[str]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The parts of a model that a pose leaves out; and sentences on those that it has not."""
+    """Return the parts of a model that a pose leaves out, and notes on those that it has not."""
     known = tuple(name for name in without if name in model.mesh.part_names)
     notes = (
         f"The pose file leaves out the part {name!r}, which {model.name} has not."
@@ -369,21 +351,19 @@ def _known_parts(
 
 
 def _parts_of_objects(scene: Scene, without: Sequence[str]) -> dict[str, list[str]]:
-    """The parts that are said of each object of a scene, by the objects' ids."""
+    """Return the parts to leave out of each object of a scene, by the objects' ids."""
     parts: dict[str, list[str]] = {item.id: [] for item in scene.objects}
     for text in without:
         owner = max((key for key in parts if text.startswith(f"{key}:")), key=len, default=None)
         if owner is None:
-            raise SettingsError(
-                f"the part {text!r} of a scene: say of which object, as ID:PART; the objects are "
-                f"{', '.join(parts)}."
-            )
+            found = f"the part {text!r} of a scene: say of which object, as ID:PART"
+            raise SettingsError(f"{found}; the objects are {', '.join(parts)}.")
         parts[owner].append(text[len(owner) + 1 :])
     return parts
 
 
 def _require_one_unit(scene: Scene, models: Mapping[Path | None, ModelFile]) -> None:
-    """Refuse models in different units: which is in front could not be told from their poses."""
+    """Refuse models in different units, whose poses do not tell which is in front."""
     known: dict[str, str] = {}
     for item in scene.objects:
         unit = item.model.unit or models.get(item.model.path, item.model).mesh.unit
@@ -391,10 +371,8 @@ def _require_one_unit(scene: Scene, models: Mapping[Path | None, ModelFile]) -> 
             known.setdefault(unit, item.label)
     if len(known) > 1:
         (first, its), (second, other) = list(known.items())[:2]
-        raise PoseFileError(
-            f"{its} is in {first} and {other} in {second}; the models of a scene have to be in one "
-            "unit, scale one of the files."
-        )
+        wanted = "the models of a scene have to be in one unit, scale one of the files"
+        raise PoseFileError(f"{its} is in {first} and {other} in {second}; {wanted}.")
 
 
 def _view_of(views: LoadedViews, record: PoseRecord, view: str | None) -> int:
@@ -406,7 +384,5 @@ def _view_of(views: LoadedViews, record: PoseRecord, view: str | None) -> int:
     if len(alike) == 1:
         return alike[0]
     problem = f"there is no photo {wanted}" if wanted else "the start does not say in which photo"
-    raise PoseFileError(
-        f"{views.name}: {problem}; name the photo that the start is a pose in with --view, one of "
-        f"{list_names(names)}."
-    )
+    wanted = "name the photo that the start is a pose in with --view, one of"
+    raise PoseFileError(f"{views.name}: {problem}; {wanted} {list_names(names)}.")

@@ -148,7 +148,7 @@ def test_what_is_hidden_is_kept_with_the_row(review: Review, out: Path) -> None:
     assert mask is not None
     review.do(review.decide("accepted"))
     path = out / review.queue.rows[1].result.pose
-    saved, notes = mask_beside(path, load_pose(path, 160, 120), 160, 120)
+    saved, notes = mask_beside(path, load_pose(path, 160, 120), (160, 120))
     assert notes == ()
     assert saved is not None
     assert np.array_equal(saved.weights, mask.weights)

@@ -13,7 +13,7 @@ from poseviewer.errors import CalibrationFileError
 from poseviewer.files.camera_forms import READ
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo import load_calibrated_photo, load_photo, save_image, undistorted
+from poseviewer.files.photo import load_calibrated_photo, load_photo, save_image, undistort_photo
 from poseviewer.files.pose import load_pose, save_pose
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.lens import Lens, Undistortion, same_undistortion
@@ -115,7 +115,7 @@ def test_a_lens_that_shows_nothing_is_refused(folder):
     camera = Perspective(300.0, 300.0, 5000.0, 5000.0, 160, 120)
     lens = Lens("opencv", (-900.0, 0.0, 0.0, 0.0, 0.0))
     with pytest.raises(CalibrationFileError, match="shows nothing"):
-        undistorted(load_photo(folder / "p.png"), Undistortion.of(lens, camera))
+        undistort_photo(load_photo(folder / "p.png"), Undistortion.of(lens, camera))
 
 
 def test_the_camera_of_the_stored_pixels_is_turned_with_the_photo(folder, capsys):
@@ -131,6 +131,7 @@ def test_the_camera_of_the_stored_pixels_is_turned_with_the_photo(folder, capsys
         assert run("info", "turned.png", "--calibration", "c.json") == 0
         printed = capsys.readouterr().out
         assert "fx 310, fy 300, cx 61.5, cy 82.5" in printed
+        assert "from c.json" in printed  # and the keys
         assert "turned.png is stored turned (EXIF), its camera" in printed
         assert ("belongs to the stored pixels" in printed) == (said is not upright)
     (folder / "cameras.txt").write_text("1 OPENCV 160 120 300 310 83 58 -0.1 0.02 0.003 0.004\n")

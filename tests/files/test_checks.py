@@ -8,7 +8,7 @@ import pytest
 
 from poseviewer.errors import MAX_MESSAGE as MAX_S
 from poseviewer.errors import PoseFileError, PoseViewerError, printable, sentence_of
-from poseviewer.files.checks import Reading, kind_of
+from poseviewer.files.checks import InputFile, kind_of
 
 NASTY = "a\x1b[2Jb\x07\u202ec\udce4\n d\x9b31m"
 
@@ -26,15 +26,12 @@ def test_every_error_is_one_bounded_line() -> None:
     text.encode()
 
 
-@pytest.mark.parametrize(
-    ("error", "words"),
-    [
-        (PoseFileError("p.json: an empty file; copy it again."), "p.json: an empty file"),
-        (MemoryError(), "not enough memory"),
-        (OSError(28, "No space left on device", "/x/\x1b"), "/x/?: No space left"),
-        (KeyError("x" * 100_000), "Something went wrong inside (KeyError: 'xxx"),
-    ],
-)
+@pytest.mark.parametrize(("error", "words"), [
+    (PoseFileError("p.json: an empty file; copy it again."), "p.json: an empty file"),
+    (MemoryError(), "not enough memory"),
+    (OSError(28, "No space left on device", "/x/\x1b"), "/x/?: No space left"),
+    (KeyError("x" * 100_000), "Something went wrong inside (KeyError: 'xxx"),
+])  # fmt: skip
 def test_every_error_becomes_a_sentence(error: Exception, words: str) -> None:
     text = sentence_of(error)
     assert words in text
@@ -47,7 +44,7 @@ def test_what_nobody_foresaw_names_the_file_and_is_in_the_log(tmp_path, caplog):
     caplog.set_level(logging.DEBUG, "poseviewer")
     with (
         pytest.raises(PoseFileError, match=r"^p\.json: not a readable pose file \(boom\); .*\.$"),
-        Reading(tmp_path / "p.json").naming_errors(),
+        InputFile(tmp_path / "p.json").naming_errors(),
     ):
         raise IndexError("boom")
     assert "IndexError: boom" in caplog.text
@@ -58,13 +55,13 @@ def test_what_nobody_foresaw_names_the_file_and_is_in_the_log(tmp_path, caplog):
 @pytest.mark.parametrize("path", ["/dev/zero", "/dev/stdin", "/dev/null"])
 def test_devices_are_not_read(path: str) -> None:
     with pytest.raises(PoseFileError, match=r"a pipe or a device|an empty file"):
-        Reading(Path(path)).load_bytes()
+        InputFile(Path(path)).load_bytes()
 
 
 def test_names_that_no_file_can_have(tmp_path: Path) -> None:
     for name in ("x" * 100_000, "a\0b", "d\udce4.json"):
         with pytest.raises(PoseFileError, match=r"no such file|cannot be read") as caught:
-            Reading(tmp_path / name).load_bytes()
+            InputFile(tmp_path / name).load_bytes()
         assert len(str(caught.value)) < 600
 
 

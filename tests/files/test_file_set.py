@@ -10,7 +10,7 @@ from poseviewer.errors import FileSetError
 from poseviewer.files.file_set import FileSet, files_below, model_files, sort_set
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo_sets import load_views
-from poseviewer.files.state.uploads import gathered
+from poseviewer.files.state.uploads import gather
 from tests.textured import write_gltf, write_obj, write_ply
 from tests.view_sets import write_bop, write_colmap, write_frames, write_views
 from tests.writing import write
@@ -46,7 +46,7 @@ def test_a_picture_that_a_model_names_is_its_texture(tmp_path: Path, write_model
     (model,) = files.models
     assert wood in model.named.values()
     assert files == FileSet(models=(model,))
-    mesh = load_mesh(gathered(tmp_path / "state", model))
+    mesh = load_mesh(gather(tmp_path / "state", model))
     assert len(mesh.textures) == 1
     assert not mesh.notes
 
@@ -54,8 +54,7 @@ def test_a_picture_that_a_model_names_is_its_texture(tmp_path: Path, write_model
 def test_of_two_pictures_of_one_name_the_nearer_is_taken(tmp_path: Path) -> None:
     path = write_obj(tmp_path, "red/wood.png")
     places = [picture(tmp_path / folder / "wood.png") for folder in ("x/blue", "x/red", "y")]
-    model = model_files(path, [path.with_suffix(".mtl"), *places])
-    assert model.named["red/wood.png"] == places[1]
+    assert model_files(path, [path.with_suffix(".mtl"), *places]).named["red/wood.png"] == places[1]
 
 
 def test_photo_model_camera_and_pose_are_told_apart_by_what_they_hold(tmp_path: Path) -> None:
@@ -119,28 +118,25 @@ def test_what_the_model_at_hand_misses_may_come_later(tmp_path: Path) -> None:
     files = sort(later, at_hand=path)
     (model,) = files.models
     assert (model.path, files.photo) == (path, None)
-    assert len(load_mesh(gathered(tmp_path / "state", model)).textures) == 1
+    assert len(load_mesh(gather(tmp_path / "state", model)).textures) == 1
     picture(first / "wood.png")
     write_obj(first, "wood.png")
     assert not sort(later, at_hand=path).models  # it misses nothing
 
 
-@pytest.mark.parametrize(
-    ("names", "content", "sentence"),
-    [
-        ([f"{i:04d}.jpg" for i in range(1000)], "",
-         "1,000 photos: 0000.jpg, 0001.jpg, 0002.jpg, 0003.jpg, 0004.jpg and 995 more; wanted "
-         "one (or with them the file that says where their cameras stood), nothing was opened."),
-        (["a/p.json", "b/p.json"], POSE,
-         "2 pose files: a/p.json, b/p.json; wanted one, nothing was opened."),
-        (["1.json", "2.json"], CAMERA, "2 files of cameras: 1.json, 2.json; wanted one, nothing"),
-        (["1.json", "2.json"], {"format": "poseviewer-scene"}, "2 scene files: 1.json, 2.json;"),
-        (["1.json", "2.json"], {"frames": []}, "2 sets of photos: 1.json, 2.json"),
-        (["notes.txt"], "x", "notes.txt: not the name of a photo, a model or a pose file; wanted "),
-        (["car.mtl"], "x", "car.mtl: of a model that did not come along; drop them together."),
-        (["a.txt", "b.mov"], "x", "2 files: none is a photo, a model or a pose file; wanted one "),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("names", "content", "sentence"), [
+    ([f"{i:04d}.jpg" for i in range(1000)], "",
+     "1,000 photos: 0000.jpg, 0001.jpg, 0002.jpg, 0003.jpg, 0004.jpg and 995 more; wanted "
+     "one (or with them the file that says where their cameras stood), nothing was opened."),
+    (["a/p.json", "b/p.json"], POSE,
+     "2 pose files: a/p.json, b/p.json; wanted one, nothing was opened."),
+    (["1.json", "2.json"], CAMERA, "2 files of cameras: 1.json, 2.json; wanted one, nothing"),
+    (["1.json", "2.json"], {"format": "poseviewer-scene"}, "2 scene files: 1.json, 2.json;"),
+    (["1.json", "2.json"], {"frames": []}, "2 sets of photos: 1.json, 2.json"),
+    (["notes.txt"], "x", "notes.txt: not the name of a photo, a model or a pose file; wanted "),
+    (["car.mtl"], "x", "car.mtl: of a model that did not come along; drop them together."),
+    (["a.txt", "b.mov"], "x", "2 files: none is a photo, a model or a pose file; wanted one "),
+])  # fmt: skip
 def test_what_cannot_be_opened_is_said_in_one_sentence(tmp_path: Path, names, content, sentence):
     for name in names:
         write(tmp_path / name, content)
@@ -159,15 +155,12 @@ def test_of_a_folder_systems_own_files_are_left_out_and_too_many_are_refused(tmp
         files_below(tmp_path)
 
 
-@pytest.mark.parametrize(
-    "write_cameras",
-    [
-        lambda folder: folder / "set.json",
-        lambda folder: write_colmap(folder / "sparse" / "0"),
-        lambda folder: write_frames(folder, camera_angle_x=0.5),
-        lambda folder: write_bop(folder, with_world=True),
-    ],
-)
+@pytest.mark.parametrize("write_cameras", [
+    lambda folder: folder / "set.json",
+    lambda folder: write_colmap(folder / "sparse" / "0"),
+    lambda folder: write_frames(folder, camera_angle_x=0.5),
+    lambda folder: write_bop(folder, with_world=True),
+])  # fmt: skip
 def test_a_set_of_photos_comes_with_its_model_and_start(tmp_path: Path, write_cameras) -> None:
     _, model, start = write_views(tmp_path)
     views = write_cameras(tmp_path)

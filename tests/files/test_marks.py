@@ -33,19 +33,16 @@ def test_pairs_may_be_written_in_many_ways_and_are_shifted_by_half_a_pixel(tmp_p
     assert pairs.pixels.tolist() == [[10.5, 20.5]] * count
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("1,2,3,4\n", "line 1 has 4 values"),
-        ("1,2,3,4,5\n1,2,3,x,5\n", "line 2: u is 'x'"),
-        ("1,2,3,4,nan\n", "v is nan"),
-        (b"\xff\xfe\x00\x01", "not a text"),
-        (b'"' + b"1" * 200_000 + b'",2,3,4,5', "not a readable list of marks"),
-        ("1e308,2,3,4,5\n", r"x is 1e\+308"),
-        ("id,x,y,z,u,v\n1,2,3,4,5\n", "line 2 has 5 values; wanted 6"),
-        (None, "no such file"),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    ("1,2,3,4\n", "line 1 has 4 values"),
+    ("1,2,3,4,5\n1,2,3,x,5\n", "line 2: u is 'x'"),
+    ("1,2,3,4,nan\n", "v is nan"),
+    (b"\xff\xfe\x00\x01", "not a text"),
+    (b'"' + b"1" * 200_000 + b'",2,3,4,5', "not a readable list of marks"),
+    ("1e308,2,3,4,5\n", r"x is 1e\+308"),
+    ("id,x,y,z,u,v\n1,2,3,4,5\n", "line 2 has 5 values; wanted 6"),
+    (None, "no such file"),
+])  # fmt: skip
 def test_broken_pairs_are_told_by_file_and_place(tmp_path: Path, text, words: str):
     path = tmp_path / "pairs.csv"
     if text is not None:
@@ -60,16 +57,13 @@ def test_wheels_are_read_from_text():
     assert wheel.angle == pytest.approx(math.pi / 2)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("1,2,3,4,5;", "1 ellipses; wanted two"),
-        ("1,2,3,4,5;1,2,3,4", "front wheel has 4 values"),
-        ("1,2,3,4,5;1,2,3,x,5", "front wheel: b is 'x'"),
-        ("1,2,3,-4,5;1,2,3,4,5", "must be above 0"),
-        ("1,2,300,1,5;1,2,3,4,5", "edge-on"),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    ("1,2,3,4,5;", "1 ellipses; wanted two"),
+    ("1,2,3,4,5;1,2,3,4", "front wheel has 4 values"),
+    ("1,2,3,4,5;1,2,3,x,5", "front wheel: b is 'x'"),
+    ("1,2,3,-4,5;1,2,3,4,5", "must be above 0"),
+    ("1,2,300,1,5;1,2,3,4,5", "edge-on"),
+])  # fmt: skip
 def test_broken_wheels_are_told(text: str, words: str):
     with pytest.raises(QuickStartError, match=words):
         wheels_from_text(text)

@@ -42,8 +42,7 @@ def test_a_mask_comes_back_from_its_picture(tmp_path: Path, is_painted, kind) ->
     shades = np.linspace(0.0, 1.0, WIDTH * HEIGHT).reshape(HEIGHT, WIDTH)
     mask = MASK if is_painted else Mask.of(shades)
     (tmp_path / "mask.png").write_bytes(mask_as_png(mask))
-    pixels = np.asarray(cv2.imread(str(tmp_path / "mask.png"), cv2.IMREAD_UNCHANGED))
-    assert pixels.dtype == kind
+    assert np.asarray(cv2.imread(str(tmp_path / "mask.png"), cv2.IMREAD_UNCHANGED)).dtype == kind
     found = load_mask(tmp_path / "mask.png", (WIDTH, HEIGHT)).weights
     np.testing.assert_allclose(found, mask.weights, atol=0.0 if is_painted else 1e-5)
 
@@ -52,27 +51,24 @@ def test_a_pose_file_names_its_mask(tmp_path: Path) -> None:
     path = tmp_path / "car.pose.json"
     save_pose_and_mask(path, RECORD, MASK)
     assert json.loads(path.read_text())["mask"] == "car.mask.png"
-    mask, notes = mask_beside(path, load_pose(path, WIDTH, HEIGHT), WIDTH, HEIGHT)
+    mask, notes = mask_beside(path, load_pose(path, WIDTH, HEIGHT), (WIDTH, HEIGHT))
     assert notes == ()
     assert np.array_equal(mask.weights, COUNTS)
     save_pose_and_mask(path, RECORD, None)
-    assert mask_beside(path, load_pose(path, WIDTH, HEIGHT), WIDTH, HEIGHT) == (None, ())
+    assert mask_beside(path, load_pose(path, WIDTH, HEIGHT), (WIDTH, HEIGHT)) == (None, ())
 
 
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [
-        ("gone.mask.png", r"Nothing of the photo is hidden: gone\.mask\.png: no such file"),
-        ("small.png", r"Nothing of the photo is hidden: small\.png: the mask has 8x8 px"),
-        ("../secret.png", r"secret\.png: no such file"),
-    ],
-)
+@pytest.mark.parametrize(("name", "said"), [
+    ("gone.mask.png", r"Nothing of the photo is hidden: gone\.mask\.png: no such file"),
+    ("small.png", r"Nothing of the photo is hidden: small\.png: the mask has 8x8 px"),
+    ("../secret.png", r"secret\.png: no such file"),
+])  # fmt: skip
 def test_a_mask_that_cannot_be_used_is_said(tmp_path: Path, name: str, said: str) -> None:
     folder = tmp_path / "in"
     folder.mkdir()
     for path in (folder / "small.png", tmp_path / "secret.png"):
         cv2.imwrite(str(path), np.zeros((8, 8), np.uint8))
     record = structs.replace(RECORD, mask=name)
-    mask, (note,) = mask_beside(folder / "p.json", record, WIDTH, HEIGHT)
+    mask, (note,) = mask_beside(folder / "p.json", record, (WIDTH, HEIGHT))
     assert mask is None
     assert re.search(said, note)

@@ -70,14 +70,11 @@ def test_what_is_written_is_read_to_the_last_digit(tmp_path: Path, camera) -> No
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "pose.json").read_bytes()
 
 
-@pytest.mark.parametrize(
-    ("wrong", "words"),
-    [
-        ({"covariance": np.eye(5).tolist()}, "wanted 6 rows"),
-        ({"covariance": (-np.eye(6)).tolist()}, "variance below 0"),
-        ({"covariance": np.eye(6).tolist(), "centre": None}, "uncertainty.centre"),
-    ],
-)
+@pytest.mark.parametrize(("wrong", "words"), [
+    ({"covariance": np.eye(5).tolist()}, "wanted 6 rows"),
+    ({"covariance": (-np.eye(6)).tolist()}, "variance below 0"),
+    ({"covariance": np.eye(6).tolist(), "centre": None}, "uncertainty.centre"),
+])  # fmt: skip
 def test_a_covariance_that_is_none_is_refused(tmp_path: Path, wrong: Any, words: str) -> None:
     data = {**plain(), "uncertainty": {"centre": [0, 0, 0], **wrong}}
     with pytest.raises(PoseFileError, match=words):
@@ -143,14 +140,11 @@ def test_saving_replaces_a_file_whole(tmp_path: Path, monkeypatch) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        structs.replace(full_record(), loss=math.nan),
-        structs.replace(full_record(), settings={"array": np.zeros(3)}),
-        PoseRecord.of(Pose(replace(PERSPECTIVE, fx=math.inf), TRANSFORM)),
-    ],
-)
+@pytest.mark.parametrize("wrong", [
+    structs.replace(full_record(), loss=math.nan),
+    structs.replace(full_record(), settings={"array": np.zeros(3)}),
+    PoseRecord.of(Pose(replace(PERSPECTIVE, fx=math.inf), TRANSFORM)),
+])  # fmt: skip
 def test_what_json_cannot_hold_is_not_written(tmp_path: Path, wrong: PoseRecord) -> None:
     with pytest.raises(PoseFileError, match=r"^pose\.json: .*nothing was written"):
         save_pose(tmp_path / "pose.json", wrong)
@@ -161,24 +155,21 @@ OPENCV = {"model": "opencv", "coefficients": [0.1] * 5, "camera_as_taken": plain
 MEI = OPENCV | {"model": "mei", "camera_undistorted": plain()["camera"]}
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda data: data.pop("camera"),
-        lambda data: data.update(format="other"),
-        lambda data: data.update(version=2),
-        lambda data: data.update(projection="parallel"),
-        lambda data: data["camera"].update(fx=0),
-        lambda data: data["camera"].pop("cy"),
-        lambda data: data["camera_from_model"].update(translation=[0, 0]),
-        lambda data: data["camera_from_model"].update(rotation=[1, 0, 0, 0, 1, 0, 0, 0, 1]),
-        lambda data: data.update(photo={"width": 0}),
-        lambda data: data.update(distortion=OPENCV),
-        lambda data: data.update(distortion=MEI),
-        lambda data: data.update(symmetry={"centre": [0, 0, 0], "turns": "z"}),
-        lambda data: data.update(chart={"name": "free", "names": [1], "numbers": [1]}),
-    ],
-)
+@pytest.mark.parametrize("change", [
+    lambda data: data.pop("camera"),
+    lambda data: data.update(format="other"),
+    lambda data: data.update(version=2),
+    lambda data: data.update(projection="parallel"),
+    lambda data: data["camera"].update(fx=0),
+    lambda data: data["camera"].pop("cy"),
+    lambda data: data["camera_from_model"].update(translation=[0, 0]),
+    lambda data: data["camera_from_model"].update(rotation=[1, 0, 0, 0, 1, 0, 0, 0, 1]),
+    lambda data: data.update(photo={"width": 0}),
+    lambda data: data.update(distortion=OPENCV),
+    lambda data: data.update(distortion=MEI),
+    lambda data: data.update(symmetry={"centre": [0, 0, 0], "turns": "z"}),
+    lambda data: data.update(chart={"name": "free", "names": [1], "numbers": [1]}),
+])  # fmt: skip
 def test_schema_and_reader_refuse_the_same(tmp_path: Path, change) -> None:
     data, validator = plain(), jsonschema.Draft202012Validator(json_schema("pose"))
     validator.validate(data)

@@ -15,14 +15,14 @@ from poseviewer.errors import PoseViewerError
 from poseviewer.files.masks import mask_as_png
 from poseviewer.files.scene_assets import view_of_file
 from poseviewer.files.scene_json import form_of, load_scene, save_scene
-from poseviewer.files.state.uploads import taken_out
+from poseviewer.files.state.uploads import copy_out
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
 from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import ChartParameters, InView, Scene, SceneObject, SearchResult
-from poseviewer.starts.loading import open_scene
+from poseviewer.starts.loading import open_scene_files
 from tests.schemas import json_schema, load_valid
 from tests.several import CAMERA, IDS, MESHES, make_three
 from tests.writing import edit
@@ -41,31 +41,18 @@ def told(path: Path) -> Scene:
     second = view_of_file(path.with_name("again.png"), CAMERA, "0" * 64, None, turned, mask)
     own = (InView(region=Rectangle(1.0, 2.0, 30.5, 40.0)), InView(mask=mask, is_compared=False))
     sure = PoseCovariance(scene.pose(0), MESHES[0].centre, np.diag(np.arange(1.0, 7.0)), 0.5)
+    result = SearchResult(
+        loss=0.1, unexplained=0.2, seen=(0.5, None), covariance=sure, settings={"seed": 1},
+        verdict=Verdict("found", 0.9, ("It is seen.",), {"outline": 0.75}),
+        chart=ChartParameters("free-body", ("x", "y"), (1.0, 2.0)), notes=("It was quick.",),
+    )  # fmt: skip
     first = replace(
-        scene.objects[0],
-        in_views=own,
-        start=Similarity(turned, 0.001),
-        start_cameras=(replace(CAMERA, fx=500.0), CAMERA),
-        settings=FitSettings(seed=1),
-        locked=True,
-        hidden=True,
-        name="round",
-        is_placed=False,
-        without=("mirror",),
+        scene.objects[0], in_views=own, start=Similarity(turned, 0.001),
+        start_cameras=(replace(CAMERA, fx=500.0), CAMERA), settings=FitSettings(seed=1),
+        locked=True, hidden=True, name="round", is_placed=False, without=("mirror",),
         said_symmetry=Symmetry.from_axes(np.zeros(3), [SymmetryAxis(np.array([0.0, 0.0, 1.0]), 2)]),
-        result=SearchResult(
-            loss=0.1,
-            unexplained=0.2,
-            seen=(0.5, None),
-            verdict=Verdict("found", 0.9, ("It is seen.",), {"outline": 0.75}),
-            covariance=sure,
-            chart=ChartParameters("free-body", ("x", "y"), (1.0, 2.0)),
-            settings={"seed": 1},
-            notes=("It was quick.",),
-        ),
-        notes=("It is round.",),
-        note="the left one",
-    )
+        result=result, notes=("It is round.",), note="the left one",
+    )  # fmt: skip
     objects = (first, *scene.objects[1:])
     return replace(scene, views=(*scene.views, second), objects=objects, unit="m")
 
@@ -93,27 +80,24 @@ def test_the_schemas_are_those_of_the_structs(kind):
 
 def test_the_same_model_may_be_there_twice(path):
     edit(path, lambda data: data["objects"].append({**data["objects"][0], "id": "again"}))
-    opened = open_scene(path)
+    opened = open_scene_files(path)
     assert opened.objects[3].mesh.whole is opened.objects[0].mesh.whole
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda d: d["objects"][1]["model"].update(file="gone.ply"), "gone.ply, and there is no"),
-        (lambda d: d["objects"][1]["model"].pop("file"), r"objects\[1\].model.file is missing"),
-        (lambda d: d["objects"][1].update(id="ball"), "two objects have the id 'ball'"),
-        (lambda d: d["objects"][1].update(in_views=[{"mask": "gone.png"}]), "gone.png, and there"),
-        (lambda d: d["objects"][1].update(in_views=[{}, {}]), r"\[1\].in_views is a list of 2"),
-        (lambda d: d.update(free_scale=True), "its scale is not known, and it has 3 objects"),
-        (lambda d: d.update(format="poseviewer-pose"), "wanted 'poseviewer-scene'"),
-        (lambda d: d.update(version=1), "version is 1; this poseviewer reads version 2"),
-        (lambda d: d["views"].clear(), "views is a list of 0; wanted a list of"),
-        (lambda d: d["views"][0]["photo"].pop("width"), r"views\[0\].photo.width is missing"),
-        (lambda d: d["views"][0]["camera"].update(fx=1e9), r"views\[0\].camera.fx is 1000000000"),
-        (lambda d: d["views"][0].update(projection="x"), r"projection is 'x'; wanted one of"),
-    ],
-)
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda d: d["objects"][1]["model"].update(file="gone.ply"), "gone.ply, and there is no"),
+    (lambda d: d["objects"][1]["model"].pop("file"), r"objects\[1\].model.file is missing"),
+    (lambda d: d["objects"][1].update(id="ball"), "two objects have the id 'ball'"),
+    (lambda d: d["objects"][1].update(in_views=[{"mask": "gone.png"}]), "gone.png, and there"),
+    (lambda d: d["objects"][1].update(in_views=[{}, {}]), r"\[1\].in_views is a list of 2"),
+    (lambda d: d.update(free_scale=True), "its scale is not known, and it has 3 objects"),
+    (lambda d: d.update(format="poseviewer-pose"), "wanted 'poseviewer-scene'"),
+    (lambda d: d.update(version=1), "version is 1; this poseviewer reads version 2"),
+    (lambda d: d["views"].clear(), "views is a list of 0; wanted a list of"),
+    (lambda d: d["views"][0]["photo"].pop("width"), r"views\[0\].photo.width is missing"),
+    (lambda d: d["views"][0]["camera"].update(fx=1e9), r"views\[0\].camera.fx is 1000000000"),
+    (lambda d: d["views"][0].update(projection="x"), r"projection is 'x'; wanted one of"),
+])  # fmt: skip
 def test_what_is_wrong_is_said(path, change, words):
     edit(path, change)
     with pytest.raises(PoseViewerError, match=words):
@@ -124,7 +108,7 @@ def test_another_size_or_unit_is_said(path):
     scene = load_scene(path)
     edit(path, lambda data: data["views"][0]["photo"].update(width=100))
     with pytest.raises(PoseViewerError, match="320x240 px, and its camera is for 100x240"):
-        open_scene(path)
+        open_scene_files(path)
     save_scene(path, scene)
 
     def set_units(data) -> None:
@@ -132,16 +116,15 @@ def test_another_size_or_unit_is_said(path):
         data["objects"][2]["model"]["unit"] = "m"
 
     with pytest.raises(PoseViewerError, match="ball is in mm and apart in m"):
-        open_scene(edit(path, set_units))
+        open_scene_files(edit(path, set_units))
 
 
 def test_a_mask_of_another_size_is_said(path, tmp_path):
     scene = load_scene(path)
-    white = Mask.of(np.ones((240, 320)))
-    save_scene(path, scene.with_object(0, in_views=(InView(mask=white),)))
+    save_scene(path, scene.with_object(0, in_views=(InView(mask=Mask.of(np.ones((240, 320)))),)))
     (tmp_path / "three.scene.1.mask.png").write_bytes(mask_as_png(Mask.of(np.ones((10, 20)))))
     with pytest.raises(PoseViewerError, match=r"20x10 px, the photo three\.png has 320x240"):
-        open_scene(path)
+        open_scene_files(path)
 
 
 def test_files_are_sought_where_they_may_lie(path, tmp_path):
@@ -173,12 +156,12 @@ def test_what_lies_in_a_private_folder_is_copied_beside_the_scene(path, tmp_path
 
     scene = load_scene(edit(path, move))
     for _ in range(2):
-        save_scene(out / "s.json", taken_out(out / "s.json", scene, tmp_path / "uploads"))
+        save_scene(out / "s.json", copy_out(out / "s.json", scene, tmp_path / "uploads"))
     data = json.loads((out / "s.json").read_text())
     names = ["ball.ply", "s.2/front.ply", "../apart.ply"]
     assert [one["model"]["file"] for one in data["objects"]] == names
     assert sorted(one.name for one in out.iterdir()) == [
-        *("ball.ply", "ball.symmetry.json", "front.ply", "s.2", "s.json", "three.png"),
+        *("ball.ply", "ball.symmetry.json", "front.ply", "s.2", "s.json", "three.png")
     ]
     shutil.rmtree(tmp_path / "uploads")
     assert load_scene(out / "s.json").views[0].path == out / "three.png"

@@ -18,13 +18,8 @@ HALF_TURN = [-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
 
 
 def good() -> dict:
-    turns = [{"axis": [0, 0, 2], "fold": 2}]
-    return {
-        "format": "poseviewer-symmetry",
-        "version": 1,
-        "centre": [0.0, 0.0, 0.0],
-        "turns": turns,
-    }
+    turns = {"centre": [0.0, 0.0, 0.0], "turns": [{"axis": [0, 0, 2], "fold": 2}]}
+    return {"format": "poseviewer-symmetry", "version": 1, **turns}
 
 
 @pytest.fixture
@@ -52,17 +47,14 @@ def test_that_of_a_bop_data_set_is_read(model: Path) -> None:
     assert not load_symmetry(other, load_mesh(other)).is_none
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"format": "other"}, "format is 'other'"),
-        ({"centre": [0, 0]}, "centre is a list of 2"),
-        ({"turns": [{"axis": [0, 0, 0], "fold": 2}]}, "no length"),
-        ({"turns": [{"axis": [0, 0, 1], "fold": 1}]}, r"turns\[0\].fold is 1; wanted a whole"),
-        ({"turns": [{"axis": [0, 0, 1], "fold": 7}, {"axis": [3, 0, 4], "fold": 2}]},
-         "more than 120 equal poses"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("change", "said"), [
+    ({"format": "other"}, "format is 'other'"),
+    ({"centre": [0, 0]}, "centre is a list of 2"),
+    ({"turns": [{"axis": [0, 0, 0], "fold": 2}]}, "no length"),
+    ({"turns": [{"axis": [0, 0, 1], "fold": 1}]}, r"turns\[0\].fold is 1; wanted a whole"),
+    ({"turns": [{"axis": [0, 0, 1], "fold": 7}, {"axis": [3, 0, 4], "fold": 2}]},
+     "more than 120 equal poses"),
+])  # fmt: skip
 def test_one_that_cannot_be_used_is_said(model: Path, change: dict, said: str) -> None:
     write(symmetry_path(model), good() | change)
     with pytest.raises(MeshFileError, match=rf"^obj_000003\.symmetry\.json: .*{said}"):

@@ -23,7 +23,7 @@ from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.starts.loading import open_photo
+from poseviewer.starts.loading import open_photo_scene
 from poseviewer.vehicle.chart import MIN_AXLE_COMPONENT, VehicleChart
 from tests.geometry.test_charts import make_keypoints
 from tests.opened import by, locked
@@ -31,7 +31,7 @@ from tests.opened import by, locked
 
 @pytest.fixture(scope="module")
 def opened(scene):
-    return open_photo(scene.photo, scene.model, scene.truth)
+    return open_photo_scene(scene.photo, scene.model, scene.truth)
 
 
 @pytest.fixture(scope="module")

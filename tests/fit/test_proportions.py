@@ -10,7 +10,7 @@ from poseviewer.confidence.verdict import FOUND_FROM
 from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.scene.types import Scene
-from poseviewer.starts.loading import open_photo
+from poseviewer.starts.loading import open_photo_scene
 from tests.meshes import make_box, make_printed, make_sphere, merged
 from tests.scene import make_scene_of
 
@@ -21,7 +21,7 @@ def stretched(scene, *factors: float) -> Scene:
     normals = model.mesh.normals / factors
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     mesh = replace(model.mesh, vertices=model.mesh.vertices * factors, normals=normals)
-    return open_photo(scene.photo, model.with_content(mesh=mesh), scene.start)
+    return open_photo_scene(scene.photo, model.with_content(mesh=mesh), scene.start)
 
 
 @pytest.mark.parametrize("axis", [0, 2])
@@ -61,7 +61,7 @@ def test_a_box_is_not_found_on_an_ellipse_of_its_size(tmp_path):
     box = replace(plain, vertices=plain.vertices * [1.0, 1.0, 6.0])
     scene = make_scene_of(disc, tmp_path)
     model = load_model(scene.model).with_content(mesh=box)
-    verdict = make_registration(open_photo(scene.photo, model, scene.start)).fit().verdict
+    verdict = make_registration(open_photo_scene(scene.photo, model, scene.start)).fit().verdict
     assert verdict is not None
     assert verdict.label != "found"
 
@@ -72,7 +72,7 @@ def test_a_plate_that_lacks_a_corner_is_not_found_on_a_whole_one(tmp_path):
     scene, words = make_scene_of(whole, tmp_path), []
     model = load_model(scene.model)
     for mesh in (whole, corner):
-        opened = open_photo(scene.photo, model.with_content(mesh=mesh), scene.start)
+        opened = open_photo_scene(scene.photo, model.with_content(mesh=mesh), scene.start)
         verdict = make_registration(opened).fit().verdict
         assert verdict is not None
         assert verdict.probability >= FOUND_FROM

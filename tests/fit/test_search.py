@@ -16,7 +16,7 @@ from poseviewer.fit.visibility import Hiding
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.settings import Limits
 from poseviewer.scene.types import Scene
-from poseviewer.starts.loading import open_photo
+from poseviewer.starts.loading import open_photo_scene
 
 FOUND, UNSURE = Verdict("found", SURE_FROM), Verdict("found", SURE_FROM - 0.01)
 LOST = Verdict("lost", 0.1)
@@ -48,7 +48,7 @@ def run(scene: Scene, renderer, **changes) -> list[FitProgress]:
 @pytest.fixture(scope="module")
 def small(scene):
     """A small problem, its scene and renderer, and where one search ends."""
-    data = open_photo(scene.photo, scene.model, scene.start)
+    data = open_photo_scene(scene.photo, scene.model, scene.start)
     problem, _ = make_problem(data)
     renderer = make_renderer(data.objects[0].mesh)
     *_, alone = fit_pose(problem, renderer)

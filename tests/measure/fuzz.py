@@ -30,7 +30,7 @@ from poseviewer.app.state.pointer_edits import update
 from poseviewer.batch.job_table import load_jobs
 from poseviewer.errors import MeshFileError, PoseViewerError
 from poseviewer.files.cameras import load_cameras
-from poseviewer.files.checks import Reading, quiet_libraries
+from poseviewer.files.checks import InputFile, quiet_libraries
 from poseviewer.files.file_set import files_below, sort_set
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
@@ -76,7 +76,7 @@ def read_format(name: str, in_folder: bool = False) -> Reader:
 
     def read(path: Path) -> None:
         options = ConvertOptions(photo_size=PHOTO_SIZE if name == "bop" else None)
-        with Reading(path, kind=f"{name} file").naming_errors():
+        with InputFile(path, kind=f"{name} file").naming_errors():
             FORMATS[name].read(path.parent if in_folder else path, options)
 
     return read
@@ -95,7 +95,7 @@ def read_model(path: Path) -> None:
         with ZipFile(path.with_suffix(".3mf"), "w") as archive:
             archive.write(path, "3D/3dmodel.model")
     reader = read_dae if path.suffix == ".dae" else read_3mf
-    with Reading(path, [], MeshFileError, "model file").naming_errors(), quiet_libraries():
+    with InputFile(path, [], MeshFileError, "model file").naming_errors(), quiet_libraries():
         parts, notes, *_ = reader(path.with_suffix(".3mf" if reader == read_3mf else ".dae"))
         as_mesh(path.name, parts, notes)
 
@@ -253,7 +253,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, help="(a new one, which is printed)")
     parser.add_argument("--keep", type=Path, help="a folder for what is found")
     options = parser.parse_args()
-    uploads.KEPT, uploads.OLD_S = 1, 0.0  # the disk is small
+    uploads.MIN_UPLOADS, uploads.OLD_S = 1, 0.0  # the disk is small
     seed = random.SystemRandom().randrange(1 << 32) if options.seed is None else options.seed
     print(f"seed {seed}", flush=True)
     seconds = options.seconds / len(options.readers)

@@ -17,7 +17,7 @@ from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
 from poseviewer.scene.settings import FitSettings, Limits
 from poseviewer.scene.types import ChartParameters, InView, SearchResult
-from poseviewer.starts.loading import open_photo, open_scene, open_views
+from poseviewer.starts.loading import open_photo_scene, open_scene_files, open_views
 from tests.several import IDS, make_three
 from tests.view_sets import DISTANCE, NAMES, TRUTH, make_views, write_views
 from tests.writing import edit
@@ -64,9 +64,9 @@ def searched(scene, index: int = 0):
 
 
 def test_what_is_saved_of_a_scene_is_opened_again(path, tmp_path):
-    scene = searched(open_scene(path))
+    scene = searched(open_scene_files(path))
     save_scene(tmp_path / "again.json", as_saved(scene))
-    again = open_scene(tmp_path / "again.json")
+    again = open_scene_files(tmp_path / "again.json")
     one, before = again.objects[0], scene.objects[0]
     assert [own.id for own in again.objects] == list(IDS)
     assert np.array_equal(
@@ -93,17 +93,17 @@ def test_what_is_saved_of_a_scene_is_opened_again(path, tmp_path):
 
 
 def test_a_model_that_has_lost_a_part_has_no_result(path):
-    scene = open_scene(as_saved(searched(open_scene(path))))
+    scene = open_scene_files(as_saved(searched(open_scene_files(path))))
     assert scene.objects[0].result is not None
     with pytest.raises(PoseViewerError, match="no part 'mirror'"):
-        open_scene(path, FitSettings(without=("ball:mirror",)))
+        open_scene_files(path, FitSettings(without=("ball:mirror",)))
     with pytest.raises(PoseViewerError, match="say of which object, as ID:PART"):
-        open_scene(path, FitSettings(without=("mirror",)))
+        open_scene_files(path, FitSettings(without=("mirror",)))
 
 
 def test_equal_poses_are_saved_as_one(path):
     symmetry = Symmetry.from_axes([0.0, 0.0, 0.1], [SymmetryAxis(np.array([0.0, 0.0, 1.0]), 2)])
-    scene = open_scene(path)
+    scene = open_scene_files(path)
     scene = scene.with_object(0, model=scene.objects[0].model.with_content(symmetry=symmetry))
     turned = [
         searched(scene.with_pose(0, replace(pose, camera_from_model=pose.camera_from_model @ turn)))
@@ -156,7 +156,7 @@ def test_a_set_that_was_fitted_is_opened_again(tmp_path):
     views, model, start = write_views(tmp_path)
     scene = open_views(views, model, start, scale=2.0)
     save_scene(tmp_path / "found.scene.json", as_saved(scene))
-    again = open_scene(tmp_path / "found.scene.json")
+    again = open_scene_files(tmp_path / "found.scene.json")
     assert again.objects[0].world_from_model.scale == 0.5
     for view in range(3):
         a, b = (one.pose(0, view).camera_from_model for one in (scene, again))
@@ -172,4 +172,4 @@ def test_a_start_for_another_size_is_said(tmp_path):
     with pytest.raises(
         PoseViewerError, match=r"a start for photos of 640x480 px, .* pose\.rescale"
     ):
-        open_photo(tmp_path / "three.png", tmp_path / "ball.ply", pose)
+        open_photo_scene(tmp_path / "three.png", tmp_path / "ball.ply", pose)

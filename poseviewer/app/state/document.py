@@ -410,7 +410,7 @@ def reference_view(scene: Scene, index: int, view: int) -> int:
     """The view whose chart an object is searched by: ``view``, or else the first compared one."""
     for number in (view, *range(len(scene.views))):
         is_compared = scene.in_view(index, number).is_compared
-        if is_compared and scene.placed(index, number).is_seen:
+        if is_compared and scene.model_at(index, number).is_seen:
             return number
     return view
 

@@ -118,7 +118,7 @@ def nearest_object(document: Document, point: FloatArray) -> int:
     objects = document.scene.objects
     indices = (document.active, *document.others)
     free = [i for i in indices if not (objects[i].hidden or objects[i].locked)]
-    depths = [_depth_at(document.scene.placed(i, document.at), point) for i in free]
+    depths = [_depth_at(document.scene.model_at(i, document.at), point) for i in free]
     nearest = min(depths, default=math.inf)
     return free[depths.index(nearest)] if nearest < math.inf else document.active
 

@@ -16,7 +16,7 @@ from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.starts.loading import scale_by_sight
+from poseviewer.starts.loading import scale_by_rays
 from poseviewer.starts.placing import look_from
 
 NudgeKind = Literal["move", "turn", "roll", "scale"]
@@ -31,7 +31,7 @@ def put(document: Document, pose: Pose) -> Document:
     if document.scene.free_scale:
         with suppress(SettingsError):
             views, name = document.scene.views, document.scene.name
-            scale = 1.0 / scale_by_sight(views, document.at, document.mesh, pose, name)
+            scale = 1.0 / scale_by_rays(views, document.at, document.mesh, pose, name)
     return document.at_pose(pose, scale=scale)
 
 

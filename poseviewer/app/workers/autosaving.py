@@ -23,9 +23,9 @@ from poseviewer.files.state.autosave import (
     AutosavedSession,
     SessionFile,
     discard,
-    left_behind,
+    find_abandoned,
 )
-from poseviewer.files.state.uploads import taken_out
+from poseviewer.files.state.uploads import copy_out
 from poseviewer.scene.assets import ModelFile, PhotoFile
 
 PERIOD_S = 0.5
@@ -49,7 +49,7 @@ class Autosaver:
         self._uploads = (state / "uploads").resolve()
         self._own: dict[Path, tuple[object, ...]] = {}
         self._named: dict[Path, Path] = {}  # by the usual path of each
-        self._offered, self.offer = left_behind(state / "sessions") or (None, None)
+        self._offered, self.offer = find_abandoned(state / "sessions") or (None, None)
         """Session that an earlier run left unsaved, until it is taken or refused."""
         self._is_adopted = False  # whether the offer has been opened: it is this session's own now
         self._file = SessionFile(state / "sessions")
@@ -126,7 +126,7 @@ class Autosaver:
             if is_alone(own):
                 save_pose_and_mask(path, pose_json(as_saved(scene)), scene.mask(0))
             else:
-                save_scene(path, taken_out(path, as_saved(scene), self._uploads))
+                save_scene(path, copy_out(path, as_saved(scene), self._uploads))
         except PoseViewerError:
             for one in kept:
                 one.with_suffix(f"{one.suffix}.bak").replace(one)

@@ -146,7 +146,7 @@ def proposed(document: Document, watch: Callable[[], None]) -> Iterator[Edit]:
     query = start_query(document)
     renderer = renderer_of(document.mesh, document.settings.renderer).clone()
     try:
-        placed = [document.scene.placed(index, document.at) for index in document.others]
+        placed = [document.scene.model_at(index, document.at) for index in document.others]
         same = [one for one in placed if one.mesh is document.mesh]
         starts = tuple(propose_beside(query, same, renderer, lower_priority, watch))
         lines = tuple(quick_silhouette(document.mesh, renderer, one.pose) for one in starts)

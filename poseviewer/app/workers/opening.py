@@ -41,7 +41,7 @@ def open_files(
     ``without``: parts that are left out; ``objects``: models that the photo shows as well.
     """
     parts, start = FitSettings(without=tuple(without)), pose or _seen_from_corner
-    scene = loading.open_photo(photo, model, start, parts, calibration, mask)
+    scene = loading.open_photo_scene(photo, model, start, parts, calibration, mask)
     scene = scene.with_object(0, is_placed=pose is not None, settings=FitSettings())
     document = Document.of(scene)
     return with_models(document, objects)
@@ -120,7 +120,7 @@ def open_scene(path: Path, without: Sequence[str] = (), inside: Path | None = No
     """All objects of a scene file, the first active; ``without``: further parts as ``ID:PART``."""
     settings = FitSettings(without=tuple(without)) if without else None
     return Document.of(
-        replace(loading.open_scene(load_scene(path, inside), settings), name=path.name)
+        replace(loading.open_scene_files(load_scene(path, inside), settings), name=path.name)
     )
 
 
@@ -199,7 +199,7 @@ def open_pose(now: Document, path: Path) -> Document:
         lens = load_pose(path).undistortion
         if lens and not same_undistortion(lens, photo.undistortion) and now.view.path is not None:
             photo = replace(load_photo(now.view.path), name=photo.name)
-        opened = loading.open_photo(photo, now.model, path, parts)
+        opened = loading.open_photo_scene(photo, now.model, path, parts)
     document, names = now, [view.name for view in now.scene.views]
     for view in opened.views:
         document = document.with_view(names.index(view.name))
@@ -246,7 +246,7 @@ def open_autosaved(kept: AutosavedSession) -> Document:
                 raise
             notes.append(str(error))
     objects = tuple(one for one in scene.objects if one.model.location.is_file())
-    scene = loading.open_scene(replace(scene, objects=objects))
+    scene = loading.open_scene_files(replace(scene, objects=objects))
     views = tuple(
         replace(view, file=PhotoFile.of(replace(view.photo, name=name), view.path))
         for view, name in zip(scene.views, names, strict=True)

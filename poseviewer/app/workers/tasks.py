@@ -22,7 +22,7 @@ from poseviewer.errors import FileSetError, QuickStartError
 from poseviewer.files.file_set import Kind, files_below, sort_set
 from poseviewer.files.scene_assets import load_model
 from poseviewer.files.state.autosave import AutosavedSession
-from poseviewer.files.state.uploads import MAX_UPLOAD_BYTES, display_name, gathered, keep_set
+from poseviewer.files.state.uploads import MAX_UPLOAD_BYTES, display_name, gather, keep_set
 from poseviewer.geometry.camera import size_at_scale
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import LensModel
@@ -126,7 +126,7 @@ def upload(
         uploads = state / "uploads"
         root = keep_set(uploads, data)
         files = sort_set(files_below(root), kind, None if adds else now.document.model.path)
-        models = [gathered(uploads, model) for model in files.models]
+        models = [gather(uploads, model) for model in files.models]
         if not adds:
             document = open_file_set(now.document, files, models, root, lens_model)
             return TaskResult((open_document(document),), document.scene.notes)

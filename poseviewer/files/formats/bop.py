@@ -1,7 +1,7 @@
 """BOP's scenes: ``scene_gt.json`` and ``scene_camera.json``, single poses or all images at once.
 
-As published in the BOP toolkit's ``docs/bop_datasets_format.md``: translations in mm, rotations and
-K row-major, OpenCV axes, pixel centres at integers.
+As in the BOP toolkit's ``docs/bop_datasets_format.md``: translations in mm, rotations and K
+row-major, OpenCV axes, pixel centres at integers.
 """
 
 import json
@@ -16,10 +16,10 @@ import numpy as np
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.camera_forms import camera_of_matrix
-from poseviewer.files.checks import MAX_DATA_BYTES, Reading, checked_rotation
+from poseviewer.files.checks import MAX_DATA_BYTES, InputFile, repair_rotation
 from poseviewer.files.formats import conversion as c
 from poseviewer.files.scene_assets import model_file, view_of_file
-from poseviewer.files.structs import checked_camera
+from poseviewer.files.structs import check_camera
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import opencv_matrix
@@ -29,12 +29,13 @@ from poseviewer.scene.types import Scene, SceneObject
 MAX_DIGITS = 18
 """Length of an image's number: what 64 bits hold."""
 UNIT = "mm"
-CAMERAS, POSES = "scene_camera.json", "scene_gt.json"
+CAMERAS = "scene_camera.json"
+POSES = "scene_gt.json"
 WORLD = ("cam_R_w2c", "cam_t_w2c")
 """BOP's names of the camera from the scene's world; many scenes do not have it."""
 IN_CAMERA = ("cam_R_m2c", "cam_t_m2c")
-"""BOP's names of the camera from a model."""
-PHOTO_NAME, MODEL_NAME = r"(\d+)\.\w+", r"obj_(\d+)\.\w+"
+PHOTO_NAME = r"(\d+)\.\w+"
+MODEL_NAME = r"obj_(\d+)\.\w+"
 PHOTO_FOLDERS = ("gray", "rgb")
 """Folders of a scene's photos; of both, the second counts."""
 PHOTO_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
@@ -74,11 +75,9 @@ class BopImage:
 
 
 def write_bop(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.Contents:
-    """Append an object's poses to the scene folder ``out``, unless they are there; of several
-    objects, write their poses as the whole image.
-    """
-    in_cameras, in_poses = (Reading(out / name) for name in (CAMERAS, POSES))
-    cameras, poses = (load_scene_file(reading.path) for reading in (in_cameras, in_poses))
+    """Append an object's poses to a scene folder; with several objects, write the whole image."""
+    in_cameras, in_poses = (InputFile(out / name) for name in (CAMERAS, POSES))
+    cameras, poses = (load_scene_file(file.path) for file in (in_cameras, in_poses))
     for index, view in enumerate(scene.views):
         image = str(image_number(scene, options, index))
         camera = c.perspective_of(view.camera, "BOP")
@@ -103,18 +102,15 @@ def write_bop(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.
 
 
 def read_bop(path: Path, request: c.ConvertOptions) -> Scene:
-    """Read all objects of an image of a scene folder, or those of the number ``object_id``.
-
-    Their models lie in the folder ``request.model``, where one is named.
-    """
-    reading = Reading(path / POSES)
+    """Read the objects of an image; ``request.model`` may be the folder of their models."""
+    file = InputFile(path / POSES)
     asked = request.object_id
     stem = Path(request.image or "").stem
     posed = [(f"{item.number}", item) for item in load_bop_images(path, posed=True) if item.objects]
     by_number = replace(request, image=str(int(stem)) if stem.isdecimal() else request.image)
-    image, unit = by_number.the_one(reading, "images", posed), request.unit or UNIT
+    image, unit = by_number.the_one(file, "images", posed), request.unit or UNIT
     view = view_of_file(request.photo or path / image.photo, image.camera)
-    view = request.sized(Reading(path / CAMERAS), view)
+    view = request.with_size(InputFile(path / CAMERAS), view)
     factor = c.metres_per_unit(UNIT) / c.metres_per_unit(unit)
     folder = request.model if request.model and request.model.is_dir() else Path()
     counts, objects = Counter[int](), []
@@ -128,31 +124,31 @@ def read_bop(path: Path, request: c.ConvertOptions) -> Scene:
             objects.append(SceneObject(id=name, model=model, world_from_model=Similarity(place)))
     if not objects:
         found = f"image {image.number} has no pose of object {asked}"
-        raise reading.error(found, "choose another with --object")
+        raise file.error(found, "choose another with --object")
     return Scene(views=(view,), objects=tuple(objects))
 
 
 def load_bop_images(folder: Path, posed: bool = False) -> tuple[BopImage, ...]:
     """All images of a scene that have a camera, by number; ``posed``: with ``scene_gt.json``."""
-    reading, objects = Reading(folder / CAMERAS), Reading(folder / POSES)
-    for own in (reading, objects) if posed else (reading,):
+    file, objects = InputFile(folder / CAMERAS), InputFile(folder / POSES)
+    for own in (file, objects) if posed else (file,):
         if not own.path.is_file():
             found = f"no such file in {folder}"
             raise own.error(found, "name a BOP scene's folder, such as test/000002")
-    cameras, poses = load_scene_file(reading.path), load_scene_file(objects.path)
+    cameras, poses = load_scene_file(file.path), load_scene_file(objects.path)
     photos, images = _photos(folder), []
     for name, entry in cameras.items():
         if not (name.isdecimal() and len(name) <= MAX_DIGITS):
-            raise reading.error(f"image {name[:40]!r}", "wanted images' numbers")
-        matrix = reading.object(entry, f"image {name}").get("cam_K")
-        camera = checked_camera(reading, camera_of_matrix(reading, matrix, f"cam_K of {name}"))
+            raise file.error(f"image {name[:40]!r}", "wanted images' numbers")
+        matrix = file.object(entry, f"image {name}").get("cam_K")
+        camera = check_camera(file, camera_of_matrix(file, matrix, f"cam_K of {name}"))
         photo = photos.get(int(name), f"{PHOTO_FOLDERS[1]}/{int(name):06d}.png")
         there = _objects(objects, poses.get(name, []), name)
         is_in_world = all(key in entry for key in WORLD)
-        world = _transform(reading, entry, WORLD, f"image {name}") if is_in_world else None
+        world = _transform(file, entry, WORLD, f"image {name}") if is_in_world else None
         images.append(BopImage(int(name), photo, camera, there, world))
     if not images:
-        raise reading.error("no image in it", "wanted a camera for each image")
+        raise file.error("no image in it", "wanted a camera for each image")
     return tuple(sorted(images, key=lambda image: image.number))
 
 
@@ -180,7 +176,7 @@ def scene_text(content: SceneFile) -> str:
 
 def load_scene_file(path: Path) -> SceneFile:
     """Content of a scene's file by image; empty where it is not there yet."""
-    return Reading(path, largest=MAX_DATA_BYTES).load_object() if path.exists() else {}
+    return InputFile(path, largest=MAX_DATA_BYTES).load_object() if path.exists() else {}
 
 
 def same_intrinsics(one: Perspective, other: Perspective) -> bool:
@@ -225,27 +221,26 @@ def _photos(folder: Path) -> dict[int, str]:
     }
 
 
-def _objects(reading: Reading, entries: Any, image: str) -> tuple[BopObject, ...]:
+def _objects(file: InputFile, entries: Any, image: str) -> tuple[BopObject, ...]:
     if not isinstance(entries, list):
-        raise reading.error(f"image {image} is not a list", "wanted a list of poses")
+        raise file.error(f"image {image} is not a list", "wanted a list of poses")
     objects = []
     for number, entry in enumerate(entries):
         what = f"pose {number} of image {image}"
-        said = reading.object(entry, what)
-        place = _transform(reading, said, IN_CAMERA, what)
-        object_id = reading.positive(said.get("obj_id"), f"{what}.obj_id")
-        objects.append(BopObject(int(object_id), place))
+        said = file.object(entry, what)
+        place = _transform(file, said, IN_CAMERA, what)
+        objects.append(BopObject(int(file.positive(said.get("obj_id"), f"{what}.obj_id")), place))
     return tuple(objects)
 
 
 def _transform(
-    reading: Reading, said: dict[str, Any], keys: tuple[str, str], what: str
+    file: InputFile, said: dict[str, Any], keys: tuple[str, str], what: str
 ) -> RigidTransform:
     rotation, translation = (
-        np.array(reading.flat_numbers(said.get(key), f"{what}.{key}", length))
+        np.array(file.flat_numbers(said.get(key), f"{what}.{key}", length))
         for key, length in zip(keys, (9, 3), strict=True)
     )
-    return RigidTransform(checked_rotation(reading, rotation.reshape(3, 3)), translation)
+    return RigidTransform(repair_rotation(file, rotation.reshape(3, 3)), translation)
 
 
 BOP = c.Format(write_bop, read_bop, several_objects=True, appends=True, photos_in="rgb")

@@ -1,7 +1,7 @@
 """BOP's models and estimated poses: ``models_info.json``, and tables of results.
 
-As published in the BOP toolkit's ``docs/bop_datasets_format.md`` and
-``docs/bop_challenge_2019.md``; lengths in mm; symmetries map the model onto itself.
+As in the BOP toolkit's ``docs/bop_datasets_format.md`` and ``docs/bop_challenge_2019.md``; lengths
+in mm.
 """
 
 import csv
@@ -12,14 +12,13 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct, field
 
-from poseviewer.files.checks import MAX_DATA_BYTES, Number, Positive, Reading, Three
+from poseviewer.files.checks import MAX_DATA_BYTES, InputFile, Number, Positive, Three
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.symmetry_group import Symmetry
 from poseviewer.geometry.transform import RigidTransform, nearest_rotation
 
 MODELS_INFO = "models_info.json"
 RESULTS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
-"""The columns of a table of results."""
 NO_ROTATION = 0.01
 """By how much a rotation's product with its own transpose may differ from 1: files round, to two
 digits at worst."""
@@ -84,34 +83,33 @@ class BopEstimate:
     object_id: int
     score: float
     place: RigidTransform
-    """Camera from model, mm."""
 
 
 def load_bop_models(path: Path) -> dict[int, BopModel]:
     """The objects of a ``models_info.json``, by their numbers."""
-    reading = Reading(path, kind=MODELS_INFO)
-    models = reading.load_object()
+    file = InputFile(path, kind=MODELS_INFO)
+    models = file.load_object()
     for name in models:
         if not name.isdecimal():
-            raise reading.error(f"an object is called {name[:40]!r}", "wanted its number")
-    return {int(name): reading.decoded(data, BopModel, name) for name, data in models.items()}
+            raise file.error(f"an object is called {name[:40]!r}", "wanted its number")
+    return {int(name): file.decode(data, BopModel, name) for name, data in models.items()}
 
 
 def load_bop_estimates(path: Path) -> list[BopEstimate]:
     """The rows of a table of results."""
-    reading = Reading(path, kind="table of BOP results", largest=MAX_DATA_BYTES)
-    lines = csv.reader(reading.load_text().splitlines())
+    file = InputFile(path, kind="table of BOP results", largest=MAX_DATA_BYTES)
+    lines = csv.reader(file.load_text().splitlines())
     head = next(lines, [])
     if tuple(head) != RESULTS:
-        raise reading.error(f"its head is {','.join(head)[:80]!r}", f"wanted {','.join(RESULTS)}")
+        raise file.error(f"its head is {','.join(head)[:80]!r}", f"wanted {','.join(RESULTS)}")
     estimates = []
     for number, cells in enumerate(lines, 2):
         what = f"line {number}"
         if len(cells) != len(RESULTS):
-            raise reading.error(f"{what} has {len(cells)} cells", f"wanted {len(RESULTS)}")
-        scene, image, thing, score = reading.flat_numbers(" ".join(cells[:4]), what)
-        rotation = np.reshape(reading.flat_numbers(cells[4], what, 9), (3, 3))
-        shift = reading.flat_numbers(cells[5], what, 3)
+            raise file.error(f"{what} has {len(cells)} cells", f"wanted {len(RESULTS)}")
+        scene, image, thing, score = file.flat_numbers(" ".join(cells[:4]), what)
+        rotation = np.reshape(file.flat_numbers(cells[4], what, 9), (3, 3))
+        shift = file.flat_numbers(cells[5], what, 3)
         # Estimators give what their network gave: what is near a rotation is meant as one.
         place = RigidTransform(nearest_rotation(rotation), np.array(shift))
         estimates.append(BopEstimate(int(scene), int(image), int(thing), score, place))

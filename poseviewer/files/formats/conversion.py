@@ -1,9 +1,7 @@
-"""Formats: their functions, the options of a conversion, checks that all share, and the choice of
-the photo that the numbers of a file belong to.
+"""Formats, the options of a conversion, and the photo that the numbers of a file belong to.
 
-Where the photo was undistorted for the pose, a tool that has the photo's lens model gets camera and
-lens of the photo as taken: the same polynomials under its own names. Every other gets the
-undistorted photo, written beside its file, and the pinhole camera of that.
+A tool that has the photo's lens model gets camera and lens of the photo as taken; every other gets
+the undistorted photo, written beside its file, and the pinhole camera of that.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -14,11 +12,11 @@ from typing import Any, TypeVar
 import numpy as np
 
 from poseviewer.errors import PhotoFileError, PoseFileError, list_names, printable
-from poseviewer.files.checks import Reading, checked_rotation
+from poseviewer.files.checks import InputFile, repair_rotation
 from poseviewer.files.mesh.size import METRES
 from poseviewer.files.photo import load_photo, orientation_of, save_photo
 from poseviewer.files.scene_assets import model_file, open_view, view_of_file
-from poseviewer.files.structs import checked_camera
+from poseviewer.files.structs import check_camera
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
@@ -41,9 +39,7 @@ from poseviewer.scene.types import Scene, SceneObject, View
 Entry = TypeVar("Entry")
 Contents = Mapping[Path, str | bytes]
 MAX_NAMED = 10
-"""Number of images in a message."""
 TURNED = "stored turned (EXIF)"
-"""Words of a photo in notes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +57,6 @@ class ConvertOptions:
     image: str | None = None
     """Which image of a file with several: its name, or its number (BOP)."""
     object_id: int | None = None
-    """Which object (BOP)."""
     calibration: Path | None = None
     """The file of the photo's camera, for files that do not say it."""
     lens_model: LensModel | None = None
@@ -83,9 +78,7 @@ class ConvertOptions:
         return self.unit or next((o.model.unit for o in scene.objects if o.model.unit), None)
 
     def lengths_in(self, unit: str, scene: Scene, tool: str) -> float:
-        """The tool's ``unit``, in which its lengths are, in the models'; raises PoseFileError where
-        theirs is not known.
-        """
+        """Return the tool's ``unit`` in the models'; raises PoseFileError if that is unknown."""
         own = self.unit_of(scene)
         if own is None:
             found = f"{tool} wants {unit}, and the model's unit is not known"
@@ -93,67 +86,67 @@ class ConvertOptions:
         return metres_per_unit(own) / metres_per_unit(unit)
 
     def size_of(
-        self, reading: Reading, width: Any, height: Any, photo: Path | None = None
+        self, file: InputFile, size: tuple[Any, Any], photo: Path | None = None
     ) -> tuple[int, int]:
-        """Width and height of the photo in px, as the file says (unchecked), else as the ``photo``
-        has them, else as the user says.
-        """
-        if None in (width, height) and photo is not None and photo.is_file():
+        """Return the photo's size, px: as the file says, else the photo, else the user."""
+        if None in size and photo is not None and photo.is_file():
             opened = load_photo(photo)
-            width, height = opened.width, opened.height
-        if None in (width, height):
-            width, height = self.photo_size or (None, None)
-        width, height = reading.size(width, "the photo's width"), reading.size(height, "its height")
+            size = opened.width, opened.height
+        size = (self.photo_size or size) if None in size else size
+        width, height = file.size(size[0], "the photo's width"), file.size(size[1], "its height")
         if width is None or height is None:
             wanted = "add --photo-size WIDTHxHEIGHT"
-            raise reading.error("it does not say how large the photo is", wanted)
+            raise file.error("it does not say how large the photo is", wanted)
         if self.photo_size not in (None, (width, height)):
             asked = "x".join(map(str, self.photo_size or ()))
-            raise reading.error(f"it is for a photo of {width}x{height} px", f"not of {asked} px")
+            raise file.error(f"it is for a photo of {width}x{height} px", f"not of {asked} px")
         return width, height
 
-    def sized(self, reading: Reading, view: View) -> View:
-        """The view with the size of its photo, by ``size_of``."""
-        width, height = view.file.width or None, view.file.height or None
-        return view.resized(*self.size_of(reading, width, height, view.file.location))
+    def with_size(self, file: InputFile, view: View) -> View:
+        """Give a view the size of its photo, by ``size_of``."""
+        size = view.file.width or None, view.file.height or None
+        return view.resize_photo(*self.size_of(file, size, view.file.location))
 
-    def the_one(self, reading: Reading, kind: str, entries: Iterable[tuple[str, Entry]]) -> Entry:
+    def the_one(self, file: InputFile, kind: str, entries: Iterable[tuple[str, Entry]]) -> Entry:
         """The entry that ``image`` names, with or without folders, or the only one."""
         image, known = self.image, list(entries)
         chosen = [item for name, item in known if image is None or image in (name, Path(name).name)]
         if len(chosen) != 1:
-            found = (
-                f"{len(chosen)} of its {len(known)} {kind} are {repr(image) if image else 'meant'}"
-            )
+            meant = repr(image) if image else "meant"
+            found = f"{len(chosen)} of its {len(known)} {kind} are {meant}"
             names = printable(list_names([name for name, _ in known]))
-            raise reading.error(found, f"wanted one, choose it with --image NAME ({names})")
+            raise file.error(found, f"wanted one, choose it with --image NAME ({names})")
         return chosen[0]
 
     def scene_of(
-        self, reading: Reading, view: View, unit: str | None = None, is_of_stored: bool = False
+        self, file: InputFile, view: View, unit: str | None = None, is_of_stored: bool = False
     ) -> Scene:
-        """The scene of a view whose world is the frame of the model, in the user's ``unit`` or that
-        of the file; ``is_of_stored``: the view is one of pixels as stored, whatever EXIF says.
+        """Make the scene of a view whose world is the model's frame.
+
+        Args:
+            file: the file that was read.
+            view: its view.
+            unit: the model's by the file; the user's own comes first.
+            is_of_stored: whether the view is of pixels as stored, whatever EXIF says.
         """
-        checked_camera(reading, view.camera)
+        check_camera(file, view.camera)
         photo = self.photo or view.file.location
         if is_of_stored:
             said: list[str] = []
             view = as_shown(view, photo, said)
-            reading.warnings.extend(f"{photo.name}: {note}" for note in said)
+            file.warnings.extend(f"{photo.name}: {note}" for note in said)
         elif orientation_of(photo) != UPRIGHT:
             found = f"{photo.name} is {TURNED}"
-            reading.warnings.append(f"{found}; the pose is taken as one in the upright photo.")
+            file.warnings.append(f"{found}; the pose is taken as one in the upright photo.")
         model = model_file(Path(), unit=self.unit or unit)
         item = SceneObject(id="1", model=model, world_from_model=Similarity(view.camera_from_world))
         view = replace(view, camera_from_world=WORLD)
-        notes = tuple(reading.warnings)
-        return Scene(views=(self.sized(reading, view),), objects=(item,), notes=notes)
+        notes = tuple(file.warnings)
+        return Scene(views=(self.with_size(file, view),), objects=(item,), notes=notes)
 
 
 Lenses = Sequence[tuple[str, LensModel, int]]
-"""A format's lens models, the poorest first: its name for each, OpenCV's model, and how many of
-that one's coefficients it has."""
+"""A format's lens models, poorest first: its name, OpenCV's model, and count of coefficients."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,15 +176,11 @@ class Format:
     def convert(
         self, scene: Scene, out: Path, options: ConvertOptions
     ) -> tuple[list[Path], list[str]]:
-        """Write a scene for the photos as taken, or else the undistorted photos as well.
-
-        Returns the files that were written, and notes for the user.
-        """
-        views = scene.views
-        notes = []
-        files = []
-        ready = []
-        several = len(scene.objects) > 1
+        """Write a scene, and undistorted photos if need be; return all files, and notes."""
+        views, several = scene.views, len(scene.objects) > 1
+        notes: list[str] = []
+        files: list[Path] = []
+        ready: list[View] = []
         if several and not self.several_objects:
             wanted = "choose an object by --object ID, or convert all to bop, dope, gltf, meshlab"
             raise PoseFileError(f"Such a file holds one pose; {wanted}.")
@@ -214,13 +203,11 @@ class Format:
                         make_folder(path.parent)
                     view = _of_undistorted(view, path, options)
                     files.append(path)
-                    of_photo = f"{path.name}, the undistorted photo, which is written"
-                    notes.append(
-                        f"All numbers of {name} belong to {of_photo}; not to that as taken."
-                    )
+                    other = f"{path.name}, the undistorted photo, which is written"
+                    notes.append(f"All numbers of {name} belong to {other}; not to that as taken.")
             orientation = orientation_of(view.file.location)
             if self.is_of_stored and orientation not in (UPRIGHT, *MIRRORED):
-                view = turned(view, WAY_BACK[orientation])
+                view = turn_view(view, WAY_BACK[orientation])
                 notes.append(f"{name} is {TURNED}; camera and pose are of the stored pixels.")
             elif not (self.is_own or self.is_upright or ready) and orientation != UPRIGHT:
                 found = f"{name} is {TURNED}, and the pose is one in the upright photo"
@@ -231,8 +218,8 @@ class Format:
             if path.is_dir():
                 raise PoseFileError(f"{path}: is a folder; name a file in it.")
             if path.exists() and not options.overwrite:
-                found = "is there already and was not touched"
-                raise PoseFileError(f"{path}: {found}; name another, or add --overwrite.")
+                wanted = "name another, or add --overwrite"
+                raise PoseFileError(f"{path}: is there already and was not touched; {wanted}.")
         for path, content in written.items():
             if path.parent == out:
                 make_folder(out)
@@ -241,14 +228,13 @@ class Format:
         return [*files, *written], notes
 
 
-def turned(view: View, orientation: int) -> View:
-    """The view in a picture turned by EXIF's orientation, with camera, lens and place.
+def turn_view(view: View, orientation: int) -> View:
+    """Turn a view by EXIF's orientation, with camera, lens and pose.
 
     Raises:
         PoseFileError: no camera sees that picture.
     """
-    file = view.file
-    known = view.file.undistortion
+    file, known = view.file, view.file.undistortion
     place = view.camera_from_world
     try:
         if orientation in MIRRORED:
@@ -274,7 +260,7 @@ def as_shown(view: View, photo: Path, notes: list[str]) -> View:
     if orientation > 4 and (size[0] > size[1]) != (stored[0] > stored[1]):
         return view  # made of the upright photo
     notes.append(f"It is {TURNED}; camera and pose, of the stored pixels, were turned with it.")
-    return turned(view.resized(*size), orientation)
+    return turn_view(view.resize_photo(*size), orientation)
 
 
 def _of_undistorted(view: View, path: Path, options: ConvertOptions) -> View:
@@ -294,22 +280,22 @@ def _of_undistorted(view: View, path: Path, options: ConvertOptions) -> View:
     return view_of_file(path, view.camera, camera_from_world=view.camera_from_world)
 
 
-def from_4x4(reading: Reading, values: Any, what: str) -> RigidTransform:
+def from_4x4(file: InputFile, values: Any, what: str) -> RigidTransform:
     """The rigid transform in 4 rows of 4 numbers (or 3, without the last), or all in one list."""
-    numbers = reading.flat_numbers(values, what)
+    numbers = file.flat_numbers(values, what)
     if len(numbers) not in (12, 16):
-        raise reading.error(f"{what} has {len(numbers)} numbers", "wanted 4 rows of 4, or 3 of 4")
+        raise file.error(f"{what} has {len(numbers)} numbers", "wanted 4 rows of 4, or 3 of 4")
     matrix, last = np.reshape(numbers, (-1, 4)), numbers[12:]
     if last and not np.allclose(last, (0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=1e-9):
-        raise reading.error(f"the last row of {what} is {last}", "wanted 0 0 0 1 (row-major)")
-    return RigidTransform(checked_rotation(reading, matrix[:3, :3]), matrix[:3, 3])
+        raise file.error(f"the last row of {what} is {last}", "wanted 0 0 0 1 (row-major)")
+    return RigidTransform(repair_rotation(file, matrix[:3, :3]), matrix[:3, 3])
 
 
 def in_one_world(scene: Scene) -> tuple[list[FloatArray], list[Pose]]:
-    """The objects and cameras of a scene in one frame: the model's, or, of several objects, the
-    first camera's with OpenGL's axes; lengths in the models' unit.
+    """Return world from model (4, 4) for each object, and each view's camera from the world.
 
-    Returns world from model (4, 4) for each object, and each view's camera from the world.
+    The world is the model's frame or, with several objects, the first camera's with OpenGL's axes;
+    lengths are in the models' unit.
     """
     if len(scene.objects) == 1:
         return [np.eye(4)], [scene.pose(0, view) for view in range(len(scene.views))]
@@ -352,9 +338,7 @@ def metres_per_unit(unit: str) -> float:
 def cameras_as_taken(
     scene: Scene, tool: str, lenses: Lenses
 ) -> Iterator[tuple[Path, RigidTransform, Perspective, str, tuple[float, ...]]]:
-    """List for each photo as taken its path, ``camera_from_model`` of the only object, the camera
-    (pixel centres at i + 0.5), and the tool's name of its lens and coefficients.
-    """
+    """Iterate over photos as taken: path, camera_from_model, camera, lens model, coefficients."""
     for index, view in enumerate(scene.views):
         perspective_of(view.camera, tool)
         taken = _as_taken(view, lenses)
@@ -363,13 +347,9 @@ def cameras_as_taken(
 
 
 def _as_taken(view: View, lenses: Lenses) -> tuple[Perspective, str, tuple[float, ...]] | None:
-    """Camera of a view's photo as taken, and name and coefficients of the first model that holds
-    its lens; None where a format has no such model, or the camera is another by now.
-    """
-    camera = view.camera
-    undistortion = view.file.undistortion
-    model = "opencv"
-    k = ()
+    """Return camera, lens model and coefficients of the photo as taken, if the format has it."""
+    camera, undistortion = view.camera, view.file.undistortion
+    model, k = "opencv", ()
     if not isinstance(camera, Perspective):
         return None
     if undistortion is not None:

@@ -5,10 +5,10 @@ from pathlib import Path
 
 from msgspec import structs
 
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import InputFile
 from poseviewer.files.formats.bop import BOP
 from poseviewer.files.formats.conversion import ConvertOptions, Format
-from poseviewer.files.formats.gltf import GLTF
+from poseviewer.files.formats.gltf_export import GLTF
 from poseviewer.files.formats.matrices import DOPE, LINEMOD, MATRIX, OPENCV
 from poseviewer.files.formats.meshlab import MESHLAB
 from poseviewer.files.formats.reconstructions import COLMAP, NERFSTUDIO
@@ -33,26 +33,17 @@ def read_own(path: Path, request: ConvertOptions) -> Scene:
     """Read a pose file."""
     record = load_pose(path)
     scene = scene_of_pose(path, record)
-    view = request.sized(Reading(path), scene.views[0])
-    mask, notes = mask_beside(path, record, view.file.width, view.file.height)
+    view = request.with_size(InputFile(path), scene.views[0])
+    mask, notes = mask_beside(path, record, (view.file.width, view.file.height))
     return replace(scene, views=(replace(view, mask=mask),), notes=(*scene.notes, *notes))
 
 
 FORMATS = {
     "poseviewer": Format(write_own, read_own, several_photos=False, is_own=True),
-    "opencv": OPENCV,
-    "bop": BOP,
-    "colmap": COLMAP,
-    "nerfstudio": NERFSTUDIO,
-    "gltf": GLTF,
-    "meshlab": MESHLAB,
-    "matrix": MATRIX,
-    "linemod": LINEMOD,
-    "dope": DOPE,
+    "opencv": OPENCV, "bop": BOP, "colmap": COLMAP, "nerfstudio": NERFSTUDIO, "gltf": GLTF,
+    "meshlab": MESHLAB, "matrix": MATRIX, "linemod": LINEMOD, "dope": DOPE,
     "scene": Format(
-        lambda scene, out, *_: scene_contents(out, scene),
-        lambda path, _: load_scene(path),
-        several_objects=True,
-        is_own=True,
+        lambda scene, out, *_: scene_contents(out, scene), lambda path, _: load_scene(path),
+        several_objects=True, is_own=True,
     ),
-}
+}  # fmt: skip

@@ -1,16 +1,10 @@
-"""Poses of one model as matrices, vectors and quaternions alone; pixel centres are at integers.
+"""Poses of one model as matrices, vectors and quaternions; pixel centres are at integers.
 
-``opencv``: camera matrix, rotation vector and translation in the files of ``cv2.FileStorage``, by
-the names of OpenCV's own calibration sample; rows first.
-
-``matrix``: the 4x4 matrix camera from model, row-major, as text, JSON or ``.npy``: what
-FoundationPose, SAM-6D and most scripts print. It says no camera, which a file of one has to.
-
-``linemod``: LINEMOD's ``rot0.rot`` and ``tra0.tra``, in cm; and the text of Occlusion-LINEMOD (read
-alone), in m and with OpenGL's axes. They say no camera.
-
-``dope``: DOPE's and NDDS's JSON (https://github.com/NVlabs/Deep_Object_Pose): cm, OpenCV axes,
-quaternions x y z w.
+``opencv``: the files of ``cv2.FileStorage``, by the names of OpenCV's calibration sample.
+``matrix``: camera from model, row-major, as FoundationPose and SAM-6D print it; it says no camera.
+``linemod``: ``rot0.rot`` and ``tra0.tra``, in cm; the text of Occlusion-LINEMOD (read alone), in m
+with OpenGL's axes. They say no camera.
+``dope``: JSON of https://github.com/NVlabs/Deep_Object_Pose: cm, OpenCV axes, quaternions x y z w.
 """
 
 import json
@@ -28,7 +22,7 @@ from poseviewer.errors import PoseFileError
 from poseviewer.files.camera_forms import cameras_in
 from poseviewer.files.camera_trees import load_tree, matrix_text
 from poseviewer.files.cameras import Calibration, load_calibration
-from poseviewer.files.checks import Reading, checked_rotation, rotation_of
+from poseviewer.files.checks import InputFile, repair_rotation, rotation_of
 from poseviewer.files.formats import conversion as c
 from poseviewer.files.photo import orientation_of
 from poseviewer.files.scene_assets import model_file, view_of_file
@@ -38,12 +32,12 @@ from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.geometry.world_pose import WORLD
 from poseviewer.scene.types import Scene, SceneObject, View
 
-ENDINGS, STORAGES = (".txt", ".npy", ".json"), (".yml", ".yaml", ".json")
-"""Endings of matrices' and of OpenCV's files."""
+ENDINGS = (".txt", ".npy", ".json")
+OPENCV_ENDINGS = (".yml", ".yaml", ".json")
 FISHEYE = "OpenCV fisheye"
 LENSES: c.Lenses = (*(("OpenCV", "opencv", n) for n in (5, 8, 12, 14)), (FISHEYE, "fisheye", 4))
 UNIT = "cm"
-"""DOPE's and LINEMOD's."""
+"""Of DOPE and LINEMOD."""
 LINEMOD_ENDINGS = (".rot", ".tra")
 
 
@@ -51,8 +45,10 @@ def write_opencv(scene: Scene, out: Path, *_: object) -> dict[Path, str]:
     """Write YAML or JSON, by the ending."""
     transform, camera, lens, k = next(c.cameras_as_taken(scene, "OpenCV", LENSES))[1:]
     ending = out.suffix.lower()
-    if ending not in STORAGES:
-        raise PoseFileError(f"{out.name}: OpenCV files end in {', '.join(STORAGES)}; name one so.")
+    if ending not in OPENCV_ENDINGS:
+        raise PoseFileError(
+            f"{out.name}: OpenCV files end in {', '.join(OPENCV_ENDINGS)}; name one so."
+        )
     storage = cv2.FileStorage(f"m{ending}", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
     storage.write("image_width", camera.width)
     storage.write("image_height", camera.height)
@@ -67,17 +63,17 @@ def write_opencv(scene: Scene, out: Path, *_: object) -> dict[Path, str]:
 
 def read_opencv(path: Path, request: c.ConvertOptions) -> Scene:
     """Read ``camera_matrix`` or ``K``, ``rvec`` or ``R``, ``tvec`` or ``t``; JSON lists as well."""
-    reading = Reading(path, numbers_as_text=True)
-    data = reading.object(load_tree(reading), "its content")
-    known = cameras_in(reading, data, request.lens_model)[0]
-    rotation = reading.flat_numbers(data.get("rvec") or data.get("R"), "rvec or R")
-    translation = reading.flat_numbers(data.get("tvec") or data.get("t"), "tvec or t", 3)
+    file = InputFile(path, numbers_as_text=True)
+    data = file.object(load_tree(file), "its content")
+    known = cameras_in(file, data, request.lens_model)[0]
+    rotation = file.flat_numbers(data.get("rvec") or data.get("R"), "rvec or R")
+    translation = file.flat_numbers(data.get("tvec") or data.get("t"), "tvec or t", 3)
     if len(rotation) not in (3, 9):
-        raise reading.error(f"rvec or R has {len(rotation)} numbers", "wanted 3, or 9 of a matrix")
+        raise file.error(f"rvec or R has {len(rotation)} numbers", "wanted 3, or 9 of a matrix")
     matrix = Rotation.from_rotvec(rotation).as_matrix() if len(rotation) == 3 else rotation
-    rotation = checked_rotation(reading, np.reshape(matrix, (3, 3)))
+    rotation = repair_rotation(file, np.reshape(matrix, (3, 3)))
     place = RigidTransform(rotation, np.array(translation))
-    return request.scene_of(reading, view_of_file(Path(), known.camera, None, known.lens, place))
+    return request.scene_of(file, view_of_file(Path(), known.camera, None, known.lens, place))
 
 
 def write_matrix(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.Contents:
@@ -100,18 +96,18 @@ def write_matrix(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) ->
 
 def read_matrix(path: Path, request: c.ConvertOptions) -> Scene:
     """Read 4 rows of 4 numbers (or 3), and the camera in the file ``request.calibration``."""
-    reading = Reading(path, numbers_as_text=True, kind="4x4 matrix")
+    file = InputFile(path, numbers_as_text=True, kind="4x4 matrix")
     match path.suffix.lower():
         case ".npy":
-            values = load_tree(reading)["camera_matrix"]
+            values = load_tree(file)["camera_matrix"]
         case ".json":
-            values = reading.load_json()
+            values = file.load_json()
         case _:
-            values = matrix_text(reading)
-    place = c.from_4x4(reading, values, "the matrix")
+            values = matrix_text(file)
+    place = c.from_4x4(file, values, "the matrix")
     place = place.inverse() if request.inverse else place
     place = OPENGL_FROM_OPENCV @ place if request.opengl else place
-    return request.scene_of(reading, _calibrated(reading, request, place))
+    return request.scene_of(file, _read_calibration(file, request, place))
 
 
 def write_linemod(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.Contents:
@@ -137,34 +133,36 @@ def _linemod_files(path: Path) -> list[Path]:
 
 def read_linemod(path: Path, request: c.ConvertOptions) -> Scene:
     """Read LINEMOD's two files, or Occlusion-LINEMOD's one; the camera is that of a calibration."""
-    reading = Reading(path, numbers_as_text=True, kind="pose of LINEMOD")
+    file = InputFile(path, numbers_as_text=True, kind="pose of LINEMOD")
     if path.suffix.lower() in LINEMOD_ENDINGS:
         unit, both = UNIT, []
-        for file, count in zip(_linemod_files(path), (9, 3), strict=True):
-            numbers = matrix_text(replace(reading, path=file)).split()
+        for part, count in zip(_linemod_files(path), (9, 3), strict=True):
+            numbers = matrix_text(replace(file, path=part)).split()
             both.append(numbers[2:] if len(numbers) == count + 2 else numbers)  # rows and columns
     else:
-        unit, tree = "m", load_tree(reading)
+        unit, tree = "m", load_tree(file)
         both = [tree.get("rotation"), tree.get("center")]
         if not all(both):
             wanted = "wanted rotation: and center:, as of an object that the photo shows"
-            raise reading.error("no pose of Occlusion-LINEMOD", wanted)
+            raise file.error("no pose of Occlusion-LINEMOD", wanted)
     names = zip(both, ("rotation", "translation"), (9, 3), strict=True)
-    rotation, shift = (np.array(reading.flat_numbers(*said)) for said in names)
+    rotation, shift = (np.array(file.flat_numbers(*said)) for said in names)
     factor = c.metres_per_unit(unit) / c.metres_per_unit(request.unit or unit)
-    place = RigidTransform(checked_rotation(reading, rotation.reshape(3, 3)), factor * shift)
+    place = RigidTransform(repair_rotation(file, rotation.reshape(3, 3)), factor * shift)
     place = OPENGL_FROM_OPENCV @ place if unit == "m" else place
-    return request.scene_of(reading, _calibrated(reading, request, place), unit)
+    return request.scene_of(file, _read_calibration(file, request, place), unit)
 
 
-def _calibrated(reading: Reading, request: c.ConvertOptions, place: RigidTransform = WORLD) -> View:
+def _read_calibration(
+    file: InputFile, request: c.ConvertOptions, place: RigidTransform = WORLD
+) -> View:
     if request.calibration is None:
         wanted = "add --calibration FILE, and --photo or --photo-size"
-        raise reading.error("it does not say the camera", wanted)
-    size, photo = request.size_of(reading, None, None, request.photo), request.photo or Path()
+        raise file.error("it does not say the camera", wanted)
+    size, photo = request.size_of(file, (None, None), request.photo), request.photo or Path()
     choice = Calibration(request.calibration, lens_model=request.lens_model)
     known, notes = load_calibration(choice, photo.name, *size, orientation_of(photo))
-    reading.warnings.extend(notes)
+    file.warnings.extend(notes)
     return view_of_file(photo, known.camera, None, known.lens, place)
 
 
@@ -186,29 +184,29 @@ def write_dope(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c
 
 def read_dope(path: Path, request: c.ConvertOptions) -> Scene:
     """Read all objects of a photo, or those of the class ``request.image``."""
-    reading, objects = Reading(path, kind="DOPE file"), []
-    data, unit = reading.load_object(), request.unit or UNIT
+    file, objects = InputFile(path, kind="DOPE file"), []
+    data, unit = file.load_object(), request.unit or UNIT
     if data.get("camera_data"):
-        known = cameras_in(reading, data["camera_data"])[0]
-        view = request.sized(reading, view_of_file(request.photo or Path(), known.camera))
+        known = cameras_in(file, data["camera_data"])[0]
+        view = request.with_size(file, view_of_file(request.photo or Path(), known.camera))
     else:
-        view = _calibrated(reading, request)
+        view = _read_calibration(file, request)
     factor = c.metres_per_unit(UNIT) / c.metres_per_unit(unit)
     entries = data.get("objects")
     for number, entry in enumerate(entries if isinstance(entries, list) else [], 1):
-        said, what = reading.object(entry, "an object"), f"objects[{number - 1}]"
-        location = np.array(reading.flat_numbers(said.get("location"), f"{what}.location", 3))
-        quaternion = reading.flat_numbers(said.get("quaternion_xyzw"), f"{what}.quaternion_xyzw", 4)
-        rotation = rotation_of(reading, quaternion, f"{what}.quaternion_xyzw")
+        said, what = file.object(entry, "an object"), f"objects[{number - 1}]"
+        location = np.array(file.flat_numbers(said.get("location"), f"{what}.location", 3))
+        quaternion = file.flat_numbers(said.get("quaternion_xyzw"), f"{what}.quaternion_xyzw", 4)
+        rotation = rotation_of(file, quaternion, f"{what}.quaternion_xyzw")
         place = Similarity(RigidTransform(rotation, location * factor))
-        name = reading.text(said.get("class"), f"{what}.class") or ""
+        name = file.text(said.get("class"), f"{what}.class") or ""
         if request.image in (None, name):
             model = model_file(request.model or Path(), unit=unit)
             item = SceneObject(id=str(number), name=name, model=model, world_from_model=place)
             objects.append(item)
     if not objects:
-        raise reading.error(f"no pose of {request.image or 'an object'}", "wanted one in objects")
-    return Scene(views=(view,), objects=tuple(objects), notes=tuple(reading.warnings))
+        raise file.error(f"no pose of {request.image or 'an object'}", "wanted one in objects")
+    return Scene(views=(view,), objects=tuple(objects), notes=tuple(file.warnings))
 
 
 OPENCV = c.Format(write_opencv, read_opencv, ".yml", lenses=LENSES, several_photos=False)

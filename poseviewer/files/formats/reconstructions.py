@@ -1,10 +1,7 @@
-"""Cameras as programs of 3D reconstruction keep them; the world is the model's frame, pixel centres
-are at i + 0.5. COLMAP's model is written as text (``colmap_model``).
+"""Cameras of programs of 3D reconstruction; the world is the model's frame.
 
-nerfstudio's ``transforms.json`` (https://docs.nerf.studio/quickstart/data_conventions.html): camera
-to world, OpenGL axes; its ``Cameras.generate_rays`` looks through the pixel (i, j) at
-``((j + 0.5 - cx) / fl_x, -(i + 0.5 - cy) / fl_y, -1)``, and its ``_undistort_image`` hands ``k1 k2
-k3 p1 p2`` (or the fisheye's ``k1 .. k4``) to OpenCV in OpenCV's order.
+Pixel centres are at i + 0.5. nerfstudio's ``transforms.json``: camera to world, OpenGL axes
+(https://docs.nerf.studio/quickstart/data_conventions.html).
 """
 
 import json
@@ -13,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from poseviewer.files.camera_forms import cameras_in
-from poseviewer.files.checks import Reading, is_there
-from poseviewer.files.colmap_model import colmap_cameras, colmap_images, image_pose, model_file
+from poseviewer.files.checks import InputFile, is_there
+from poseviewer.files.colmap_model import colmap_cameras, colmap_file, colmap_images, image_pose
 from poseviewer.files.formats import conversion as c
 from poseviewer.files.photo import orientation_of
 from poseviewer.files.scene_assets import view_of_file
@@ -25,19 +22,13 @@ from poseviewer.scene.types import Scene, View
 PHOTO_ENDINGS = ("", ".png", ".jpg", ".jpeg")
 """NeRF's own sets leave them out."""
 INTRINSICS = ("fl_x", "fl_y", "cx", "cy")
-"""nerfstudio's names."""
 COLMAP_LENSES: c.Lenses = (
-    ("PINHOLE", "opencv", 0),
-    ("OPENCV", "opencv", 4),
-    ("FULL_OPENCV", "opencv", 8),
+    ("PINHOLE", "opencv", 0), ("OPENCV", "opencv", 4), ("FULL_OPENCV", "opencv", 8),
     ("OPENCV_FISHEYE", "fisheye", 4),
-)
+)  # fmt: skip
 """Models with two focal lengths."""
 NERFSTUDIO_LENSES: c.Lenses = (("OPENCV", "opencv", 5), ("OPENCV_FISHEYE", "fisheye", 4))
-COEFFICIENTS = {
-    "OPENCV": ("k1", "k2", "p1", "p2", "k3"),
-    "OPENCV_FISHEYE": ("k1", "k2", "k3", "k4"),
-}
+COEFFICIENTS = {"OPENCV": "k1 k2 p1 p2 k3", "OPENCV_FISHEYE": "k1 k2 k3 k4"}
 """nerfstudio's names."""
 
 
@@ -60,24 +51,21 @@ def write_colmap(scene: Scene, out: Path, *_: object) -> dict[Path, str]:
 
 def read_colmap(path: Path, request: c.ConvertOptions) -> Scene:
     """Read the image ``request.image``, or the only one; the world is the model's frame."""
-    reading = Reading(model_file(path, "images"))
-    view = request.the_one(reading, "images", colmap_views(path, reading))
-    return request.scene_of(reading, view, is_of_stored=True)
+    file = InputFile(colmap_file(path, "images"))
+    view = request.the_one(file, "images", colmap_views(path, file))
+    return request.scene_of(file, view, is_of_stored=True)
 
 
-def colmap_views(folder: Path, reading: Reading) -> list[tuple[str, View]]:
-    """Name and view of each image of the model in a folder, the photo beside the model's files;
-    ``reading``: of its images.
-    """
-    of_cameras, views = Reading(model_file(folder, "cameras"), reading.warnings), []
-    images, cameras = colmap_images(reading), colmap_cameras(of_cameras)
+def colmap_views(folder: Path, file: InputFile) -> list[tuple[str, View]]:
+    """List name and view of each image of the model in a folder; ``file``: of its images."""
+    of_cameras, views = InputFile(colmap_file(folder, "cameras"), file.warnings), []
+    images, cameras = colmap_images(file), colmap_cameras(of_cameras)
     for name, key, pose in images:
-        name = slashed(name)
+        name = with_slashes(name)
         if key not in cameras:
-            wanted = "wanted the one that the image names"
-            raise of_cameras.error(f"it has no camera {key}", wanted)
+            raise of_cameras.error(f"it has no camera {key}", "wanted the one that the image names")
         camera, lens = cameras[key]
-        place = image_pose(reading, pose)
+        place = image_pose(file, pose)
         views.append((name, view_of_file(folder / name, camera, None, lens, place)))
     return views
 
@@ -90,12 +78,10 @@ def write_nerfstudio(scene: Scene, out: Path, *_: object) -> dict[Path, str]:
         name = relative_name(out, path) if path.is_file() else path.name or "photo"
         world_from_camera = (OPENGL_FROM_OPENCV @ transform).inverse()
         own = {
-            "camera_model": model,
-            "w": camera.width,
-            "h": camera.height,
+            "camera_model": model, "w": camera.width, "h": camera.height,
             **dict(zip(INTRINSICS, map(float, astuple(camera)), strict=False)),
-            **dict(zip(COEFFICIENTS[model], distortion, strict=True)),
-        }
+            **dict(zip(COEFFICIENTS[model].split(), distortion, strict=True)),
+        }  # fmt: skip
         shared = shared or own
         other = {key: value for key, value in own.items() if shared.get(key) != value}
         matrix = world_from_camera.as_matrix().tolist()
@@ -105,34 +91,33 @@ def write_nerfstudio(scene: Scene, out: Path, *_: object) -> dict[Path, str]:
 
 def read_nerfstudio(path: Path, request: c.ConvertOptions) -> Scene:
     """Read one frame: ``request.image`` by its path or file name, or the only one."""
-    reading = Reading(path)
-    data = reading.load_object()
-    frames = reading.decoded(data.get("frames", []), list[dict[str, Any]], "frames")
-    named = [(slashed(frame.get("file_path")), frame) for frame in frames]
-    frame = request.the_one(reading, "frames", named)
-    view = frame_view(reading, data | frame, request)
-    return request.scene_of(reading, view, is_of_stored=True)
+    file = InputFile(path)
+    data = file.load_object()
+    frames = file.decode(data.get("frames", []), list[dict[str, Any]], "frames")
+    named = [(with_slashes(frame.get("file_path")), frame) for frame in frames]
+    frame = request.the_one(file, "frames", named)
+    return request.scene_of(file, frame_view(file, data | frame, request), is_of_stored=True)
 
 
-def slashed(name: Any) -> str:
+def with_slashes(name: Any) -> str:
     """A photo's path, which may have been written on Windows."""
     return str(name or "photo").replace("\\", "/")
 
 
-def frame_view(reading: Reading, own: dict[str, Any], options: c.ConvertOptions) -> View:
+def frame_view(file: InputFile, own: dict[str, Any], options: c.ConvertOptions) -> View:
     """The view of a frame together with what the file says of all frames."""
-    name = slashed(reading.text(own.get("file_path"), "file_path"))
-    tried = [reading.path.parent / f"{name}{ending}" for ending in PHOTO_ENDINGS]
+    name = with_slashes(file.text(own.get("file_path"), "file_path"))
+    tried = [file.path.parent / f"{name}{ending}" for ending in PHOTO_ENDINGS]
     path = next((path for path in tried if is_there(path)), tried[0])
-    size = reading.size(own.get("w"), "w"), reading.size(own.get("h"), "h")
+    size = file.size(own.get("w"), "w"), file.size(own.get("h"), "h")
     if None in size and own.get("fl_x") is None:  # NeRF's own sets have the angle of a width
-        size = options.size_of(reading, *size, path)
+        size = options.size_of(file, size, path)
         size = size[::-1] if orientation_of(path) > 4 else size
     width, height = size[0] or 0, size[1] or 0
     said = {key: value for key, value in own.items() if key != "frames"}
-    known = cameras_in(replace(reading, numbers_as_text=True), said, photo=(width, height))[0]
+    known = cameras_in(replace(file, numbers_as_text=True), said, photo=(width, height))[0]
     camera = replace(known.camera, width=width, height=height)
-    world_from_camera = c.from_4x4(reading, own.get("transform_matrix"), "transform_matrix")
+    world_from_camera = c.from_4x4(file, own.get("transform_matrix"), "transform_matrix")
     place = OPENGL_FROM_OPENCV @ world_from_camera.inverse()
     return view_of_file(path, camera, None, known.lens, place)
 

@@ -1,7 +1,7 @@
-"""COLLADA (https://www.khronos.org/collada/) by pycollada, the parser that trimesh has for it.
+"""COLLADA (https://www.khronos.org/collada/) by pycollada.
 
-The walk through what pycollada gives is ours: trimesh's cuts concave polygons wrong, and passes
-over names of nodes, colours beside a material, skins, and pictures that are not there.
+trimesh's walk through it cuts concave polygons wrong, and passes over names of nodes, colours
+beside a material, skins, and pictures that are not there.
 """
 
 from dataclasses import replace
@@ -24,7 +24,6 @@ REFUSED = {"instance_controller": "a skin or morph", "ph": "polygons with holes"
            "skew": "a skewed node", "lookat": "a node turned by lookat"}  # fmt: skip
 """Elements that change the shape, and are not read."""
 LOST = {"animation": "animations", "lines": "lines", "linestrips": "lines"}
-"""Elements that are left out with a note."""
 IDLE = ("library_animations", "library_cameras", "library_lights", "library_controllers",
         "instance_camera", "instance_light", "extra")  # fmt: skip
 """Elements that say nothing of shape and base colour."""
@@ -45,8 +44,7 @@ def read_dae(path: Path) -> p.ModelParts:
         raise MeshFileError(f"{path.name}: {wanted}.") from None
     root = etree.parse(str(path), XML).getroot()
     notes = _prune(root, path.name)
-    source = BytesIO(etree.tostring(root))
-    document: Any = collada.Collada(source, ignore=[DaeUnsupportedError])
+    document: Any = collada.Collada(BytesIO(etree.tostring(root)), ignore=[DaeUnsupportedError])
     notes += [f"Not read, left out: {error.msg}." for error in document.errors]
     if document.scene is None:
         raise ValueError("it has no scene")
@@ -63,7 +61,7 @@ def read_dae(path: Path) -> p.ModelParts:
         bound = {material.symbol: material for material in node.materials}
         for primitive in (each for each in node.geometry.primitives if each.vertex is not None):
             part = _part(primitive, bound.get(primitive.material), textures, notes)
-            parts.append(replace(part, name=name).moved(matrix))
+            parts.append(replace(part, name=name).transform(matrix))
     asset = document.assetInfo
     return p.ModelParts(parts, notes, asset.unitmeter, asset.upaxis == "Y_UP")
 

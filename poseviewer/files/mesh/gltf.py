@@ -1,9 +1,4 @@
-"""glTF 2.0 and GLB (https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html), with the registered
-extensions that change shape or colour.
-
-Read here rather than by trimesh, which passes over sparse and normalised accessors, texture
-transforms, further texture coordinates, skins and instances without a word.
-"""
+"""glTF 2.0 and GLB (https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html) with extensions."""
 
 import json
 import struct
@@ -23,7 +18,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.checks import MAX_DATA_BYTES, Reading
+from poseviewer.files.checks import MAX_DATA_BYTES, InputFile
 from poseviewer.files.mesh import parts as p
 from poseviewer.files.mesh.named import find_named
 from poseviewer.files.mesh.parts import ModelParts, Part
@@ -31,8 +26,10 @@ from poseviewer.files.mesh.polygons import strip_corners
 from poseviewer.geometry.image import srgb_from_linear
 
 GLTF = (".glb", ".gltf")
-GLB_HEADER, GLB_CHUNK = 20, 8
-"""Bytes of the headers of a GLB file with its first chunk, JSON, and of its second."""
+GLB_HEADER = 20
+"""Bytes of a GLB file's header and that of its first chunk, JSON."""
+GLB_CHUNK = 8
+"""Bytes of the header of its second chunk."""
 UNDERSTOOD = (
     "KHR_mesh_quantization", "KHR_texture_transform", "EXT_mesh_gpu_instancing",
     "KHR_materials_pbrSpecularGlossiness", "EXT_texture_webp", "KHR_node_visibility",
@@ -52,7 +49,6 @@ STRIP = 5
 FAN = 6
 TRIANGLES = 4
 REPEAT = 10497
-"""Wrap mode of a sampler whose texture is wrapped around."""
 CUT = ("MASK", "BLEND")
 """Modes in which alpha makes something invisible."""
 MIN_ALPHA = 0.05
@@ -87,7 +83,7 @@ def read_gltf(path: Path) -> ModelParts:
         wanted = "not read here; export it without (compression, KTX2 pictures ...)"
         raise MeshFileError(f"{path.name}: needs {', '.join(required)[:120]}, {wanted}.")
     document.notes += [f"Not read, left out: {name[:80]}." for name in used if name not in SPARED]
-    parts = [part for node in document.placed() for part in document.parts_of(*node)]
+    parts = [part for node in document.find_meshes() for part in document.parts_of(*node)]
     document.notes += [f"{what}: {count:,}." for what, count in document.counts.items() if count]
     return ModelParts(parts, document.notes, 1.0, y_up=True)
 
@@ -102,9 +98,8 @@ class _Document:
     alphas: dict[int | None, NDArray[np.uint8]] = field(default_factory=dict)
     """Alpha of pictures that cut, by their indices."""
     counts: Counter[str] = field(default_factory=Counter)
-    """Numbers of what is left out, for notes."""
 
-    def placed(self) -> Iterator[tuple[int, str, Matrix]]:
+    def find_meshes(self) -> Iterator[tuple[int, str, Matrix]]:
         """Each node of the scene that has a mesh: its index, name, and world from node."""
         nodes, scenes = self.data.get("nodes", []), self.data.get("scenes")
         roots = scenes[self.data.get("scene", 0)].get("nodes", []) if scenes else roots_of(nodes)
@@ -141,9 +136,11 @@ class _Document:
             if part is None:
                 continue
             if "skin" in node:
-                yield self._skinned(part, primitive["attributes"], self.data["skins"][node["skin"]])
+                yield self._apply_skin(
+                    part, primitive["attributes"], self.data["skins"][node["skin"]]
+                )
             else:
-                yield from (part.moved(place) for place in places)
+                yield from (part.transform(place) for place in places)
 
     def _part(self, name: str, primitive: dict[str, Any], weights: list[float]) -> Part | None:
         attributes, mode = primitive["attributes"], primitive.get("mode", TRIANGLES)
@@ -171,23 +168,18 @@ class _Document:
         if "material" in primitive:
             material = self.data["materials"][primitive["material"]]
             rgba = _look(material)[0] * rgba
-            part = self._dressed(part, material, attributes, rgba[..., 3])
+            part = self._add_texture(part, material, attributes, rgba[..., 3])
         elif not has_colours:
             return part
         rgb = np.ascontiguousarray(rgba[..., :3])
-        return replace(part, colours=rgb if self.is_encoded else srgb_from_linear(rgb))
+        # trimesh writes display-encoded colours, against the rules.
+        is_encoded = "trimesh" in str(self.data.get("asset", {}).get("generator", ""))
+        return replace(part, colours=rgb if is_encoded else srgb_from_linear(rgb))
 
-    @cached_property
-    def is_encoded(self) -> bool:
-        """Whether its colours are display-encoded: trimesh writes them so, against the rules."""
-        return "trimesh" in str(self.data.get("asset", {}).get("generator", ""))
-
-    def _dressed(
+    def _add_texture(
         self, part: Part, material: dict[str, Any], attributes: dict[str, int], alpha: NDArray
     ) -> Part:
-        """The part with its texture, without triangles that are invisible: by alpha, of vertices
-        (V,) or of all (), times the texture's.
-        """
+        """Add the texture, and leave out triangles that ``alpha``, (V,) or (), makes invisible."""
         info = _look(material)[1] or {}
         transform = _extension(info, "KHR_texture_transform") or {}
         coordinates = f"TEXCOORD_{transform.get('texCoord', info.get('texCoord', 0))}"
@@ -195,7 +187,7 @@ class _Document:
         texture, mode = self.textures.get(image), material.get("alphaMode", "OPAQUE")
         shown = np.broadcast_to(alpha, len(part.vertices))[part.faces] @ ALPHA_SAMPLES.T
         if texture is not None and coordinates in attributes:
-            uvs = _transformed(self.array(attributes[coordinates]), transform)
+            uvs = _transform_uvs(self.array(attributes[coordinates]), transform)
             uvs = np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)
             part = replace(part, uvs=uvs, texture=texture)
             number = self.data["textures"][info["index"]].get("sampler")
@@ -240,7 +232,7 @@ class _Document:
             name = "a picture" if uri.startswith("data:") else unquote(uri)[:80]
             if index not in used:
                 continue
-            with p.noted(name, self.notes):
+            with p.note_errors(name, self.notes):
                 content = self.fetch(uri) if view is None else self.view(view)
                 image = Image.open(BytesIO(content))
                 if used[index] and image.width * image.height <= p.MAX_TEXELS:
@@ -248,7 +240,7 @@ class _Document:
                 opened[index] = name, image
         return p.textures_from_images(opened, self.notes)
 
-    def _skinned(self, part: Part, attributes: dict[str, int], skin: dict[str, Any]) -> Part:
+    def _apply_skin(self, part: Part, attributes: dict[str, int], skin: dict[str, Any]) -> Part:
         matrices = np.array([self.worlds[joint] for joint in skin["joints"]])
         if "inverseBindMatrices" in skin:
             inverse = self.array(skin["inverseBindMatrices"]).reshape(-1, 4, 4)
@@ -316,7 +308,7 @@ class _Document:
         path = find_named(self.path.parent, unquote(uri))
         if path is None:
             raise ValueError(f"{unquote(uri)[:80]} is not there")
-        return Reading(path, [], MeshFileError, "file of a model", MAX_DATA_BYTES).load_bytes()
+        return InputFile(path, [], MeshFileError, "file of a model", MAX_DATA_BYTES).load_bytes()
 
 
 def _extension(entry: dict[str, Any], name: str) -> Any:
@@ -328,11 +320,10 @@ def _look(material: dict[str, Any]) -> tuple[NDArray, dict[str, Any] | None]:
     look, names = material.get("pbrMetallicRoughness", {}), ("baseColorFactor", "baseColorTexture")
     if glossy := _extension(material, "KHR_materials_pbrSpecularGlossiness"):
         look, names = glossy, ("diffuseFactor", "diffuseTexture")
-    factor = np.array(look.get(names[0], [1.0] * 4), dtype=float)
-    return factor, look.get(names[1])
+    return np.array(look.get(names[0], [1.0] * 4), dtype=float), look.get(names[1])
 
 
-def _transformed(uvs: NDArray, transform: dict[str, Any]) -> NDArray:
+def _transform_uvs(uvs: NDArray, transform: dict[str, Any]) -> NDArray:
     """Texture coordinates (n, 2), v downwards, as KHR_texture_transform moves them."""
     c, s = (f(transform.get("rotation", 0.0)) for f in (np.cos, np.sin))
     scaled = uvs * np.array(transform.get("scale", (1.0, 1.0)))
@@ -343,8 +334,7 @@ def _triangles(order: NDArray, mode: int) -> NDArray:
     if mode == STRIP:
         return strip_corners(order)
     if mode == FAN:
-        first = np.full(len(order) - 2, order[0])
-        return np.stack([first, order[1:-1], order[2:]], axis=1)
+        return np.stack([np.full(len(order) - 2, order[0]), order[1:-1], order[2:]], axis=1)
     return order.reshape(-1, 3)
 
 

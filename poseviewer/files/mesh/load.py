@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from poseviewer.errors import MeshFileError, printable
-from poseviewer.files.checks import MAX_DATA_BYTES, Reading, quiet_libraries
+from poseviewer.files.checks import MAX_DATA_BYTES, InputFile, quiet_libraries
 from poseviewer.files.mesh.dae import read_dae
 from poseviewer.files.mesh.gltf import read_gltf
-from poseviewer.files.mesh.guarded import guarded
+from poseviewer.files.mesh.isolation import isolate
 from poseviewer.files.mesh.obj import read_obj
 from poseviewer.files.mesh.off import read_off
 from poseviewer.files.mesh.parts import ModelParts, Part, load_textures
@@ -24,33 +24,31 @@ from poseviewer.files.mesh.surface import as_mesh
 from poseviewer.files.mesh.three_mf import read_3mf
 from poseviewer.geometry.mesh import Mesh
 
-STEP = (".step", ".stp")
 FINE_ANGLE = 0.2
 """Largest angle (rad) between triangles of a curved face."""
 
 
 def load_mesh(path: str | Path) -> Mesh:
-    """The model in a file of one of the formats of ``READERS``.
+    """Load the model in a file of one of the formats of ``READERS``.
 
-    Reflectance comes from textures, vertex colours or material colours, whichever the file has.
-    Normals are the file's where they make sense, else computed. What had to be mended or left
-    out stands in ``notes``.
+    Reflectance is that of textures, vertex colours or material colours. Normals are the file's, or
+    computed where these make no sense. ``notes`` say what was mended or left out.
     """
     path, known = Path(path), ", ".join(READERS)
     ending = path.suffix.lower()
     kind = f"{ending[1:].upper()} file" if ending in READERS else f"model file ({known})"
-    reading = Reading(path, [], MeshFileError, kind, MAX_DATA_BYTES)
-    with reading.naming_errors(), quiet_libraries():
-        reading.check_size()
+    file = InputFile(path, [], MeshFileError, kind, MAX_DATA_BYTES)
+    with file.naming_errors(), quiet_libraries():
+        file.check_size()
         if ending not in READERS:
             found = f"unknown kind of model file {path.suffix!r}"
             wanted = "export it as GLB" if ending in ELSEWHERE else f"wanted one of {known}"
-            raise reading.error(found, wanted)
+            raise file.error(found, wanted)
         parts, notes, metres, y_up = READERS[ending](path)
         units = {round(math.log(length), 4): name for name, length in METRES.items()}
         unit = None
         if metres is not None and (unit := units.get(round(math.log(metres), 4))) is None:
-            parts = [part.moved(np.diag([metres, metres, metres, 1.0])) for part in parts]
+            parts = [part.transform(np.diag([metres, metres, metres, 1.0])) for part in parts]
             notes.append(f"Lengths in units of {metres:g} m were made lengths in m.")
             unit = "m"
         return replace(as_mesh(printable(path.name), parts, notes), unit=unit, y_up=y_up)
@@ -85,7 +83,7 @@ def _read_3ds(path: Path) -> ModelParts:
                 part = replace(part, uvs=uvs, texture=texture)
             elif diffuse is not None:
                 part = replace(part, colours=np.asarray(diffuse)[:3])
-            parts.append(part.moved(matrix))
+            parts.append(part.transform(matrix))
     return ModelParts(parts, notes)
 
 
@@ -105,16 +103,9 @@ def _read_step(path: Path) -> ModelParts:
 
 
 READERS: dict[str, Callable[[Path], ModelParts]] = {
-    ".obj": read_obj,
-    ".ply": read_ply,
-    ".stl": read_stl,
-    ".off": read_off,
-    ".glb": read_gltf,
-    ".gltf": read_gltf,
-    ".3ds": guarded(_read_3ds),
-    ".3mf": guarded(read_3mf),
-    ".dae": guarded(read_dae),
-    **dict.fromkeys(STEP, guarded(_read_step)),
-}
+    ".obj": read_obj, ".ply": read_ply, ".stl": read_stl, ".off": read_off,
+    ".glb": read_gltf, ".gltf": read_gltf, ".3ds": isolate(_read_3ds), ".3mf": isolate(read_3mf),
+    ".dae": isolate(read_dae), ".step": isolate(_read_step), ".stp": isolate(_read_step),
+}  # fmt: skip
 ELSEWHERE = (".fbx", ".usd", ".usda", ".usdc", ".usdz", ".blend", ".ifc", ".x", ".wrl")
 """Endings of models that other programs make GLB of."""

@@ -20,9 +20,10 @@ def plain_name(written: str) -> str:
 
 
 def find_named(folder: Path, written: str) -> Path | None:
-    """The file that a model (or its material file) in ``folder`` calls ``written``, or None.
+    """Find the file that a model in ``folder`` calls ``written``, or None.
 
-    Sought by its path, by its bare name beside the model, and in any spelling in usual folders.
+    The path is tried first, then the bare name beside the model, then any spelling in usual
+    folders.
     """
     for spelling in spellings(written):
         if (found := _find(folder, spelling)) is not None:

@@ -1,8 +1,4 @@
-"""Wavefront OBJ with its MTL: parts by ``o`` and ``g``, materials by ``usemtl``.
-
-Read here rather than by trimesh, which loses group names where materials change inside a group,
-and gets relative indices in mid-file wrong.
-"""
+"""Wavefront OBJ with its MTL: parts by ``o`` and ``g``, materials by ``usemtl``."""
 
 import re
 from contextlib import suppress
@@ -13,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import InputFile
 from poseviewer.files.mesh import parts as p
 from poseviewer.files.mesh.named import bare_name, find_named
 from poseviewer.files.mesh.polygons import polygon_corners
@@ -24,13 +20,10 @@ Material = tuple[NDArray | None, NDArray[np.uint8] | None]
 Relative = dict[int, tuple[int, ...]]
 """Numbers of ``v``, ``vt`` and ``vn`` before each face whose indices count backwards."""
 Changes = list[tuple[int, tuple[str, str]]]
-"""Faces so far, then names of part and material."""
 KINDS = ("v", "vt", "vn", "f", "mtllib", "#MRGB")
 """Words of lines that are read; ``#MRGB`` is ZBrush's: mask, red, green and blue of vertices."""
 IDLE = ("", "s", "mg", "lod", "bevel", "c_interp", "d_interp", "usemap", "maplib", "shadow_obj")
 """Words that say nothing of shape and colour."""
-MAX_LIBRARIES = 1000
-"""Material files of a model: each that is missing is sought in several folders."""
 OPTIONS = re.compile(r"(-\S* ((-?(\d+\.?\d*|\.\d+)|on|off)? )*)*")
 """Options before a picture's name, which may hold spaces: ``-s 1 1 1`` or ``-clamp on``."""
 NOT_NEUTRAL = re.compile(r" -?(?![01](\.0*)? )[\d.]+ ")
@@ -55,7 +48,7 @@ def read_obj(path: Path) -> p.ModelParts:
     starts, names = zip(*changes, strict=True)
     keys = {key: number for number, key in enumerate(dict.fromkeys(names))}
     which = np.repeat([keys[key] for key in names], np.diff([*starts, len(counts)]))
-    of_part = p.split_by(np.repeat(which, np.maximum(counts - 2, 0)), len(keys))
+    of_part = p.group_by(np.repeat(which, np.maximum(counts - 2, 0)), len(keys))
     used = {material for _, material in keys if material}
     if materials and (missing := sorted(used - set(materials))):
         notes.append(f"Materials not in the MTL file: {', '.join(missing)[:120]}.")
@@ -181,24 +174,19 @@ def _as_part(
 
 
 def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[str, Material]:
-    """The materials by name in the MTL files ``libraries``; missing files are noted.
-
-    A texture replaces the colour Kd, as in Blender: many exporters write Kd 0 beside it.
-    """
+    """Read the materials in MTL files; a texture replaces Kd, as in Blender."""
     materials: dict[str, Material] = {}
-    if len(libraries) > MAX_LIBRARIES:
-        notes.append(f"Material files left out: all but {MAX_LIBRARIES} of {len(libraries):,}.")
-    for library in list(dict.fromkeys(libraries))[:MAX_LIBRARIES]:
-        file = find_named(path.parent, library)
-        if file is None or not file.stat().st_size:
-            why = "is not there" if file is None else "is empty"
+    for library in dict.fromkeys(libraries):
+        mtl = find_named(path.parent, library)
+        if mtl is None or not mtl.stat().st_size:
+            why = "is not there" if mtl is None else "is empty"
             notes.append(f"Material file left out: {bare_name(library)} {why}.")
             continue
-        reading = Reading(file, [], MeshFileError, "material file")
+        file = InputFile(mtl, [], MeshFileError, "material file")
         diffuse: dict[str, NDArray | None] = {}
         files: dict[str, str] = {}
         name = ""
-        for line in reading.load_bytes().decode("utf-8-sig", "surrogateescape").splitlines():
+        for line in file.load_bytes().decode("utf-8-sig", "surrogateescape").splitlines():
             word, _, rest = line.strip().replace("\t", " ").partition(" ")
             if word.lower() == "newmtl":
                 name = rest.strip()
@@ -215,6 +203,6 @@ def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[
                     values = [float(value) for value in rest.split()[:3]]
                     if len(values) in (1, 3):
                         diffuse[name] = np.clip(np.nan_to_num(np.resize(values, 3)), 0.0, 1.0)
-        textures = p.load_textures(file.parent, filter(None, files.values()), notes)
+        textures = p.load_textures(mtl.parent, filter(None, files.values()), notes)
         materials |= {key: (diffuse[key], textures.get(files.get(key, ""))) for key in diffuse}
     return materials

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.checks import MAX_DATA_BYTES, Reading, quiet_libraries
+from poseviewer.files.checks import MAX_DATA_BYTES, InputFile, quiet_libraries
 from poseviewer.files.mesh.named import bare_name, find_named
 
 Key = TypeVar("Key")
@@ -45,9 +45,8 @@ class Part:
     uvs: NDArray | None = None
     """(V, 2), v upwards."""
     texture: NDArray[np.uint8] | None = None
-    """(h, w, 3) RGB."""
 
-    def moved(self, matrix: NDArray) -> Part:
+    def transform(self, matrix: NDArray) -> Part:
         """The part moved by a (4, 4) matrix; a mirroring one turns the faces over."""
         if np.allclose(matrix, np.eye(4), rtol=0.0, atol=1e-15):
             return self
@@ -89,10 +88,9 @@ def check_indices(indices: NDArray, size: int, kind: str = "vertex") -> None:
 
 
 def colours_from_numbers(values: NDArray, notes: list[str]) -> NDArray[np.float64]:
-    """Colours in [0, 1] from numbers of 0 to 1, 255, 65,535 or more, as their largest says.
+    """Scale colours to [0, 1] from 0 to 1, 255, 65,535 or more, as their largest says.
 
-    Bytes count to 255, and so does what has a fraction and is far above 1; a little above, as by
-    light that is baked in, it is cut to 1 with a note.
+    Numbers with a fraction a little above 1 (baked light) are cut to 1 with a note.
     """
     if values.dtype.kind in "iu" and values.itemsize == 1:
         return values.astype(np.uint8) / 255.0
@@ -111,7 +109,7 @@ def note_edges(uvs: NDArray, is_wrapped: Sequence[bool], notes: list[str]) -> No
         notes.append("A texture that is clamped or mirrored, repeated instead.")
 
 
-def split_by(which: NDArray, count: int) -> list[NDArray[np.int64]]:
+def group_by(which: NDArray, count: int) -> list[NDArray[np.int64]]:
     """List for each number below ``count`` where it stands in ``which`` (N,), in order."""
     order = np.argsort(which, kind="stable")
     return np.split(order, np.searchsorted(which[order], np.arange(1, count)))
@@ -130,10 +128,10 @@ def load_textures(
         if path is None:
             notes.append(f"Texture left out: {bare_name(name)} is not there.")
         elif path not in images:
-            reading = Reading(path, [], MeshFileError, "picture", MAX_DATA_BYTES)
-            with noted(path.name, notes):
+            file = InputFile(path, [], MeshFileError, "picture", MAX_DATA_BYTES)
+            with note_errors(path.name, notes):
                 # From a file, Pillow reads as many bytes as a damaged chunk says it has.
-                images[path] = path.name, Image.open(BytesIO(reading.load_bytes()))
+                images[path] = path.name, Image.open(BytesIO(file.load_bytes()))
     textures = textures_from_images(images, notes)
     return {name: textures[path] for name, path in paths.items() if path in textures}
 
@@ -152,7 +150,7 @@ def textures_from_images(
         notes.append(f"Textures shrunk to {side} px: together they are very large.")
     textures: dict[Key, NDArray[np.uint8]] = {}
     for key, (name, image) in images.items():
-        with noted(name, notes), image:
+        with note_errors(name, notes), image:
             if image.width * image.height > MAX_TEXELS:
                 raise Image.DecompressionBombError
             if max(image.size) > side:
@@ -164,7 +162,7 @@ def textures_from_images(
 
 
 @contextmanager
-def noted(name: str, notes: list[str]) -> Iterator[None]:
+def note_errors(name: str, notes: list[str]) -> Iterator[None]:
     """Make what goes wrong with a picture a note: a model without it is still one."""
     try:
         with quiet_libraries():

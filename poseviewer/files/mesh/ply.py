@@ -1,7 +1,4 @@
-"""PLY: a header that names the columns, then text or bytes (Turk 1994).
-
-Read here rather than by ``plyfile``, which takes two to ten times as long on models in text.
-"""
+"""PLY: a header that names the columns, then text or bytes (Turk 1994)."""
 
 import re
 from dataclasses import replace
@@ -28,13 +25,11 @@ COLOUR_NAMES = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diff
 COLOUR = re.compile("red|green|blue|colou?r|rgb|gr[ae]y|intensity|reflect")
 """Words in names of columns that may be colours."""
 MAX_HEADER_BYTES = 1_000_000
-"""Bytes."""
 ELEMENTS = ("vertex", "face", "tristrips", "edge", "camera")
 """Those that are read, and those that say nothing of the surface."""
 INDEX_NAMES = ("vertex_indices", "vertex_index")
 
 Kind = tuple[str | None, str]
-"""Types of a column: of the count (lists only), and of the values."""
 Element = tuple[str, int, list[tuple[str, Kind]]]
 """Name of a table of the file, its number of rows, and its columns."""
 Columns = dict[str, Any]
@@ -191,7 +186,7 @@ def _parts(
     if number is None or len(textures) == 1:
         return p.ModelParts([replace(part, texture=pictures.get(textures[0]))], notes)
     which, end = np.repeat(number, triangles).astype(np.int64), len(textures)
-    of_texture = p.split_by(np.where((which < 0) | (which > end), end, which), end + 1)
+    of_texture = p.group_by(np.where((which < 0) | (which > end), end, which), end + 1)
     parts = [
         replace(part.corners_of(own), texture=pictures.get(name))
         for name, own in zip([*textures, "?"], of_texture, strict=True)

@@ -8,10 +8,13 @@ TURNED = -1e-9
 
 
 def polygon_corners(counts: NDArray, points: NDArray) -> NDArray[np.int64]:
-    """(T, 3) corners of the triangles that polygons with ``counts`` corners (N,) at ``points``
-    (C, 3) fall into: fans about their first corners, or ears where a fan leaves the polygon.
+    """Cut polygons into (T, 3) corners of triangles: fans, or ears where a fan leaves it.
 
     Corners are numbered through all polygons; polygons of fewer than 3 corners give none.
+
+    Args:
+        counts: (N,) corners of each polygon.
+        points: (C, 3) positions of all corners.
     """
     counts = np.asarray(counts, dtype=np.int64)
     triangles, firsts = np.maximum(counts - 2, 0), np.cumsum(counts) - counts
@@ -27,7 +30,7 @@ def polygon_corners(counts: NDArray, points: NDArray) -> NDArray[np.int64]:
     turned = shares < TURNED * np.einsum("nd,nd->n", wholes, wholes)[which]
     for polygon in np.unique(which[turned]):
         own = firsts[polygon] + np.arange(int(counts[polygon]))
-        ears = _ears(_flattened(points[own], wholes[polygon]))
+        ears = _ears(_to_plane(points[own], wholes[polygon]))
         corners[ends[polygon] - triangles[polygon] : ends[polygon]] = own[ears]
     return corners
 
@@ -43,7 +46,7 @@ def strip_corners(indices: NDArray) -> NDArray[np.int64]:
     return windows[(windows >= 0).all(axis=1)]
 
 
-def _flattened(points: NDArray, normal: NDArray) -> NDArray:
+def _to_plane(points: NDArray, normal: NDArray) -> NDArray:
     """(n, 2): a polygon in its own plane, counter-clockwise."""
     x = np.cross(np.eye(3)[np.argmin(np.abs(normal))], normal)
     return (points - points[0]) @ np.stack([x, np.cross(normal, x)], axis=1)
@@ -80,5 +83,4 @@ def _holds(corners: NDArray, points: NDArray) -> bool:
     inside = np.ones(len(points), bool)
     for first, second in ((0, 1), (1, 2), (2, 0)):
         inside &= _side(corners[first], corners[second], points) >= 0.0
-    own = (points[:, None] == corners).all(axis=2).any(axis=1)
-    return bool((inside & ~own).any())
+    return bool((inside & ~(points[:, None] == corners).all(axis=2).any(axis=1)).any())

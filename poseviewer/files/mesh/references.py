@@ -21,7 +21,6 @@ PICTURE_3DS = re.compile(rb"\x00\xa3(.{4})([^\x00]{1,255})\x00", re.DOTALL)
 """The chunk 0xA300, the file name of a material's picture: its id, its length, the name."""
 IMAGE_DAE = re.compile(rb"<image\b[^>]*>.*?<init_from>(?:\s*<ref>)?\s*([^<]+?)\s*<", re.DOTALL)
 CHUNK_HEADER = 6
-"""Bytes of a 3DS chunk's id and length."""
 
 
 def names_in(path: Path) -> dict[str, bool]:

@@ -6,7 +6,6 @@ from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
 
 METRES = {"km": 1000.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-"""Length units by name, in metres."""
 MAX_SIZE_IN_METRES = 20.0
 """Longest side of what is likely in metres: cars and machines have fewer; in mm, a button more."""
 IN_THE_MIDDLE = 0.02

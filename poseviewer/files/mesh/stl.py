@@ -1,6 +1,4 @@
-"""STL, binary or text, by trimesh, once what trimesh refuses or passes over is mended: a header of
-another length, words before and within ``solid``.
-"""
+"""STL, binary or text, by trimesh, once what trimesh refuses or passes over is mended."""
 
 import re
 from io import BytesIO
@@ -10,26 +8,22 @@ import numpy as np
 
 from poseviewer.files.mesh.parts import ModelParts, Part
 
-HEADER, ROW = 84, 50
-"""Bytes of a binary file before its triangles, and of each triangle."""
+HEADER_BYTES = 84
+TRIANGLE_BYTES = 50
 SOLID = re.compile(r"^[ \t]*(end)?[ \t]*solid\b", re.MULTILINE | re.IGNORECASE)
 VERTEX = re.compile(r"^[ \t]*vertex\b[^\n]*", re.MULTILINE | re.IGNORECASE)
 
 
 def read_stl(path: Path) -> ModelParts:
-    """The one part of an STL file, and notes on a header of another length, and on colours.
-
-    Raises:
-        ValueError: The file holds less than it promises.
-    """
+    """Read the one part of an STL file; raises ValueError where less is there than promised."""
     import trimesh
 
     data = path.read_bytes()
     notes = []
     text = ""
-    count = promised = int.from_bytes(data[HEADER - 4 : HEADER], "little")
-    held = max(len(data) - HEADER, 0) // ROW
-    if len(data) != HEADER + promised * ROW:
+    count = promised = int.from_bytes(data[HEADER_BYTES - 4 : HEADER_BYTES], "little")
+    held = max(len(data) - HEADER_BYTES, 0) // TRIANGLE_BYTES
+    if len(data) != HEADER_BYTES + promised * TRIANGLE_BYTES:
         text = data.decode("ascii", "replace").replace("\r", "\n")
     if lines := VERTEX.findall(text):
         ends = [bool(end) for end in SOLID.findall(text)]
@@ -41,7 +35,11 @@ def read_stl(path: Path) -> ModelParts:
         if promised != held:
             notes.append(f"The file promises {promised:,} triangles, and holds {held:,}.")
         count = promised or held
-        data = data[: HEADER - 4] + count.to_bytes(4, "little") + data[HEADER:][: count * ROW]
+        data = (
+            data[: HEADER_BYTES - 4]
+            + count.to_bytes(4, "little")
+            + data[HEADER_BYTES:][: count * TRIANGLE_BYTES]
+        )
     scene = trimesh.load_scene(BytesIO(data), file_type="stl", process=False)
     corners = np.zeros((0, 3))
     for mesh in scene.geometry.values():

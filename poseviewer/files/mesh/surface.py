@@ -20,19 +20,18 @@ MIN_COSINE = 0.25
 BAD_NORMALS_SHARE = 0.1
 """A file's normals are not used when they contradict the faces on more than this of the area."""
 MAX_NOTE_LETTERS = 300
-"""Characters."""
 
 
 def as_mesh(name: str, parts: list[Part], notes: list[str]) -> Mesh:
     """One Mesh of the parts of the file ``name``, mended, with notes."""
     _check(name, parts)
     parts = [replace(part, name=printable(part.name)) for part in parts if len(part.faces)]
-    mesh = _without_useless_faces(_merged(parts, notes))
+    mesh = _without_useless_faces(_merge(parts, notes))
     if np.any(mesh.normals):
-        mesh = _turned_to_normals(mesh)
+        mesh = _orient_by_normals(mesh)
     if not np.any(mesh.normals):
         mesh = _with_computed_normals(mesh)
-    return _tinted_evenly(mesh).of_faces(slice(None))
+    return _average_tints(mesh).of_faces(slice(None))
 
 
 def _check(name: str, parts: list[Part]) -> None:
@@ -51,7 +50,7 @@ def _check(name: str, parts: list[Part]) -> None:
         check_indices(np.asarray(part.faces), len(part.vertices))
 
 
-def _merged(parts: list[Part], notes: list[str]) -> Mesh:
+def _merge(parts: list[Part], notes: list[str]) -> Mesh:
     """All parts in one; its normals are 0 unless each part has some."""
     textures = {id(part.texture): part.texture for part in parts if part.texture is not None}
     numbers = {key: i for i, key in enumerate(textures)}
@@ -83,7 +82,7 @@ def _columns(values: Any, default: float, part: Part, width: int) -> NDArray[np.
     return np.nan_to_num(columns, posinf=0.0, neginf=0.0)
 
 
-def _noted(mesh: Mesh, note: str, count: int, **changes: Any) -> Mesh:
+def _with_note(mesh: Mesh, note: str, count: int, **changes: Any) -> Mesh:
     """The mesh with changes, and with a note of how many triangles they mend, unless none."""
     notes = (*mesh.notes, f"{note}: {count:,}.") if count else mesh.notes
     return replace(mesh, notes=notes, **changes)
@@ -100,14 +99,14 @@ def _without_useless_faces(mesh: Mesh) -> Mesh:
     repeated = np.all(places[order][1:] == places[order][:-1], axis=1)
     # lexsort is stable: the copy that comes first in the file stays.
     keep = solid[np.sort(order[np.concatenate([[True], ~repeated])])]
-    mesh = _noted(mesh, "Triangles without area, left out", len(areas) - len(solid))
-    return _noted(
+    mesh = _with_note(mesh, "Triangles without area, left out", len(areas) - len(solid))
+    return _with_note(
         mesh, "Doubled triangles, left out", int(repeated.sum()), faces=mesh.faces[keep],
         face_texture=mesh.face_texture[keep], face_part=mesh.face_part[keep],
     )  # fmt: skip
 
 
-def _turned_to_normals(mesh: Mesh) -> Mesh:
+def _orient_by_normals(mesh: Mesh) -> Mesh:
     """Turn faces to the side of the file's normals, or drop these where they contradict."""
     length = np.linalg.norm(mesh.normals, axis=1)
     normals = mesh.normals / np.where(length > 0.0, length, 1.0)[:, None]
@@ -123,11 +122,11 @@ def _turned_to_normals(mesh: Mesh) -> Mesh:
     face_normals[turned] *= -1.0
     faces = np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces)
     note = "Triangles turned to the side of their normals"
-    mesh = _noted(mesh, note, int(turned.sum()), faces=faces, normals=normals)
-    return _split(mesh, invalid, normals=face_normals)
+    mesh = _with_note(mesh, note, int(turned.sum()), faces=faces, normals=normals)
+    return _detach_faces(mesh, invalid, normals=face_normals)
 
 
-def _split(mesh: Mesh, which: NDArray[np.bool_], **values: NDArray) -> Mesh:
+def _detach_faces(mesh: Mesh, which: NDArray[np.bool_], **values: NDArray) -> Mesh:
     """Give some faces vertices of their own, with values of each face (F, 3) at all its corners."""
     count, faces = len(mesh.vertices), mesh.faces.copy()
     source = np.concatenate([np.arange(count), faces[which].ravel()])
@@ -137,15 +136,15 @@ def _split(mesh: Mesh, which: NDArray[np.bool_], **values: NDArray) -> Mesh:
     return replace(mesh.with_vertices(source, faces), **own)
 
 
-def _tinted_evenly(mesh: Mesh) -> Mesh:
+def _average_tints(mesh: Mesh) -> Mesh:
     """Give each textured face one colour to multiply its texture by, the mean of its corners'."""
     colours = mesh.colours[mesh.faces]
     varies = np.any(colours != colours[:, :1], axis=(1, 2)) & (mesh.face_texture >= 0)
     if not np.any(varies):
         return mesh
     note = "Textured triangles with different colours at their corners, shown in the mean of these"
-    mesh = _noted(mesh, note, int(varies.sum()))
-    return _split(mesh, varies, colours=colours.mean(axis=1))
+    mesh = _with_note(mesh, note, int(varies.sum()))
+    return _detach_faces(mesh, varies, colours=colours.mean(axis=1))
 
 
 def _with_computed_normals(mesh: Mesh) -> Mesh:
@@ -158,4 +157,4 @@ def _with_computed_normals(mesh: Mesh) -> Mesh:
     faces = np.where(flip[:, None], mesh.faces[:, ::-1], mesh.faces)
     note = "Triangles turned to face the way of their neighbours"
     source, faces, normals = n.crease_normals(mesh.vertices, faces)
-    return _noted(mesh.with_vertices(source, faces), note, int(flip.sum()), normals=normals)
+    return _with_note(mesh.with_vertices(source, faces), note, int(flip.sum()), normals=normals)

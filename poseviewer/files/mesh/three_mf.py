@@ -25,12 +25,11 @@ XML = etree.XMLParser(resolve_entities=False, no_network=True)
 
 
 def read_3mf(path: Path) -> ModelParts:
-    """A part for each object that the file builds, as often as it does, and notes.
+    """Read a part for each object that the file builds, as often as it does.
 
     Raises:
-        MeshFileError: The file needs an extension that is not read, or has objects in further
-            files, which trimesh 5.2 mixes up.
-        ValueError: The file is damaged.
+        MeshFileError: an extension is needed that is not read, or objects are in further files.
+        ValueError: the file is damaged.
     """
     from trimesh.exchange.threemf import load_3MF
 
@@ -75,7 +74,7 @@ def read_3mf(path: Path) -> ModelParts:
         if not np.all(np.isnan(colours)):
             colours = np.where(np.isnan(colours), GREY, colours)
             part = replace(part.corners_of(slice(None)), colours=colours)
-        parts.append(part.moved(place["matrix"]))
+        parts.append(part.transform(place["matrix"]))
     notes = [f"Not read, left out: {words}." for words in lost]
     return ModelParts(parts, notes, METRES[root.get("unit", "millimeter")])
 

@@ -1,8 +1,4 @@
-"""Sessions saved while they run, so that one that crashed can be opened again.
-
-A session is a scene, its files named by absolute paths and its masks in it, and what the user works
-on.
-"""
+"""Sessions saved while they run, so that one that crashed can be opened again."""
 
 import json
 import logging
@@ -17,11 +13,12 @@ import msgspec
 
 from poseviewer.errors import AutosaveError, PoseViewerError
 from poseviewer.files import scene_json as s
-from poseviewer.files.checks import MAX_DATA_BYTES, Reading
+from poseviewer.files.checks import MAX_DATA_BYTES, InputFile
 from poseviewer.files.writing import lock_file, write_whole, writing_to
 from poseviewer.scene.types import Scene
 
-FORMAT, VERSION = "poseviewer-autosave", 2
+FORMAT = "poseviewer-autosave"
+VERSION = 2
 EXPIRY_S = 30 * 24 * 3600.0
 """Age of a session, left behind, at which nobody will come back for it; its uploads may go then."""
 
@@ -35,7 +32,6 @@ class AutosavedSession:
     saved_at: float
     """Seconds since 1970."""
     active_object: str
-    """Id of the object that is worked on."""
     active_view: int
     """Index of the view that is shown large."""
     photo_names: tuple[str, ...]
@@ -55,11 +51,7 @@ class AutosavedSession:
 
 
 class SessionFile:
-    """The file of this process's session in a folder.
-
-    Beside it lies a file that is locked as long as the process lives: so others can tell whether
-    the session was left behind.
-    """
+    """File of this process's session; a file beside it is locked while the process lives."""
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / f"session-{secrets.token_hex(8)}.json"
@@ -91,10 +83,10 @@ def load_autosave(path: Path) -> AutosavedSession:
     Raises:
         AutosaveError: there is no such file, or it is damaged.
     """
-    reading = Reading(path, largest=MAX_DATA_BYTES)
+    file = InputFile(path, largest=MAX_DATA_BYTES)
     try:
-        with reading.naming_errors():
-            return _from_json(reading, reading.load_object())
+        with file.naming_errors():
+            return _from_json(file, file.load_object())
     except PoseViewerError as error:
         found = str(error).removeprefix(f"{path.name}: ").rstrip(".")
         raise AutosaveError(
@@ -102,10 +94,10 @@ def load_autosave(path: Path) -> AutosavedSession:
         ) from error
 
 
-def left_behind(folder: Path) -> tuple[Path, AutosavedSession] | None:
-    """The newest session in ``folder`` whose process no longer runs, and its file.
+def find_abandoned(folder: Path) -> tuple[Path, AutosavedSession] | None:
+    """Find the newest session in ``folder`` whose process no longer runs, and its file.
 
-    Damaged ones are left out, with a line in the log; those of ``EXPIRY_S`` ago are removed.
+    Damaged ones are logged and left out; those of ``EXPIRY_S`` ago are removed.
     """
     sessions = []
     for path in sorted(folder.glob("session-*.json")):
@@ -148,12 +140,12 @@ def _lock_path(path: Path) -> Path:
     return path.with_suffix(".lock")
 
 
-def _from_json(reading: Reading, data: dict[str, Any]) -> AutosavedSession:
-    reading.require_format(data, FORMAT, VERSION)
-    form: Any = reading.decoded(data, s.form_of(AutosavedSession).kind, raw=("file", "mask"))
-    s.require_whole(reading, form.scene)
+def _from_json(file: InputFile, data: dict[str, Any]) -> AutosavedSession:
+    file.require_format(data, FORMAT, VERSION)
+    form: Any = file.decode(data, s.form_of(AutosavedSession).kind, raw=("file", "mask"))
+    s.require_whole(file, form.scene)
     session: AutosavedSession = s.form_of(AutosavedSession).decode(form)
     session.scene.index(session.active_object)
     if not 0 <= session.active_view < len(session.scene.views):
-        raise reading.error(f"active_view is {session.active_view}", "wanted one of the views")
+        raise file.error(f"active_view is {session.active_view}", "wanted one of the views")
     return session

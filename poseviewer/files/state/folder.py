@@ -12,6 +12,7 @@ import platformdirs
 from poseviewer.errors import SettingsError
 
 VARIABLE = "POSEVIEWER_STATE"
+KEPT = f"poseviewer keeps its state there, set {VARIABLE} to"
 
 
 def state_folder() -> Path:
@@ -22,23 +23,16 @@ def state_folder() -> Path:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         owner = folder.stat().st_uid
     except OSError as error:
-        raise SettingsError(
-            f"{folder}: cannot be made or looked into ({error.strerror}); poseviewer keeps its "
-            f"state there, set {VARIABLE} to another folder."
-        ) from error
+        found = f"cannot be made or looked into ({error.strerror})"
+        raise SettingsError(f"{folder}: {found}; {KEPT} another folder.") from error
     # Where the name is known beforehand, another user may have made the folder to read along.
     if sys.platform != "win32" and owner != os.getuid():
-        raise SettingsError(
-            f"{folder}: belongs to another user; poseviewer keeps its state there, set {VARIABLE} "
-            "to a folder of your own."
-        )
+        raise SettingsError(f"{folder}: belongs to another user; {KEPT} a folder of your own.")
     return folder.absolute()
 
 
-def kept_token(folder: Path) -> str:
-    """The token of the user's apps, from a file that nobody else reads: a page that is open, and
-    its address, outlive the app. A new one where none can be kept.
-    """
+def load_token(folder: Path) -> str:
+    """Load the token of the user's apps from a private file, or return a fresh one."""
     fresh, path = secrets.token_urlsafe(), folder / "token"
     with suppress(OSError, ValueError):
         with suppress(FileExistsError):

@@ -2,14 +2,12 @@
 
 import hashlib
 import json
-import os
 import re
 import shutil
 import tempfile
 import time
 import zipfile
 from collections.abc import Iterable, Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 from io import BytesIO
 from itertools import accumulate, count
@@ -20,7 +18,7 @@ import msgspec
 from msgspec import Meta
 
 from poseviewer.errors import FileSetError, printable
-from poseviewer.files.checks import Reading
+from poseviewer.files.checks import InputFile
 from poseviewer.files.file_set import MAX_FILES, ModelFiles, is_of_system, model_files
 from poseviewer.files.mesh.load import READERS
 from poseviewer.files.mesh.named import bare_name
@@ -32,14 +30,10 @@ from poseviewer.scene.types import Scene
 MAX_UPLOAD_BYTES = 200_000_000
 """Bytes: viser holds an upload in memory."""
 MAX_UNPACKED_BYTES = 1_000_000_000
-"""Bytes of the content of all zips that come together."""
-MAX_DIRECTORY_BYTES = 4_000_000
-"""Bytes of a zip's directory: twice ``MAX_FILES`` entries with names of 150 bytes have fewer."""
-MAX_END_BYTES = 65_535 + 22 + 20 + 56
-"""Bytes at the end of a zip that say where its directory is, with the longest comment."""
-UNPACK = "unpack it yourself and start poseviewer with the path of what is needed"
-KEPT, OLD_S = 20, 3600.0
-"""Newest uploads that stay, and age (s) at which others go."""
+MIN_UPLOADS = 20
+"""Number of the newest uploads that stay at any age."""
+OLD_S = 3600.0
+"""Age (s) at which others go."""
 BEGUN = "new-"
 """A set that is not whole yet has such a name."""
 MAX_NAME_LETTERS = 80
@@ -57,7 +51,6 @@ ACCEPTED = {
 NO_NAME = '<>:"|?*'
 """Characters that names cannot hold on Windows."""
 RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
-"""Names of devices on Windows."""
 
 
 def pack(files: Iterable[tuple[str, bytes]]) -> bytes:
@@ -68,25 +61,22 @@ def pack(files: Iterable[tuple[str, bytes]]) -> bytes:
 
 
 def keep_set(folder: Path, data: bytes) -> Path:
-    """Keep files that a page sent (see ``pack``), with zips unpacked, in a folder of their own.
-
-    The same bytes go to the same folder, under safe names.
-    """
-    files = _unpacked(data)
+    """Keep files that a page sent (see ``pack``), zips unpacked; the same bytes in one folder."""
+    files = _unpack(data)
     shown = display_name(files[0][0]) if len(files) == 1 else f"{len(files)} files"
-    return _kept(folder, data, files, shown)
+    return _keep(folder, data, files, shown)
 
 
 def keep_zip(folder: Path, path: Path) -> Path:
     """Unpack a zip of the disk as ``keep_set`` does."""
-    reading = Reading(path, [], FileSetError, "zip", MAX_UNPACKED_BYTES)
-    with reading.naming_errors():
-        reading.check_size()
+    file = InputFile(path, [], FileSetError, "zip", MAX_UNPACKED_BYTES)
+    with file.naming_errors():
+        file.check_size()
         marks = f"{path.name} {sha256_of(path)}".encode()
-    return _kept(folder, marks, [(path.name, path)], path.name)
+    return _keep(folder, marks, [(path.name, path)], path.name)
 
 
-def gathered(folder: Path, model: ModelFiles) -> Path:
+def gather(folder: Path, model: ModelFiles) -> Path:
     """The model where it lies, or copied with all it names into ``folder``, as by ``keep_set``."""
     if not model.scattered:
         return model.path
@@ -96,22 +86,20 @@ def gathered(folder: Path, model: ModelFiles) -> Path:
         # Material files lie beside the model: what they name is sought from where they lie.
         is_bare = path.suffix.lower() == ".mtl" or str(inside) != written.replace("\\", "/")
         files.setdefault(safe_path(bare_name(written)) if is_bare else inside, path)
-    with Reading(model.path, error_type=FileSetError, kind="model").naming_errors():
+    with InputFile(model.path, error_type=FileSetError, kind="model").naming_errors():
         marks = "\n".join(f"{name} {sha256_of(path)}" for name, path in files.items())
     copies = [(str(name), path) for name, path in files.items()]
-    return _kept(folder, marks.encode(), copies, model.path.name) / model.path.name
+    return _keep(folder, marks.encode(), copies, model.path.name) / model.path.name
 
 
-def taken_out(path: Path, scene: Scene, private: Path) -> Scene:
-    """The scene with copies of its files that lie in the folder ``private``, with what the models
-    name, beside the scene file at ``path``: in its folder, or where other files have their names in
-    one of its own.
+def copy_out(path: Path, scene: Scene, private: Path) -> Scene:
+    """Copy a scene's files from the folder ``private`` beside the scene file at ``path``.
 
     Raises:
         FileSetError: the folder cannot be written to.
     """
 
-    def moved(own: Path | None) -> Path | None:
+    def copy(own: Path | None) -> Path | None:
         if own is None or private.resolve() not in own.resolve().parents:
             return own
         named = model_files(own, ()).named.values() if own.suffix.lower() in READERS else ()
@@ -128,8 +116,8 @@ def taken_out(path: Path, scene: Scene, private: Path) -> Scene:
         return pairs[0][1]
 
     with writing_to(path.parent, f"{path.name}, with its photos and models", FileSetError):
-        files = [replace(view.file, path=moved(view.path)) for view in scene.views]
-        models = [replace(item.model, path=moved(item.model.path)) for item in scene.objects]
+        files = [replace(view.file, path=copy(view.path)) for view in scene.views]
+        models = [replace(item.model, path=copy(item.model.path)) for item in scene.objects]
     views = [replace(view, file=file) for view, file in zip(scene.views, files, strict=True)]
     pairs = zip(scene.objects, models, strict=True)
     objects = tuple(replace(item, model=model) for item, model in pairs)
@@ -166,11 +154,10 @@ def why_not_sent(name: str, trouble: Literal["unreadable", "empty", "cut off"]) 
 
 def display_name(name: str) -> str:
     """A name from a browser as text that is safe to show: one line, at most 80 characters."""
-    last = re.split(r"[/\\]", name)[-1]
-    return printable(last.strip(), MAX_NAME_LETTERS) or "unnamed"
+    return printable(re.split(r"[/\\]", name)[-1].strip(), MAX_NAME_LETTERS) or "unnamed"
 
 
-def _unpacked(data: bytes) -> list[tuple[str, memoryview]]:
+def _unpack(data: bytes) -> list[tuple[str, memoryview]]:
     head, rest = data.partition(b"\n")[0], memoryview(data)[data.find(b"\n") + 1 :]
     try:
         entries = msgspec.convert(json.loads(head), Entries)
@@ -186,16 +173,15 @@ def _unpacked(data: bytes) -> list[tuple[str, memoryview]]:
     return [(name, rest[i:j]) for name, i, j in zip(names, [0, *ends], ends, strict=False)]
 
 
-def _unzip(file: Path | BytesIO, name: str, place: Path, room: int) -> int:
-    reading = Reading(Path(name), error_type=FileSetError, kind="zip")
-    with reading.naming_errors():
-        _check_directory(reading, file)
-    with reading.naming_errors(), zipfile.ZipFile(file) as archive:
+def _unzip(packed: Path | BytesIO, name: str, place: Path, room: int) -> int:
+    file = InputFile(Path(name), error_type=FileSetError, kind="zip")
+    with file.naming_errors(), zipfile.ZipFile(packed) as archive:
         entries = [entry for entry in archive.infolist() if _is_wanted(entry)]
         size = sum(entry.file_size for entry in entries)
         if size > room or len(entries) > MAX_FILES:
             found = f"unpacks to more than {MAX_UNPACKED_BYTES:,} bytes or {MAX_FILES:,} files"
-            raise reading.error(found, UNPACK)
+            wanted = "unpack it yourself and start poseviewer with the path of what is needed"
+            raise file.error(found, wanted)
         for entry in entries:
             path = place / safe_path(entry.filename)
             with archive.open(entry) as source, writing_to(place, name, FileSetError):
@@ -205,26 +191,12 @@ def _unzip(file: Path | BytesIO, name: str, place: Path, room: int) -> int:
     return size
 
 
-def _check_directory(reading: Reading, file: Path | BytesIO) -> None:
-    """Raise where a zip's directory is very large: it is read before the first entry is seen."""
-    with file.open("rb") if isinstance(file, Path) else nullcontext(file) as source:
-        source.seek(max(0, source.seek(0, os.SEEK_END) - MAX_END_BYTES))
-        end = source.read()
-    sizes = [0]
-    for start, place, length in ((b"PK\5\6", 12, 4), (b"PK\6\6", 40, 8)):
-        if (at := end.rfind(start)) >= 0:
-            sizes.append(int.from_bytes(end[at + place : at + place + length], "little"))
-    largest = max(size for size in sizes if size != 0xFFFFFFFF)  # then the other one says it
-    if largest > MAX_DIRECTORY_BYTES:
-        raise reading.error(f"a directory of {largest:,} bytes", UNPACK)
-
-
 def _is_wanted(entry: zipfile.ZipInfo) -> bool:
     parts = re.split(r"[/\\]", entry.filename)
     return not (entry.is_dir() or any(is_of_system(part) for part in parts if part != ".."))
 
 
-def _kept(
+def _keep(
     folder: Path, marks: bytes, files: Sequence[tuple[str, memoryview | Path]], shown: str
 ) -> Path:
     """The folder of these ``files``, which ``marks`` tell apart; filled whole or not at all."""
@@ -268,7 +240,7 @@ def _safe_part(part: str) -> str:
 def _remove_old(folder: Path) -> None:
     ours = [p for p in folder.iterdir() if OUR_NAME.fullmatch(p.name) and not p.is_symlink()]
     ours.sort(key=lambda p: (p.name.startswith(BEGUN), -p.stat().st_mtime_ns))  # begun ones last
-    surplus = [p for i, p in enumerate(ours) if i >= KEPT or p.name.startswith(BEGUN)]
+    surplus = [p for i, p in enumerate(ours) if i >= MIN_UPLOADS or p.name.startswith(BEGUN)]
     old = [p for p in surplus if time.time() - p.stat().st_mtime > OLD_S]
     used = files_of_sessions(folder.with_name("sessions")) if old else ()
     for place in old:

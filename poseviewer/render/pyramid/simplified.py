@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.normals import crease_normals, face_normals_and_areas, weld
-from poseviewer.processes import call_alone
+from poseviewer.processes import call_in_subprocess
 from poseviewer.render.texture import TexturePyramid, mip_levels
 
 MIN_TRIANGLES = 200
@@ -91,7 +91,7 @@ def _decimated(mesh: Mesh, faces: int) -> tuple[FloatArray, NDArray[np.int32]]:
     call = (
         _collapsed
         if len(triangles) <= MAX_TRIANGLES_IN_PROCESS
-        else partial(call_alone, _collapsed)
+        else partial(call_in_subprocess, _collapsed)
     )
     vertices, triangles = call(points, triangles, faces)
     return vertices, _with_area(vertices, triangles)

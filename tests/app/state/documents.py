@@ -60,7 +60,7 @@ def make_document(
         pose = look_from("three-quarter", CAR, keypoints, camera)
     photo = photo or make_photo()
     model = ModelFile.of(mesh, None, "0" * 64, name="m.ply", keypoints=keypoints)
-    return Document.of(scene_at(View(PhotoFile.of(photo), camera), model, pose, settings))
+    return Document.of(scene_at(View(PhotoFile.of(photo), camera), model, pose, settings=settings))
 
 
 def make_session(*arguments, **more) -> Session:

@@ -20,8 +20,7 @@ PLACE = RigidTransform.from_rotation_vector([0.4, -2.3, 0.7], [0.15, -0.1, 6.0])
 
 def perspective_record(unit: str | None = "m") -> PoseRecord:
     """A pose in perspective, names as in a BOP scene."""
-    camera = Perspective(300.0, 270.0, 112.0, 66.0, WIDTH, HEIGHT)
-    return _record(Pose(camera, PLACE), unit)
+    return _record(Pose(Perspective(300.0, 270.0, 112.0, 66.0, WIDTH, HEIGHT), PLACE), unit)
 
 
 def parallel_record() -> PoseRecord:

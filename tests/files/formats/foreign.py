@@ -22,8 +22,7 @@ def read_with(module: str, *arguments: object, out: Path) -> Any:
     """
     if reason := _why_not(module):
         pytest.skip(f"{module} is not there ({reason}); pip install 'poseviewer[interop]'")
-    script = READERS / f"read_with_{module}.py"
-    command = [PYTHON, str(script), *map(str, arguments), str(out)]
+    command = [PYTHON, str(READERS / f"read_with_{module}.py"), *map(str, arguments), str(out)]
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stdout + result.stderr
     return json.loads(out.read_text())

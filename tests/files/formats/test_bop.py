@@ -64,15 +64,12 @@ def test_what_is_there_stays(tmp_path):
     assert load_scene(tmp_path) == (cameras, poses)
 
 
-@pytest.mark.parametrize(
-    ("cameras", "poses", "said"),
-    [
-        (None, '{"0": [', r"scene_gt\.json: not JSON"),
-        (None, '{"3": {}}', "image 3"),
-        ('{"3": []}', None, "image 3"),
-        ('{"3": {"cam_K": [[], 0, 0, 0, 0, 0, 0, 0, 0]}}', None, r"3\.cam_K"),
-    ],
-)
+@pytest.mark.parametrize(("cameras", "poses", "said"), [
+    (None, '{"0": [', r"scene_gt\.json: not JSON"),
+    (None, '{"3": {}}', "image 3"),
+    ('{"3": []}', None, "image 3"),
+    ('{"3": {"cam_K": [[], 0, 0, 0, 0, 0, 0, 0, 0]}}', None, r"3\.cam_K"),
+])  # fmt: skip
 def test_damaged_files_are_said_and_not_written_over(tmp_path, cameras, poses, said):
     contents = {"scene_camera.json": cameras, "scene_gt.json": poses}
     for name, text in contents.items():

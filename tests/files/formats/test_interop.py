@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 
 from poseviewer.files.cameras import load_cameras
 from poseviewer.files.formats.conversion import ConvertOptions
-from poseviewer.files.formats.gltf import GLTF
+from poseviewer.files.formats.gltf_export import GLTF
 from poseviewer.files.formats.meshlab import MESHLAB, read_meshlab
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.scene_json import load_scene, scene_of_pose
@@ -54,8 +54,7 @@ def test_meshlab_has_the_same_camera(tmp_path):
 def test_a_meshlab_project_holds_all_objects_of_a_scene(tmp_path):
     scene = load_scene(make_three(tmp_path))
     path = tmp_path / "all.mlp"
-    scene_file = tmp_path / "three.scene.json"
-    assert run("convert --from scene --to meshlab", scene_file, path) == 0
+    assert run("convert --from scene --to meshlab", tmp_path / "three.scene.json", path) == 0
     project = ElementTree.parse(path).getroot()
     matrices = {}
     for mesh in project.iter("MLMesh"):
@@ -104,12 +103,10 @@ def test_the_photo_covers_what_gltf_shows_of_it(tmp_path):
     scene = trimesh.load_scene(tmp_path / "scene.glb", process=False)
     plane = next(one for name, one in scene.geometry.items() if name.startswith("photo"))
     seen = record.pose.project(np.asarray(plane.vertices) * 100.0)
-    corners = [[0, 0], [WIDTH, 0], [WIDTH, HEIGHT], [0, HEIGHT]]
-    np.testing.assert_allclose(seen, corners, atol=0.01)
+    np.testing.assert_allclose(seen, [[0, 0], [WIDTH, 0], [WIDTH, HEIGHT], [0, HEIGHT]], atol=0.01)
     # trimesh counts v upwards: the picture's upper left is at the plane's upper left.
     np.testing.assert_array_equal(plane.visual.uv, [[0, 1], [1, 1], [1, 0], [0, 0]])
-    shown = np.asarray(plane.visual.material.baseColorTexture)
-    assert shown[40, 130, :2].tolist() == [130, 40]
+    assert np.asarray(plane.visual.material.baseColorTexture)[40, 130, :2].tolist() == [130, 40]
 
 
 def test_blender_has_the_same_shapes(shared_cases, tmp_path):

@@ -37,8 +37,7 @@ def record_through(lens: Lens | None, zoom: float = 0.9) -> PoseRecord:
     record = perspective_record()
     if lens is None:
         return record
-    zoomed = replace(TAKEN, fx=zoom * TAKEN.fx, fy=zoom * TAKEN.fy)
-    undistortion = Undistortion(lens, TAKEN, zoomed)
+    undistortion = Undistortion(lens, TAKEN, replace(TAKEN, fx=zoom * TAKEN.fx, fy=zoom * TAKEN.fy))
     pose = replace(record.pose, camera=undistortion.camera)
     return record.with_pose(pose, distortion=Distortion.of(undistortion))
 
@@ -70,8 +69,7 @@ def test_opencv_sees_the_model_in_the_photo_as_taken(tmp_path, lens, ending):
     points = mesh.vertices[:, None]
     project = cv2.fisheye.projectPoints if is_fisheye else cv2.projectPoints
     seen, _ = project(points, rvec, tvec, camera, distortion)
-    expected = seen_as_taken(record, mesh.vertices)
-    np.testing.assert_allclose(seen[:, 0] + 0.5, expected, atol=1e-8)
+    np.testing.assert_allclose(seen[:, 0] + 0.5, seen_as_taken(record, mesh.vertices), atol=1e-8)
 
 
 @pytest.mark.parametrize("lens", [None, "four", "eight", "fisheye"])
@@ -165,8 +163,7 @@ def test_a_focal_length_that_was_found_is_no_lens_of_the_photo_as_taken(tmp_path
     write_files(tmp_path)
     record = record_through(LENSES["five"])
     camera = Perspective(333.0, 299.7, 112.0, 66.0, WIDTH, HEIGHT)
-    found = record.with_pose(replace(record.pose, camera=camera))
-    assert written("opencv", found, tmp_path) == 0
+    assert written("opencv", record.with_pose(replace(record.pose, camera=camera)), tmp_path) == 0
     assert "000003.undistorted.png" in capsys.readouterr().out
     text = (tmp_path / "out.yml").read_text()
     assert "333." in text

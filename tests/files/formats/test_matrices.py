@@ -22,6 +22,7 @@ MATRIX = np.eye(4)
 MATRIX[:3, :3], MATRIX[:3, 3] = cv2.Rodrigues(TURN)[0], SHIFT
 OPENGL = np.diag([1.0, -1.0, -1.0, 1.0]) @ MATRIX
 POINTS = np.random.default_rng(1).uniform(-1.0, 1.0, (20, 3))
+SEEN = cv2.projectPoints(POINTS, TURN, SHIFT, K, None)[0][:, 0]
 
 
 def write(path: Path, matrix: np.ndarray) -> Path:
@@ -34,44 +35,30 @@ def write(path: Path, matrix: np.ndarray) -> Path:
     return path
 
 
+def load(path: Path) -> np.ndarray:
+    if path.suffix == ".npy":
+        return np.load(path)
+    return np.array(json.loads(path.read_text())) if path.suffix == ".json" else np.loadtxt(path)
+
+
+@pytest.mark.parametrize("inverse", [False, True])
 @pytest.mark.parametrize("opengl", [False, True])
 @pytest.mark.parametrize("rows", [3, 4])
 @pytest.mark.parametrize("ending", [".txt", ".npy", ".json"])
-def test_a_matrix_shows_points_where_opencv_projects_them(tmp_path, ending, rows, opengl):
-    path = write(tmp_path / f"pose{ending}", (OPENGL if opengl else MATRIX)[:rows])
-    camera = write(tmp_path / "cam_K.txt", K)
-    out = tmp_path / "pose.out.json"
-    options = ["--calibration", str(camera), "--photo-size", "200x150", *["--opengl"] * opengl]
-    assert main(["convert", str(path), "--from", "matrix", str(out), *options]) == 0
-    wanted = cv2.projectPoints(POINTS, TURN, SHIFT, K, None)[0][:, 0]
-    np.testing.assert_allclose(load_pose(out).pose.project(POINTS) - 0.5, wanted, atol=1e-6)
-
-
-@pytest.mark.parametrize("opengl", [False, True])
-@pytest.mark.parametrize("ending", [".txt", ".npy", ".json"])
-def test_the_matrix_of_a_pose_is_opencvs(tmp_path, ending, opengl):
-    scene, out = scene_of_pose(tmp_path, perspective_record()), tmp_path / f"out{ending}"
-    FORMATS["matrix"].convert(scene, out, ConvertOptions(opengl=opengl))
-    if ending == ".npy":
-        rows = np.load(out)
-    else:
-        rows = json.loads(out.read_text()) if ending == ".json" else np.loadtxt(out)
-    np.testing.assert_allclose(rows, OPENGL if opengl else MATRIX, atol=1e-12)
-
-
-@pytest.mark.parametrize("opengl", [False, True])
-def test_a_matrix_may_be_that_of_the_model_from_the_camera(tmp_path, opengl):
-    """Camera to world, as NeRF has it with OpenGL's axes; there and back."""
-    wanted = np.linalg.inv(OPENGL if opengl else MATRIX)
-    path, out = write(tmp_path / "pose.txt", wanted), tmp_path / "out.json"
-    more = ["--inverse", *["--opengl"] * opengl]
-    camera = ["--calibration", str(write(tmp_path / "K.txt", K)), "--photo-size", "200x150"]
+def test_a_matrix_shows_points_where_opencv_projects_them(tmp_path, ending, rows, opengl, inverse):
+    """There and back; it may be that of the model from the camera, as NeRF has it."""
+    matrix = (
+        np.linalg.inv(OPENGL if opengl else MATRIX) if inverse else OPENGL if opengl else MATRIX
+    )
+    path, out = write(tmp_path / f"pose{ending}", matrix[:rows]), tmp_path / "pose.out.json"
+    more = [*["--inverse"] * inverse, *["--opengl"] * opengl]
+    camera = ["--calibration", str(write(tmp_path / "cam_K.txt", K)), "--photo-size", "200x150"]
     assert main(["convert", str(path), "--from", "matrix", str(out), *camera, *more]) == 0
-    seen = cv2.projectPoints(POINTS, TURN, SHIFT, K, None)[0][:, 0]
-    np.testing.assert_allclose(load_pose(out).pose.project(POINTS) - 0.5, seen, atol=1e-6)
-    assert main(["convert", str(out), "--to", "matrix", str(tmp_path / "again.txt"), *more]) == 0
-    np.testing.assert_allclose(np.loadtxt(tmp_path / "again.txt"), wanted, atol=1e-9)
-    assert main(["convert", str(out), "--to", "opencv", str(tmp_path / "a.yml"), *more]) == 2
+    np.testing.assert_allclose(load_pose(out).pose.project(POINTS) - 0.5, SEEN, atol=1e-6)
+    assert main(["convert", str(out), "--to", "matrix", f"{tmp_path}/again{ending}", *more]) == 0
+    np.testing.assert_allclose(load(tmp_path / f"again{ending}"), matrix, atol=1e-12)
+    if inverse:
+        assert main(["convert", str(out), "--to", "opencv", f"{tmp_path}/a.yml", *more]) == 2
 
 
 @pytest.mark.parametrize("ending", [".rot", ".tra"])
@@ -85,10 +72,8 @@ def test_linemods_poses_are_in_centimetres(tmp_path, ending, unit, size):
     )
     path = tmp_path / f"{ending[1:]}7{ending}"
     scene = FORMATS["linemod"].read(path, options)
-    seen = cv2.projectPoints(POINTS, TURN, SHIFT, K, None)[0][:, 0]
-    np.testing.assert_allclose(scene.pose(0).project(size * POINTS) - 0.5, seen, atol=1e-6)
-    out = tmp_path / f"out{ending}"
-    files, _ = FORMATS["linemod"].convert(scene, out, options)
+    np.testing.assert_allclose(scene.pose(0).project(size * POINTS) - 0.5, SEEN, atol=1e-6)
+    files, _ = FORMATS["linemod"].convert(scene, tmp_path / f"out{ending}", options)
     assert sorted(path.name for path in files) == ["out.rot", "out.tra"]
     np.testing.assert_allclose(np.loadtxt(tmp_path / "out.tra", skiprows=1), 100.0 * SHIFT)
     np.testing.assert_allclose(np.loadtxt(tmp_path / "out.rot", skiprows=1), MATRIX[:3, :3])
@@ -102,24 +87,20 @@ def test_the_text_of_occlusion_linemod_has_metres_and_opengls_axes(tmp_path):
     pose = f"rotation:\n{numbers(OPENGL[:3, :3])}\ncenter:\n{numbers(OPENGL[:3, 3])}\n"
     path.write_text(f"image size\n640 480\nApe\n{pose}extent:\n0.08 0.08 0.09\n")
     options = ConvertOptions(calibration=write(tmp_path / "K.txt", K), photo_size=(200, 150))
-    seen = cv2.projectPoints(POINTS, TURN, SHIFT, K, None)[0][:, 0]
     found = FORMATS["linemod"].read(path, options).pose(0).project(POINTS) - 0.5
-    np.testing.assert_allclose(found, seen, atol=1e-6)
+    np.testing.assert_allclose(found, SEEN, atol=1e-6)
     path.write_text("image size\n640 480\nApe\n")  # of a photo that does not show it
     with pytest.raises(PoseViewerError, match=r"rotation: and center:"):
         FORMATS["linemod"].read(path, options)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("1 2 3", "3 numbers"),
-        ("a b", "wanted a number"),
-        ("2 0 0 0 0 2 0 0 0 0 2 0", "not a rotation"),
-        (" ".join(["1 0 0 0 0 1 0 0 0 0 1 0", "1 2 3 1"]), "last row"),
-        ("1 0 0 0 0 1 0 0 0 0 1 0", "--calibration"),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    ("1 2 3", "3 numbers"),
+    ("a b", "wanted a number"),
+    ("2 0 0 0 0 2 0 0 0 0 2 0", "not a rotation"),
+    (" ".join(["1 0 0 0 0 1 0 0 0 0 1 0", "1 2 3 1"]), "last row"),
+    ("1 0 0 0 0 1 0 0 0 0 1 0", "--calibration"),
+])  # fmt: skip
 def test_a_matrix_that_is_none_is_refused(tmp_path, text, words):
     (tmp_path / "pose.txt").write_text(text)
     with pytest.raises(PoseViewerError, match=words):
@@ -146,8 +127,7 @@ def test_dopes_poses_are_in_centimetres(tmp_path, unit, size):
     (tmp_path / "d.json").write_text(json.dumps(DOPE))
     scene = FORMATS["dope"].read(tmp_path / "d.json", ConvertOptions(unit=unit))
     assert [item.name for item in scene.objects] == ["soup", "mustard"]
-    wanted = cv2.projectPoints(POINTS, TURN, SHIFT, K, None)[0][:, 0]
-    np.testing.assert_allclose(scene.pose(0).project(size * POINTS) - 0.5, wanted, atol=1e-6)
+    np.testing.assert_allclose(scene.pose(0).project(size * POINTS) - 0.5, SEEN, atol=1e-6)
     assert scene.pose(1).camera_from_model.translation[2] == pytest.approx(0.5 * size)
     one = FORMATS["dope"].read(tmp_path / "d.json", ConvertOptions(unit=unit, image="mustard"))
     assert len(one.objects) == 1
@@ -160,13 +140,11 @@ def test_a_file_of_dope_without_its_camera_takes_that_of_a_calibration(tmp_path)
         FORMATS["dope"].read(tmp_path / "d.json", ConvertOptions(**size))
     options = ConvertOptions(calibration=write(tmp_path / "cam_K.txt", K), unit="m", **size)
     seen = FORMATS["dope"].read(tmp_path / "d.json", options).pose(0).project(POINTS)
-    wanted = cv2.projectPoints(POINTS, TURN, SHIFT, K, None)[0][:, 0]
-    np.testing.assert_allclose(seen - 0.5, wanted, atol=1e-6)
+    np.testing.assert_allclose(seen - 0.5, SEEN, atol=1e-6)
 
 
 def test_a_pose_for_dope_is_as_its_description_says(tmp_path):
-    record = perspective_record(unit="m")
-    scene, out = scene_of_pose(tmp_path, record), tmp_path / "d.json"
+    scene, out = scene_of_pose(tmp_path, perspective_record(unit="m")), tmp_path / "d.json"
     FORMATS["dope"].convert(scene, out, ConvertOptions())
     data = json.loads(out.read_text())
     assert data["camera_data"] == DOPE["camera_data"]

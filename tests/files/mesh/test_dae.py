@@ -144,8 +144,7 @@ BROKEN = {
 @pytest.mark.parametrize("name", BROKEN)
 def test_what_is_not_read_or_broken_in_a_dae_is_refused(tmp_path, name):
     old, new, words = BROKEN[name]
-    polygons = POLYGONS["polygons" if name == "hole" else "polylist"]
-    text = plate(polygons=polygons)
+    text = plate(polygons=POLYGONS["polygons" if name == "hole" else "polylist"])
     assert old in text
     with pytest.raises(MeshFileError, match=rf"^l\.dae: .*{words}"):
         load(tmp_path, text.replace(old, new))

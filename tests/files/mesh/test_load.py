@@ -37,8 +37,7 @@ def write_3ds(path: Path, mesh: trimesh.Trimesh, colour: tuple[int, int, int]) -
     indices = np.pad(mesh.faces, ((0, 0), (0, 1))).astype("<u2").tobytes()
     of_material = b"m\0" + struct.pack("<H", count) + np.arange(count, dtype="<u2").tobytes()
     faces = chunk(0x4120, struct.pack("<H", count) + indices + chunk(0x4130, of_material))
-    colours = chunk(0xA020, chunk(0x0011, bytes(colour)))
-    material = chunk(0xAFFF, chunk(0xA000, b"m\0") + colours)
+    material = chunk(0xAFFF, chunk(0xA000, b"m\0") + chunk(0xA020, chunk(0x0011, bytes(colour))))
     box = chunk(0x4000, b"box\0" + chunk(0x4100, corners + faces))
     version = chunk(0x0002, struct.pack("<I", 3))
     path.write_bytes(chunk(0x4D4D, version + chunk(0x3D3D, material + box)))
@@ -122,8 +121,7 @@ def test_what_is_useless_is_left_out_and_noted(tmp_path: Path) -> None:
     faces = cube().faces.tolist()
     extra = [faces[0], faces[1][::-1], [0, 0, 1], [2, 2, 2]]
     faces[5] = faces[5][::-1]
-    vertices = [*cube().vertices.tolist(), [9.0, 9.0, 9.0]]
-    text = "".join(f"v {x} {y} {z}\n" for x, y, z in vertices)
+    text = "".join(f"v {x} {y} {z}\n" for x, y, z in [*cube().vertices.tolist(), [9.0, 9.0, 9.0]])
     text += "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in faces + extra)
     (tmp_path / "cube.obj").write_text(text)
     mesh = load_mesh(tmp_path / "cube.obj")
@@ -174,9 +172,7 @@ def test_all_ways_of_writing_an_obj_face(tmp_path: Path, face: str) -> None:
     np.testing.assert_allclose(mesh.normals, np.tile([0, 0, 1], (len(mesh.vertices), 1)))
 
 
-def test_libraries_do_not_talk_to_the_user(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_libraries_do_not_talk_to_the_user(tmp_path: Path, caplog, capfd) -> None:
     text: Any = cube().export(file_type="stl_ascii")
     (tmp_path / "cube.stl").write_text(text.replace("normal", "normal oops", 1))
     assert_is_cube(load_mesh(tmp_path / "cube.stl"))

@@ -49,20 +49,15 @@ def test_damaged_files_name_nothing(tmp_path: Path, name: str, data: bytes) -> N
     assert names_in(tmp_path / "gone.obj") == {}
 
 
-@pytest.mark.parametrize(
-    ("place", "written"),
-    [
-        ("source/wood.png", "wood.png"),
-        ("source/wood.png", "C:\\Users\\me\\wood.png"),
-        ("source/WOOD.PNG", "wood.png"),
-        ("source/" + unicodedata.normalize("NFD", "é.png"), unicodedata.normalize("NFC", "é.png")),
-        ("source/textures/wood.png", "wood.png"),
-        ("textures/wood.png", "wood.png"),
-    ],
-)
-def test_what_is_named_is_found_where_programs_put_it(
-    tmp_path: Path, place: str, written: str
-) -> None:
+@pytest.mark.parametrize(("place", "written"), [
+    ("source/wood.png", "wood.png"),
+    ("source/wood.png", "C:\\Users\\me\\wood.png"),
+    ("source/WOOD.PNG", "wood.png"),
+    ("source/" + unicodedata.normalize("NFD", "é.png"), unicodedata.normalize("NFC", "é.png")),
+    ("source/textures/wood.png", "wood.png"),
+    ("textures/wood.png", "wood.png"),
+])  # fmt: skip
+def test_what_is_named_is_found_where_programs_put_it(tmp_path: Path, place, written) -> None:
     path = tmp_path / place
     (tmp_path / "source").mkdir()
     path.parent.mkdir(exist_ok=True)

@@ -7,21 +7,18 @@ from poseviewer.files.mesh.size import distance_notes, size_words
 from poseviewer.files.pose import load_pose, save_pose
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.starts.loading import open_photo
+from poseviewer.starts.loading import open_photo_scene
 from tests.meshes import make_bumpy
 
 BALL = make_bumpy(2)
 
 
-@pytest.mark.parametrize(
-    ("size", "unit", "shift", "words"),
-    [
-        (0.1, None, 0.0, ("likely m)", "in its middle", "camera, in m")),
-        (150.0, None, 0.0, ("likely mm)", "camera, in mm")),
-        (150.0, "cm", 0.0, ("in cm;", "camera, in cm")),
-        (1.0, "m", 3.0, ("in m;", "of its size from its middle")),
-    ],
-)
+@pytest.mark.parametrize(("size", "unit", "shift", "words"), [
+    (0.1, None, 0.0, ("likely m)", "in its middle", "camera, in m")),
+    (150.0, None, 0.0, ("likely mm)", "camera, in mm")),
+    (150.0, "cm", 0.0, ("in cm;", "camera, in cm")),
+    (1.0, "m", 3.0, ("in m;", "of its size from its middle")),
+])  # fmt: skip
 def test_a_models_size_and_origin_are_said(size, unit, shift, words):
     moved = np.array([shift, 0.0, 0.0])
     vertices = moved + (BALL.vertices - BALL.centre) * size / np.ptp(BALL.vertices, axis=0).max()
@@ -37,8 +34,7 @@ def test_a_pose_in_another_unit_is_noted():
     for distance, noted in ((0.3, True), (-1.0, True), (900.0, False), (9e5, True)):
         place = RigidTransform(np.eye(3), np.array([0.0, 0.0, distance]))
         assert bool(distance_notes(mesh, Pose(camera, place))) == noted
-        parallel = Pose(Parallel(2.0, 320.0, 240.0, 640, 480), place)
-        assert not distance_notes(mesh, parallel)
+        assert not distance_notes(mesh, Pose(Parallel(2.0, 320.0, 240.0, 640, 480), place))
 
 
 def test_the_note_comes_with_a_start_in_metres_for_a_model_in_millimetres(scene, tmp_path):
@@ -47,6 +43,6 @@ def test_the_note_comes_with_a_start_in_metres_for_a_model_in_millimetres(scene,
     place = RigidTransform(place.rotation, 0.001 * place.translation)
     path = tmp_path / "start.json"
     save_pose(path, record.with_pose(replace(record.pose, camera_from_model=place)))
-    assert any("in one unit" in note for note in open_photo(scene.photo, scene.model, path).notes)
-    notes = open_photo(scene.photo, scene.model, scene.start).notes
-    assert not any("in one unit" in note for note in notes)
+    for start, is_noted in ((path, True), (scene.start, False)):
+        notes = open_photo_scene(scene.photo, scene.model, start).notes
+        assert any("in one unit" in note for note in notes) == is_noted

@@ -20,8 +20,7 @@ def binary(attribute: int = 0) -> bytes:
     [(2, b"", 0), (2, b"\0" * 30, 0), (0, b"", 1), (2, b"\0" * 100, 1)],
 )
 def test_stl_whose_header_says_another_length(tmp_path, promised, more, notes):
-    header = b" " * 80 + struct.pack("<I", promised)
-    (tmp_path / "m.stl").write_bytes(header + binary() + more)
+    (tmp_path / "m.stl").write_bytes(bytes(80) + struct.pack("<I", promised) + binary() + more)
     mesh = load_mesh(tmp_path / "m.stl")
     assert (len(mesh.faces), len(mesh.notes)) == (2, notes)
 
@@ -63,17 +62,14 @@ def test_texts_of_an_stl(tmp_path, name):
     np.testing.assert_array_equal(mesh.bounds, [[0, 0, 0], [1, 1, 0]])
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (f"solid a\n{FACETS}", "cut short"),
-        (f"solid a\n{FACETS}endsolid\nsolid b\n{FACETS}", "cut short"),
-        (TEXTS["plain"].replace(" vertex 1 1 0\n", ""), "STL file"),
-        (TEXTS["plain"].replace("vertex 1 1 0", "vertex 1 1"), "STL file"),
-        (TEXTS["plain"].replace("vertex 1 1 0", "vertex 1 one 0"), "STL file"),
-        (TEXTS["plain"].replace("vertex 1 1 0", "vertex 1 1 0 1"), "STL file"),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    (f"solid a\n{FACETS}", "cut short"),
+    (f"solid a\n{FACETS}endsolid\nsolid b\n{FACETS}", "cut short"),
+    (TEXTS["plain"].replace(" vertex 1 1 0\n", ""), "STL file"),
+    (TEXTS["plain"].replace("vertex 1 1 0", "vertex 1 1"), "STL file"),
+    (TEXTS["plain"].replace("vertex 1 1 0", "vertex 1 one 0"), "STL file"),
+    (TEXTS["plain"].replace("vertex 1 1 0", "vertex 1 1 0 1"), "STL file"),
+])  # fmt: skip
 def test_broken_texts_of_an_stl_are_refused(tmp_path, text, words):
     (tmp_path / "m.stl").write_text(text)
     with pytest.raises(MeshFileError, match=rf"^m\.stl: .*{words}"):

@@ -57,13 +57,10 @@ def test_colours_instances_and_units_of_a_3mf(tmp_path):
     assert {frozenset(face) for face in shown - flat} == {frozenset([(0, 0, 0), (255, 255, 255)])}
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "note"),
-    [
-        ("<m:colorgroup", '<m:texture2dgroup id="9"/><m:colorgroup', "textures"),
-        ("<mesh>", "<mesh><b:beamlattice/>", "beams"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "note"), [
+    ("<m:colorgroup", '<m:texture2dgroup id="9"/><m:colorgroup', "textures"),
+    ("<mesh>", "<mesh><b:beamlattice/>", "beams"),
+])  # fmt: skip
 def test_what_is_lost_of_a_3mf_is_noted(tmp_path, old, new, note):
     assert load(tmp_path, TEXT.replace(old, new)).notes == (f"Not read, left out: {note}.",)
 
@@ -75,11 +72,7 @@ def test_settings_of_a_slicer_are_noted(tmp_path):
 
 BROKEN = {
     "other files": ('"5"/>', '"5" p:path="/3D/other.model"/>', "several files"),
-    "an extension": (
-        'requiredextensions="m p"',
-        'requiredextensions="b"',
-        "needs .*beam",
-    ),
+    "an extension": ('requiredextensions="m p"', 'requiredextensions="b"', "needs .*beam"),
     "no such object": ('objectid="5"', 'objectid="6"', "object 6 is not there"),
     "an object in itself": ('component objectid="3"', 'component objectid="5"', "object 5 is not"),
     "corners that are not there": ('v3="3"', 'v3="4"', "3MF file"),

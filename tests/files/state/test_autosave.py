@@ -23,7 +23,7 @@ from poseviewer.files.state.autosave import (
     SessionFile,
     discard,
     files_of_sessions,
-    left_behind,
+    find_abandoned,
     load_autosave,
 )
 from poseviewer.geometry.mask import Mask
@@ -59,7 +59,7 @@ def as_json(kept: AutosavedSession) -> Any:
 
 def require_left(folder: Path) -> tuple[Path, Any]:
     """The newest file that was left behind, and what it says."""
-    path, kept = left_behind(folder) or pytest.fail("none was left behind")
+    path, kept = find_abandoned(folder) or pytest.fail("none was left behind")
     return path, as_json(kept)
 
 
@@ -98,14 +98,14 @@ def test_a_killed_process_leaves_its_session_behind(tmp_path: Path) -> None:
     with subprocess.Popen(line, stdin=pipe, stdout=pipe, text=True) as child:
         path = Path(child.stdout.readline().strip())
         assert path.is_file()
-        assert left_behind(folder) is None
+        assert find_abandoned(folder) is None
         child.kill()
         child.wait(60)
     assert require_left(folder) == (path, as_json(session()))
     discard(path)
     discard(path)
     assert list(folder.iterdir()) == []
-    assert left_behind(folder) is left_behind(tmp_path / "nothing") is None
+    assert find_abandoned(folder) is find_abandoned(tmp_path / "nothing") is None
 
 
 def test_the_newest_is_the_one_left_behind(tmp_path: Path) -> None:
@@ -121,26 +121,23 @@ def test_a_session_is_saved_though_its_folder_was_removed(tmp_path: Path) -> Non
     file.save(session())
     shutil.rmtree(tmp_path)
     file.save(session(active_object="2"))
-    assert left_behind(tmp_path) is None
+    assert find_abandoned(tmp_path) is None
     file.close()
     assert require_left(tmp_path) == (file.path, as_json(session(active_object="2")))
 
 
-@pytest.mark.parametrize(
-    ("where", "value"),
-    [
-        ("format", "poseviewer-pose"),
-        ("version", 1),
-        ("scene", None),
-        ("active_object", "gone"),
-        ("active_view", 1),
-        ("scene.views.0.photo.file", 5),
-        ("scene.views.0.mask", "data:image/png;base64,AAAA"),
-        ("scene.objects.0.world_from_model.rotation.0", [1.0, 1.0, 1.0]),
-        ("scene.objects.1.id", "1"),
-        ("scene.objects.0.start_cameras", [{"fx": 1.0, "fy": 1.0, "cx": 0, "cy": 0}] * 2),
-    ],
-)
+@pytest.mark.parametrize(("where", "value"), [
+    ("format", "poseviewer-pose"),
+    ("version", 1),
+    ("scene", None),
+    ("active_object", "gone"),
+    ("active_view", 1),
+    ("scene.views.0.photo.file", 5),
+    ("scene.views.0.mask", "data:image/png;base64,AAAA"),
+    ("scene.objects.0.world_from_model.rotation.0", [1.0, 1.0, 1.0]),
+    ("scene.objects.1.id", "1"),
+    ("scene.objects.0.start_cameras", [{"fx": 1.0, "fy": 1.0, "cx": 0, "cy": 0}] * 2),
+])  # fmt: skip
 def test_damaged_sessions_are_left_out_with_a_sentence(tmp_path, caplog, where, value):
     good = saved(tmp_path, session())
     bad = Path(shutil.copy(good, good.with_name(f"session-1-{'ab' * 8}.json")))
@@ -158,7 +155,7 @@ def test_what_is_no_session_is_left_out(tmp_path: Path, data: bytes) -> None:
     bad = tmp_path / "session-1.json"
     bad.write_bytes(data)
     (tmp_path / "session-2.json").mkdir()
-    assert left_behind(tmp_path) is None
+    assert find_abandoned(tmp_path) is None
     with pytest.raises(AutosaveError, match=r"^session-1"):
         load_autosave(bad)
 

@@ -6,7 +6,7 @@ import platformdirs
 import pytest
 
 from poseviewer.errors import SettingsError
-from poseviewer.files.state.folder import kept_token, state_folder
+from poseviewer.files.state.folder import load_token, state_folder
 
 
 def test_it_is_made_and_closed_to_others_or_a_sentence_says_why_not(tmp_path, monkeypatch):
@@ -39,12 +39,12 @@ def test_another_users_folder_is_refused(tmp_path, monkeypatch):
 
 
 def test_the_token_is_kept_for_its_owner_alone_and_made_anew_where_it_is_none(tmp_path):
-    token, path = kept_token(tmp_path), tmp_path / "token"
-    assert kept_token(tmp_path) == token
+    token, path = load_token(tmp_path), tmp_path / "token"
+    assert load_token(tmp_path) == token
     assert len(token) > 40
     if sys.platform != "win32":
         assert stat.S_IMODE(path.stat().st_mode) == 0o600
     for data in (b"", b"short", b"\xff" * 50, f"{token}\r\nSet-Cookie: a=b".encode()):
         path.write_bytes(data)
-        assert len(kept_token(tmp_path)) == len(token)
-    assert len(kept_token(tmp_path / "missing")) == len(token)
+        assert len(load_token(tmp_path)) == len(token)
+    assert len(load_token(tmp_path / "missing")) == len(token)

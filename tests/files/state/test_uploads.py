@@ -2,7 +2,6 @@
 
 import os
 import stat
-import struct
 import zipfile
 from collections.abc import Mapping
 from dataclasses import replace
@@ -18,16 +17,8 @@ from poseviewer.errors import FileSetError
 from poseviewer.files.file_set import MAX_FILES
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.scene_assets import view_of_file
-from poseviewer.files.state.uploads import (
-    MAX_UPLOAD_BYTES,
-    display_name,
-    keep_set,
-    keep_zip,
-    pack,
-    safe_path,
-    why_not_sent,
-    why_unfit,
-)
+from poseviewer.files.state import uploads as u
+from poseviewer.files.state.uploads import display_name, keep_set, keep_zip, pack, safe_path
 from tests.files.state.test_autosave import saved, session
 
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
@@ -139,8 +130,7 @@ def test_zips_that_unpack_to_too_much_are_refused(tmp_path: Path, monkeypatch) -
 
 def damaged_zips() -> list[bytes]:
     data = zipped({"a.obj": TRIANGLE, "b.png": np.random.default_rng(0).bytes(3000)})
-    size = (3000).to_bytes(4, "little")
-    says_less = data.replace(size, (10).to_bytes(4, "little"))
+    says_less = data.replace((3000).to_bytes(4, "little"), (10).to_bytes(4, "little"))
     return [b"", data[:10], data[:1500], data[:-1], says_less]
 
 
@@ -152,14 +142,14 @@ def test_a_damaged_zip_is_refused_in_one_sentence(tmp_path: Path, data: bytes) -
 
 
 def test_why_a_page_sends_nothing() -> None:
-    assert why_unfit("a/b.ply", MAX_UPLOAD_BYTES + 1).startswith("b.ply: 200,000,001 bytes; up to")
-    assert why_unfit("disk", 10**9, MAX_FILES + 1).startswith("disk: more than 10,000 files; drop")
-    assert why_unfit("fine.ply", MAX_UPLOAD_BYTES) == ""
-    assert why_not_sent("new", "empty").startswith("new: an empty folder; drop one that")
+    assert "b.ply: 200,000,001 bytes; up to" in u.why_unfit("a/b.ply", u.MAX_UPLOAD_BYTES + 1)
+    assert "disk: more than 10,000 files; drop" in u.why_unfit("disk", 10**9, MAX_FILES + 1)
+    assert u.why_unfit("fine.ply", u.MAX_UPLOAD_BYTES) == ""
+    assert u.why_not_sent("new", "empty").startswith("new: an empty folder; drop one that")
 
 
 def test_only_the_newest_uploads_stay(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr("poseviewer.files.state.uploads.KEPT", 3)
+    monkeypatch.setattr("poseviewer.files.state.uploads.MIN_UPLOADS", 3)
     (tmp_path / "notes").mkdir()
     paths = []
     for i in range(6):
@@ -174,7 +164,7 @@ def test_only_the_newest_uploads_stay(tmp_path: Path, monkeypatch) -> None:
 
 
 def test_of_old_and_broken_uploads_those_that_a_session_names_stay(tmp_path, monkeypatch):
-    monkeypatch.setattr("poseviewer.files.state.uploads.KEPT", 0)
+    monkeypatch.setattr("poseviewer.files.state.uploads.MIN_UPLOADS", 0)
     uploads = tmp_path / "uploads"
     used, other = (keep(uploads, {"maps/a.png": data}) for data in (b"used", b"other"))
     whole = session()
@@ -197,18 +187,3 @@ def test_a_folder_that_cannot_be_made_gives_a_sentence(tmp_path: Path) -> None:
     (tmp_path / "uploads").write_text("a file is in the way")
     with pytest.raises(FileSetError, match=r"^a\.json: cannot be written to .*yours to write to"):
         keep(tmp_path / "uploads", {"a.json": b"{}"})
-
-
-@pytest.mark.parametrize("is_large", [False, True])
-def test_a_zip_of_a_huge_directory_is_refused_before_it_is_read(tmp_path, is_large):
-    count = 100_000
-    entry = struct.pack("<I6H3I5H2I", 0x02014B50, *[0] * 9, 9, *[0] * 6) + b"__MACOSX/"
-    size, end = len(entry) * count, b""
-    if is_large:
-        end = struct.pack("<IQHHIIQQQQ", 0x06064B50, 44, 45, 45, 0, 0, count, count, size, 0)
-        end += struct.pack("<IIQI", 0x07064B50, 0, size, 1)
-    shown = (0xFFFF, 0xFFFF, 0xFFFFFFFF) if is_large else (0, 0, size)
-    end += struct.pack("<IHHHHIIH", 0x06054B50, 0, 0, *shown, 0, 0)
-    (tmp_path / "a.zip").write_bytes(entry * count + end)
-    with pytest.raises(FileSetError, match=r"a\.zip: a directory of 5,500,000 bytes"):
-        keep_zip(tmp_path / "uploads", tmp_path / "a.zip")

@@ -38,8 +38,7 @@ def draw(file: str, width: str, height: str, aspect: str, picture: str) -> dict:
     scene.render.resolution_x, scene.render.resolution_y = int(width), int(height)
     scene.render.pixel_aspect_y = int(width) / int(height) / float(aspect)
     scene.render.film_transparent = True
-    opaque = bpy.data.materials.new("opaque")
-    scene.view_layers[0].material_override = opaque
+    scene.view_layers[0].material_override = bpy.data.materials.new("opaque")
     names = [item.name for item in scene.objects]
     for item in scene.objects:
         item.hide_render = item.type == "MESH" and item.name == "photo plane"

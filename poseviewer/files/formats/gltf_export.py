@@ -1,12 +1,11 @@
 """glTF: the model, the camera that sees it, and the photo on a plane behind the model (GLB).
 
-The model's frame is glTF's world. glTF cameras look through the middle of their picture; where
-the principal point is elsewhere, the view is widened until it holds the whole photo, and the
-photo's plane still lies exactly where it belongs. ``extras`` of the camera say the photo's size
-and principal point; without them, it is the photo's middle.
+The model's frame is glTF's world. glTF cameras look through the middle of their picture: the view
+is widened until it holds the whole photo, and ``extras`` of the camera say the photo's size and
+principal point.
 
-Written here rather than by trimesh, which keeps linear colours in 8 bits (dark ones run into each
-other) and knows neither orthographic cameras nor materials without light.
+Written here since trimesh keeps linear colours in 8 bits and knows neither orthographic cameras nor
+materials without light.
 """
 
 import json
@@ -21,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.checks import MAX_DATA_BYTES, Reading
+from poseviewer.files.checks import MAX_DATA_BYTES, InputFile
 from poseviewer.files.formats import conversion as c
 from poseviewer.files.mesh.gltf import gltf_header, world_matrices
 from poseviewer.files.mesh.load import load_mesh
@@ -39,20 +38,22 @@ PLANE_BEHIND = 1.05
 FAR = 100.0
 """Distance of a model from its origin, in its diameters, at which 1e-5 of it are lost."""
 NEAREST = 1e-3
-"""Distance of the near plane, in those of the model's furthest point."""
 FLOAT = 5126
 UNSIGNED = 5125
-"""OpenGL's types of a buffer's components."""
 VERTICES = 34962
 INDICES = 34963
-"""OpenGL's targets: what a buffer is for."""
 
 
-def write_gltf(
+def write_gltf_scene(
     scene: Scene, out: Path, options: c.ConvertOptions, notes: list[str]
 ) -> dict[Path, bytes]:
-    """Write a GLB file of models and cameras ``in_one_world``, which is glTF's; lengths become
-    metres where the models' unit is known.
+    """Write a GLB file of models and cameras ``in_one_world``.
+
+    Args:
+        scene: objects and views; lengths become metres if the models' unit is known.
+        out: GLB file.
+        options: unit of the models.
+        notes: list for notes to the user.
     """
     if out.suffix.lower() != ".glb":
         raise PoseFileError(f"{out.name}: binary glTF files end in .glb; name it so.")
@@ -64,7 +65,7 @@ def write_gltf(
         meshes[path].vertices @ place[:3, :3].T + place[:3, 3]
         for path, place in zip(paths, places, strict=True)
     ]
-    points, file = np.concatenate(corners), _Glb()
+    points, file = np.concatenate(corners), _Glb(scale)
     index = {path: file.add_mesh(mesh) for path, mesh in meshes.items()}
     models = []
     for item, place in zip(scene.objects, places, strict=True):
@@ -76,7 +77,7 @@ def write_gltf(
     placed = [_before(pose, points) for pose in poses]
     names = ["photo", *(view.file.location.name or "another photo" for view in scene.views[1:])]
     for name, (pose, depth) in zip(names, placed, strict=True):
-        nodes.append(file.add_camera(name, pose, depth, scale))
+        nodes.append(file.add_camera(name, pose, depth))
     if not scene.views[0].file.location.is_file():
         notes.append("No photo is known: the file has no plane with it; add --photo FILE.")
         return {out: file.as_bytes(nodes)}
@@ -95,9 +96,7 @@ def _origin(mesh: Mesh) -> FloatArray:
 
 
 def _before(pose: Pose, points: FloatArray) -> tuple[Pose, float]:
-    """The pose with the points before the camera, as parallel projection has no depth to keep; and
-    the depth of the furthest, or a little where all are behind the camera.
-    """
+    """Move a parallel camera back until all points are ahead; also return the furthest depth."""
     place, size = pose.camera_from_model, float(np.linalg.norm(np.ptp(points, axis=0)))
     depths = place.apply(points)[:, 2]
     if isinstance(pose.camera, Parallel):
@@ -110,7 +109,8 @@ def _before(pose: Pose, points: FloatArray) -> tuple[Pose, float]:
 class _Glb:
     """A glTF 2.0 document that grows; ``data`` is its one buffer."""
 
-    def __init__(self) -> None:
+    def __init__(self, scale: float) -> None:
+        self.scale = scale
         self.document: dict[str, Any] = {"asset": {"version": "2.0", "generator": "poseviewer"}}
         self.data = bytearray()
 
@@ -129,21 +129,16 @@ class _Glb:
     def add_array(self, values: NDArray, indices: bool = False) -> int:
         """An accessor of floats (N, 2), (N, 3), or of indices (N,)."""
         values = np.ascontiguousarray(values, "<u4" if indices else "<f4")
+        low, high = (np.atleast_1d(f(values, axis=0)).tolist() for f in (np.min, np.max))
         return self.add(
             "accessors",
             bufferView=self._add_view(values.tobytes(), target=INDICES if indices else VERTICES),
-            componentType=UNSIGNED if indices else FLOAT,
-            count=len(values),
-            type=f"VEC{values.shape[1]}" if values.ndim > 1 else "SCALAR",
-            min=np.atleast_1d(values.min(axis=0)).tolist(),
-            max=np.atleast_1d(values.max(axis=0)).tolist(),
-        )
+            componentType=UNSIGNED if indices else FLOAT, count=len(values),
+            type=f"VEC{values.shape[1]}" if values.ndim > 1 else "SCALAR", min=low, max=high,
+        )  # fmt: skip
 
     def add_mesh(self, mesh: Mesh, unlit: str = "") -> int:
-        """The model about its ``_origin``, a primitive for each texture; returns the mesh's index.
-
-        ``unlit``: the name of one that is shown without light.
-        """
+        """Add a model about its ``_origin``, named ``unlit`` if it is shown without light."""
         attributes = {
             "POSITION": self.add_array(mesh.vertices - _origin(mesh)),
             "NORMAL": self.add_array(mesh.normals),
@@ -163,18 +158,16 @@ class _Glb:
                 look["baseColorTexture"] = {"index": self.add("textures", source=image)}
             material = {"pbrMetallicRoughness": look, "doubleSided": True, **more}
             corners = mesh.faces[mesh.face_texture == texture].reshape(-1)
-            primitives.append(
-                {
-                    "attributes": attributes | ({"TEXCOORD_0": uvs} if texture >= 0 else {}),
-                    "indices": self.add_array(corners, indices=True),
-                    "material": self.add("materials", **material),
-                }
-            )
+            primitives.append({
+                "attributes": attributes | ({"TEXCOORD_0": uvs} if texture >= 0 else {}),
+                "indices": self.add_array(corners, indices=True),
+                "material": self.add("materials", **material),
+            })  # fmt: skip
         return self.add("meshes", name=unlit or "model", primitives=primitives)
 
-    def add_camera(self, name: str, pose: Pose, far: float, scale: float) -> int:
-        """The camera of a pose that sees up to a depth; returns the index of its node."""
-        camera = pose.camera
+    def add_camera(self, name: str, pose: Pose, far: float) -> int:
+        """Add the camera of a pose that sees up to a depth; returns the index of its node."""
+        camera, scale = pose.camera, self.scale
         half_width, half_height = _half_view(camera.cx, camera.cy, camera.width, camera.height)
         if isinstance(camera, Perspective):
             tangents = half_width / camera.fx, half_height / camera.fy
@@ -216,54 +209,50 @@ def _photo_plane(pose: Pose, depth: float, scale: float, rgb: NDArray[np.uint8])
     corners = uvs * (camera.width, -camera.height) + (0.0, camera.height)
     return Mesh(
         vertices=place.apply(camera.points_at(corners, depth)) * scale,
-        faces=np.array([[0, 3, 2], [0, 2, 1]], np.int32),
-        normals=np.tile(-place.rotation[:, 2], (4, 1)),
-        colours=np.ones((4, 3), np.float32),
-        uvs=uvs.astype(np.float32),
-        face_texture=np.zeros(2, np.int32),
-        face_part=np.zeros(2, np.int32),
-        textures=(rgb,),
-    )
+        faces=np.array([[0, 3, 2], [0, 2, 1]], np.int32), uvs=uvs.astype(np.float32),
+        normals=np.tile(-place.rotation[:, 2], (4, 1)), colours=np.ones((4, 3), np.float32),
+        face_texture=np.zeros(2, np.int32), face_part=np.zeros(2, np.int32), textures=(rgb,),
+    )  # fmt: skip
 
 
-def read_gltf(path: Path, request: c.ConvertOptions) -> Scene:
+def read_gltf_scene(path: Path, request: c.ConvertOptions) -> Scene:
     """Read the only camera, or that of node ``request.image``; the world is the model's frame."""
-    reading = Reading(path, kind="glTF file", largest=MAX_DATA_BYTES)
-    with reading.naming_errors():
-        reading.check_size()
+    file = InputFile(path, kind="glTF file", largest=MAX_DATA_BYTES)
+    with file.naming_errors():
+        file.check_size()
         document = gltf_header(path)
         nodes = document.get("nodes", [])
         known = [(str(node.get("name")), i) for i, node in enumerate(nodes) if "camera" in node]
-        index = request.the_one(reading, "cameras", known)
+        index = request.the_one(file, "cameras", known)
         world_from_camera = world_matrices(nodes)[index]
         entry = document["cameras"][nodes[index]["camera"]]
         metres = c.metres_per_unit(request.unit or "m")
-        camera = _camera(reading, entry, request, metres)
+        camera = _camera(file, entry, request, metres)
     lengths = np.linalg.norm(world_from_camera[:3, :3], axis=0)
     if not np.allclose(lengths, 1.0, rtol=0.0, atol=1e-12) and np.all(lengths > 0.0):
         world_from_camera[:3, :3] /= lengths  # cameras have no size
-    place = c.from_4x4(reading, world_from_camera.tolist(), "the camera's matrix")
+    place = c.from_4x4(file, world_from_camera.tolist(), "the camera's matrix")
     place = RigidTransform(place.rotation, place.translation / metres)
     view = view_of_file(Path(), camera, camera_from_world=OPENGL_FROM_OPENCV @ place.inverse())
-    return request.scene_of(reading, view, "m")
+    return request.scene_of(file, view, "m")
 
 
 def _camera(
-    reading: Reading, entry: dict[str, Any], request: c.ConvertOptions, metres: float
+    file: InputFile, entry: dict[str, Any], request: c.ConvertOptions, metres: float
 ) -> Camera:
     extras = entry.get("extras", {}).get("poseviewer", {})
-    width, height = request.size_of(reading, extras.get("width"), extras.get("height"))
-    cx = reading.number(extras.get("cx", width / 2.0 - HALF_PIXEL), "cx") + HALF_PIXEL
-    cy = reading.number(extras.get("cy", height / 2.0 - HALF_PIXEL), "cy") + HALF_PIXEL
+    width, height = request.size_of(file, (extras.get("width"), extras.get("height")))
+    cx = file.number(extras.get("cx", width / 2.0 - HALF_PIXEL), "cx") + HALF_PIXEL
+    cy = file.number(extras.get("cy", height / 2.0 - HALF_PIXEL), "cy") + HALF_PIXEL
     half_width, half_height = _half_view(cx, cy, width, height)
     lens = entry[entry["type"]]
     if entry["type"] == "orthographic":
-        scale = half_height / reading.positive(lens.get("ymag"), "ymag") * metres
+        scale = half_height / file.positive(lens.get("ymag"), "ymag") * metres
         return Parallel(scale, cx, cy, width, height)
-    tangent = math.tan(reading.positive(lens.get("yfov"), "yfov", math.pi) / 2.0)
-    aspect = reading.positive(lens.get("aspectRatio", half_width / half_height), "aspectRatio")
+    tangent = math.tan(file.positive(lens.get("yfov"), "yfov", math.pi) / 2.0)
+    aspect = file.positive(lens.get("aspectRatio", half_width / half_height), "aspectRatio")
     fx, fy = half_width / (tangent * aspect), half_height / tangent
     return Perspective(fx, fy, cx, cy, width, height)
 
 
-GLTF = c.Format(write_gltf, read_gltf, ".glb", several_objects=True, is_upright=True)
+GLTF = c.Format(write_gltf_scene, read_gltf_scene, ".glb", several_objects=True, is_upright=True)

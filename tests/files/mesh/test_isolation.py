@@ -3,7 +3,6 @@
 import os
 import sys
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.mesh.guarded import guarded
+from poseviewer.files.mesh.isolation import isolate
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.mesh.parts import ModelParts, Part
 
@@ -47,30 +46,26 @@ def path(tmp_path: Path) -> Path:
 
 
 def test_what_it_reads_comes_back(path: Path) -> None:
-    (first, second), notes, *_ = guarded(reads)(path)
+    (first, second), notes, *_ = isolate(reads)(path)
     assert (first.name, second.name, notes) == ("a.3ds", "b", ["a note"])
     assert first.texture is second.texture
 
 
-@pytest.mark.parametrize(
-    ("reader", "words"),
-    [
-        (refuses, "not this one"),
-        (crashes, "its reader ended at it"),
-        (hangs, "was not done after"),
-        pytest.param(
-            fills,
-            "too large for this machine's memory",
-            marks=pytest.mark.skipif(sys.platform == "win32", reason="memory is not bounded"),
-        ),
-    ],
-)
-def test_what_it_does_to_its_process_is_a_sentence(
-    path: Path, monkeypatch: pytest.MonkeyPatch, reader: Callable[[Path], ModelParts], words: str
-) -> None:
-    monkeypatch.setattr("poseviewer.files.mesh.guarded.DEADLINE_S", 600.0 if reader != hangs else 3)
+@pytest.mark.parametrize(("reader", "words"), [
+    (refuses, "not this one"),
+    (crashes, "its reader ended at it"),
+    (hangs, "was not done after"),
+    pytest.param(
+        fills,
+        "too large for this machine's memory",
+        marks=pytest.mark.skipif(sys.platform == "win32", reason="memory is not bounded"),
+    ),
+])  # fmt: skip
+def test_what_it_does_to_its_process_is_a_sentence(path: Path, monkeypatch, reader, words):
+    seconds = 600.0 if reader != hangs else 3
+    monkeypatch.setattr("poseviewer.files.mesh.isolation.DEADLINE_S", seconds)
     with pytest.raises(MeshFileError, match=rf"^a\.3ds: .*{words}"):
-        guarded(reader)(path)
+        isolate(reader)(path)
 
 
 def test_a_file_that_crashed_its_library_gives_a_sentence_or_a_model(shared_cases: Path) -> None:
