@@ -22,9 +22,9 @@ from poseviewer.batch.results import (
 from poseviewer.errors import BatchError, PoseViewerError, SettingsError
 from poseviewer.files.photo import save_image
 from poseviewer.files.scene_assets import load_model
+from poseviewer.render.attributes import Renderer
 from poseviewer.render.overlay.styles import Picture
 from poseviewer.render.renderers import make_renderer
-from poseviewer.render.types import Renderer
 from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.settings import FitSettings
 from poseviewer.starts.automatic import AUTOMATIC

@@ -7,7 +7,7 @@ from argparse import Namespace
 from contextlib import closing
 
 from poseviewer.cli import options as table
-from poseviewer.cli.case import settings_of
+from poseviewer.cli.case import make_settings
 from poseviewer.cli.terminal import progress_bar, say, tell
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE
 
@@ -37,7 +37,7 @@ def run(options: Namespace) -> int:
     from poseviewer.batch.results import REPORT, TABLE
     from poseviewer.batch.run import open_batch, run_batch, save_summaries
 
-    named = options.jobs, options.out, settings_of(options), options.mask
+    named = options.jobs, options.out, make_settings(options), options.mask
     batch = open_batch(*named, options.models, options.objects or ())
     to_do, count = batch.to_do(), len(batch.jobs)
     keys = {job.key for job in to_do}

@@ -31,12 +31,12 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
+from poseviewer.render.attributes import PhotoAttributes, Renderer
 from poseviewer.render.opengl import opengl_renderer_name
 from poseviewer.render.pool import CHUNK, RendererPool, processors
 from poseviewer.render.pyramid.simplified import simplify
 from poseviewer.render.renderers import RendererName, make_renderer
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.render.types import PhotoAttributes, Renderer
 from poseviewer.scene.settings import LOSSES, FitSettings, Limits, LossName
 from poseviewer.scene.types import Scene
 from poseviewer.starts.loading import open_photo

@@ -112,7 +112,7 @@ def _range(losses: Sequence[FloatArray]) -> Normalize:
 
 def _draw_map(axes: Axes, piece: Slice, pose: FloatArray, scale: Normalize) -> None:
     x, y = piece.first_values, piece.second_values
-    losses = piece.filled()
+    losses = piece.fill_gaps()
     levels = np.linspace(float(scale.vmin or 0.0), float(scale.vmax or 1.0), LEVELS + 1)
     if np.isfinite(losses).all():
         axes.contourf(x, y, losses, levels, cmap=COLOURS, norm=scale, extend="both")

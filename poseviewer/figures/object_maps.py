@@ -52,7 +52,7 @@ def object_coordinates(model: PlacedModel, depth: NDArray[np.float32]) -> FloatA
 def pictures_of_objects(
     scene: Scene, first: int = 0, masks_alone: bool = False
 ) -> dict[str, bytes]:
-    """PNG pictures, ``scene_camera.json`` and ``scene_gt_info.json`` (shares that are seen, boxes),
+    """PNG pictures, ``scene_camera.json`` and ``scene_gt_info.json`` (visible fractions, boxes),
     as the BOP toolkit makes them, by their names in a folder: of image i and object j
     ``mask/i_j`` (alone), ``mask_visib/i_j`` (what the others leave to be seen), ``normal/i_j``
     (camera axes, -1 to 1 in 16 bits) and ``nocs/i_j``; and ``depth/i`` of all, whose steps are
@@ -68,7 +68,7 @@ def pictures_of_objects(
         depths = [depth_image(model) for model in models]
         shown = visibility_of_depths(depths)
         for index, (model, depth) in enumerate(zip(models, depths, strict=True)):
-            masks = {"mask": shown.drawn[index], "mask_visib": shown.seen(index)}
+            masks = {"mask": shown.silhouettes[index], "mask_visib": shown.mask(index)}
             infos.setdefault(str(number), []).append(_info(model, *masks.values()))
             pictures = {kind: np.where(m, 255, 0).astype(np.uint8) for kind, m in masks.items()}
             if not masks_alone:

@@ -25,10 +25,10 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.rectangle import Rectangle, non_maximum_suppression
 from poseviewer.optimise import nelder_mead
+from poseviewer.render.attributes import PhotoAttributes, Renderer
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, make_level
 from poseviewer.render.renderers import make_renderer
-from poseviewer.render.types import PhotoAttributes, Renderer
 from poseviewer.scene.settings import FitSettings, Limits
 from poseviewer.starts.loading import Start, StartInputs
 from poseviewer.starts.texture_features import SURE_INLIERS, poses_from_features

@@ -19,8 +19,8 @@ from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.attributes import Renderer
 from poseviewer.render.renderers import make_renderer
-from poseviewer.render.types import Renderer
 from poseviewer.scene.types import PlacedModel
 from poseviewer.starts.loading import StartInputs
 from poseviewer.starts.views import even_rotations

@@ -23,8 +23,8 @@ from poseviewer.fit.problem import make_problem
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Perspective
 from poseviewer.geometry.rectangle import Rectangle, non_maximum_suppression
+from poseviewer.render.attributes import Moments
 from poseviewer.render.renderers import make_renderer
-from poseviewer.render.types import Moments
 from poseviewer.scene.settings import FitSettings
 from poseviewer.starts.loading import Start, StartCamera, StartInputs
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints

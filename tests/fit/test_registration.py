@@ -13,7 +13,7 @@ from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.types import PhotoAttributes
+from poseviewer.render.attributes import PhotoAttributes
 from poseviewer.scene.settings import FitSettings, settings_as_json, settings_from_json
 from poseviewer.scene.types import Scene as FitScene
 from tests.meshes import make_box
