@@ -34,7 +34,7 @@ EXAMPLES = (
 
 def run(options: Namespace) -> int:
     """Write a pose and a picture for each row, a table and a report."""
-    from poseviewer.batch.results import REPORT, TABLE
+    from poseviewer.batch.result_folder import REPORT, TABLE
     from poseviewer.batch.run import open_batch, run_batch, save_summaries
 
     named = options.jobs, options.out, make_settings(options), options.mask

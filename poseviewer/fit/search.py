@@ -23,8 +23,8 @@ from msgspec import structs
 
 from poseviewer.confidence.verdict import (
     PROBABILITY_MARGIN,
-    SURE_BEHIND,
     SURE_FROM,
+    SURE_IF_OCCLUDED,
     TURNED_THRESHOLD,
     WHOLE_FROM,
 )
@@ -425,8 +425,8 @@ def is_sure(end: FitProgress) -> bool:
     """Whether a pose is probable enough to be trusted; an occluded one needs less."""
     if end.verdict is None:
         return False
-    is_behind = end.verdict.features.get("seen", 1.0) < WHOLE_FROM
-    sure_from = SURE_BEHIND if is_behind or end.problem.has_occluders else SURE_FROM
+    is_occluded = end.verdict.features.get("seen", 1.0) < WHOLE_FROM
+    sure_from = SURE_IF_OCCLUDED if is_occluded or end.problem.has_occluders else SURE_FROM
     return end.verdict.probability >= sure_from
 
 

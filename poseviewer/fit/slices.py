@@ -234,7 +234,7 @@ def strides(size: int) -> list[int]:
 QUICK_SIZES = (3, 9)
 """Points along a side of the first maps, which follow the pose while it moves."""
 QUICK_PIXELS = 1000
-"""Least pixels of the model on the level of the first maps, which must come at once."""
+"""Pixels of the model on the level of the first maps, at least: they must come at once."""
 
 
 def quick_level(problem: FitProblem, centre: Pose, renderer: Renderer) -> Level:

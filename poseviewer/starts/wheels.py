@@ -234,7 +234,7 @@ def find_wheel_pairs(
     if not scored:
         raise QuickStartError(
             f"No two wheels were found in {left},{top},{width},{height}; lay the rectangle closer "
-            "about the car, or outline the wheels yourself (--wheels)."
+            "about the car, or outline the wheels yourself."
         )
     return [pair for _, pair in sorted(scored, key=lambda pair: -pair[0])[:MAX_PAIRS]]
 
@@ -310,7 +310,7 @@ def likely_wheels(
     if not pairs:
         raise QuickStartError(
             "The ellipses found in the rectangle are no two wheels of this model; lay it closer "
-            "about the car, or outline the wheels yourself (--wheels)."
+            "about the car, or outline the wheels yourself."
         )
     pairs = [pair for pair in pairs if pair.fit.from_above] or pairs
     left, top, width, height = rectangle

@@ -16,7 +16,7 @@ import psutil
 import pytest
 
 from poseviewer.batch.job_table import load_jobs
-from poseviewer.batch.results import STDS, alone_in
+from poseviewer.batch.result_folder import STDS, lock_folder
 from poseviewer.batch.run import open_batch, run_batch
 from poseviewer.errors import BatchError
 from poseviewer.files.mesh.load import load_mesh
@@ -177,7 +177,7 @@ def test_two_batches_in_one_folder_are_told_apart(scene, tmp_path, capsys):
     out, line = tmp_path / "out", ("batch", tmp_path / "jobs.csv", "--out", tmp_path / "out")
     batch = open_batch(write_table(scene, tmp_path, 1), out, FitSettings())
     table = write_table(scene, tmp_path, 2)
-    with alone_in(out):  # as a batch holds it
+    with lock_folder(out):  # as a batch holds it
         manifest = (out / "batch.json").read_bytes()
         assert run(*line) == 2
         assert "another batch is at work in it" in capsys.readouterr().err

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from poseviewer.batch import review
-from poseviewer.batch.results import ACCEPTED, worst_first
+from poseviewer.batch.result_folder import ACCEPTED, worst_first
 from poseviewer.batch.run import open_batch, save_summaries
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.formats.bop import BopObject, read_bop

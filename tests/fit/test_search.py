@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from poseviewer.confidence.pose_covariance import PoseCovariance
-from poseviewer.confidence.verdict import SURE_BEHIND, SURE_FROM, Verdict
+from poseviewer.confidence.verdict import SURE_FROM, SURE_IF_OCCLUDED, Verdict
 from poseviewer.fit import search as searching
 from poseviewer.fit.problem import make_problem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
@@ -119,7 +119,7 @@ def test_a_found_pose_that_is_not_sure_is_only_continued(small, verdict, restart
     clipped = problem.on([replace(problem.photo, clipped=True, structure=None)])
     assert not is_restarted(replace(end, problem=clipped), False)  # no classes and edges
     # Less is asked of a pose among other objects.
-    doubtful = replace(end, verdict=Verdict("doubtful", SURE_BEHIND))
+    doubtful = replace(end, verdict=Verdict("doubtful", SURE_IF_OCCLUDED))
     assert is_restarted(doubtful, True)
     nothing = np.zeros(problem.photo.weights.shape, bool)
     views = (replace(problem.views[0], occlusion=Occlusion(nothing, nothing, nothing)),)
