@@ -124,7 +124,11 @@ def test_a_pose_by_another_camera_is_refused_for_a_scene(out):
 def test_a_scene_that_lacks_something_is_said(scene, tmp_path):
     bop, models = make_bop(scene, tmp_path)
     (bop / "scene_gt.json").unlink()
-    lacks = {None: "--models", models: "scene_gt.json: no such file", bop / "o": "no such folder"}
+    lacks = {
+        None: "of its models",
+        models: "scene_gt.json: no such file",
+        bop / "o": "no such folder",
+    }
     for folder, words in lacks.items():
         with pytest.raises(PoseViewerError, match=words):
             open_batch(bop, tmp_path / "out", QUICK, models=folder)

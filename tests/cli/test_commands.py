@@ -135,15 +135,6 @@ def test_values_are_read_or_refused(shown, text, wanted, refused):
             READERS[shown](other)
 
 
-@pytest.mark.parametrize("command", cli.COMMANDS)
-def test_every_command_is_listed_and_describes_itself(command, capsys):
-    assert f"\n    {command}" in cli.make_parser(command).format_help()
-    with pytest.raises(SystemExit) as ended:
-        cli.parse([command, "--help"])
-    assert ended.value.code == 0
-    assert f"usage: poseviewer {command} " in capsys.readouterr().out
-
-
 def test_no_command_at_all_is_the_app():
     options = cli.parse([])
     assert (options.command, options.photo, options.host) == ("app", None, "127.0.0.1")
