@@ -57,11 +57,7 @@ def decide(queue: ReviewQueue, index: int, review: str) -> ReviewQueue:
 
 
 def save_corrected(
-    queue: ReviewQueue,
-    index: int,
-    record: PoseRecord,
-    picture: Picture,
-    mask: Mask | None = None,
+    queue: ReviewQueue, index: int, record: PoseRecord, picture: Picture, mask: Mask | None = None
 ) -> ReviewQueue:
     """Save a corrected pose, and keep the fitted one as ``.fitted.json``.
 

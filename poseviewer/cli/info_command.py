@@ -42,10 +42,7 @@ OPTIONS = {
     "": (table.option("path PHOTO|MODEL|POSE|SCENE", "file to describe"),),
     "the photo's camera": (CALIBRATION, *table.OF_CALIBRATION),
 }
-EXAMPLES = (
-    "poseviewer info car.glb",
-    "poseviewer info photo.jpg --calibration camera.yml",
-)
+EXAMPLES = ("poseviewer info car.glb", "poseviewer info photo.jpg --calibration camera.yml")
 
 
 def run(options: Namespace) -> int:

@@ -46,12 +46,7 @@ def progress_bar(total: int | None, quiet: bool) -> tqdm:
     # A log file needs a line now and then, not ten a second.
     interval = 0.1 if sys.stderr.isatty() else 5.0
     return tqdm(
-        total=total,
-        bar_format=shape,
-        delay=1.0,
-        mininterval=interval,
-        disable=quiet,
-        leave=False,
+        total=total, bar_format=shape, delay=1.0, mininterval=interval, disable=quiet, leave=False
     )
 
 

@@ -24,13 +24,7 @@ from poseviewer.evaluation.report import (
     reliability_panels,
     study_table,
 )
-from poseviewer.evaluation.trials import (
-    KEY,
-    Trial,
-    TrialTask,
-    fetch_model,
-    fetch_photo,
-)
+from poseviewer.evaluation.trials import KEY, Trial, TrialTask, fetch_model, fetch_photo
 from poseviewer.figures.landscape_sheet import figure_bytes
 from poseviewer.figures.study_sheet import make_study_sheet
 from poseviewer.files.checks import Reading

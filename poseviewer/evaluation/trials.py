@@ -125,10 +125,7 @@ class TrialTask:
         for other in self.others:
             truth = scene.views[0].world_from_model(other.truth)
             known = SceneObject(
-                id=other.name,
-                model=fetch_model(other.mesh)[0],
-                world_from_model=truth,
-                locked=True,
+                id=other.name, model=fetch_model(other.mesh)[0], world_from_model=truth, locked=True
             )
             scene = replace(scene, objects=(*scene.objects, known))
         return scene, renderer

@@ -78,10 +78,7 @@ def find_occluded(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> Occ
 
 
 def _log_odds(
-    photo: PhotoAttributes,
-    covered: NDArray[np.bool_],
-    beside: NDArray[np.bool_],
-    model: FloatArray,
+    photo: PhotoAttributes, covered: NDArray[np.bool_], beside: NDArray[np.bool_], model: FloatArray
 ) -> FloatArray:
     """(height, width): smoothed log odds that ``covered`` pixels are occluded."""
     colours = photo.channels[covered].astype(float)

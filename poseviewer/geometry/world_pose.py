@@ -52,10 +52,7 @@ def world_from_pose(
 
 
 def triangulate_scale(
-    cameras: Sequence[tuple[Camera, RigidTransform]],
-    reference: int,
-    ray: FloatArray,
-    depth: float,
+    cameras: Sequence[tuple[Camera, RigidTransform]], reference: int, ray: FloatArray, depth: float
 ) -> float | None:
     """Return the scale by which a point on a viewing ray is where the other cameras look.
 

@@ -47,10 +47,7 @@ class RendererPool:
             self._executor = ThreadPoolExecutor(self.threads, "renderer", initializer=begin)
 
     def map(
-        self,
-        function: Callable[[Any, Item], Result],
-        items: Sequence[Item],
-        at_a_time: int = CHUNK,
+        self, function: Callable[[Any, Item], Result], items: Sequence[Item], at_a_time: int = CHUNK
     ) -> Iterator[Result]:
         """Yield ``function(renderer, item)`` of all items in their order; raises its first error.
 

@@ -14,13 +14,7 @@ from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.types import PlacedModel
-from poseviewer.starts.automatic import (
-    BeginThread,
-    PoseHypothesis,
-    StartQuery,
-    best_start,
-    propose,
-)
+from poseviewer.starts.automatic import BeginThread, PoseHypothesis, StartQuery, best_start, propose
 from poseviewer.starts.loading import Start, StartCamera, StartInputs
 
 MAX_SHARED_FRACTION = 0.3

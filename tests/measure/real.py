@@ -26,10 +26,7 @@ from poseviewer.cli.options import list_of, whole
 from poseviewer.confidence.pose_covariance import region_reach
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError, QuickStartError
 from poseviewer.evaluation.cases import Case, load_cases, load_starts, visibility_label
-from poseviewer.evaluation.trials import (
-    fetch_model,
-    fetch_photo,
-)
+from poseviewer.evaluation.trials import fetch_model, fetch_photo
 from poseviewer.files.photo import load_photo
 from poseviewer.files.photo_sets import LoadedViews, SetChoice
 from poseviewer.geometry.arrays import FloatArray

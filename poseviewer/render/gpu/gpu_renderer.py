@@ -33,12 +33,7 @@ _log = logging.getLogger(__name__)
 MAX_PIXELS = 1 << 23
 """Pixels in the boxes of a submission, at most; each takes 16 bytes of the GPU's memory."""
 POSE = np.dtype(
-    [
-        ("camera", np.float32, 17),
-        ("weighs", np.float32),
-        ("box", np.int32, 4),
-        ("at", np.uint32),
-    ]
+    [("camera", np.float32, 17), ("weighs", np.float32), ("box", np.int32, 4), ("at", np.uint32)]
 )
 """The shader's ``Pose``; the box is left, top, width, height."""
 MODEL = slice(3, 9)
