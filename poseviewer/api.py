@@ -34,25 +34,25 @@ from poseviewer.files.photo import save_image
 from poseviewer.files.photo_sets import LoadedViews, SetChoice
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_json import as_saved, pose_json, save_scene
-from poseviewer.fit.lighting import relit
+from poseviewer.fit.lighting import render_relit
 from poseviewer.fit.loss import Unexplained
-from poseviewer.fit.problem import FitProblem, make_problem, numbers_of, pose_loss
+from poseviewer.fit.problem import FitProblem, make_problem, pose_loss, pose_to_params
 from poseviewer.fit.progress import FitProgress, SearchProgress, Status
-from poseviewer.fit.search import Search, result_of
+from poseviewer.fit.search import Search, make_search_result
 from poseviewer.fit.slices import Slice, landscape
 from poseviewer.fit.stages import StageMaker, make_stages
 from poseviewer.fit.view_results import ViewResult, results_by_view
-from poseviewer.fit.visibility import Visibility, hiding, visibility
+from poseviewer.fit.visibility import Visibility, make_occlusion, visibility
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.render.attributes import AttributeImage, Renderer
 from poseviewer.render.overlay import RENDER_STYLES
 from poseviewer.render.overlay.styles import SOLID_OPACITY, ModelInPhoto, Picture, draw_style
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import visible_fraction
 from poseviewer.render.renderers import make_renderer
-from poseviewer.render.types import AttributeImage, Renderer
 from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Scene, SceneObject
@@ -234,8 +234,8 @@ class PosedScene:
         if self.progress is not None:
             return self.progress.parameters
         problem, scale = self.problem, self.object.world_from_model.scale
-        pose = self.scene.pose(self._index, problem.views[0].index)
-        return numbers_of(problem.chart, pose, scale)
+        pose = self.scene.pose(self._index, problem.views[0].view_index)
+        return pose_to_params(problem.chart, pose, scale)
 
     @property
     def loss(self) -> float:
@@ -247,7 +247,7 @@ class PosedScene:
     @property
     def unexplained(self) -> float:
         """Loss on the scale from 0, all of the photo is explained, to 1, nothing."""
-        return self.problem.scale.unexplained(self.loss)
+        return self.problem.scale.as_unexplained(self.loss)
 
     @property
     def parts(self) -> Unexplained:
@@ -279,7 +279,7 @@ class PosedScene:
             return self.scene
         start = FitProgress.at_start(self.problem)
         known = replace(start, parameters=self.parameters, loss=self.loss)
-        result = result_of(self.scene, self._index, known)
+        result = make_search_result(self.scene, self._index, known)
         return self.scene.with_object(self._index, result=result)
 
     def save(self, path: str | Path) -> None:
@@ -323,18 +323,18 @@ class PosedScene:
             for index, item in enumerate(self.objects)
             if index != self._index and not item.hidden
         ]
-        in_front = hiding(placed, others) if others else None
-        if in_front is not None and in_front.is_whole:
+        in_front = make_occlusion(placed, others) if others else None
+        if in_front is not None and in_front.is_total:
             return picture
 
         def relight(image: AttributeImage) -> FloatArray:
             views = self.problem.views
-            photo = next((each.photo for each in views if each.index == view), views[0].photo)
-            return relit(photo, self.renderer, placed.pose, image)
+            photo = next((each.photo for each in views if each.view_index == view), views[0].photo)
+            return render_relit(photo, self.renderer, placed.pose, image)
 
         shown = ModelInPhoto(picture, placed.mesh, self.renderer, placed.pose, relight, opacity)
         drawn = draw_style(look, shown)
-        return drawn if in_front is None else np.where(in_front.hidden[..., None], picture, drawn)
+        return drawn if in_front is None else np.where(in_front.occluded[..., None], picture, drawn)
 
     def draw(self, path: str | Path, look: str = "outline") -> tuple[Path, ...]:
         """Write ``picture(look)`` in the format of the path's ending and return the files: for
@@ -434,7 +434,7 @@ class Registration(PosedScene):
         except KeyboardInterrupt:
             if now is None or not interruptible:
                 raise
-            now = search.stopped(now)
+            now = search.stop(now)
         if now is None:
             _ = self.object_index is None or self.problem  # says why it cannot be compared
             raise SettingsError(

@@ -3,9 +3,9 @@
 import shutil
 from pathlib import Path
 
-from poseviewer.batch.job import run_job
-from poseviewer.batch.results import Batch
+from poseviewer.batch.result_folder import Batch
 from poseviewer.batch.run import save_summaries
+from poseviewer.batch.run_row import run_row
 from tests.scene import Scene
 
 
@@ -23,5 +23,5 @@ def write_table(scene: Scene, folder: Path, rows: int, more: str = "") -> Path:
 def fit_all(batch: Batch) -> None:
     """Fit in this process: how jobs are handed out is tested without this."""
     for job in batch.to_do():
-        run_job(job, batch)
+        run_row(job, batch)
     save_summaries(batch)

@@ -22,8 +22,8 @@ from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.attributes import Renderer
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.render.types import Renderer
 from poseviewer.scene.types import PlacedModel, Scene, SceneObject
 from tests.meshes import make_box, make_bumpy
 
@@ -81,7 +81,7 @@ def lit_models(
     for index, one in enumerate(large):
         image = SoftwareRenderer(one.mesh).render(one.pose)
         shade = np.clip(0.5 + 0.45 * image.normals @ np.asarray(light), 0.03, 1.0)
-        lit = np.where(seen.seen(index)[..., None], image.reflectance * shade[..., None], lit)
+        lit = np.where(seen.mask(index)[..., None], image.reflectance * shade[..., None], lit)
     size = (models[0].pose.camera.width, models[0].pose.camera.height)
     small = cv2.resize(lit, size, interpolation=cv2.INTER_AREA)
     noisy = small + random.normal(0.0, 0.01, small.shape)

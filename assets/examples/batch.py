@@ -5,7 +5,7 @@ The table has the columns photo, model and start. The same call goes on with a s
 
 import sys
 
-from poseviewer.batch.results import worst_first
+from poseviewer.batch.result_folder import worst_first
 from poseviewer.batch.run import open_batch, run_batch, save_summaries
 from poseviewer.scene.settings import FitSettings, Limits
 

@@ -15,7 +15,7 @@ from poseviewer.app.workers.opening import open_files, with_notes
 from poseviewer.app.workers.tasks import QueuedTask, TaskResult
 from poseviewer.app.workers.worker import Worker
 from poseviewer.batch import review as r
-from poseviewer.batch.results import ACCEPTED, Row
+from poseviewer.batch.result_folder import ACCEPTED, Row
 from poseviewer.batch.run import save_summaries
 from poseviewer.errors import BatchError, PoseViewerError
 from poseviewer.files.scene_json import as_saved, pose_json

@@ -1,4 +1,4 @@
-"""A BOP scene as a batch: a row for each object in each image, and the poses found as a scene."""
+"""A BOP scene as a batch: a row for each object in each image, and the results as a scene."""
 
 import os
 import re
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from poseviewer.batch.job_table import Job, with_keys
-from poseviewer.batch.results import Batch, Row
+from poseviewer.batch.result_folder import Batch, Row
 from poseviewer.errors import BatchError
 from poseviewer.files.formats.bop import (
     CAMERAS,
@@ -33,13 +33,26 @@ STARTS = "starts"
 def load_scene_jobs(
     scene: Path, out: Path, settings: FitSettings, models: Path | None, objects: Sequence[int]
 ) -> tuple[Job, ...]:
-    """The rows of a scene's ``objects`` (empty: all with poses); starts are saved in ``out``."""
+    """Make the rows of a BOP scene, and save their start poses.
+
+    Args:
+        scene: folder of the scene.
+        out: folder of the results, in which starts are saved.
+        settings: settings of the fits.
+        models: folder of the models.
+        objects: numbers of the objects to fit; empty: all with poses.
+
+    Raises:
+        BatchError: the folder of models is missing, or no row is left.
+    """
     if settings.free_focal:
-        raise BatchError("--free-focal with a BOP scene, whose cameras are known; leave it out.")
+        raise BatchError("free_focal with a BOP scene, whose cameras are known; leave it out.")
     if models is None:
-        raise BatchError(f"{scene.name}: a BOP scene; add --models FOLDER, of obj_000001.ply ...")
+        raise BatchError(
+            f"{scene.name}: a BOP scene; name the folder of its models, of obj_000001.ply ..."
+        )
     if not models.is_dir():
-        raise BatchError(f"--models {models}: no such folder; name that of obj_000001.ply ...")
+        raise BatchError(f"models {models}: no such folder; name that of obj_000001.ply ...")
     relative = Path(os.path.relpath(models.resolve(), scene))
     images, jobs = load_bop_images(scene, posed=True), []
     make_folder(out / STARTS, BatchError)
@@ -59,7 +72,7 @@ def load_scene_jobs(
 
 
 def _save_start(out: Path, image: BopImage, posed: BopObject, instance: int) -> Path:
-    """The start pose as a file, which keeps its time where nothing changed."""
+    """Save a start pose; an unchanged file keeps its time."""
     more = f"-{instance + 1}" if instance else ""
     path = out / STARTS / f"{image.number:06d}-{posed.object_id:06d}{more}.json"
     new = out / STARTS / ".new.json"
@@ -72,20 +85,21 @@ def _save_start(out: Path, image: BopImage, posed: BopObject, instance: int) -> 
 
 
 def save_bop_poses(batch: Batch, rows: Sequence[Row]) -> None:
-    """Write the poses of a BOP scene's rows (mm) and the scene's cameras as a BOP scene."""
+    """Write the poses of a BOP scene's rows, in mm, and the scene's cameras as a BOP scene."""
     if batch.scene is None:
         return
     poses: dict[int, list[BopObject]] = defaultdict(list)
     for row in rows:
         if row.result.pose:
-            place = load_pose(batch.folder / row.result.pose, 1, 1).pose.camera_from_model
-            posed = BopObject(_number(MODEL_NAME, row.job.model), place)
+            pose = load_pose(batch.folder / row.result.pose, 1, 1).pose
+            number = _number(MODEL_NAME, row.job.model)
+            posed = BopObject(number, pose.camera_from_model)
             poses[_number(PHOTO_NAME, row.job.photo)].append(posed)
     save_bop_images(batch.folder, load_scene_file(Path(batch.scene) / CAMERAS), dict(poses))
 
 
 def require_scene_camera(batch: Batch, photo: str, camera: Camera) -> None:
-    """Refuse a pose with another camera than the scene's, which a BOP scene cannot hold."""
+    """Refuse a pose with another camera than the scene's: a BOP scene cannot hold it."""
     if batch.scene is None:
         return
     number = _number(PHOTO_NAME, photo)

@@ -1,11 +1,11 @@
-"""The results of a batch as one HTML page: pictures inside, no script, nothing from elsewhere."""
+"""The report of a batch: one HTML page with its pictures inside, without scripts."""
 
 import base64
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
-from poseviewer.batch.results import REJECTED, REPORT, JobResult, Row, worst_first
+from poseviewer.batch.result_folder import REJECTED, REPORT, JobResult, Row, worst_first
 from poseviewer.confidence.verdict import percent_right
 from poseviewer.errors import BatchError
 from poseviewer.files.writing import write_whole
@@ -30,7 +30,7 @@ _HEAD = f"<tr>{''.join(f'<th>{name}</th>' for name in _COLUMNS)}</tr>"
 
 
 def save_report(folder: Path, rows: Sequence[Row]) -> None:
-    """Write ``report.html``: all rows, the worst first; pictures that are gone are left out."""
+    """Write ``report.html`` with all rows, the worst first; lost pictures are left out."""
     failed = sum(row.result.failed for row in rows)
     rejected = sum(row.result.review == REJECTED for row in rows)
     accepted = sum(bool(row.result.review) for row in rows) - rejected

@@ -1,4 +1,4 @@
-"""The rows of a table of jobs: which photo, which model, from which start."""
+"""The table of jobs: photo, model and start of each row."""
 
 import csv
 import hashlib
@@ -16,34 +16,36 @@ from poseviewer.files.checks import InputFile
 from poseviewer.scene.settings import FitSettings, settings_as_json
 
 COLUMNS = ("photo", "model", "start")
+"""Columns that a table must have."""
 BOX = "box"
-"""An optional column: where the start is ``auto``, a rectangle about the object."""
+"""Optional column: a rectangle about the object, for the start ``auto``."""
 KEY_LENGTH = 16
+"""Hexadecimal digits of a job's key: enough for millions of rows, short enough for file names."""
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One row: one photo to be fitted."""
+    """A row: one photo to fit."""
 
     row: int
-    """From 1; the line of column names does not count."""
+    """Number of the row, from 1 for the first after the column names."""
     photo: str
-    """The table's own words, like ``model`` and ``start``."""
+    """Path as in the table; ``model`` and ``start`` likewise."""
     model: str
     start: str
     folder: str
-    """The table's folder, absolute: relative paths start from it."""
+    """Folder of the table, absolute; relative paths start from it."""
     key: str = ""
-    """A hash of the files' names, sizes and times and of the settings; it names the result."""
+    """Hash of the files' names, sizes and times and of the settings; it names the result."""
     box: str = ""
-    """For the start ``auto``: left, top, width, height in px, as the table has it."""
+    """Rectangle for the start ``auto``, as in the table: left, top, width, height in px."""
 
     def path(self, text: str) -> Path:
-        """The absolute path of a file that the row names."""
+        """Return the absolute path of a file that the row names."""
         return Path(self.folder) / text
 
     def rectangle(self) -> tuple[int, int, int, int] | None:
-        """The box; None where the cell is empty."""
+        """Parse the box; None for an empty cell."""
         if not self.box:
             return None
         try:
@@ -56,7 +58,7 @@ class Job:
 
 
 def load_jobs(path: str | Path, settings: FitSettings) -> tuple[Job, ...]:
-    """The rows of a CSV file by its columns ``photo``, ``model``, ``start`` and perhaps ``box``."""
+    """Read the rows of a CSV file by its ``COLUMNS`` and perhaps ``BOX``."""
     path = Path(path)
     folder = str(path.resolve().parent)
     jobs = [
@@ -69,7 +71,7 @@ def load_jobs(path: str | Path, settings: FitSettings) -> tuple[Job, ...]:
 
 
 def with_keys(jobs: Iterable[Job], settings: FitSettings) -> tuple[Job, ...]:
-    """The jobs, in the order of their rows, with their keys."""
+    """Give jobs their keys."""
     written = settings_as_json(settings)
     return tuple(replace(job, key=_key(job, written)) for job in jobs)
 
@@ -107,7 +109,7 @@ def _key(job: Job, settings: Mapping[str, Any]) -> str:
 
 
 def file_stamp(path: Path) -> tuple[int, int]:
-    """Size and time of a file, by which a changed one is told; zeros where there is none."""
+    """Return size and time of a file, which differ if it changed; zeros for a missing file."""
     try:
         state = path.stat()
     except (OSError, ValueError):

@@ -1,12 +1,11 @@
-"""A person's words on a batch's rows, in their files; corrected poses are beside fitted ones."""
+"""Review of a batch by a person; corrected poses are saved beside fitted ones."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from poseviewer.batch.bop_rows import require_scene_camera
-from poseviewer.batch.job import result_files, shrink_picture
-from poseviewer.batch.results import (
+from poseviewer.batch.result_folder import (
     ACCEPTED,
     MENDED,
     Batch,
@@ -16,6 +15,7 @@ from poseviewer.batch.results import (
     standard_deviations,
     worst_first,
 )
+from poseviewer.batch.run_row import result_files, shrink_picture
 from poseviewer.errors import BatchError
 from poseviewer.files.masks import save_pose_and_mask
 from poseviewer.files.photo import save_image
@@ -25,18 +25,19 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.render.overlay.styles import Picture
 
 BY_HAND = "Set by hand."
+"""Status of a row that failed and got its pose from a person."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReviewQueue:
-    """The rows in the order in which they are shown: the worst first, those reviewed last."""
+    """The rows in the order of review: the worst first, reviewed ones last."""
 
     batch: Batch
     rows: tuple[Row, ...]
 
 
 def load_queue(folder: Path) -> ReviewQueue:
-    """The rows of a batch that were fitted, or failed."""
+    """Load the rows of a batch that have a result."""
     batch = load_batch(folder.resolve())
     rows = worst_first(batch.rows())
     first = {row.job.key: row for row in reversed(rows)}
@@ -47,7 +48,7 @@ def load_queue(folder: Path) -> ReviewQueue:
 
 
 def decide(queue: ReviewQueue, index: int, review: str) -> ReviewQueue:
-    """Accept the pose in a row's file, reject it, or ("") take either back."""
+    """Accept or reject a row's pose, or withdraw the review by ``""``."""
     row = queue.rows[index]
     if row.result.failed and review == ACCEPTED:
         raise BatchError(f"Row {row.job.row} has no pose; place the model first.")
@@ -56,13 +57,17 @@ def decide(queue: ReviewQueue, index: int, review: str) -> ReviewQueue:
 
 
 def save_corrected(
-    queue: ReviewQueue,
-    index: int,
-    record: PoseRecord,
-    picture: Picture,
-    mask: Mask | None = None,
+    queue: ReviewQueue, index: int, record: PoseRecord, picture: Picture, mask: Mask | None = None
 ) -> ReviewQueue:
-    """Save a person's pose, and mask, as a row's; the fitted one is kept as ``.fitted.json``."""
+    """Save a corrected pose, and keep the fitted one as ``.fitted.json``.
+
+    Args:
+        queue: rows under review.
+        index: index of the row in the queue.
+        record: content of the pose file.
+        picture: (height, width, 3): picture of the pose.
+        mask: mask of the photo.
+    """
     row = queue.rows[index]
     require_scene_camera(queue.batch, row.job.photo, record.pose.camera)
     pose, drawn = result_files(row.job)
@@ -92,7 +97,7 @@ def annotate(queue: ReviewQueue, index: int, note: str) -> ReviewQueue:
 
 
 def _save(queue: ReviewQueue, index: int, **changes: Any) -> ReviewQueue:
-    """Write a row's result; the queue keeps its order."""
+    """Write a changed result of a row; the queue keeps its order."""
     row = queue.rows[index]
     result = save_result(queue.batch.folder, row.job, replace(row.result, **changes))
     row = replace(row, result=result)

@@ -7,9 +7,8 @@ from pathlib import Path
 
 from poseviewer.batch.bop_rows import load_scene_jobs, save_bop_poses
 from poseviewer.batch.html_report import save_report
-from poseviewer.batch.job import run_job
 from poseviewer.batch.job_table import Job, load_jobs
-from poseviewer.batch.results import (
+from poseviewer.batch.result_folder import (
     MANIFEST,
     PICTURES,
     POSES,
@@ -19,11 +18,12 @@ from poseviewer.batch.results import (
     Batch,
     JobResult,
     Row,
-    alone_in,
+    lock_folder,
     save_batch,
     save_failure,
     save_table,
 )
+from poseviewer.batch.run_row import run_row
 from poseviewer.cluster import run_on_cluster
 from poseviewer.errors import BatchError
 from poseviewer.files.writing import make_folder, require_replaceable
@@ -32,6 +32,7 @@ from poseviewer.render.pool import processors
 from poseviewer.scene.settings import FitSettings
 
 DIED = "each process that fitted it died; is there memory enough for the photo and the model?"
+"""Reason of a row whose processes ended without a result."""
 
 
 def open_batch(
@@ -42,7 +43,19 @@ def open_batch(
     models: Path | None = None,
     objects: Sequence[int] = (),
 ) -> Batch:
-    """Read the table, or the BOP scene; and make the folder of results."""
+    """Read a table or a BOP scene, and make the folder of results.
+
+    Args:
+        table: table of jobs, or folder of a BOP scene.
+        folder: folder of the results.
+        settings: settings of the fits.
+        mask: mask of every photo.
+        models: folder of a BOP scene's models.
+        objects: numbers of a BOP scene's objects to fit; empty: all with poses.
+
+    Raises:
+        BatchError: the table or scene has no rows, or the folder cannot be used.
+    """
     table = Path(table)
     folder = Path(folder).resolve()
     scene = None
@@ -51,19 +64,19 @@ def open_batch(
         jobs = load_scene_jobs(table.resolve(), folder, settings, models, objects)
     elif models is not None or objects:
         raise BatchError(
-            f"--models or --objects with {table.name}, which is a table: they are for the folder "
-            "of a BOP scene; leave them out, or name such a folder."
+            f"models or objects with {table.name}, which is a table: they are for the folder of a "
+            "BOP scene; leave them out, or name such a folder."
         )
     else:
         jobs = load_jobs(table, settings)
     if folder.exists() and folder.samefile(scene or table):
-        raise BatchError(f"--out {folder}: is the BOP scene itself; name another folder.")
+        raise BatchError(f"{folder}: is the BOP scene itself; name another folder for the results.")
     for name in (TABLE, REPORT, MANIFEST):
         require_replaceable(folder / name, BatchError)
     batch = Batch(folder, jobs, settings, scene, mask.resolve() if mask else None)
     for name in (ROWS, POSES, PICTURES):
         make_folder(folder / name, BatchError)
-    with alone_in(folder):
+    with lock_folder(folder):
         save_batch(batch)
     return batch
 
@@ -71,12 +84,19 @@ def open_batch(
 def run_batch(
     batch: Batch, jobs: Sequence[Job], *, scheduler: str | None = None, processes: int | None = None
 ) -> Generator[JobResult, None, None]:
-    """Results of jobs as they come, from this machine or a Dask ``scheduler``."""
+    """Run jobs, and yield their results as they come.
+
+    Args:
+        batch: batch of the jobs.
+        jobs: rows to fit.
+        scheduler: address of a Dask scheduler; None: run on this machine.
+        processes: number of processes; None: one for each processor.
+    """
     if not jobs:
         return
-    plan = replace(batch, jobs=())  # as each job takes it along
-    fit, processes = partial(run_job, plan=plan), processes or processors()
-    with alone_in(batch.folder):
+    plan = replace(batch, jobs=())  # small, as it is sent with each job
+    fit, processes = partial(run_row, plan=plan), processes or processors()
+    with lock_folder(batch.folder):
         if scheduler is None:
             results = run_in_processes(fit, jobs, processes)
         else:
@@ -87,7 +107,7 @@ def run_batch(
 
 
 def save_summaries(batch: Batch) -> list[Row]:
-    """Write table and report of the rows that have a result, and a BOP scene; return the rows."""
+    """Write the table, the report and a BOP scene of all results; return the rows."""
     rows = batch.rows()
     save_table(batch.folder, rows)
     save_report(batch.folder, rows)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from poseviewer.cli import options as table
-from poseviewer.cli.case import SAYS, calibration_of, named_files
+from poseviewer.cli.case import SAYS, calibration_of, sort_named_files
 from poseviewer.cli.terminal import say
 from poseviewer.errors import SettingsError
 
@@ -37,10 +37,10 @@ EXAMPLES = ("poseviewer photo.jpg car.glb --pose start.json", "poseviewer app sh
 
 
 def _files_of(options: Namespace) -> tuple[FileSet, list[Path]]:
-    """Sort the files named, or those of a folder or zip; models come with the files they name."""
+    """Sort the files named, or those of a folder or zip; find the files that models refer to."""
     path: Path | None = options.photo
     if options.views or not (path and (path.is_dir() or path.suffix.lower() == ".zip")):
-        files = named_files(options)
+        files = sort_named_files(options)
         return files, [model.path for model in files.models]
     from poseviewer.files.file_set import files_below, sort_set
     from poseviewer.files.state.folder import state_folder
@@ -70,10 +70,10 @@ def _opening(options: Namespace) -> Callable[[], Document]:
     elif calibration is None and files.camera is not None:
         calibration = Calibration(files.camera)
     named = (files.photo, files.scene, *models, files.pose, options.mask, files.views)
-    for path in filter(None, named):  # before there is a page
+    for path in filter(None, named):  # an error is printed before the page opens
         if not (path.is_file() or (path == files.views and path.is_dir())):
             raise SettingsError(f"{path}: no such file; check the path")
-    if files.scene is not None:  # a damaged file is said before there is a page
+    if files.scene is not None:
         from poseviewer.files.scene_json import load_scene
 
         load_scene(files.scene)
@@ -87,7 +87,7 @@ def _opening(options: Namespace) -> Callable[[], Document]:
         if files.scene is not None:
             return open_scene(files.scene, without)
         if files.views is not None:
-            choice = table.made(SetChoice, options)
+            choice = table.make(SetChoice, options)
             chosen = choice, options.view, options.scale, without
             return open_set(files.views, models[0], pose, *chosen)
         if files.photo is not None:

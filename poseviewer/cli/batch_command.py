@@ -7,7 +7,7 @@ from argparse import Namespace
 from contextlib import closing
 
 from poseviewer.cli import options as table
-from poseviewer.cli.case import settings_of
+from poseviewer.cli.case import make_settings
 from poseviewer.cli.terminal import progress_bar, say, tell
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE
 
@@ -34,10 +34,10 @@ EXAMPLES = (
 
 def run(options: Namespace) -> int:
     """Write a pose and a picture for each row, a table and a report."""
-    from poseviewer.batch.results import REPORT, TABLE
+    from poseviewer.batch.result_folder import REPORT, TABLE
     from poseviewer.batch.run import open_batch, run_batch, save_summaries
 
-    named = options.jobs, options.out, settings_of(options), options.mask
+    named = options.jobs, options.out, make_settings(options), options.mask
     batch = open_batch(*named, options.models, options.objects or ())
     to_do, count = batch.to_do(), len(batch.jobs)
     keys = {job.key for job in to_do}

@@ -1,4 +1,4 @@
-"""Open what options name: settings, a calibrated camera, files, a scene."""
+"""Turn options into settings, a calibrated camera, files and a scene."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ if TYPE_CHECKING:  # help texts come before all that
     from poseviewer.starts.loading import FindStart
 
 SAYS = "with {}, which says it itself; leave it out"
+"""Reason for refusing an option whose value the named file has."""
 
 
 def refuse_with_paper(options: Namespace) -> None:
-    """Refuse settings that the paper's loss does not have."""
+    """Refuse settings that do not go with the paper's loss."""
     if getattr(options, "loss", None) == "paper":
         if options.pixels == "near":
             raise SettingsError("--loss paper with --pixels near; it has clip and whole alone")
@@ -30,20 +31,20 @@ def refuse_with_paper(options: Namespace) -> None:
         table.refuse(options, (table.REFLECTANCE,), compares_grey)
 
 
-def settings_of(options: Namespace) -> FitSettings:
+def make_settings(options: Namespace) -> FitSettings:
     """Make the settings of a fit."""
     refuse_with_paper(options)
-    return table.made(
+    return table.make(
         FitSettings,
         options,
         mask=options.mask.name if options.mask else None,
         without=tuple(options.without) if options.without else None,
-        limits=table.made(Limits, options),
+        limits=table.make(Limits, options),
     )
 
 
 def calibration_of(options: Namespace) -> Calibration | None:
-    """Return the calibration that the options name; None if they name none."""
+    """Return the calibration that the options name; None without one."""
     if options.calibration is None:
         table.refuse(options, table.OF_CALIBRATION, "without --calibration; name its file")
         return None
@@ -52,8 +53,8 @@ def calibration_of(options: Namespace) -> Calibration | None:
     return Calibration(options.calibration, options.calibration_camera, options.lens_model)
 
 
-def named_files(options: Namespace) -> FileSet:
-    """Sort the files that the options name; raises ``SettingsError`` if they exclude each other."""
+def sort_named_files(options: Namespace) -> FileSet:
+    """Sort the files that the options name, and refuse those that exclude each other."""
     from poseviewer.files.file_set import FileSet, ModelFiles, is_scene_file
 
     photo = options.photo
@@ -76,11 +77,11 @@ def named_files(options: Namespace) -> FileSet:
 
 
 def load_named(options: Namespace) -> Registration:
-    """Load what the options name, about the object that they choose."""
+    """Load the files that the options name, and choose the object."""
     from poseviewer.api import AutoStart, SetChoice, StartCamera, load
 
-    settings = settings_of(options)
-    files = named_files(options)
+    settings = make_settings(options)
+    files = sort_named_files(options)
     given = vars(options)
     if settings.renderer != "opengl":
         tell_of_compiling()
@@ -90,13 +91,13 @@ def load_named(options: Namespace) -> Registration:
         auto = AutoStart(given.get("box"), given.get("instances") or 1, camera, bar.update)
         start = None if files.scene else _start_of(options, auto)
         photo = files.scene or files.views or files.photo
-        assert photo is not None  # without one there is no start
+        assert photo is not None  # ``_start_of`` refuses that
         registration = load(
             photo,
             files.models[0].path if files.models else None,
             start,
             settings,
-            choice=table.made(SetChoice, options) if files.views else None,
+            choice=table.make(SetChoice, options) if files.views else None,
             calibration=calibration_of(options),
             mask=options.mask,
         )

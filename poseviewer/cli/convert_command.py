@@ -56,7 +56,7 @@ EXAMPLES = (
 def run(options: Namespace) -> int:
     """Read, write, and say what was written."""
     scene, request = _source(options, _request(options))
-    scene = _with_named(scene, request)
+    scene = _with_named_files(scene, request)
     for note in scene.notes:
         say(f"note: {note}")
     files, notes = FORMATS[options.out_format].convert(scene, options.out, request)
@@ -70,7 +70,7 @@ def run(options: Namespace) -> int:
 
 
 def _write_masks(scene: Scene, out: Path, request: ConvertOptions) -> list[str]:
-    """Write masks and ``scene_gt_info.json`` of the images of a BOP scene; notes say which not."""
+    """Write masks and ``scene_gt_info.json`` of a BOP scene; return notes on those left out."""
     from poseviewer.figures.object_maps import INFO, pictures_of_objects, save_pictures
     from poseviewer.files.formats.bop import POSES, image_number, load_scene_file, scene_text
 
@@ -96,7 +96,7 @@ def _write_masks(scene: Scene, out: Path, request: ConvertOptions) -> list[str]:
 
 
 def _request(options: Namespace) -> ConvertOptions:
-    """Options of the conversion, but for the object; the files that are named are there."""
+    """Make the options of the conversion, without the object; refuse missing files."""
     from poseviewer.files.formats.conversion import require_file
     from poseviewer.files.photo import load_photo
 
@@ -106,7 +106,7 @@ def _request(options: Namespace) -> ConvertOptions:
         require_file(options.photo, "photo", "Converted")
     if options.model is not None and not options.model.is_dir():  # that of a BOP scene's models
         require_file(options.model, "model", "Converted")
-    request = table.made(ConvertOptions, options)
+    request = table.make(ConvertOptions, options)
     if options.photo is None or options.photo_size is not None:
         return request
     photo = load_photo(options.photo)
@@ -114,7 +114,7 @@ def _request(options: Namespace) -> ConvertOptions:
 
 
 def _source(options: Namespace, request: ConvertOptions) -> tuple[Scene, ConvertOptions]:
-    """The scene to be written, of the objects that are asked for."""
+    """Read the source, and choose the objects."""
     scene = _read(options, request) if options.source_format == SCENE else None
     if scene is not None and options.object:
         ids = [item.id for item in scene.objects]
@@ -135,10 +135,8 @@ def _read(options: Namespace, request: ConvertOptions) -> Scene:
         return FORMATS[options.source_format].read(options.source, request)
 
 
-def _with_named(scene: Scene, request: ConvertOptions) -> Scene:
-    """The scene with the files that the user names in place of those that it was made with; the
-    content of a file is known if its name is.
-    """
+def _with_named_files(scene: Scene, request: ConvertOptions) -> Scene:
+    """Replace the scene's files by those that the user names; equal names keep their hash."""
     from poseviewer.files.scene_assets import model_file, with_photo
 
     (view, *others), objects = scene.views, scene.objects

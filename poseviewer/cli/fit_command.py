@@ -57,7 +57,7 @@ def run(options: Namespace) -> int:
     """Write the pose or the scene, and an overlay of each photo if wanted."""
     _require_writable(options)
     registration = load_named(options)
-    _require_writable(options)  # now the files that its own name are known
+    _require_writable(options)  # again: the scene's files are known now
     result = search(registration, options.quiet).whole
     if options.instances:
         result = without_lost(result, options.instances)
@@ -86,7 +86,7 @@ def _require_writable(options: Namespace) -> None:
 
 
 def search(registration: Registration, quiet: bool) -> FitResult:
-    """Search to the end, or to Ctrl-C, which keeps the best pose so far; print the result."""
+    """Search and print the result; Ctrl-C ends the search with the best pose so far."""
     from poseviewer.render.pool import processors
 
     with progress_bar(None, quiet) as bar:
@@ -97,12 +97,12 @@ def search(registration: Registration, quiet: bool) -> FitResult:
             bar.update()
 
         result = registration.fit(watch=watch, threads=processors(), interruptible=True)
-    shares = result.visibility.shares if len(result.objects) > 1 else ()
+    visible = result.visibility.visible_fractions if len(result.objects) > 1 else ()
     for index, each in enumerate(result.objects):
         if index not in result.indices:
             continue
-        if len(shares):
-            say(f"{each.label} (seen to {shares[index]:.0%})")
+        if len(visible):
+            say(f"{each.label} (seen to {visible[index]:.0%})")
         if index in result.progress_by_object:
             _print_end(result[each.id])
         else:
@@ -111,19 +111,20 @@ def search(registration: Registration, quiet: bool) -> FitResult:
 
 
 def _print_end(result: FitResult) -> None:
-    """Print how the search for an object ended."""
+    """Print the end of the search for an object."""
     progress, verdict = result.progress, result.verdict
     assert progress is not None  # it was searched for
     say(
         f"{progress.status.value}\n"
-        f"{progress.loss_text} (start {progress.scale.shown(progress.start_loss):.3f})\n"
+        f"{progress.loss_text} (start {progress.scale.as_shown(progress.start_loss):.3f})\n"
         f"{progress.evaluations} evaluations, {progress.restart} restarts, {progress.seconds:.1f} s"
     )
     if len(result.views) > 1:
         for view in result.view_results:
-            word = "" if view.verdict is None else f", {view.verdict.label} by it alone"
-            share = "" if view.seen is None else f", {view.seen:.0%} of the model seen"
-            say(f"{view.view.name}: {view.scale.text(view.loss)}{share}{word}")
+            text = f"{view.view.name}: {view.scale.text(view.loss)}"
+            if view.visible_fraction is not None:
+                text += f", {view.visible_fraction:.0%} of the model seen"
+            say(text + (f", {view.verdict.label} by it alone" if view.verdict else ""))
     else:
         if parts := result.parts.parts_text:
             say(f"unexplained by part: {parts}")

@@ -8,7 +8,7 @@ from argparse import Namespace
 from typing import TYPE_CHECKING
 
 from poseviewer.cli import options as table
-from poseviewer.cli.case import settings_of
+from poseviewer.cli.case import make_settings
 from poseviewer.cli.terminal import progress_bar, say, tell
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def run(options: Namespace) -> int:
     from poseviewer.fit.identification import identify
     from poseviewer.starts.loading import open_photo_scene
 
-    settings = settings_of(options)
+    settings = make_settings(options)
     opened = [
         open_photo_scene(options.photo, model, options.start, settings, None, options.mask)
         for model in options.models

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class _CamerasHelp(Action):
-    """``--calibration`` without a file: the help, and what is read of cameras."""
+    """Print the help and the readable camera formats for ``--calibration`` without a file."""
 
     def __call__(
         self, parser: ArgumentParser, namespace: Namespace, values: Any, *_: object
@@ -42,10 +42,7 @@ OPTIONS = {
     "": (table.option("path PHOTO|MODEL|POSE|SCENE", "file to describe"),),
     "the photo's camera": (CALIBRATION, *table.OF_CALIBRATION),
 }
-EXAMPLES = (
-    "poseviewer info car.glb",
-    "poseviewer info photo.jpg --calibration camera.yml",
-)
+EXAMPLES = ("poseviewer info car.glb", "poseviewer info photo.jpg --calibration camera.yml")
 
 
 def run(options: Namespace) -> int:
@@ -65,14 +62,14 @@ def run(options: Namespace) -> int:
             _print_photo(path, calibration)
         except PhotoFileError:
             if suffix not in ("", *ENDINGS, *RAW_ENDINGS) and path.is_file():
-                _print_model(path)  # raises what says how to open a model of this kind
+                _print_model(path)  # its error says how to open a model of this kind
             raise
     return 0
 
 
 def print_camera(photo: Photo) -> None:
     """Print a photo's calibrated camera."""
-    assert photo.camera is not None  # asked for calibrated photos alone
+    assert photo.camera is not None  # callers pass calibrated photos
     whose, distortion = "calibrated", "no distortion: the photo stays as taken"
     if photo.undistortion is not None:
         whose, lens = "of the undistorted photo", photo.undistortion.lens
@@ -199,7 +196,7 @@ def _vector(values: Iterable[float]) -> str:
 
 
 def _print(**entries: str | tuple[str, ...]) -> None:
-    """``name: value``, a line each; a tuple gives a line for each of its texts."""
+    """Print ``name: value`` lines, a line for each text of a tuple."""
     for name, value in entries.items():
         for text in (value,) if isinstance(value, str) else value:
             say(f"{name + ':':13}{printable(text)}")

@@ -62,9 +62,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         tell("poseviewer: stopped; nothing was written.")
         return EXIT_INTERRUPTED
     except BrokenPipeError:
-        sys.stderr.close()  # the reader of our output is gone: nobody is left to tell
+        sys.stderr.close()  # the reader of the output is gone
         return 0
-    except Exception as error:  # noqa: BLE001 - whatever it is becomes a sentence
+    except Exception as error:  # noqa: BLE001 - every error becomes a sentence
         _log.debug("stopped by", exc_info=error)
         tell(f"poseviewer: {sentence_of(error)}")
         mendable = isinstance(error, (PoseViewerError, OSError, MemoryError))
@@ -72,13 +72,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _make_ready() -> None:
-    """Prepare the process: output is printable on any terminal, closed streams lead nowhere, and
-    warnings go to the log; numba compiles, whatever the environment says.
-    """
+    """Make output printable on any terminal, replace closed streams, and log warnings."""
     for name in ("stdin", "stdout", "stderr"):
-        if getattr(sys, name) is None:  # a file that is opened would take its place
+        if getattr(sys, name) is None:  # else the next opened file takes its descriptor
             setattr(sys, name, Path(os.devnull).open("r+"))  # noqa: SIM115
-    for name in ("NUMBA_DISABLE_JIT", "NUMBA_NUM_THREADS"):
+    for name in ("NUMBA_DISABLE_JIT", "NUMBA_NUM_THREADS"):  # the kernels must be compiled
         os.environ.pop(name, None)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -90,14 +88,14 @@ def _make_ready() -> None:
 
 
 class _Formatter(HelpFormatter):
-    """Wraps texts, but prints examples as they are."""
+    """Formatter that wraps texts, but not examples."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         return text if text.startswith("examples:") else super()._fill_text(text, width, indent)
 
 
 class _Parser(ArgumentParser):
-    """Prints one line for a wrong argument, as for every other mistake."""
+    """Parser that prints one line for a wrong argument, as for all other errors."""
 
     def error(self, message: str) -> NoReturn:
         shown = printable(message, MAX_MESSAGE)
@@ -116,7 +114,7 @@ def parse(arguments: Sequence[str]) -> Namespace:
 
 
 def make_parser(command: str) -> ArgumentParser:
-    """Make the parser of all commands with the options of one."""
+    """Make the parser of all commands, with the options of ``command`` alone."""
     parser = _Parser(
         prog="poseviewer",
         description="Register a known 3D model onto one photo of the object. Without a command: "

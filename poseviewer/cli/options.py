@@ -1,8 +1,8 @@
-"""Options of the commands as tables, and readers of their values.
+"""Options of the commands as tables, and parsers of their values.
 
-A command's ``OPTIONS`` are groups of options by their titles (without one: ""). What several
-commands share is here; an option that sets a field of a settings dataclass has the field's name, so
-that ``made`` takes its value there.
+A command's ``OPTIONS`` map titles to groups of options; the title "" is printed without a heading.
+Options of several commands are here. An option that sets a field of a dataclass has the field's
+name, by which ``make`` finds its value.
 """
 
 from argparse import ArgumentTypeError, Namespace, _ActionsContainer
@@ -22,7 +22,7 @@ T = TypeVar("T")
 def _value(
     read: Callable[[str], T], wanted: str, allowed: Callable[[T], bool] = lambda _: True
 ) -> Callable[[str], T]:
-    """Return a reader of a value; its error says in a few words what is ``wanted``."""
+    """Return a parser of a value, whose error says what is ``wanted``."""
 
     def value(text: str) -> T:
         try:
@@ -36,19 +36,22 @@ def _value(
     return value
 
 
-def listed(kind: Callable[[str], T]) -> Callable[[str], tuple[T, ...]]:
-    """Return a reader of several values, separated by commas."""
+def list_of(kind: Callable[[str], T]) -> Callable[[str], tuple[T, ...]]:
+    """Return a parser of values separated by commas."""
     return lambda text: tuple(kind(part.strip()) for part in text.split(","))
 
 
 def some_of(names: Iterable[str]) -> Callable[[str], tuple[str, ...]]:
-    """Return a reader of several of these names."""
-    return listed(_value(str, f"one of {', '.join(names)}", lambda name: name in names))
+    """Return a parser of some of these names, separated by commas."""
+    return list_of(_value(str, f"one of {', '.join(names)}", lambda name: name in names))
 
 
 positive = _value(float, "a number above 0", lambda value: 0.0 < value < float("inf"))
+"""Parser of a finite number above 0."""
 whole = _value(int, "a whole number above 0", lambda value: value > 0)
+"""Parser of a whole number above 0."""
 RECTANGLE = "LEFT,TOP,WIDTH,HEIGHT"
+"""Name of a rectangle's value in usages, in px."""
 READERS: Mapping[str, Callable[[str], Any]] = {
     **dict.fromkeys(("ADDRESS", "HOST", "PART", "PATTERN", "REAR;FRONT"), str),
     **dict.fromkeys(
@@ -57,9 +60,9 @@ READERS: Mapping[str, Callable[[str], Any]] = {
     ),
     **dict.fromkeys(("LENGTHS", "PX", "SECONDS", "SHARE"), positive),
     "N": whole,
-    "N,...": listed(whole),
+    "N,...": list_of(whole),
     "NAME,...": lambda text: tuple(name for part in text.split(",") if (name := part.strip())),
-    "PERCENT,...": listed(_value(float, "a number from 0 to 100", lambda value: 0 < value <= 100)),
+    "PERCENT,...": list_of(_value(float, "a number from 0 to 100", lambda value: 0 < value <= 100)),
     "PORT": _value(int, "a port, from 0 to 65535", lambda value: 0 <= value <= 65535),
     "POINTS": _value(int, "an odd number from 3 to 401", lambda value: value in range(3, 402, 2)),
     "SEED": _value(int, "a whole number of 0 or more", lambda value: value >= 0),
@@ -69,10 +72,10 @@ READERS: Mapping[str, Callable[[str], Any]] = {
         lambda sides: len(sides) == 2 and min(sides) > 0,
     ),
     RECTANGLE: _value(
-        lambda text: Rectangle(*listed(int)(text)), "four whole numbers, left,top,width,height"
+        lambda text: Rectangle(*list_of(int)(text)), "four whole numbers, left,top,width,height"
     ),
 }
-"""Readers of values by the names that usages give them; values of other names are paths."""
+"""Parsers of values, by the values' names in usages; values of other names are paths."""
 
 
 class Option(NamedTuple):
@@ -82,7 +85,7 @@ class Option(NamedTuple):
     settings: Mapping[str, Any]
     """Settings of ``add_argument``."""
     is_output: bool = False
-    """Whether it names a file to write, which none of the files to read may be."""
+    """Whether it names a file to write, which must not be one of the files to read."""
 
     @property
     def name(self) -> str:
@@ -93,6 +96,7 @@ class Option(NamedTuple):
 Group = Sequence["Option | Group"]
 """Options; those of an inner group exclude each other."""
 Options = Mapping[str, Group]
+"""Groups of options by their titles."""
 
 
 def option(
@@ -103,8 +107,15 @@ def option(
     is_output: bool = False,
     **more: Any,
 ) -> Option:
-    """Make ``--name VALUE`` (by ``READERS``), ``--name`` (a setting's or these choices, or a flag),
-    or ``name SHOWN``.
+    """Make an option.
+
+    Args:
+        usage: ``--name VALUE``, whose value's name chooses the parser of ``READERS``; ``--name``, a
+            choice or a flag; or ``name SHOWN``, a positional argument.
+        text: help text.
+        choices: values of a choice; by default those of the setting of this name, if there is one.
+        is_output: whether the option names a file to write.
+        more: further settings of ``add_argument``.
     """
     flag, _, shown = usage.partition(" ")
     choices = choices or CHOICES.get(flag[2:].replace("-", "_"))
@@ -189,6 +200,7 @@ OF_VIEWS = (
     option("--rig-object N", "take a BOP camera's motion from object N (default: its own poses)"),
 )
 LENS_MODELS = ("opencv", "fisheye")
+"""OpenCV lens models that a file may leave unsaid."""
 CAMERAS = (
     "read camera and lens, as of OpenCV, COLMAP, BOP and others (poseviewer info --calibration "
     "--help lists them), and undistort the photo (default: a pinhole, by EXIF or with a view of 50 "
@@ -210,7 +222,7 @@ SETS = option(
 )
 VIEWS: Options = {"several photos, one pose": (SETS, *OF_VIEWS)}
 SCENE: Options = {**CAMERA, **VIEWS, "comparison": COMPARED}
-"""Options that ``case.load_named`` reads besides ``FILES`` and a pose."""
+"""Options of ``case.load_named``, besides ``FILES`` and a pose."""
 ADDRESS = "listen here, at 0.0.0.0 for other machines, too (default: %(default)s)"
 SERVER = (
     option("--port PORT", "serve the page at this port (default: the first free from 8080 on)"),
@@ -239,7 +251,7 @@ STARTS = (
 )
 """Options that give the start pose."""
 OF_A_PHOTO = (MASK, CALIBRATION, BOX, INSTANCES, FOCAL)
-"""Options whose values a set of photos, or a scene, has itself."""
+"""Options refused with a set of photos or a scene, whose files have these values."""
 
 
 def each(group: Group) -> Iterator[Option]:
@@ -249,7 +261,7 @@ def each(group: Group) -> Iterator[Option]:
 
 
 def inputs(options: Namespace, of_command: Options) -> list[Path]:
-    """Return the paths to read; none for a command whose options name no file to write."""
+    """Return the paths to read; empty for a command that writes no named file."""
     every = [item for group in of_command.values() for item in each(group)]
     given = [(item, getattr(options, item.name, None)) for item in every]
     paths = [
@@ -260,7 +272,7 @@ def inputs(options: Namespace, of_command: Options) -> list[Path]:
 
 
 def values(options: Namespace, group: Iterable[Option]) -> dict[str, Any]:
-    """Return the values of a group's options by their names; None for those not given."""
+    """Return the values of a group's options by their names; None for options not given."""
     return {item.name: getattr(options, item.name, None) for item in group}
 
 
@@ -271,7 +283,7 @@ def refuse(options: Namespace, group: Iterable[Option], why: str) -> None:
             raise SettingsError(f"{item.flag} {why}")
 
 
-def made(of: Callable[..., T], options: Namespace, /, **more: Any) -> T:
-    """Make a dataclass from the options of its fields' names; other fields have their defaults."""
+def make(of: Callable[..., T], options: Namespace, /, **more: Any) -> T:
+    """Make a dataclass from the options named as its fields; other fields have their defaults."""
     given = {field.name: getattr(options, field.name, None) for field in fields(of)}  # pyright: ignore[reportArgumentType]
     return of(**{name: value for name, value in given.items() if value is not None} | more)

@@ -14,10 +14,12 @@ from poseviewer.evaluation.plan import KINDS, READINGS, Plan
 from poseviewer.scene.settings import Limits
 
 PLAN = Plan(out=Path())
+"""Plan with the defaults that the help names."""
 MIN_SIDE_PX = 32
+"""Least side of a synthetic photo, in px: on smaller ones no fit has enough pixels."""
 
 
-def _listed(values: Iterable[object]) -> str:
+def _join(values: Iterable[object]) -> str:
     return ",".join(f"{value:g}" if isinstance(value, float) else str(value) for value in values)
 
 
@@ -36,16 +38,16 @@ OPTIONS = {
         table.option("--starts N", f"fit from N starts a point (default: {PLAN.starts})"),
         table.option(
             "--deviations PERCENT,...",
-            f"put starts so far off, in %% of each parameter (default: {_listed(PLAN.deviations)})",
+            f"put starts so far off, in %% of each parameter (default: {_join(PLAN.deviations)})",
         ),
         table.option(
             "--readings NAME,...",
-            f"measure %% of a parameter's value or of its scale (default: {_listed(READINGS)})",
+            f"measure %% of a parameter's value or of its scale (default: {_join(READINGS)})",
             type=table.some_of(READINGS),
         ),
         table.option(
             "--kinds NAME,...",
-            f"fit these kinds of photos (default: {_listed(KINDS)})",
+            f"fit these kinds of photos (default: {_join(KINDS)})",
             type=table.some_of(KINDS),
         ),
         table.option("--photos N", f"draw N synthetic photos of a kind (default: {PLAN.photos})"),
@@ -60,7 +62,7 @@ OPTIONS = {
         table.option("--real FOLDER", "fit the photos of cases.json here (default: none)"),
         table.option(
             "--degrees N,...",
-            f"fit from starts so far off, in degrees (default: {_listed(PLAN.degrees)})",
+            f"fit from starts so far off, in degrees (default: {_join(PLAN.degrees)})",
         ),
         table.option(
             "--cases PATTERN", "fit cases whose id holds this text or pattern (default: all)"
@@ -83,11 +85,11 @@ EXAMPLES = (
 def run(options: Namespace) -> int:
     """Print the table."""
     options.loss = options.loss or ("paper" if options.paper else None)
-    _refuse_of_others(options)
+    _refuse_mixed_studies(options)
     from poseviewer.evaluation.study import open_study, write_report
     from poseviewer.render.pool import processors
 
-    plan = table.made(Plan, options, limits=table.made(Limits, options))
+    plan = table.make(Plan, options, limits=table.make(Limits, options))
     try:
         run = open_study(plan, ignore if options.quiet else tell)
         with progress_bar(len(run.left), options.quiet) as bar:
@@ -101,7 +103,7 @@ def run(options: Namespace) -> int:
     return 0
 
 
-def _refuse_of_others(options: Namespace) -> None:
+def _refuse_mixed_studies(options: Namespace) -> None:
     """Refuse options that do not go together."""
     refuse_with_paper(options)
     if options.real and options.bop:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def say(text: str) -> None:
-    """Print lines on standard output, without control characters of the names in them."""
+    """Print lines on standard output, without control characters."""
     print("\n".join(map(printable, text.split("\n"))), flush=True)
 
 
@@ -25,11 +25,11 @@ def tell(text: str) -> None:
 
 
 def ignore(text: str) -> None:
-    """Replace ``tell`` with ``--quiet``."""
+    """Print nothing: stands for ``tell`` with ``--quiet``."""
 
 
 def tell_of_compiling() -> None:
-    """Say that the first run on a machine compiles."""
+    """Announce that the first run on a machine compiles the kernels."""
     from poseviewer.render.software.compiled import kernels_are_compiled
 
     if not kernels_are_compiled():
@@ -43,15 +43,10 @@ def progress_bar(total: int | None, quiet: bool) -> tqdm:
     shape = "{desc} [{elapsed}, {n_fmt} evaluations, {rate_fmt}]"
     if total is not None:
         shape = "{percentage:3.0f}% |{bar}| {n_fmt}/{total_fmt} [{elapsed}<{remaining}]"
-    # A log file wants a line now and then, not ten a second.
+    # A log file needs a line now and then, not ten a second.
     interval = 0.1 if sys.stderr.isatty() else 5.0
     return tqdm(
-        total=total,
-        bar_format=shape,
-        delay=1.0,
-        mininterval=interval,
-        disable=quiet,
-        leave=False,
+        total=total, bar_format=shape, delay=1.0, mininterval=interval, disable=quiet, leave=False
     )
 
 

@@ -1,4 +1,4 @@
-"""The verdict on a pose that a search ended in."""
+"""The verdict on a search's final pose."""
 
 from __future__ import annotations
 
@@ -19,45 +19,45 @@ FEATURES: dict[str, tuple[float, float, float]] = {
 }
 """Mean and standard deviation of each feature among the trials, and its weight."""
 OFFSET = 2.63
-"""Score, as logarithm of the odds, of a pose whose features are the means."""
+"""Log odds of a pose whose features are the means."""
 FOUND_FROM = 0.81
 """Probability from which the verdict is ``found``."""
 LOST_BELOW = 0.5
 """Probability below which the verdict is ``lost``."""
 # End of what is written.
 MIN_VISIBLE_FRACTION = 0.35
-"""Share of the model that must be seen: with less, poses far off look right too."""
+"""Visible fraction that a right pose needs: with less, poses far off look right, too."""
 MIN_OUTLINE = 0.65
-"""Share of the outline of a ``found`` pose: plain and flat things fit others' insides, too."""
+"""Edge support that a ``found`` pose needs: plain things fit inside others, too."""
 PLAIN_FROM = 0.7
-"""Share of the model of one normal and reflectance from which it is plain: photos of textured or
-curved things have less than 0.4."""
+"""Fraction of the model of one normal and reflectance from which it is plain: textured and curved
+things in photos have less than 0.4."""
 PLAIN_OUTLINE = 0.9
-"""``MIN_OUTLINE`` of a plain model, which fits inside larger things of its look."""
-PLAIN_SEEN = 0.95
-"""Share of a plain model that is seen at a ``found`` pose, for the same reason."""
+"""``MIN_OUTLINE`` of a plain model, which fits inside larger things of its colour."""
+PLAIN_VISIBLE = 0.95
+"""Visible fraction that a ``found`` pose of a plain model needs, for the same reason."""
 SURE_FROM = 0.93
-"""Probability from which a search neither goes on nor gives a pose up for an estimate."""
-SURE_BEHIND = 0.8
-"""``SURE_FROM`` behind something: that makes the verdict less sure of right poses too."""
+"""Probability from which a search ends, and keeps its pose instead of an estimate."""
+SURE_IF_OCCLUDED = 0.8
+"""``SURE_FROM`` of an occluded pose: the verdict is less sure of right ones, too."""
 PROBABILITY_MARGIN = 0.1
 """Probability that a turned pose must gain, and that a continued one may lose."""
 TURNED_THRESHOLD = 0.75
-"""Probability that a turned pose must have: a pose that none explains is not far off."""
+"""Probability that a turned pose must have: where no pose is probable, turning does not help."""
 MIN_PROBABILITY = 0.01
-"""Probability of one photo among several: none is sure enough to overrule all others."""
+"""Least probability of one photo among several: none must overrule all others."""
 MAX_SCORE = 4.0
-"""Standard deviations from the trials' mean at which a feature is cut off: it says no more then."""
+"""Standard deviations from the trials' mean at which a feature is clipped."""
 SMALL_SPREAD_PERCENT = 3.0
-"""Spread below which searches from near by have come back."""
+"""Spread below which searches from near by came back, in % of the model's size."""
 LOW_TURN_MARGIN = 0.3
 """Turn margin that right poses seldom have."""
 GOOD_OUTLINE = 0.9
-"""Share of the outline that is told without reserve."""
+"""Edge support that a reason names without reserve."""
 POOR_OUTLINE = 0.75
-"""Share of the outline below which it is told as poor."""
+"""Edge support below which a reason names it poor."""
 WHOLE_FROM = 0.9
-"""Share of the model from which it counts as seen whole."""
+"""Visible fraction from which a model counts as visible wholly."""
 
 Label = Literal["found", "doubtful", "lost"]
 """Verdict in one word."""
@@ -67,30 +67,30 @@ LABELS: tuple[Label, ...] = ("lost", "doubtful", "found")
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """Evidence that tells right poses from wrong ones; all numbers are finite."""
+    """Evidence for or against a pose; all numbers are finite."""
 
     turn_margin: float
-    """Loss that the best turn by 15 to 45 degrees about an axis of the model adds, in robust
+    """Loss added by the best rotation of 15 to 45 degrees about a principal axis, in robust
     standard deviations of the losses of wrong poses."""
     spread_percent: float
-    """Median distance of the ends of descents from near by, in per cent of the model's size."""
+    """Median distance at which descents from near by end, in % of the model's size."""
     outline: float
-    """Share of the outline with an edge of its direction in the photo, in [0, 1]."""
+    """Edge support: fraction of the outline along which the photo has edges, in [0, 1]."""
     seen: float
-    """Share of the model's picture that lies on pixels that count, in [0, 1]."""
+    """Visible fraction: pixels of the model that count, in [0, 1]."""
     alike: float = 0.0
-    """Share of the model's picture that has the median's normal and reflectance, in [0, 1]."""
+    """Fraction of the model's pixels with the median normal and reflectance, in [0, 1]."""
 
     @property
     def is_plain(self) -> bool:
-        """Whether little but its outline tells where the model is."""
+        """Whether the model has little but its outline to be told by."""
         return self.alike >= PLAIN_FROM
 
 
 class Verdict(Struct, frozen=True, omit_defaults=True):
-    """Whether a pose is right, and why; probability: that it is, as among the trials that the
-    verdict was calibrated on; reasons: sentences; evidence: the numbers that it comes from, by
-    name; views: the verdicts by each of several compared views alone.
+    """Judgement whether a pose is right. The probability is that it is, as among the trials of the
+    calibration; reasons are sentences for and against it; evidence are its features by name; views
+    are the verdicts in each of several compared views alone.
     """
 
     label: Label = field(name="word")
@@ -120,7 +120,7 @@ def percent_right(label: str, probability: float) -> int:
 
 
 def judge(features: Features | None) -> Verdict:
-    """Judge a pose by logistic regression on its features; None: the model is not seen there."""
+    """Judge a pose by logistic regression on its features; None: the model is not visible."""
     if features is None:
         return Verdict("lost", 0.0, ("Hardly anything of the model is to be seen there.",))
     score = OFFSET
@@ -128,8 +128,10 @@ def judge(features: Features | None) -> Verdict:
         z = (compress_feature(name, getattr(features, name)) - mean) / deviation
         score += weight * min(max(z, -MAX_SCORE), MAX_SCORE)
     probability = 1.0 / (1.0 + math.exp(-score)) if features.seen >= MIN_VISIBLE_FRACTION else 0.0
-    outline, seen = (PLAIN_OUTLINE, PLAIN_SEEN) if features.is_plain else (MIN_OUTLINE, 0.0)
-    is_found = features.outline >= outline and features.seen >= seen
+    outline, visible = MIN_OUTLINE, 0.0
+    if features.is_plain:
+        outline, visible = PLAIN_OUTLINE, PLAIN_VISIBLE
+    is_found = features.outline >= outline and features.seen >= visible
     label = _label(is_found and probability >= FOUND_FROM, probability < LOST_BELOW)
     return Verdict(label, probability, reasons_for(features), asdict(features))
 
@@ -141,8 +143,8 @@ def _label(is_found: bool, is_lost: bool) -> Label:
 def judge_together(views: Sequence[Verdict]) -> Verdict:
     """Judge one pose by the mean log odds of its photos, as if they repeated each other.
 
-    ``found`` needs half of the photos as probable, ``lost`` most of them as improbable: a few that
-    no pose of the set explains contradict the others, and say little of the pose.
+    ``found`` needs half of the photos to agree, ``lost`` most of them: a few photos that no pose
+    explains contradict the others, and say little of the pose.
     """
     each = np.array([view.probability for view in views])
     odds = np.clip(each, MIN_PROBABILITY, 1.0 - MIN_PROBABILITY)

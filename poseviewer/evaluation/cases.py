@@ -96,7 +96,7 @@ def load_cases(folder: Path, pattern: str = "") -> list[Case]:
             accuracy, mesh = entry.accuracy_percent(reading), folder / entry.mesh
             cases.append(Case(entry.id, entry.set, path, mesh, truth, accuracy, entry.visible))
     if not cases:
-        raise SettingsError(f"--cases {pattern}: no id in {folder / CASES} matches; see there")
+        raise SettingsError(f"cases {pattern}: no id in {folder / CASES} matches; see there")
     return cases
 
 
@@ -108,7 +108,7 @@ def load_starts(folder: Path, degrees: Sequence[int], draws: int) -> list[CaseSt
     for wanted in degrees:
         if wanted not in known:
             raise SettingsError(
-                f"--degrees {wanted}: {folder / STARTS} has starts that are "
+                f"degrees {wanted}: {folder / STARTS} has starts that are "
                 f"{', '.join(map(str, known))} degrees off"
             )
     return [start for start in starts if start.degrees in degrees and start.draw < draws]

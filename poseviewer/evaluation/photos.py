@@ -132,7 +132,7 @@ def draw_start(
             continue
     raise SingularChartError(
         f"none of {MAX_DRAWS} starts up to {share:.0%} off is a pose of the vehicle chart; "
-        "choose smaller --deviations"
+        "choose smaller deviations"
     )
 
 

@@ -31,12 +31,12 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
+from poseviewer.render.attributes import PhotoAttributes, Renderer
 from poseviewer.render.opengl import opengl_renderer_name
 from poseviewer.render.pool import CHUNK, RendererPool, processors
 from poseviewer.render.pyramid.simplified import simplify
 from poseviewer.render.renderers import RendererName, make_renderer
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.render.types import PhotoAttributes, Renderer
 from poseviewer.scene.settings import LOSSES, FitSettings, Limits, LossName
 from poseviewer.scene.types import Scene
 from poseviewer.starts.loading import open_photo_scene
@@ -151,7 +151,7 @@ def measure_speed(
     maps, fits = time_maps(demo, map_size), []
     for loss in LOSSES:
         limit_s = 15.0 if quick else 30.0
-        tell(f"fitting by --method {loss}, for {limit_s:.0f} s at most")
+        tell(f"fitting by loss {loss}, for {limit_s:.0f} s at most")
         fits.append(time_fit(demo, loss, limit_s))
     covered = SoftwareRenderer(work.mesh).render_mask(work.poses[0])
     size = f"{covered.shape[1]}x{covered.shape[0]}"
@@ -229,7 +229,7 @@ def time_fit(demo: Demo, loss: LossName, limit_s: float) -> Timing:
     error = pose_error(scene.objects[0].mesh, end.pose, demo.truth).percent
     status = end.status.name.lower().replace("_", " ")
     words = f"{end.evaluations:,} evaluations, {status}, {error:.2f} % off"
-    return Timing(f"fit of the demo, --method {loss}", threads, (end.seconds,), words)
+    return Timing(f"fit of the demo, loss {loss}", threads, (end.seconds,), words)
 
 
 def time_maps(demo: Demo, size: int) -> Timing:

@@ -24,13 +24,7 @@ from poseviewer.evaluation.report import (
     reliability_panels,
     study_table,
 )
-from poseviewer.evaluation.trials import (
-    KEY,
-    Trial,
-    TrialTask,
-    fetch_model,
-    fetch_photo,
-)
+from poseviewer.evaluation.trials import KEY, Trial, TrialTask, fetch_model, fetch_photo
 from poseviewer.figures.landscape_sheet import figure_bytes
 from poseviewer.figures.study_sheet import make_study_sheet
 from poseviewer.files.checks import InputFile
@@ -90,7 +84,7 @@ class StudyRun:
             if trial is None:
                 raise SettingsError(
                     "a process of the study was ended from outside, perhaps for want of memory; "
-                    "what was done is kept: run the same again, with fewer --jobs"
+                    "what was done is kept: run the same again, with fewer jobs"
                 )
             append_row(self.out / TRIALS, trial)
             self.rows.append(trial)
@@ -197,8 +191,8 @@ def bop_folder(table: Path, dataset: Path | None) -> Path:
         if (folder / "models" / MODELS_INFO).is_file():
             return folder
     raise SettingsError(
-        f"{dataset or table}: no models/{MODELS_INFO} there or above; name a BOP data set with "
-        "--dataset FOLDER"
+        f"{dataset or table}: no models/{MODELS_INFO} there or above; name the folder of a "
+        "BOP data set"
     )
 
 
@@ -214,8 +208,8 @@ def bop_tasks(table: Path, folder: Path, settings: FitSettings) -> tuple[list[Tr
             numbers = [target.object_id for target in image.objects]
             if len(set(numbers)) < len(numbers):
                 raise SettingsError(
-                    f"{source}: image {image.number} has an object more than once; `study --bop` "
-                    "tells no such objects apart"
+                    f"{source}: image {image.number} has an object more than once; a study "
+                    "cannot tell such objects apart"
                 )
             if unknown := set(numbers) - set(models):
                 raise SettingsError(

@@ -22,8 +22,8 @@ from poseviewer.geometry.charts import LOG_FOCAL
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.symmetry_group import Symmetry
+from poseviewer.render.attributes import Renderer
 from poseviewer.render.renderers import make_renderer
-from poseviewer.render.types import Renderer
 from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Scene, SceneObject, View, scene_at
@@ -125,10 +125,7 @@ class TrialTask:
         for other in self.others:
             truth = scene.views[0].world_from_model(other.truth)
             known = SceneObject(
-                id=other.name,
-                model=fetch_model(other.mesh)[0],
-                world_from_model=truth,
-                locked=True,
+                id=other.name, model=fetch_model(other.mesh)[0], world_from_model=truth, locked=True
             )
             scene = replace(scene, objects=(*scene.objects, known))
         return scene, renderer

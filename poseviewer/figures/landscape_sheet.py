@@ -24,9 +24,9 @@ INK = "0.15"
 LEVELS = 15
 """Number of contours."""
 CELL_INCHES = 1.75
-"""Side of a map."""
+"""Side of a map, in inches."""
 MIN_SHEET_INCHES = 3.6
-"""Smallest side of all maps together."""
+"""Smallest side of all maps together, in inches."""
 DOTS_PER_INCH = 150
 """Resolution of pictures."""
 ROW_INCHES = (3.9, 3.6)
@@ -48,7 +48,7 @@ def make_landscape_sheet(
     title: str = "",
     what: str = "loss",
 ) -> Figure:
-    """Draw slices as far as known on a sheet.
+    """Draw the known part of slices on a sheet.
 
     Args:
         slices: at most one of each pair of parameters.
@@ -112,7 +112,7 @@ def _range(losses: Sequence[FloatArray]) -> Normalize:
 
 def _draw_map(axes: Axes, piece: Slice, pose: FloatArray, scale: Normalize) -> None:
     x, y = piece.first_values, piece.second_values
-    losses = piece.filled()
+    losses = piece.fill_gaps()
     levels = np.linspace(float(scale.vmin or 0.0), float(scale.vmax or 1.0), LEVELS + 1)
     if np.isfinite(losses).all():
         axes.contourf(x, y, losses, levels, cmap=COLOURS, norm=scale, extend="both")
@@ -157,7 +157,7 @@ def readable(name: str) -> str:
 
 
 def _add_key(figure: Figure, scale: Normalize, what: str) -> None:
-    """Draw the colour bar and a legend in the upper right, which the maps leave free."""
+    """Draw the colour bar and a legend in the free upper right corner."""
     width, height = figure.get_size_inches()
     right, top = 1.0 - 0.35 / width, 1.0 - 0.75 / height
     span = min(0.32, 2.6 / width)

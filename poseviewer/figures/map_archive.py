@@ -86,7 +86,7 @@ class LossMaps:
         from poseviewer.figures.landscape_sheet import figure_bytes, make_landscape_sheet
 
         sheet = make_landscape_sheet(
-            [piece.shown(self.loss_scale) for piece in self.slices],
+            [piece.as_shown(self.loss_scale) for piece in self.slices],
             self.names,
             self.centre,
             title=self.title,

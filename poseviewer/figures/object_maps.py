@@ -1,6 +1,4 @@
-"""Pictures of objects at their poses for data sets: masks, depth, normals and coordinates, by the
-names and in the folders of BOP.
-"""
+"""Pictures of objects at their poses for data sets, with BOP's names and folders."""
 
 import json
 import math
@@ -25,38 +23,42 @@ from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.types import PlacedModel, Scene
 
 INFO = "scene_gt_info.json"
+"""Name of BOP's file of visible fractions and boxes."""
 NO_BOX = [-1, -1, -1, -1]
-"""BOP's box of what is not seen."""
-DEEPEST = 65535
-"""Largest number of 16 bits."""
+"""BOP's box of an invisible object."""
+MAX_UINT16 = 65535
+"""Largest value of a 16-bit picture."""
 
 
-def model_coordinates(model: PlacedModel, depth: NDArray[np.float32]) -> FloatArray:
-    """(height, width, 3): the point of the model, in its frame, that each pixel centre shows; NaN
-    where ``depth`` (height, width) is not finite.
+def object_coordinates(model: PlacedModel, depth: NDArray[np.float32]) -> FloatArray:
+    """Compute normalised object coordinates (NOCS, Wang et al. 2019) from depth (height, width).
+
+    Returns:
+        (height, width, 3): 0.5 in the middle of the model's bounding box, whose diagonal has length
+        1; 0 where the depth is not finite.
     """
     pose, (height, width) = model.pose, depth.shape
     pixels = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1)
     known = np.where(np.isfinite(depth), depth, np.nan).astype(float)
-    return pose.camera_from_model.inverse().apply(pose.camera.points_at(pixels, known))
-
-
-def object_coordinates(model: PlacedModel, depth: NDArray[np.float32]) -> FloatArray:
-    """(height, width, 3): normalised object coordinates (NOCS, Wang et al. 2019): 0.5 in the middle
-    of the model's bounding box, whose diagonal has length 1; 0 where nothing is.
-    """
-    points = (model_coordinates(model, depth) - model.mesh.centre) / model.mesh.diameter + 0.5
-    return np.nan_to_num(points)
+    points = pose.camera_from_model.inverse().apply(pose.camera.points_at(pixels, known))
+    return np.nan_to_num((points - model.mesh.centre) / model.mesh.diameter + 0.5)
 
 
 def pictures_of_objects(
     scene: Scene, first: int = 0, masks_alone: bool = False
 ) -> dict[str, bytes]:
-    """PNG pictures, ``scene_camera.json`` and ``scene_gt_info.json`` (shares that are seen, boxes),
-    as the BOP toolkit makes them, by their names in a folder: of image i and object j
-    ``mask/i_j`` (alone), ``mask_visib/i_j`` (what the others leave to be seen), ``normal/i_j``
-    (camera axes, -1 to 1 in 16 bits) and ``nocs/i_j``; and ``depth/i`` of all, whose steps are
-    ``depth_scale`` mm, or of the models' unit where that is not known. ``first``: i of the first.
+    """Make the pictures of a scene, as the BOP toolkit does.
+
+    Args:
+        scene: scene whose objects have poses.
+        first: number i of the first image.
+        masks_alone: whether to make masks and ``scene_gt_info.json`` only.
+
+    Returns:
+        Content of each file by its name. Object j of image i has the PNG pictures ``mask/i_j``
+        (alone), ``mask_visib/i_j`` (not occluded), ``normal/i_j`` (camera axes, -1 to 1 in 16
+        bits) and ``nocs/i_j``. ``depth/i`` is in steps of ``depth_scale`` mm, or of the models'
+        unit if that is unknown; ``scene_camera.json`` has this scale.
     """
     contents = dict[str, bytes]()
     cameras = {}
@@ -68,7 +70,7 @@ def pictures_of_objects(
         depths = [depth_image(model) for model in models]
         shown = visibility_of_depths(depths)
         for index, (model, depth) in enumerate(zip(models, depths, strict=True)):
-            masks = {"mask": shown.drawn[index], "mask_visib": shown.seen(index)}
+            masks = {"mask": shown.silhouettes[index], "mask_visib": shown.mask(index)}
             infos.setdefault(str(number), []).append(_info(model, *masks.values()))
             pictures = {kind: np.where(m, 255, 0).astype(np.uint8) for kind, m in masks.items()}
             if not masks_alone:
@@ -81,7 +83,7 @@ def pictures_of_objects(
             continue
         nearest = mm * np.minimum.reduce(depths).astype(float)
         nearest[~np.isfinite(nearest)] = 0.0
-        step = 10.0 ** math.ceil(math.log10(max(nearest.max(), 1e-9) / DEEPEST))
+        step = 10.0 ** math.ceil(math.log10(max(nearest.max(), 1e-9) / MAX_UINT16))
         contents[f"depth/{number:06d}.png"] = _png(np.rint(nearest / step).astype(np.uint16))
         cameras[str(number)] = {"depth_scale": step}
         if isinstance(view.camera, Perspective):
@@ -92,51 +94,49 @@ def pictures_of_objects(
     return contents
 
 
-def _info(model: PlacedModel, drawn: NDArray[np.bool_], seen: NDArray[np.bool_]) -> dict[str, Any]:
-    """Entry of an object in ``scene_gt_info.json``; the whole silhouette is looked for as far as a
-    photo's side beyond the photo.
-    """
-    whole = drawn
-    (height, width) = drawn.shape
-    (top, left) = (0, 0)
-    if not drawn.any() or drawn[[0, -1]].any() or drawn[:, [0, -1]].any():
-        top, left = height, width
+def _info(
+    model: PlacedModel, silhouette: NDArray[np.bool_], visible: NDArray[np.bool_]
+) -> dict[str, Any]:
+    """Entry of an object in ``scene_gt_info.json``."""
+    whole = silhouette
+    height, width = silhouette.shape
+    top, left = 0, 0
+    if not whole.any() or whole[[0, -1]].any() or whole[:, [0, -1]].any():
+        top, left = height, width  # look a photo's side beyond the photo
         camera = model.pose.camera.crop(-left, -top, (3 * width, 3 * height))
         whole = np.isfinite(depth_image(replace(model, pose=replace(model.pose, camera=camera))))
-    counts = {"all": whole, "valid": drawn, "visib": seen}
+    counts = {"all": whole, "valid": silhouette, "visib": visible}
     counts = {f"px_count_{name}": int(np.count_nonzero(mask)) for name, mask in counts.items()}
     count = counts["px_count_visib"]
     return {
         **counts,
         "visib_fract": count / counts["px_count_all"] if count else 0.0,
         "bbox_obj": _box(whole, top, left) if count else NO_BOX,
-        "bbox_visib": _box(seen) if count else NO_BOX,
+        "bbox_visib": _box(visible) if count else NO_BOX,
     }
 
 
 def _box(mask: NDArray[np.bool_], top: int = 0, left: int = 0) -> list[int]:
-    """Least x, least y, and the differences to the largest, px."""
+    """BOP's box of a mask, px: left, top, and the differences to the right and to the bottom."""
     y, x = np.nonzero(mask)
     return [int(x.min()) - left, int(y.min()) - top, int(np.ptp(x)), int(np.ptp(y))]
 
 
 def save_pictures(folder: Path, pictures: Mapping[str, bytes], overwrite: bool) -> None:
-    """Write all pictures into a folder, or, where one is there and is not to be replaced, none."""
+    """Write all pictures into a folder; none if one exists that must not be overwritten."""
     for name in pictures:
         if (folder / name).exists() and not overwrite:
             found = "is there already and was not touched"
-            raise PoseFileError(
-                f"{folder / name}: {found}; name another folder, or add --overwrite."
-            )
+            raise PoseFileError(f"{folder / name}: {found}; name another folder, or overwrite it.")
     for name, data in pictures.items():
         make_folder((folder / name).parent)
         write_whole(folder / name, data, PoseFileError)
 
 
-def _in_16_bits(values: NDArray, drawn: NDArray[np.bool_]) -> NDArray[np.uint16]:
-    """Values in [0, 1], as a picture that is black where nothing is ``drawn``."""
-    levels = np.rint(DEEPEST * np.clip(values, 0.0, 1.0))
-    return np.where(drawn[..., None], levels, 0).astype(np.uint16)
+def _in_16_bits(values: NDArray, mask: NDArray[np.bool_]) -> NDArray[np.uint16]:
+    """Values in [0, 1] as a picture that is black beside the mask."""
+    levels = np.rint(MAX_UINT16 * np.clip(values, 0.0, 1.0))
+    return np.where(mask[..., None], levels, 0).astype(np.uint16)
 
 
 def _png(picture: NDArray) -> bytes:

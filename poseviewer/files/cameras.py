@@ -11,7 +11,7 @@ from poseviewer.files.camera_trees import TREES, load_tree
 from poseviewer.files.checks import InputFile
 from poseviewer.files.colmap_model import colmap_cameras, colmap_images
 from poseviewer.files.structs import check_camera
-from poseviewer.geometry.lens import UPRIGHT, LensModel, turned_camera, turned_lens
+from poseviewer.geometry.lens import UPRIGHT, LensModel, rotate_camera, rotate_lens
 
 KIND = "file of cameras"
 MAX_HEAD_LETTERS = 2000
@@ -133,11 +133,11 @@ def _upright(
     if not is_of_stored:
         return taken
     try:
-        lens = taken.lens and turned_lens(taken.lens, orientation)
+        lens = taken.lens and rotate_lens(taken.lens, orientation)
     except ValueError as error:
         found = f"{error}, and EXIF turns the photo"
         raise file.error(found, "save the photo upright, and calibrate anew") from None
-    return replace(taken, camera=turned_camera(own, orientation), lens=lens)
+    return replace(taken, camera=rotate_camera(own, orientation), lens=lens)
 
 
 def _choose_camera(

@@ -1,4 +1,4 @@
-"""Covariance of a pose that a search ended in, by the curvature of its loss."""
+"""Covariance of a search's final pose, by the curvature of its loss."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -13,21 +13,21 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.optimise import quadratic
 
 MODELS = quadratic.QuadraticOptions(0.1, 0.3, rounds=3, min_gain=-math.inf)
-"""From 5 % of the model's size at its rim down to a search's last contour; always three rounds."""
+"""Quadratic models from 5 % of the model's size at its rim down to a search's last contour."""
 FOCAL_MODELS = replace(MODELS, rounds=4, growth=2.0)
 """``MODELS`` with a free focal length: beside it and the depth the loss is flat for long."""
 FOCAL_SPREAD = 1.4
 """Factor of the standard deviations with a free focal length, for the region to hold as often."""
 SPREAD = 0.031
 """Standard deviation at curvature, unexplained and visible fraction 1 (``tests.measure.real``)."""
-SEEN_POWER = 2.0
-"""Exponent of the visible fraction: the more of the model is hidden, the farther a fit is off."""
+VISIBLE_POWER = 2.0
+"""Exponent of the visible fraction: the less of the model is visible, the larger the error."""
 
 
-def find_covariance(probe: Probe, seen: float) -> PoseCovariance:
-    """Find the covariance of a pose at which a fraction ``seen`` of the model is visible.
+def find_covariance(probe: Probe, visible: float) -> PoseCovariance:
+    """Find the covariance of a pose at which a fraction ``visible`` of the model is visible.
 
-    The loss sums logarithms of what is unexplained u, so its curvature is u's divided by u.
+    The loss sums logarithms of the unexplained share u, so its curvature is that of u over u.
 
     Raises:
         PoseViewerError, OutsideChartError, LinAlgError: no loss is known beside the pose.
@@ -35,8 +35,8 @@ def find_covariance(probe: Probe, seen: float) -> PoseCovariance:
     is_free = probe.chart.free_focal
     options = FOCAL_MODELS if is_free else MODELS
     least, inverse = inverse_curvature(probe.losses, len(probe.motions), options)
-    unexplained = LossScale.of(probe.photo).unexplained(least)
-    factor = SPREAD / (unexplained * seen**SEEN_POWER) * (FOCAL_SPREAD if is_free else 1.0)
+    unexplained = LossScale.of(probe.photo).as_unexplained(least)
+    factor = SPREAD / (unexplained * visible**VISIBLE_POWER) * (FOCAL_SPREAD if is_free else 1.0)
     covariance = factor**2 * probe.motions.T @ inverse @ probe.motions
     chart = probe.chart
     return PoseCovariance.from_chart(probe.mesh, chart.start, chart, covariance)
@@ -56,5 +56,5 @@ def inverse_curvature(
     *_, last = quadratic.minimise(lambda steps: iter(losses(steps)), at, scale, options)
     if last.axes is None or not np.isfinite([last.value, *last.axes.ravel()]).all():
         raise np.linalg.LinAlgError
-    # Along each of its axes a the model rises to the contour: a^T H a = 2 contour_level.
+    # Along each axis a, the quadratic model rises to the contour: a^T H a = 2 contour_level.
     return last.value, last.axes @ last.axes.T / (2.0 * options.contour_level)

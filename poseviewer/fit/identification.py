@@ -1,4 +1,4 @@
-"""Which of several models a photo shows: each is fitted, all are compared on the same pixels."""
+"""Find which of several models a photo shows, by fitting each on the same pixels."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -17,21 +17,29 @@ from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Scene
 
 Watch = Callable[[str, FitProgress], Any]
+"""Function called with the name of a model and its progress; its exception ends the search."""
 
 
 def identify(
     scenes: Sequence[Scene], settings: FitSettings, watch: Watch | None = None
 ) -> list[tuple[str, FitProgress]]:
-    """Fit each model from its start; names and ends of the fits, that of least loss first.
+    """Fit each model from its start, on the same pixels.
 
-    The scenes are of one photo, each of one model; all are compared on the same pixels, by
-    ``shared_settings``. ``watch`` is called with the model's name at every evaluation; what it
-    raises ends the search. Raises ``SettingsError``: there are fewer than two models, or the
-    settings do not go with the photo or with several models.
+    Args:
+        scenes: scenes of one photo, each of one model.
+        settings: settings of the fits.
+        watch: called at every evaluation.
+
+    Returns:
+        Name of the model and end of its fit, that of least loss first.
+
+    Raises:
+        SettingsError: there are fewer than two models, or the settings do not go with the photo or
+            with several models.
     """
     if len(scenes) < 2:
-        raise SettingsError("one model alone: name two or more, to be told apart.")
-    shared = shared_settings(scenes, settings)
+        raise SettingsError("one model alone: name two or more to choose from.")
+    shared = settings_for_all(scenes, settings)
     ends = []
     for scene in scenes:
         model = scene.objects[0].model
@@ -46,11 +54,11 @@ def identify(
     return sorted(ends, key=lambda end: end[1].loss)
 
 
-def shared_settings(scenes: Sequence[Scene], settings: FitSettings) -> FitSettings:
-    """Limit the settings' region to the box about all models at their starts."""
+def settings_for_all(scenes: Sequence[Scene], settings: FitSettings) -> FitSettings:
+    """Return settings limited to the box about all models at their starts."""
     if settings.pixels == "clip":
         raise SettingsError(
-            "--pixels clip judges every model on pixels of its own, so their losses cannot be "
+            'pixels="clip" judges every model on pixels of its own, so their losses cannot be '
             "compared; use near or whole."
         )
     if settings.pixels == "whole":

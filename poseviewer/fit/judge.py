@@ -1,4 +1,4 @@
-"""Evidence on a pose, from the losses about it: for its verdict, and for a better turn."""
+"""Judge a pose by the losses about it, and find a better one turned about an axis."""
 
 import math
 from contextlib import closing, suppress
@@ -19,15 +19,15 @@ from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose, level_pose
 from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.render.attributes import AttributeImage, Renderer
 from poseviewer.render.pyramid.levels import model_mask, visible_fraction
-from poseviewer.render.types import AttributeImage, Renderer
 
-ALIKE = 0.1
-"""Distance of two looks, normal (unit) and reflectance (of 1), that counts as none."""
+ALIKE_DISTANCE = 0.1
+"""Distance of attributes, normal (unit) and reflectance in [0, 1], up to which they are alike."""
 MIN_PIXELS = 50
-"""Pixels of the model below which it counts as unseen."""
+"""Pixels of the model below which it counts as invisible."""
 WRONG_POSES = 48
-"""Wrong poses that the right one is compared with."""
+"""Number of wrong poses that the pose is compared with."""
 WRONG_DEG = (15.0, 45.0)
 """Smallest and largest rotation of a wrong pose."""
 WRONG_SHIFT = 0.2
@@ -35,34 +35,40 @@ WRONG_SHIFT = 0.2
 WRONG_SIZE = 0.1
 """Standard deviation of the logarithm of a wrong pose's size."""
 RETURNS = 4
-"""Descents from poses near the end."""
+"""Number of descents from poses near by, which should return to the pose."""
 RETURN_DISTANCE = 0.15
-"""Distance of their starts: radians, or fraction of the radius."""
+"""Distance of the returns' starts: radians, or fraction of the radius."""
 RETURN_EDGE = 0.08
-"""Edge of their first simplex."""
+"""Edge of the returns' first simplex, in units of ``RETURN_DISTANCE``."""
 RETURN_EVALUATIONS = 60
-MINIMUM_EDGE, MINIMUM_EVALUATIONS = 0.03, 50
-"""Descent from the pose itself: a coarse level's minimum is a little beside the photo's."""
-TURN_EDGE, TURN_EVALUATIONS = 0.08, 60
-"""Edge and length of descents from turned poses."""
+"""Evaluations of a return: enough to come back to a clear minimum."""
+MINIMUM_EDGE = 0.03
+"""Edge of the simplex from the pose itself: the coarse minimum is a little beside the photo's."""
+MINIMUM_EVALUATIONS = 50
+"""Evaluations of the descent from the pose itself, which begins nearer than the returns."""
+TURN_EDGE = 0.08
+"""Edge of the first simplex from a turned pose, as in the returns."""
+TURN_EVALUATIONS = 60
+"""Evaluations of a descent from a turned pose, as in the returns."""
 TURN_GAIN = 0.02
 """Loss that a turned pose must gain on the coarse level, as in a search's last stage."""
 OUTLINE_OVERLAP = 0.75
-"""Intersection over union of two poses' pictures from which their outlines count as the same."""
+"""Intersection over union of two silhouettes from which they count as the same."""
 
 
 def judge_end(progress: FitProgress, renderer: Renderer, threads: int = 1) -> FitProgress:
-    """The progress with the verdict on the pose that a search ended in, ``lost`` where no model is
-    to be seen, and the pose's covariance.
+    """Add the verdict on a search's final pose, and its covariance.
+
+    The verdict is ``lost`` where the model is not visible.
     """
     problem = progress.problem
     parameters = progress.parameters
     features = None
     covariance = None
     if len(problem.views) > 1:
-        pairs = zip(problem.alone, problem.poses(parameters), strict=True)
-        owns = [replace(progress, problem=alone, pose=pose) for alone, pose in pairs]
-        each = [judge_end(own, renderer, threads) for own in owns]
+        pairs = zip(problem.by_view, problem.poses(parameters), strict=True)
+        in_views = [replace(progress, problem=problem, pose=pose) for problem, pose in pairs]
+        each = [judge_end(own, renderer, threads) for own in in_views]
         verdict = judge_together([one.verdict for one in each if one.verdict is not None])
         if verdict.label != "lost":
             charts, known = [view.chart for view in problem.views], [one.covariance for one in each]
@@ -70,12 +76,12 @@ def judge_end(progress: FitProgress, renderer: Renderer, threads: int = 1) -> Fi
         return replace(progress, verdict=_with_symmetry(verdict, problem), covariance=covariance)
     probing = partial(Probe, problem, renderer, progress.pose, threads)
     if progress.status is not Status.NOTHING_SEEN:
-        # Raises where it is in part behind the camera, or on the edge of its chart.
+        # Raises for a pose in part behind the camera, or on the border of its chart.
         with suppress(PoseViewerError), closing(probing()) as probe:
             features = gather_features(probe)
     verdict = _with_symmetry(judge(features), problem)
     if features is not None and verdict.label != "lost":
-        # Raises where poses beside it are in no photo.
+        # Raises where poses beside it leave the photo.
         unknown = PoseViewerError, OutsideChartError, np.linalg.LinAlgError
         with suppress(*unknown), closing(probing(is_fine=True)) as probe:
             covariance = find_covariance(probe, features.seen)
@@ -83,7 +89,7 @@ def judge_end(progress: FitProgress, renderer: Renderer, threads: int = 1) -> Fi
 
 
 def _with_symmetry(verdict: Verdict, problem: FitProblem) -> Verdict:
-    """The verdict with a reason that names the turns that the model's symmetry leaves open."""
+    """Name in the verdict the rotations that the model's symmetry leaves open."""
     turns = problem.symmetry.words
     if not turns or verdict.label == "lost":
         return verdict
@@ -92,8 +98,10 @@ def _with_symmetry(verdict: Verdict, problem: FitProblem) -> Verdict:
 
 
 def gather_features(probe: Probe) -> Features | None:
-    """Features of a pose, on any number of threads the same; None where the model is not in sight,
-    or in part behind the camera.
+    """Gather the features of a pose; they do not depend on the number of threads.
+
+    Returns:
+        The features; None if the model is invisible, or in part behind the camera.
     """
     photo = probe.photo
     renderer = probe.renderer
@@ -108,22 +116,22 @@ def gather_features(probe: Probe) -> Features | None:
     )
     typical = float(np.median(losses))
     scale = max(1.4826 * float(np.median(np.abs(losses - typical))), 1e-6)
-    # Without turns, a turned pose is taken for as bad as a typical wrong one.
+    # If no rotation is free, a typical wrong pose stands for the best turned one.
     gain = float((turned - here).min()) if len(turned) else max(typical - here, 0.0)
     return Features(
         turn_margin=gain / scale,
         spread_percent=100.0 * float(np.median(_distances_of_returns(probe))),
         outline=outline_support(photo.channels, photo.weights, drawn),
         seen=visible_fraction(photo, renderer, pose),
-        alike=_share_alike(renderer.render(level_pose(pose, photo.factor))),
+        alike=_alike_fraction(renderer.render(level_pose(pose, photo.factor))),
     )
 
 
-def _share_alike(image: AttributeImage) -> float:
-    """The share of the model's pixels that look as their median does."""
-    looks = np.hstack([image.normals[image.mask], image.reflectance[image.mask]])
-    apart = np.linalg.norm(looks - np.median(looks, axis=0), axis=1)
-    return float(np.mean(apart < ALIKE))
+def _alike_fraction(image: AttributeImage) -> float:
+    """Fraction of the model's pixels whose attributes are about their median."""
+    attributes = np.hstack([image.normals[image.mask], image.reflectance[image.mask]])
+    apart = np.linalg.norm(attributes - np.median(attributes, axis=0), axis=1)
+    return float(np.mean(apart < ALIKE_DISTANCE))
 
 
 def _wrong_steps(probe: Probe) -> FloatArray:
@@ -138,7 +146,7 @@ def _wrong_steps(probe: Probe) -> FloatArray:
 
 
 def _distances_of_returns(probe: Probe) -> list[float]:
-    """Distances of the ends of descents from near by to the coarse minimum, shares of the size."""
+    """Distances of the returns' ends to the coarse minimum, as fractions of the model's size."""
     size = len(probe.motions)
     near = np.random.default_rng(1).normal(size=(RETURNS, size))
     near *= RETURN_DISTANCE / np.linalg.norm(near, axis=1, keepdims=True) * math.sqrt(size / 3.0)
@@ -151,10 +159,18 @@ def _distances_of_returns(probe: Probe) -> list[float]:
 def better_turn(
     problem: FitProblem, renderer: Renderer, pose: Pose, threads: int = 1
 ) -> FloatArray | None:
-    """Parameters (d,) of the best pose of the same outline that descents from turned poses reach on
-    a coarse level; None where a descent from the pose itself reaches no worse one.
+    """Find a better pose of the same silhouette by descents from turned poses, on a coarse level.
 
-    A can turned about its axis keeps its outline, and its print tells the turn a few degrees far.
+    A can turned about its axis keeps its silhouette, and its label tells only small rotations.
+
+    Args:
+        problem: problem of the search.
+        renderer: renderer of the model.
+        pose: pose to improve on.
+        threads: number of threads.
+
+    Returns:
+        (d,): parameters; None if a descent from the pose itself ends no worse.
     """
     with suppress(PoseViewerError), closing(Probe(problem, renderer, pose, threads)) as probe:
         photo, level = probe.level.photo, probe.level.renderer

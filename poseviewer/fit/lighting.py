@@ -1,20 +1,23 @@
-"""The lighting that explains the photo best; the loss takes it without asking for it."""
+"""The lighting that explains the photo best: the loss eliminates it, this recovers it."""
 
 from dataclasses import replace
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.linear_algebra import whiten
+from poseviewer.render.attributes import AttributeImage, Moments, PhotoAttributes, Renderer
 from poseviewer.render.moments import model_attributes
-from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes, Renderer
 
 
 def recover_lighting(moments: Moments) -> tuple[FloatArray, FloatArray]:
-    """``A = C_FM C_MM^+`` (n, m) and ``b = mean(F) - A mean(M)`` (n,), light that is there without
-    the model (haze, sensor offset): the map ``F = A M + b`` of least squared residual.
+    """Return the lighting ``F = A M + b`` of least squared residual.
 
     Where the model cannot tell parts of the lighting apart (constant reflectance, a flat model),
-    the pseudo-inverse gives the least such lighting. Attributes that are constant get none.
+    the pseudo-inverse gives the least such lighting; constant attributes get none.
+
+    Returns:
+        ``A = C_FM C_MM^+`` (n, m), and ``b = mean(F) - A mean(M)`` (n,), which is light that the
+        model does not reflect (haze, sensor offset).
     """
     n = moments.photo_channels
     model = whiten(moments.covariance[n:, n:], moments.mean[n:])
@@ -22,11 +25,19 @@ def recover_lighting(moments: Moments) -> tuple[FloatArray, FloatArray]:
     return gain, moments.mean[:n] - gain @ moments.mean[n:]
 
 
-def relit(
+def render_relit(
     photo: PhotoAttributes, renderer: Renderer, pose: Pose, image: AttributeImage
 ) -> FloatArray:
-    """Colours (h, w, n) of the model in a picture, by the light that explains best the pixels that
-    it covers in the ``photo`` at a ``pose``, with all its colours.
+    """Render the model in the light that explains best the pixels it covers in a photo.
+
+    Args:
+        photo: the photo; it is compared in all its colours.
+        renderer: renderer of the model.
+        pose: pose of the model in the photo.
+        image: attributes of the model in the picture to make, (h, w).
+
+    Returns:
+        (h, w, n): colours.
     """
     coloured = photo.channels.shape[2] == 3
     shown = replace(photo, clipped=True, colour_reflectance=coloured, structure=None)

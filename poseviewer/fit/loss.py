@@ -1,18 +1,18 @@
-"""The illumination-invariant loss of Jayawardena, Hutter and Brewer (2010), from moments alone.
+"""The illumination-invariant loss of Jayawardena, Hutter and Brewer (2010), from moments.
 
 Any lighting of a diffuse surface is a linear map ``F = A M + b`` of the model's attributes M to
-the photo's F. The loss is what the best such map leaves unexplained, measured so that no regular
-affine change of F or of M alters it::
+the photo's F. The loss is what the best such map leaves unexplained. It is invariant to regular
+affine changes of F and of M::
 
     loss = min(n, m) - tr[ C_FM C_MM^-1 C_MF C_FF^-1 ],    0 <= loss <= min(n, m)
 
-The trace is the sum of the squared canonical correlations r_i^2 between F and M. Where classes and
-edges are compared too, a search minimises::
+The trace is the sum of the squared canonical correlations r_i^2 between F and M. By default,
+classes and edges are compared too, and a search minimises::
 
     loss = sum_i log(1 + (1 - r_i^2) / NOISE) + EDGE_WEIGHT * (1 - edge cosine)
 
-The sum is, but for NOISE and a constant, minus twice the mutual information of F and M, were they
-normal: the last per cent of what is explained counts as much as the first.
+Were F and M normal, the sum would be minus twice their mutual information, but for NOISE and a
+constant. The last per cent of what is explained counts as much as the first.
 
 People read that loss as the *unexplained* share, from 0 (all is explained) to 1 (nothing), the
 geometric mean of three shares::
@@ -22,9 +22,9 @@ geometric mean of three shares::
     edges   = exp(-EDGE_WEIGHT cos)
     unexplained = (light * classes * edges)^(1/3) = exp((loss - nothing) / 3)
 
-p_i are the canonical correlations of the photo's colours with M; for 1 - r^2 stands
-(1 - r^2 + NOISE) / (1 + NOISE), and ``nothing`` is the loss where all r_i and the cosine are 0. A
-pose that explains less than nothing (edges across the photo's) has 1.
+p_i are the canonical correlations of the photo's colours with M. Each 1 - r^2 is replaced by
+(1 - r^2 + NOISE) / (1 + NOISE), and ``nothing`` is the loss at which all r_i and the cosine are 0.
+A pose that explains less than nothing (edges across the photo's) has 1.
 """
 
 from __future__ import annotations
@@ -38,52 +38,53 @@ import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.linear_algebra import canonical_correlations_squared
-from poseviewer.render.types import Moments, PhotoAttributes
+from poseviewer.render.attributes import Moments, PhotoAttributes
 
 EDGE_WEIGHT = 2.5
-"""Weight of the edges' disagreement, in [0, 2]. Photos of cars want more, blurred ones less."""
+"""Weight of the edges' disagreement (1 - cosine); best over photos of many kinds."""
 NOISE = 1e-3
-"""Share of the variance that no pose explains: sensor noise, and what models leave out."""
+"""Fraction of the variance that no pose explains: sensor noise, and what models lack."""
 PIXELS_PER_ATTRIBUTE = 4
-"""With fewer pixels than this for each of the n + m attributes, any lighting fits by chance."""
+"""Pixels for each of the n + m attributes, at least: with fewer, lighting fits by chance."""
 PARTS = 3
-"""Light, classes, edges: shares whose geometric mean is taken."""
+"""Number of shares in the geometric mean: light, classes and edges."""
 
 Loss = Callable[[Moments], float]
-"""Function that a search minimises, from the moments of a pose on a photo."""
+"""Function that a search minimises, of the moments of a pose on a photo."""
 Losses = TypeVar("Losses", float, FloatArray)
 
 
-def fewest_pixels(attributes: int) -> int:
-    """Number of pixels that the loss needs for n + m ``attributes``."""
+def min_pixels(attributes: int) -> int:
+    """Return the number of pixels that the loss needs for n + m ``attributes``."""
     return PIXELS_PER_ATTRIBUTE * attributes
 
 
 def lighting_loss(moments: Moments) -> float:
-    """The paper's loss in [0, min(n, m)], the most where too few pixels show the model; never nan.
+    """Return the paper's loss, in [0, min(n, m)]; the worst where too few pixels show the model.
 
     Singular covariances (a constant photo or reflectance, a flat model) are inverted on their
-    range only, with ``RANK_TOLERANCE``; what is constant explains nothing.
+    range only, with ``RANK_TOLERANCE``: constants explain nothing, and the loss is never nan.
     """
     worst = float(_count(moments))
-    if moments.pixels < fewest_pixels(len(moments.mean)):
+    if moments.pixels < min_pixels(len(moments.mean)):
         return worst
     return min(max(worst - float(_canonical_squares(moments).sum()), 0.0), worst)
 
 
 def whole_photo_loss(moments: Moments) -> float:
-    """The paper's loss over the whole photo, in [0, 1]: ``lighting_loss`` without the attribute,
-    the last one, that tells model and surroundings apart.
+    """Return the paper's loss over the whole photo, in [0, 1].
+
+    It is ``lighting_loss`` without the last attribute, which separates model and surroundings.
     """
     mean, covariance = moments.mean[:-1], moments.covariance[:-1, :-1]
     return lighting_loss(replace(moments, mean=mean, covariance=covariance))
 
 
 def registration_loss(moments: Moments) -> float:
-    """The default loss: with classes and edges where these are compared, else ``lighting_loss``."""
+    """Return the loss with classes and edges if these are compared, else ``lighting_loss``."""
     if moments.edge_cosine is None:
         return lighting_loss(moments)
-    if moments.pixels < fewest_pixels(len(moments.mean)):
+    if moments.pixels < min_pixels(len(moments.mean)):
         return LossScale(_count(moments), 1, has_edges=True).worst
     squares = np.minimum(_canonical_squares(moments), 1.0)
     unexplained = float(np.log1p((1.0 - squares) / NOISE).sum())
@@ -96,7 +97,7 @@ def _count(moments: Moments) -> int:
 
 
 def _canonical_squares(moments: Moments, colours: int | None = None) -> FloatArray:
-    """(min(n, m),): squared canonical correlations of F, or its leading ``colours``, and M."""
+    """(min(n, m),): squared canonical correlations of M and F, or its first ``colours``."""
     n = moments.photo_channels
     mean = moments.mean
     covariance = moments.covariance
@@ -110,53 +111,53 @@ def _canonical_squares(moments: Moments, colours: int | None = None) -> FloatArr
 class LossScale:
     """The scale of the losses of all poses on one photo."""
 
-    most: int
+    correlations: int
     """min(n, m), the number of canonical correlations."""
     colours: int
-    """Channels of the photo's colour, 1 or 3; after them come the classes."""
+    """Channels of the photo's colour, 1 or 3; the classes follow them."""
     has_edges: bool
-    """Whether classes and edges are compared too; if not, the loss is the paper's, in [0, most]."""
+    """Whether classes and edges are compared; else the loss is the paper's, in [0, min(n, m)]."""
 
     @classmethod
     def of(cls, photo: PhotoAttributes) -> LossScale:
-        """The scale of the losses on ``photo``."""
-        most = min(photo.photo_channels, photo.model_channels)
-        return cls(most, photo.channels.shape[2], photo.structure is not None)
+        """Return the scale of the losses on ``photo``."""
+        correlations = min(photo.photo_channels, photo.model_channels)
+        return cls(correlations, photo.channels.shape[2], photo.structure is not None)
 
     @property
     def worst(self) -> float:
         """The loss of a pose that shows nothing of the model."""
         if not self.has_edges:
-            return float(self.most)
-        return self.most * float(np.log1p(1.0 / NOISE)) + 2.0 * EDGE_WEIGHT
+            return float(self.correlations)
+        return self.correlations * float(np.log1p(1.0 / NOISE)) + 2.0 * EDGE_WEIGHT
 
     @property
     def name(self) -> str:
         """Name of the shown values: ``unexplained``, or ``loss (of 1)``."""
-        return "unexplained" if self.has_edges else f"loss (of {self.most})"
+        return "unexplained" if self.has_edges else f"loss (of {self.correlations})"
 
-    def unexplained(self, losses: Losses) -> Losses:
-        """Shares in [0, 1] of losses; nan stays nan."""
+    def as_unexplained(self, losses: Losses) -> Losses:
+        """Convert losses to unexplained shares in [0, 1]; nan stays nan."""
         if not self.has_edges:
-            return losses / self.most
-        nothing = self.most * np.log1p(1.0 / NOISE) + EDGE_WEIGHT
+            return losses / self.correlations
+        nothing = self.correlations * np.log1p(1.0 / NOISE) + EDGE_WEIGHT
         kind: Any = np.asarray if isinstance(losses, np.ndarray) else float
         return kind(np.exp(np.minimum(np.subtract(losses, nothing) / PARTS, 0.0)))
 
-    def shown(self, losses: Losses) -> Losses:
-        """Losses as shown to a person: unexplained, or the paper's own, in [0, min(n, m)]."""
-        return self.unexplained(losses) if self.has_edges else losses
+    def as_shown(self, losses: Losses) -> Losses:
+        """Convert losses to what people read: unexplained shares, or the paper's losses."""
+        return self.as_unexplained(losses) if self.has_edges else losses
 
     def text(self, loss: float) -> str:
-        """Text such as ``unexplained 0.170``, or for the paper's loss ``loss 0.378 of 1``."""
-        shown = f"{self.shown(loss):.3f}"
-        return f"unexplained {shown}" if self.has_edges else f"loss {shown} of {self.most}"
+        """Return a text such as ``unexplained 0.170``, or ``loss 0.378 of 1`` for the paper's."""
+        shown = f"{self.as_shown(loss):.3f}"
+        return f"unexplained {shown}" if self.has_edges else f"loss {shown} of {self.correlations}"
 
     def read(self, loss: float, moments: Moments) -> Unexplained:
-        """The ``loss`` of a pose with these ``moments``, and its parts."""
+        """Split the ``loss`` of a pose with these ``moments`` into its parts."""
         if moments.edge_cosine is None:
             return Unexplained(self, loss)
-        if moments.pixels < fewest_pixels(len(moments.mean)):
+        if moments.pixels < min_pixels(len(moments.mean)):
             return Unexplained(self, loss, (1.0, 1.0, 1.0))
         light, both = (
             float(np.prod((1.0 - np.clip(squares, 0.0, 1.0) + NOISE) / (1.0 + NOISE)))
@@ -173,13 +174,13 @@ class Unexplained:
     scale: LossScale
     loss: float
     parts: tuple[float, ...] = ()
-    """Light, classes and edges, of which the total is the geometric mean; empty where light alone
+    """Shares of light, classes and edges, whose geometric mean is the total; empty if light alone
     is compared, or the model is behind the camera."""
 
     @property
     def total(self) -> float:
         """Unexplained share, in [0, 1]."""
-        return self.scale.unexplained(self.loss)
+        return self.scale.as_unexplained(self.loss)
 
     @property
     def text(self) -> str:
@@ -188,13 +189,13 @@ class Unexplained:
 
     @property
     def parts_text(self) -> str:
-        """Text such as ``light 0.09, classes 0.20, edges 0.27``; empty where light is all."""
+        """Text such as ``light 0.09, classes 0.20, edges 0.27``; empty if there are no parts."""
         named = zip(("light", "classes", "edges"), self.parts, strict=False)
         return ", ".join(f"{name} {share:.2f}" for name, share in named)
 
 
 def mean_over(photos: Sequence[Unexplained]) -> Unexplained:
-    """Mean loss over several photos of one scale, and geometric means of its parts."""
-    count, parts = len(photos), zip(*(one.parts for one in photos), strict=False)
-    shares = tuple(math.prod(of_all) ** (1.0 / count) for of_all in parts)
-    return Unexplained(photos[0].scale, sum(one.loss for one in photos) / count, shares)
+    """Return the mean loss over photos of one scale, and the geometric means of its parts."""
+    count, parts = len(photos), zip(*(photo.parts for photo in photos), strict=False)
+    shares = tuple(math.prod(part) ** (1.0 / count) for part in parts)
+    return Unexplained(photos[0].scale, sum(photo.loss for photo in photos) / count, shares)

@@ -1,4 +1,4 @@
-"""Losses about a pose, along the motions that its search was free in."""
+"""Losses about a pose, along the motions that its search left free."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -21,25 +21,26 @@ from poseviewer.geometry.mesh import hull_points, principal_axes
 from poseviewer.geometry.symmetry_group import Symmetry
 from poseviewer.geometry.transform import rotation_about
 from poseviewer.optimise import nelder_mead
+from poseviewer.render.attributes import Renderer
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import coarsest_level, lighter_level, with_structure
-from poseviewer.render.types import Renderer
 
 SMALL_STEP = 1e-4
 """Step of a derivative by a chart's parameter, in units of its scale."""
 MIN_MOTION = 1e-3
-"""Share of the greatest motion below which one counts as none: differences are no more exact."""
+"""Least motion, as a fraction of the greatest: differences are no more exact than this."""
 TOLERANCES = nelder_mead.NelderMeadOptions(x_tolerance=2e-3, f_tolerance=1e-3)
+"""Ends of a descent: a minimum nearer than this counts as the same."""
 TURNS_DEG = (15.0, 30.0, 45.0)
-"""Turns to each side: a descent finds the right one from half of the way to the next."""
-FREE_SHARE = 0.9
-"""A turn counts where this share of it is left of what the search was free to change."""
+"""Rotations to each side: a descent finds the right one from halfway to the next."""
+FREE_FRACTION = 0.9
+"""Fraction of a rotation that must lie in the free motions for the rotation to be tried."""
 
 
 class Probe:
-    """Losses about a pose, at steps (k,) along the motions that its search was free in.
+    """Losses about a pose, at steps (k,) along the motions that its search left free.
 
-    Steps that are asked for together are evaluated in parallel; ``close`` ends the threads.
+    The steps of one call are evaluated in parallel; ``close`` ends the threads.
     """
 
     def __init__(
@@ -50,9 +51,9 @@ class Probe:
         threads: int = 1,
         is_fine: bool = False,
     ) -> None:
-        """``is_fine``: probe the photo itself, not its coarsest level.
+        """Prepare to probe a pose, on the photo itself (``is_fine``) or its coarsest level.
 
-        Raises ``PoseViewerError`` for a pose that has no parameters in a chart.
+        Raises ``PoseViewerError``: a chart has no parameters at the pose.
         """
         self.mesh = problem.mesh
         self.symmetry = problem.symmetry
@@ -62,7 +63,7 @@ class Probe:
         self.chart = FreeBodyChart.near(self.mesh, pose, free_focal)
         motions = free_motions(problem, problem.chart.from_pose(pose), self.chart)
         self.motions = _without_equal(motions, self.chart, self.symmetry)
-        """(k, d): orthonormal, in the numbers of ``chart``; none leads along equal poses."""
+        """(k, d): orthonormal, in the parameters of ``chart``; none leads along equal poses."""
         photo = problem.photo
         if photo.structure is None:  # by classes and edges near the pose, whatever was compared
             near = photo.weights * box_near(self.mesh, pose).mask(*photo.weights.shape)
@@ -77,7 +78,7 @@ class Probe:
         self.close = self._pool.close
 
     def pose(self, step: FloatArray) -> Pose:
-        """The pose at a step; raises ``OutsideChartError`` where there is none."""
+        """Return the pose at a step; raises ``OutsideChartError`` where there is none."""
         return self.chart.to_pose(step @ self.motions)
 
     def losses(self, steps: Sequence[FloatArray] | FloatArray) -> FloatArray:
@@ -87,11 +88,14 @@ class Probe:
     def descend(
         self, descents: Sequence[tuple[FloatArray, FloatArray | float, int]]
     ) -> list[tuple[FloatArray, float]]:
-        """Step where each descent of a simplex ends, and the loss there.
+        """Descend by simplices.
 
         Args:
             descents: of each, its start (k,), the edges of its simplex as columns (k, e) or the
                 length of k edges along the axes, and its number of evaluations.
+
+        Returns:
+            The step (k,) at which each descent ends, and the loss there.
         """
         return list(self._pool.map(self._descend, descents, at_a_time=1))
 
@@ -112,18 +116,19 @@ class Probe:
             return np.inf
 
     def turns(self) -> FloatArray:
-        """(t, k): steps that turn the model about those principal axes that are free."""
+        """(t, k): steps that rotate the model about its principal axes, as far as they are free."""
         axes = principal_axes(self.mesh) @ self.chart.start.camera_from_model.rotation.T
         angles = np.radians([*TURNS_DEG, *(-angle for angle in TURNS_DEG)])
         turns = np.zeros((3 * len(angles), self.motions.shape[1]))
         turns[:, :3] = np.einsum("a,kx->akx", angles, axes).reshape(-1, 3)
         steps = turns @ self.motions.T
-        kept = np.linalg.norm(steps, axis=1) >= FREE_SHARE * np.linalg.norm(turns, axis=1)
+        kept = np.linalg.norm(steps, axis=1) >= FREE_FRACTION * np.linalg.norm(turns, axis=1)
         return steps[kept]
 
     def distance(self, one: FloatArray, other: FloatArray) -> float:
-        """Mean distance of the hull in the photo, as a share of its diagonal there, at most 1; of
-        equal poses the nearest counts.
+        """Mean distance of the hull in the photo, as a fraction of its diagonal there, at most 1.
+
+        Of poses that the symmetry makes equal, the nearest counts.
         """
         try:
             pose = self.pose(one)
@@ -137,28 +142,28 @@ class Probe:
 
 
 def free_motions(problem: FitProblem, parameters: FloatArray, chart: FreeBodyChart) -> FloatArray:
-    """(k, d): orthonormal motions that span what the search was free to change."""
+    """(k, d): orthonormal motions that span the free parameters of a search."""
     if len(problem.free_indices) == len(parameters):
         return np.eye(len(chart.names))
     steps, motions = SMALL_STEP * np.diag(problem.chart.scales(parameters)), []
     for step in steps[problem.free_indices]:
-        for sign in (1.0, -1.0):  # at the border of a chart one of them leads to no pose
+        for sign in (1.0, -1.0):  # at the border of a chart, one sign leads to no pose
             with suppress(OutsideChartError):
-                moved = problem.chart.to_pose(parameters + sign * step)
-                motions.append(chart.from_pose(moved) * (sign / SMALL_STEP))
+                pose = problem.chart.to_pose(parameters + sign * step)
+                motions.append(chart.from_pose(pose) * (sign / SMALL_STEP))
                 break
     return orth(np.array(motions).T, MIN_MOTION).T
 
 
 def _without_equal(motions: FloatArray, chart: FreeBodyChart, symmetry: Symmetry) -> FloatArray:
-    """The motions (k, d) but for turns of continuous symmetries; all if nothing would be left."""
-    place, equal = chart.start.camera_from_model, []
+    """Motions (k, d) without rotations of continuous symmetries; all if none would be left."""
+    start, equal = chart.start.camera_from_model, []
     for axis in symmetry.free_axes:
         turn = symmetry.as_transform(rotation_about(*(SMALL_STEP * axis)))
-        pose = replace(chart.start, camera_from_model=place @ turn)
+        pose = replace(chart.start, camera_from_model=start @ turn)
         equal.append(chart.from_pose(pose) / SMALL_STEP)
     if not equal:
         return motions
     along, sizes, _ = np.linalg.svd(motions @ np.array(equal).T)
-    rest = along[:, np.count_nonzero(sizes > FREE_SHARE) :].T @ motions
+    rest = along[:, np.count_nonzero(sizes > FREE_FRACTION) :].T @ motions
     return rest if len(rest) else motions

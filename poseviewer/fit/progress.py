@@ -25,16 +25,16 @@ class Status(enum.Enum):
     CONVERGED = "Converged: no pose nearby has a lower loss."
     EVALUATIONS_SPENT = (
         "Stopped at the limit of evaluations: the best pose so far is kept; "
-        'fit again from it, or raise "Max evaluations" (--evaluations).'
+        'fit again from it, or raise "Max evaluations" (setting evaluations).'
     )
     SECONDS_SPENT = (
         "Stopped at the time limit: the best pose so far is kept; "
-        'fit again from it, or raise "Time limit (s)" (--seconds).'
+        'fit again from it, or raise "Time limit (s)" (setting seconds).'
     )
     STOPPED = "Stopped by the user: the best pose so far is kept; fit again from it to go on."
     KEPT = (
         "Kept the start: where the search ended is not sure to be better "
-        "(fit without --keep-start to see it)."
+        "(fit with keep_start off to see it)."
     )
     NOTHING_SEEN = (
         "No pose near the start shows enough of the model in the region: "
@@ -44,39 +44,39 @@ class Status(enum.Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FitProgress:
-    """A search after one more evaluation: the best pose so far, and where it is looking.
+    """A search after one more evaluation: the best pose so far, and the candidates.
 
-    ``parameters``, ``pose`` and the losses are on the photo itself, the candidates on a pyramid
-    level. Evaluations, restarts and seconds are those of all runs since the start.
+    Losses are on the photo itself, but those of the candidates are on a pyramid level. Evaluations,
+    restarts and seconds count all runs since the start.
     """
 
     problem: FitProblem
-    """The problem, without the pixels that were taken for something in front of the model."""
+    """Problem, without the pixels that were found to be occluded."""
     parameters: FloatArray
-    """(d,): the best pose, in the problem's chart."""
+    """(d,): parameters of the best pose, in the problem's chart."""
     pose: Pose
     loss: float
     start_loss: float
     candidates: FloatArray
-    """(n, d): parameters that are compared now, the best first: a simplex, or the best of a
-    population or of a model's samples."""
+    """(n, d): parameters that are compared now, the best first: a simplex, part of a population, or
+    samples of a quadratic model."""
     candidate_losses: FloatArray
-    """(n,): on the candidates' level; infinite where not yet evaluated."""
+    """(n,): losses of the candidates; infinite where not yet evaluated."""
     evaluations: int
-    """On all levels."""
+    """Evaluations on all levels."""
     restart: int
     seconds: float
     status: Status
     factor: int = 1
-    """Times by which the candidates' photo is smaller."""
+    """Factor by which the candidates' photo is reduced."""
     verdict: Verdict | None = None
-    """Whether the pose is right; given with the last progress of a ``search``."""
+    """Verdict on the pose; in the last progress of a search alone."""
     covariance: PoseCovariance | None = None
-    """Covariance of the pose, if it is right, with the verdict; None for a lost one."""
+    """Covariance of the pose, if it is right; in the last progress, None for a lost pose."""
 
     @classmethod
     def at_start(cls, problem: FitProblem) -> FitProgress:
-        """The progress before the first evaluation."""
+        """Make the progress before the first evaluation."""
         start, pose = problem.start, problem.chart.to_pose(problem.start)
         nothing = np.inf, np.inf, start[None], np.full(1, np.inf)
         return cls(problem, start, pose, *nothing, 0, -1, 0.0, Status.RUNNING)
@@ -96,12 +96,12 @@ class FitProgress:
     @property
     def unexplained(self) -> float:
         """The loss on the scale from 0, all of the photo is explained, to 1, nothing."""
-        return self.scale.unexplained(self.loss)
+        return self.scale.as_unexplained(self.loss)
 
     @property
     def start_unexplained(self) -> float:
-        """The start's loss on that scale."""
-        return self.scale.unexplained(self.start_loss)
+        """The start's loss on the scale of ``unexplained``."""
+        return self.scale.as_unexplained(self.start_loss)
 
     @property
     def loss_text(self) -> str:
@@ -109,15 +109,15 @@ class FitProgress:
         return self.scale.text(self.loss)
 
     def keeping(self, other: FitProgress) -> FitProgress:
-        """The progress with the pose of another one and, at the end, its verdict."""
-        said = self if self.status is Status.RUNNING else other
+        """Return the progress with the pose of another one and, at the end, its verdict."""
+        judged = self if self.status is Status.RUNNING else other
         return replace(
             self,
             parameters=other.parameters,
             pose=other.pose,
             loss=other.loss,
-            verdict=said.verdict,
-            covariance=said.covariance,
+            verdict=judged.verdict,
+            covariance=judged.covariance,
         )
 
 
@@ -126,13 +126,13 @@ class SearchProgress:
     """Progress of a search for objects of a scene, after one more evaluation."""
 
     scene: Scene
-    """With poses and results of the objects whose last search has ended."""
+    """Scene with poses and results of the objects whose last search has ended."""
     object_index: int
-    """The object that is searched for."""
+    """Index of the object that is searched for."""
     progress_by_object: Mapping[int, FitProgress]
     """The last progress for each object that had its turn."""
     improvements: tuple[FitProgress, ...]
-    """The object's progress at each evaluation that found a better pose, the first included."""
+    """The object's progress at the first evaluation, and at each that found a better pose."""
     restarts: tuple[FitProgress, ...] = ()
     """The object's progress at the first evaluation of each restart."""
     is_over: bool = False

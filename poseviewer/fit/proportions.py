@@ -17,7 +17,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.normals import face_normals_and_areas
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.types import Renderer
+from poseviewer.render.attributes import Renderer
 
 STRETCHES = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, -2.0]]) / np.sqrt([[2.0], [6.0]])
 """(2, 3): orthonormal, logarithms of stretches along x, y and z; all three alike are a distance."""

@@ -1,4 +1,4 @@
-"""The loss about a pose: a slice through it for every two numbers of the chart, coarse to fine."""
+"""The loss about a pose: a slice for every two parameters of the chart, coarse to fine."""
 
 from __future__ import annotations
 
@@ -18,24 +18,25 @@ from poseviewer.fit.loss import LossScale
 from poseviewer.fit.problem import FitProblem, pose_loss
 from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.camera import Pose
+from poseviewer.render.attributes import Renderer
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, coarsest_level
-from poseviewer.render.types import Renderer
 
-COARSEST = 4
-"""Steps along each side of a slice's first grid, at least."""
-SMOOTH = 0.05
-"""Share of a map's range by which interpolation may be off to be used on the next finer grid."""
+MIN_GRID_STEPS = 4
+"""Least steps along each side of a slice's first grid."""
+MAX_INTERPOLATION_ERROR = 0.05
+"""Error, as a fraction of a map's range, up to which the next finer grid is interpolated."""
 WHOLE_GRIDS = 2
-"""Number of the first grids that are not interpolated: their points must meet narrow valleys."""
-CHECKED = 8
-"""Points of each map that tell how good its interpolation is."""
+"""First grids that are not interpolated: their points must meet narrow valleys."""
+CHECK_POINTS = 8
+"""Points of each map at which its interpolation is checked."""
 
 Pair = tuple[int, int]
+"""Indices of two parameters."""
 
 
 class SliceMinimum(NamedTuple):
-    """The least known loss of a slice, and where it is."""
+    """The least known loss of a slice, and its place."""
 
     first_value: float
     second_value: float
@@ -44,12 +45,12 @@ class SliceMinimum(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Slice:
-    """The loss over a grid of two numbers, as far as it is known, the others at the centre."""
+    """The loss over a grid of two parameters, as far as it is known, the others at the centre."""
 
     first: int
-    """Index of the number along the columns."""
+    """Index of the parameter along the columns."""
     second: int
-    """Index of the number along the rows."""
+    """Index of the parameter along the rows."""
     first_values: FloatArray
     """(k,), ascending, the centre in the middle."""
     second_values: FloatArray
@@ -57,8 +58,8 @@ class Slice:
     losses: FloatArray
     """(k, k): row by ``second_values``, column by ``first_values``; nan where not yet known."""
     error: float | None = None
-    """95 % quantile of the interpolated losses' errors, as a share of the range; None: none is
-    interpolated, or it is not known yet."""
+    """95 % quantile of errors by interpolation, as a fraction of the range; None: not known yet, or
+    nothing is interpolated."""
 
     def __post_init__(self) -> None:
         size = len(self.first_values)
@@ -66,12 +67,12 @@ class Slice:
             array = freeze_array(getattr(self, name), (size,) * shape)
             object.__setattr__(self, name, array)
 
-    def shown(self, scale: LossScale) -> Slice:
-        """The slice with its losses as shown to a person."""
-        return replace(self, losses=scale.shown(self.losses))
+    def as_shown(self, scale: LossScale) -> Slice:
+        """Return the slice with its losses as people read them, by ``LossScale.as_shown``."""
+        return replace(self, losses=scale.as_shown(self.losses))
 
-    def filled(self) -> FloatArray:
-        """(k, k): losses for pictures, the nearest known one where none is known."""
+    def fill_gaps(self) -> FloatArray:
+        """(k, k): losses for pictures, unknown ones replaced by the nearest known."""
         unknown = np.isnan(self.losses)
         if unknown.all():
             return self.losses
@@ -97,19 +98,25 @@ def landscape(
     size: int = 41,
     smooth: bool = False,
 ) -> Iterator[Slice]:
-    """The slices through the loss about ``centre`` (d,), within +- ``half_width`` scales of it.
+    """Evaluate the slices through the loss about a centre, for every two free parameters.
 
-    All pairs of free numbers are filled on a coarse grid, then on finer ones down to ``size`` x
-    ``size`` points; no point is evaluated twice, also where slices cross. Yields a pair's slice
-    after each row of its grid; the last one of each pair is complete. To stop, stop asking. The
-    default width is the paper's.
+    All slices are filled on a coarse grid, then on finer ones; no point is evaluated twice, also
+    where slices cross. Yields a slice after each row of its grid; the last one of each pair is
+    complete. Stop iterating to stop.
 
-    ``smooth``: finer grids are interpolated where that did well one grid before, but about each
-    slice's minimum; points drawn at random give the ``error`` of each pair's last slice.
+    Args:
+        problem: problem whose loss is evaluated.
+        pool: renderers of the problem's level, one for each thread.
+        centre: (d,): parameters at the centre.
+        half_width: distance from the centre to the border, in scales of the parameters; the default
+            is the paper's.
+        size: points along each side; odd, so that the centre is one of them.
+        smooth: whether to interpolate finer grids where that did well one grid before, but not
+            about each slice's minimum. Random points give the ``error`` of each pair's last slice.
 
     Raises:
-        SettingsError: ``size`` is even (the centre would not be on the grid) or less than 3, or
-            ``half_width`` is not positive; or there are no two free numbers.
+        SettingsError: ``size`` is even or less than 3, or ``half_width`` is not positive; or there
+            are no two free parameters.
     """
     if size < 3 or size % 2 == 0 or not half_width > 0.0:
         raise SettingsError(
@@ -117,10 +124,10 @@ def landscape(
             "3 or more (such as 41), and a width above 0 (such as 0.2)."
         )
     if len(problem.free_indices) < 2:
-        raise SettingsError("a landscape needs two free numbers; lock fewer.")
+        raise SettingsError("a landscape needs two free parameters; lock fewer.")
     steps = half_width * np.linspace(-1.0, 1.0, size)
     steps[size // 2] = 0.0
-    # Column i: the values that number i takes along its axis.
+    # Column i: the values of parameter i along its axis.
     values = np.array(centre, dtype=float) + steps[:, None] * problem.chart.scales(centre)
     losses, level = _Losses(problem, pool, values), 0
     for level, stride in enumerate(strides(size)):
@@ -128,7 +135,7 @@ def landscape(
             losses.interpolate(stride)
         yield from losses.fill(stride)
     if smooth and level >= WHOLE_GRIDS:
-        yield from losses.checked()
+        yield from losses.check()
 
 
 class _Losses:
@@ -143,38 +150,39 @@ class _Losses:
         self._grids = {pair: np.full((size, size), np.nan) for pair in pairs}
 
     def fill(self, stride: int) -> Iterator[Slice]:
-        """Evaluate what is not known on a grid of this stride; yields the slice after each row."""
+        """Evaluate unknown points on a grid of this stride; yields the slice after each row."""
         rows = [
             (pair, row, (np.flatnonzero(np.isnan(losses[row, ::stride])) * stride).tolist())
             for pair, losses in self._grids.items()
             for row in range(0, len(losses), stride)
         ]
         points = [[self._point(pair, row, c) for c in columns] for pair, row, columns in rows]
-        coming = self._evaluate([point for some in points for point in some])
-        for (pair, row, columns), some in zip(rows, points, strict=True):
-            if not some:
+        evaluations = self._evaluate([point for of_row in points for point in of_row])
+        for (pair, row, columns), of_row in zip(rows, points, strict=True):
+            if not of_row:
                 continue
-            for point in some:
+            for point in of_row:
                 while point not in self._known:
-                    next(coming)
-            self._grids[pair][row, columns] = [self._known[point] for point in some]
+                    next(evaluations)
+            self._grids[pair][row, columns] = [self._known[point] for point in of_row]
             yield self._slice(pair)
 
     def interpolate(self, stride: int) -> None:
-        """Fill grids from those of twice the stride, where that told these from the ones before."""
+        """Interpolate grids from those of twice the stride, where that worked one grid before."""
         for losses in self._grids.values():
             coarse, part = losses[:: 2 * stride, :: 2 * stride], losses[::stride, ::stride]
-            off = maximum_filter(np.abs(_between(losses, 4 * stride, 2 * stride) - coarse), 3)
+            off = maximum_filter(np.abs(_interpolate(losses, 4 * stride, 2 * stride) - coarse), 3)
             near = off.repeat(2, axis=0).repeat(2, axis=1)[: len(part), : len(part)]
-            smooth = np.isnan(part) & (maximum_filter(near, 3) <= SMOOTH * np.ptp(coarse))
-            part[smooth] = _between(losses, 2 * stride, stride)[smooth]
+            limit = MAX_INTERPOLATION_ERROR * np.ptp(coarse)
+            smooth = np.isnan(part) & (maximum_filter(near, 3) <= limit)
+            part[smooth] = _interpolate(losses, 2 * stride, stride)[smooth]
 
-    def checked(self) -> Iterator[Slice]:
-        """The slices, evaluated about their minima, and how good the other losses are."""
+    def check(self) -> Iterator[Slice]:
+        """Evaluate the slices about their minima, and the error of their interpolated losses."""
         random = np.random.default_rng(0)
         errors: list[float] = []
         for pair, losses in self._grids.items():
-            drawn = random.integers(len(losses), size=(CHECKED, 2))
+            drawn = random.integers(len(losses), size=(CHECK_POINTS, 2))
             least = np.unravel_index(np.argmin(losses), losses.shape)
             about = np.indices((3, 3)).reshape(2, -1).T - 1 + np.array(least)
             about = about[np.all((about >= 0) & (about < len(losses)), axis=1)]
@@ -182,8 +190,8 @@ class _Losses:
             points = [self._point(pair, row, column) for row, column in at.tolist()]
             deque(self._evaluate(points), maxlen=0)
             known = np.array([self._known[point] for point in points])
-            off = np.abs(losses[tuple(at.T)] - known)[:CHECKED] / max(np.ptp(losses), 1e-12)
-            errors.extend(off[off > 0.0])  # of those that were interpolated
+            off = np.abs(losses[tuple(at.T)] - known)[:CHECK_POINTS] / max(np.ptp(losses), 1e-12)
+            errors.extend(off[off > 0.0])  # an evaluated point has no error
             losses[tuple(at.T)] = known
         error = float(np.quantile(errors, 0.95)) if errors else 0.0
         for pair in self._grids:
@@ -195,7 +203,7 @@ class _Losses:
         return tuple(point)
 
     def _evaluate(self, points: Sequence[tuple[float, ...]]) -> Iterator[None]:
-        """Evaluate those that are not known, one a step."""
+        """Evaluate the unknown ``points``, one for each step of the iterator."""
         new = [point for point in dict.fromkeys(points) if point not in self._known]
         losses = self._pool.map(partial(pose_loss, self._problem), [np.array(p) for p in new])
         for point, loss in zip(new, losses, strict=True):
@@ -207,8 +215,8 @@ class _Losses:
         return Slice(*pair, x, y, self._grids[pair])
 
 
-def _between(losses: FloatArray, stride: int, finer: int) -> FloatArray:
-    """(m, m): losses at every ``finer`` point, cubic between those at every ``stride``."""
+def _interpolate(losses: FloatArray, stride: int, finer: int) -> FloatArray:
+    """(m, m): losses at every ``finer`` point, by a cubic spline of those at every ``stride``."""
     known, wanted = (np.arange(0, len(losses), step) for step in (stride, finer))
     order = min(3, len(known) - 1)
     curve = RectBivariateSpline(known, known, losses[::stride, ::stride], kx=order, ky=order, s=0)
@@ -216,19 +224,19 @@ def _between(losses: FloatArray, stride: int, finer: int) -> FloatArray:
 
 
 def strides(size: int) -> list[int]:
-    """Steps from one grid point to the next, coarse to fine: powers of 2 that reach the borders."""
+    """Return the strides of the grids, coarse to fine: powers of 2 that reach the borders."""
     steps = [1]
-    while (size - 1) % (2 * steps[0]) == 0 and (size - 1) // (2 * steps[0]) >= COARSEST:
+    while (size - 1) % (2 * steps[0]) == 0 and (size - 1) // (2 * steps[0]) >= MIN_GRID_STEPS:
         steps.insert(0, 2 * steps[0])
     return steps
 
 
 QUICK_SIZES = (3, 9)
-"""Points along a side of the first maps, the only ones while the pose moves."""
+"""Points along a side of the first maps, which follow the pose while it moves."""
 QUICK_PIXELS = 1000
-"""Least pixels of the model on the level of the first maps: they are to be there at once."""
+"""Pixels of the model on the level of the first maps, at least: they must come at once."""
 
 
 def quick_level(problem: FitProblem, centre: Pose, renderer: Renderer) -> Level:
-    """The level of the photo that the first maps about ``centre`` are made from."""
+    """Return the level of the photo from which the first maps about ``centre`` are made."""
     return coarsest_level(problem.photo, renderer, centre, QUICK_PIXELS)

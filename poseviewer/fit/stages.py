@@ -1,10 +1,10 @@
 """The stages of a search, coarse to fine, and running them.
 
 A coarse pyramid level shows the same valleys at a fraction of the cost: its minimum lies within one
-of its pixels of the photo's. CMA-ES goes first, on the coarsest level and then on the photo itself
-with a lighter model, and quadratic models of the loss end the search, on the finest level there is;
-or a restarted simplex searches the three levels. By the paper's loss that simplex has the photo
-alone, with edges that are shares of the numbers' values.
+of its pixels of the photo's. CMA-ES searches the coarsest level and then the photo itself with a
+lighter model; quadratic models of the loss end the search on the finest level. Alternatively, a
+restarted simplex searches the three levels. By the paper's loss, the simplex searches the photo
+alone, with edges proportional to the parameters' values.
 """
 
 import math
@@ -16,7 +16,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from poseviewer.fit.problem import FitProblem, guarded, pose_loss
+from poseviewer.fit.problem import FitProblem, pose_loss, with_min_coverage
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import level_pose
@@ -25,23 +25,23 @@ from poseviewer.optimise.cma_es import CmaOptions
 from poseviewer.optimise.protocol import Minimiser, State
 from poseviewer.optimise.quadratic import QuadraticOptions
 from poseviewer.optimise.restart_options import RestartOptions
+from poseviewer.render.attributes import Renderer
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, coarsest_level, lighter_level, with_structure
-from poseviewer.render.types import Renderer
 from poseviewer.vehicle.chart import VehicleChart
 
 MIN_PIXELS = 5000
-"""Pixels of the model at the start on the coarsest level: on coarser ones side valleys reach it."""
+"""Pixels of the model at the start on the coarsest level: coarser levels have side valleys."""
 MIN_STRUCTURE_PIXELS = 2000
-"""``MIN_PIXELS`` where classes and edges are compared, which reach farther than shades do."""
+"""``MIN_PIXELS`` with classes and edges, whose valleys are wider than those of shades."""
 COARSE_POPULATION = CmaOptions(min_sigma=0.04)
-"""Ends early: the coarse minimum is up to 5 % beside the photo's."""
+"""CMA-ES on the coarsest level; ends early, as the minimum is up to 5 % beside the photo's."""
 FINE_POPULATION = CmaOptions(sigma=0.06, population=16, generations=24, min_sigma=2e-3)
-"""On the photo itself: as wide as the coarse level can be wrong, past its side valleys."""
+"""CMA-ES on the photo itself, as wide as the coarse level can be wrong."""
 LAST_MODELS = QuadraticOptions(sampling_radius=2.0, contour_level=0.6)
-"""Reach in deviations of the population; its least gain moves the model a twentieth of a pixel."""
+"""Quadratic models after CMA-ES: their least gain moves the model a twentieth of a pixel."""
 REFINING_MODELS = QuadraticOptions(sampling_radius=1.0, contour_level=0.3)
-"""Reach in that of the models before: the fine photo's minimum is a pixel away at most."""
+"""Quadratic models on the fine photo, whose minimum is a pixel away at most."""
 COARSE_SIMPLEX = RestartOptions(
     step=0.2, multi_starts=4, multi_start_step=0.2, multi_start_x_tolerance=0.05,
     multi_start_f_tolerance=0.5, x_tolerance=0.02, f_tolerance=0.1, least_gain=0.1,
@@ -55,14 +55,14 @@ FINE_SIMPLEX = RestartOptions(
     step=0.015, multi_starts=0, x_tolerance=1.5e-3, f_tolerance=0.01, least_gain=0.02
 )
 """Simplex on the fine photo, whose minimum is a pixel away."""
-PAPER_SHARE = 1.0 / 40.0
-"""Change of the paper's loss that goes with 1 of the default's about the truth."""
+PAPER_LOSS_PER_LOSS = 1.0 / 40.0
+"""Change of the paper's loss that goes with 1 of the default loss about the truth."""
 MIN_VALUE = 0.05
-"""Share of a number's scale that its value counts for at least: some are 0 by chance."""
+"""Least value of a parameter for its edge, in its scale: some are 0 by chance."""
 RESCORE_EVERY = 32
-"""Number of evaluations after which the best point of a coarse level is scored on the photo."""
+"""Evaluations after which the best point of a coarse level is scored on the photo."""
 REFINE_TOLERANCE = 1.0
-"""Loss on the photo by which a refined pose has left the valley: ten times the minima's gap."""
+"""Loss on the photo by which a refined pose has left the valley: ten times the gap of minima."""
 
 
 Options = TypeVar("Options")
@@ -77,30 +77,30 @@ class Stage(Generic[Options]):
     options: Options
     """Options of the minimiser."""
     along_axes: bool = False
-    """Whether lengths are measured along the axes that the stage before found."""
+    """Whether the stage starts along the axes that the stage before found."""
     rescore_every: float = 0.0
-    """Number of evaluations after which the best point is scored on the photo; infinite: at the
-    end; 0: the level is the photo itself."""
+    """Evaluations after which the best point is scored on the photo; infinite: at the end; 0: the
+    level is the photo itself."""
     tolerance: float = 0.0
-    """A scored point is kept if it costs less than this more than the best so far."""
+    """Loss above the best so far up to which a scored point is kept."""
 
 
 StageMaker = Callable[[FitProblem, Renderer, FloatArray], tuple[Stage, ...]]
-"""Gives the stages of a search from parameters (d,), the coarsest first."""
+"""Function that makes the stages of a search from parameters (d,), the coarsest first."""
 
 
 def make_stages(
     problem: FitProblem, renderer: Renderer, start: FloatArray | None = None
 ) -> tuple[Stage, ...]:
-    """The stages of a search from parameters ``start`` (d,), by default the problem's."""
+    """Make the stages of a search from parameters ``start`` (d,), by default the problem's."""
     at = problem.start if start is None else start
     poses = [(view.photo, renderer, view.chart.to_pose(at)) for view in problem.views]
     full = tuple(Level(1, view.photo, renderer) for view in problem.views)
     if _is_by_papers_simplex(problem):
         return (Stage(full, simplex_restarts.minimise, problem.settings.options),)
     is_structured = problem.is_structured
-    fewest = MIN_STRUCTURE_PIXELS if is_structured else MIN_PIXELS
-    coarse = tuple(coarsest_level(*pose, fewest) for pose in poses)
+    min_pixels = MIN_STRUCTURE_PIXELS if is_structured else MIN_PIXELS
+    coarse = tuple(coarsest_level(*pose, min_pixels) for pose in poses)
     light = tuple(lighter_level(*pose) for pose in poses)
     least = tuple(c if c.factor > 1 else own for c, own in zip(coarse, light, strict=True))
     fine = tuple(Level(1, view.fine_photo, renderer) for view in problem.views if view.fine_photo)
@@ -115,9 +115,9 @@ def make_stages(
         )
     populations, last = (COARSE_POPULATION, FINE_POPULATION), LAST_MODELS
     if not is_structured:
-        weight = PAPER_SHARE * COARSE_POPULATION.prior_weight
+        weight = PAPER_LOSS_PER_LOSS * COARSE_POPULATION.prior_weight
         populations = tuple(replace(options, prior_weight=weight) for options in populations)
-        level, gain = PAPER_SHARE * last.contour_level, PAPER_SHARE * last.min_gain
+        level, gain = PAPER_LOSS_PER_LOSS * last.contour_level, PAPER_LOSS_PER_LOSS * last.min_gain
         last = replace(last, contour_level=level, min_gain=gain)
     stages = tuple(
         Stage(levels, cma_es.minimise, options, rescore_every=RESCORE_EVERY)
@@ -137,7 +137,7 @@ def _is_by_papers_simplex(problem: FitProblem) -> bool:
 
 
 def _scales(problem: FitProblem, at: FloatArray) -> FloatArray:
-    """(d,): the unit of a search's lengths about parameters (d,)."""
+    """(d,): unit of the first simplex or population about parameters (d,)."""
     scales = problem.chart.scales(at)
     if _is_by_papers_simplex(problem) and isinstance(problem.chart, VehicleChart):
         return np.maximum(np.abs(at), MIN_VALUE * scales)
@@ -154,16 +154,23 @@ def fit_pose(
     is_coarse: bool = False,
     make: StageMaker = make_stages,
 ) -> Iterator[FitProgress]:
-    """Run the stages from the problem's start; yields after every evaluation, the outcome last.
+    """Run the stages, and yield the progress after every evaluation; the last one is the outcome.
 
-    From the end of the search ``before``, it goes on without the coarsest level, within the rest of
-    the limits; ``is_coarse``: on the coarsest level alone. To stop it, stop asking. Deterministic
-    but for ``Limits.seconds``, on any number of ``threads``: poses that a minimiser asks for
-    together are evaluated in parallel. ``seed``: by default that of the settings; ``make``: gives
-    the stages.
+    Stop iterating to stop the search. But for ``Limits.seconds`` it is deterministic, on any number
+    of threads: poses that a minimiser asks for together are evaluated in parallel.
+
+    Args:
+        problem: what to fit, with its start.
+        renderer: renderer of the model.
+        threads: number of threads.
+        before: end of a search to continue, without the coarsest level and within the rest of the
+            limits; None: begin at the problem's start.
+        seed: seed of the minimisers; None: that of the settings.
+        is_coarse: whether to search the coarsest level alone.
+        make: maker of the stages.
     """
     if problem.photo.clipped:
-        problem = guarded(problem, renderer)
+        problem = with_min_coverage(problem, renderer)
     is_continued, before = before is not None, before or FitProgress.at_start(problem)
     stages = make(problem, renderer, before.parameters)
     if is_continued and problem.is_structured:
@@ -197,9 +204,7 @@ class _Run:
         self._ready: Callable[[], FitProblem] | None = None
 
     def search(self, stage: Stage, following: Stage | None) -> Iterator[FitProgress]:
-        """Search a stage's level; the photos of the ``following`` one are made meanwhile. Yields
-        after every evaluation, and once more at the end.
-        """
+        """Search a stage's level, and make the photos of the ``following`` one meanwhile."""
         scored = None
         due = stage.rescore_every
         every = stage.rescore_every
@@ -251,7 +256,7 @@ class _Run:
             yield value
 
     def _renderers_of(self, stage: Stage) -> tuple[Renderer, ...]:
-        """The levels' renderers; at the end, where whole models score, without hidden faces."""
+        """Renderers of the levels; the third of four stages culls hidden faces."""
         renderers = tuple(level.renderer for level in stage.levels)
         if stage.along_axes and stage.rescore_every:
             factors = [level.photo.factor for level in stage.levels]
@@ -263,12 +268,12 @@ class _Run:
         """The problem on a stage's level of each photo."""
         photos = [level.photo for level in stage.levels]
         if photos[0].structure is None and self._problem.photo.structure is not None:
-            # The fine photo's is made only for its stage, beside the one before.
+            # Structure of the fine photo is made while the stage before runs.
             photos = [with_structure(photo, is_steep=True) for photo in photos]
         return self._problem.on(photos)
 
     def _begin_score(self, point: FloatArray, pool: RendererPool, tolerance: float = 0.0) -> None:
-        """Ask for the loss on the photo itself, while the search goes on."""
+        """Start evaluating the loss on the photo itself, beside the search."""
         self._take_score()
         self._evaluations += 1
         if pool.threads > 1 and self._scorer is self._renderer:
@@ -278,13 +283,13 @@ class _Run:
         self._score = lambda: self._keep(point, loss(), tolerance)
 
     def _take_score(self) -> None:
-        """Keep the point that was asked for last, if it is good."""
+        """Wait for the score that was begun last, and keep its point if it is better."""
         score, self._score = self._score, None
         if score is not None:
             score()
 
     def _keep(self, point: FloatArray, loss: float, tolerance: float = 0.0) -> None:
-        """Take the point if there is nothing better; ``loss`` is on the photo."""
+        """Keep a point with its loss on the photo, unless the best one is better."""
         if self._best.start_loss == np.inf:
             self._best = replace(self._best, start_loss=loss)
         if loss < self._best.loss + tolerance:
@@ -297,7 +302,7 @@ class _Run:
         seconds, status = time.perf_counter() - self._began, Status.RUNNING
         evaluations = self._evaluations + self._evaluations_before
         if evaluations >= limits.evaluations or seconds >= limits.seconds:
-            self._take_score()  # it ends here
+            self._take_score()  # no evaluation follows
             is_last = evaluations >= limits.evaluations
             status = Status.EVALUATIONS_SPENT if is_last else Status.SECONDS_SPENT
         if is_over:

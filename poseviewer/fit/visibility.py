@@ -1,6 +1,6 @@
-"""Which pixels show which of several models: the nearest one, by the depth of each.
+"""Which pixels show which of several models, by the depth of each.
 
-All are seen by one camera, and their lengths are in one unit.
+One camera shows all models, and their lengths are in one unit.
 """
 
 from __future__ import annotations
@@ -22,11 +22,13 @@ if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer
 
 DepthImage = NDArray[np.float32]
-"""(height, width): z in the camera, in the models' unit; inf where there is nothing."""
+"""(height, width): z in the camera, in the models' unit; inf where nothing is drawn."""
 Pixels = NDArray[np.bool_]
+"""(height, width): a mask."""
 NOTHING = -1
+"""Index in ``Visibility.nearest`` of a pixel that shows no model."""
 MARGIN_PX = 2
-"""Around what is in front: lenses and pixels mix its colour with that of what is behind."""
+"""Margin of occluded pixels: lens and sensor mix colours across the occluder's outline."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,93 +37,95 @@ class Visibility:
 
     nearest: NDArray[np.int32]
     """(height, width): the index of the model that a pixel shows; ``NOTHING`` where none is."""
-    drawn: tuple[Pixels, ...]
-    """For each model, (height, width): where it would be seen if it were alone."""
+    silhouettes: tuple[Pixels, ...]
+    """For each model, (height, width): pixels that would show it if it were alone."""
 
-    def seen(self, index: int) -> Pixels:
-        """(height, width): where a model is seen."""
+    def mask(self, index: int) -> Pixels:
+        """(height, width): pixels that show a model."""
         return self.nearest == index
 
     @property
-    def shares(self) -> FloatArray:
-        """(n,): the share of each model within the photo that the others leave to be seen, in
-        [0, 1]; 0 for one that lies outside.
+    def visible_fractions(self) -> FloatArray:
+        """(n,): the fraction of each model's silhouette that the others do not occlude, in [0, 1];
+        0 for a model outside the photo.
         """
-        seen = [np.count_nonzero(self.seen(index)) for index in range(len(self.drawn))]
-        whole = [max(np.count_nonzero(drawn), 1) for drawn in self.drawn]
-        return np.array(seen) / np.array(whole)
+        visible = [np.count_nonzero(self.mask(index)) for index in range(len(self.silhouettes))]
+        whole = [max(np.count_nonzero(alone), 1) for alone in self.silhouettes]
+        return np.array(visible) / np.array(whole)
 
 
 def visibility(models: Sequence[PlacedModel]) -> Visibility:
-    """Which pixel shows which of one or more models."""
+    """Find which pixel shows which of one or more models."""
     return visibility_of_depths(depth_image(model) for model in models)
 
 
 def visibility_of_depths(depths: Iterable[DepthImage]) -> Visibility:
-    """Which pixel shows which model, by their depth images; of two as near, the first is shown."""
+    """Find which pixel shows which model, by their depth images; ties go to the first model."""
     nearest = np.int32(NOTHING)
     least = np.float32(np.inf)
-    drawn = []
-    for index, depth in enumerate(depths):  # one by one: those of large photos are large
+    silhouettes = []
+    for index, depth in enumerate(depths):  # lazily: depth images of large photos are large
         nearest = np.where(depth < least, np.int32(index), nearest)
         least = np.minimum(depth, least)
-        drawn.append(np.isfinite(depth))
-    return Visibility(np.asarray(nearest), tuple(drawn))
+        silhouettes.append(np.isfinite(depth))
+    return Visibility(np.asarray(nearest), tuple(silhouettes))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hiding:
-    """The pixels (height, width) that other models hide of one."""
+class Occlusion:
+    """The pixels (height, width) of a model that other models occlude."""
 
-    drawn: Pixels
+    silhouette: Pixels
     """Pixels that would show the model if it were alone."""
-    hidden: Pixels
-    """Pixels in which another stands in front of it, or would, were it there."""
-    others: Pixels
-    """Pixels that would show another if it were alone, in front or behind."""
+    occluded: Pixels
+    """Pixels in which an occluder stands in front of the model, or would if the model reached
+    there."""
+    occluders: Pixels
+    """Pixels that would show an occluder if it were alone, in front of the model or behind."""
 
     @property
     def with_margin(self) -> Pixels:
-        """``hidden``, and ``MARGIN_PX`` around it."""
+        """``occluded``, dilated by ``MARGIN_PX``."""
         square = np.ones((2 * MARGIN_PX + 1,) * 2, np.uint8)
-        return np.asarray(cv2.dilate(self.hidden.astype(np.uint8), square), bool)
+        return np.asarray(cv2.dilate(self.occluded.astype(np.uint8), square), bool)
 
     @property
-    def is_whole(self) -> bool:
-        """Whether nothing is left to be seen of a model that lies in the photo."""
-        return bool(self.drawn.any() and self.hidden[self.drawn].all())
+    def is_total(self) -> bool:
+        """Whether a model that lies in the photo is occluded wholly."""
+        return bool(self.silhouette.any() and self.occluded[self.silhouette].all())
 
 
-def hiding(model: PlacedModel, others: Sequence[PlacedModel]) -> Hiding:
-    """Pixels in which the ``others`` stand in front of a model, by depth where both are drawn.
+def make_occlusion(model: PlacedModel, occluders: Sequence[PlacedModel]) -> Occlusion:
+    """Find the pixels in which ``occluders`` stand in front of a model.
 
-    Where another is drawn alone, it hides the model, which may be found there yet, if it is in
-    front in most pixels that they share, or, without any, if its centre is nearer.
+    Where both are drawn, their depths decide. Pixels of an occluder alone are occluded too, as the
+    model may yet be found there, if the occluder is the nearer one: in most pixels that both share,
+    or by its centre where they share none.
     """
     own = depth_image(model)
-    drawn = np.isfinite(own)
-    hidden = np.zeros(own.shape, bool)
+    silhouette = np.isfinite(own)
+    occluded = np.zeros(own.shape, bool)
     anywhere = np.zeros(own.shape, bool)
-    for other in others:
-        depth = depth_image(other)
+    for occluder in occluders:
+        depth = depth_image(occluder)
         anywhere |= np.isfinite(depth)
-        in_front, shared = depth < own, drawn & np.isfinite(depth)
+        in_front, shared = depth < own, silhouette & np.isfinite(depth)
         if shared.any():
             is_nearer = float(np.mean(in_front[shared])) > 0.5
         else:
-            is_nearer = other.depth < model.depth
-        hidden |= in_front if is_nearer else in_front & drawn
-    return Hiding(drawn, hidden, anywhere)
+            is_nearer = occluder.depth < model.depth
+        occluded |= in_front if is_nearer else in_front & silhouette
+    return Occlusion(silhouette, occluded, anywhere)
 
 
 def depth_image(model: PlacedModel) -> DepthImage:
-    """The depth of a model alone, in the size of its pose's picture."""
+    """Render the depth of a model alone, at the size of its camera's picture."""
     return _renderer(model.mesh).clone().depth(model.pose)
 
 
 @lru_cache(maxsize=16)
 def _renderer(mesh: Mesh) -> SoftwareRenderer:
-    """To be cloned: it may be asked for by several threads."""
+    """Renderer to be cloned: several threads may ask for it."""
     from poseviewer.render.software.software_renderer import SoftwareRenderer
 
     return SoftwareRenderer(mesh)

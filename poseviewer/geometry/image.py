@@ -97,7 +97,7 @@ class Photo:
         return (
             f"The focal length is assumed (a view of {DEFAULT_FIELD_OF_VIEW_DEG:g} degrees), and "
             'with it the distance: a calibration, six point pairs or "Find the focal length" '
-            "(--free-focal) tell them."
+            "(setting free_focal) tell them."
         )
 
 

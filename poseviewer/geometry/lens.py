@@ -91,26 +91,28 @@ WAY_BACK = {**{number: number for number in range(1, 9)}, 6: 8, 8: 6}
 
 
 def turn_axes(orientation: int) -> FloatArray:
-    """(3, 3): the matrix from the camera axes of stored pixels to those of the upright picture."""
+    """Return the matrix (3, 3) from camera axes of stored pixels to those of upright ones."""
     flipped = orientation in (2, 3, 6, 7), orientation in (3, 4, 7, 8), False
     return np.diag(np.where(flipped, -1.0, 1.0))[:, [1, 0, 2] if orientation > 4 else [0, 1, 2]]
 
 
-def turned_camera(camera: AnyCamera, orientation: int) -> AnyCamera:
-    """The camera (pixel centres at i + 0.5) of a picture turned by EXIF's orientation."""
+def rotate_camera(camera: AnyCamera, orientation: int) -> AnyCamera:
+    """Return the camera (pixel centres at i + 0.5) of a picture turned by EXIF's orientation."""
     axes, size = turn_axes(orientation)[:2, :2], np.array([camera.width, camera.height]) / 2.0
     cx, cy = axes @ (np.array([camera.cx, camera.cy]) - size) + np.abs(axes) @ size
-    turned = replace(camera, cx=float(cx), cy=float(cy))
+    changes: dict[str, Any] = {"cx": float(cx), "cy": float(cy)}
     if orientation > 4:
-        turned = replace(turned, width=camera.height, height=camera.width)
-    if orientation > 4 and isinstance(camera, Perspective):
-        turned = replace(turned, fx=camera.fy, fy=camera.fx)
-    return turned
+        changes |= {"width": camera.height, "height": camera.width}
+        if isinstance(camera, Perspective):
+            changes |= {"fx": camera.fy, "fy": camera.fx}
+    return replace(camera, **changes)
 
 
-def turned_lens(lens: Lens, orientation: int) -> Lens:
-    """The lens of a picture turned by EXIF's orientation; raises ValueError where OpenCV's model
-    has none: a tilted sensor, turned by anything but 180 degrees.
+def rotate_lens(lens: Lens, orientation: int) -> Lens:
+    """Return the lens of a picture turned by EXIF's orientation.
+
+    Raises:
+        ValueError: the sensor is tilted and not turned by 180 degrees, which OpenCV cannot express.
     """
     k, axes = lens.array, turn_axes(orientation)[:2, :2]
     if lens.model == "fisheye" or orientation == UPRIGHT:

@@ -35,10 +35,7 @@ def whiten(covariance: FloatArray, mean: FloatArray) -> FloatArray:
 
 
 def canonical_correlations_squared(
-    mean: FloatArray,
-    covariance: FloatArray,
-    n: int,
-    photo_whitening: FloatArray | None = None,
+    mean: FloatArray, covariance: FloatArray, n: int, photo_whitening: FloatArray | None = None
 ) -> FloatArray:
     """Square the canonical correlations (min(n, m),) of F and M: ascending, in [0, 1] but rounded.
 

@@ -84,11 +84,11 @@ def _refine_rotation(
 ) -> ScaledRotation:
     """Improve scale and rotation by Levenberg-Marquardt; the means keep the translation at 0."""
 
-    def scaled_rotation(x: FloatArray) -> ScaledRotation:
+    def rotation_at(x: FloatArray) -> ScaledRotation:
         return float(scale * np.exp(x[3])), rotation_about(*x[:3]) @ rotation
 
     def residuals(x: FloatArray) -> FloatArray:
-        s, r = scaled_rotation(x)
+        s, r = rotation_at(x)
         return (s * about @ r[:2].T - shown).ravel()
 
-    return scaled_rotation(least_squares(residuals, np.zeros(4), method="lm").x)
+    return rotation_at(least_squares(residuals, np.zeros(4), method="lm").x)

@@ -13,15 +13,17 @@ from poseviewer.geometry.transform import RigidTransform, Similarity
 WORLD = RigidTransform.identity()
 """``camera_from_world`` of a camera whose frame is the world."""
 MIN_PARALLAX = 1e-3
-"""Sine of the angle between lines of sight from which they are said to meet."""
+"""Sine of the angle between viewing rays from which their intersection is accurate."""
 POSES_KEPT = 4096
-"""Number of poses that are told apart by identity: more than undo steps, objects and views."""
+"""Poses that are cached by identity: more than undo steps, objects and views."""
 
 
 @lru_cache(maxsize=POSES_KEPT)
-def pose_in_view(camera: Camera, camera_from_world: RigidTransform, place: Similarity) -> Pose:
-    """The pose, in the model's unit, of a model at a ``place`` in the world, cached."""
-    camera_from_model, size = camera_from_world @ place.rigid, place.scale
+def pose_in_view(
+    camera: Camera, camera_from_world: RigidTransform, world_from_model: Similarity
+) -> Pose:
+    """Return the pose in a camera, in the model's unit, of a model in the world; cached."""
+    camera_from_model, size = camera_from_world @ world_from_model.rigid, world_from_model.scale
     if size == 1.0:
         return Pose(camera, camera_from_model)
     if isinstance(camera, Parallel):
@@ -34,21 +36,23 @@ def pose_in_view(camera: Camera, camera_from_world: RigidTransform, place: Simil
 def world_from_pose(
     camera: Camera, camera_from_world: RigidTransform, pose: Pose, scale: float = 1.0
 ) -> Similarity:
-    """The place in the world of a model that a camera shows at a ``pose``; ``scale``: lengths of
-    the world's unit to one of the model's, which the cameras tell under parallel projection.
+    """Return ``world_from_model`` of a model that a camera shows at a pose; cached.
+
+    Args:
+        camera: camera in the world.
+        camera_from_world: pose of the world in that camera.
+        pose: pose of the model, perhaps with a camera of another scale.
+        scale: length of the model's unit in the world's; parallel cameras give it themselves.
     """
     if isinstance(pose.camera, Parallel) and isinstance(camera, Parallel):
         scale = pose.camera.scale / camera.scale
-    place = pose.camera_from_model
-    place = RigidTransform(place.rotation, scale * place.translation)
-    return Similarity(camera_from_world.inverse() @ place, scale)
+    own = pose.camera_from_model
+    scaled = RigidTransform(own.rotation, scale * own.translation)
+    return Similarity(camera_from_world.inverse() @ scaled, scale)
 
 
-def triangulated_scale(
-    cameras: Sequence[tuple[Camera, RigidTransform]],
-    reference: int,
-    ray: FloatArray,
-    depth: float,
+def triangulate_scale(
+    cameras: Sequence[tuple[Camera, RigidTransform]], reference: int, ray: FloatArray, depth: float
 ) -> float | None:
     """Return the scale by which a point on a viewing ray is where the other cameras look.
 
@@ -70,9 +74,9 @@ def triangulated_scale(
             continue
         world_from_camera = camera_from_world.inverse()
         middle = np.array([camera.width / 2.0, camera.height / 2.0])
-        sight = world_from_camera.rotation @ camera.rays(middle)
-        sight /= np.linalg.norm(sight)
-        across = np.eye(3) - np.outer(sight, sight)
+        axis = world_from_camera.rotation @ camera.rays(middle)
+        axis /= np.linalg.norm(axis)
+        across = np.eye(3) - np.outer(axis, axis)
         left += float(along @ across @ along)
         right += float(along @ across @ (world_from_camera.translation - start))
     if not left > MIN_PARALLAX**2 * float(along @ along) or not right > 0.0:

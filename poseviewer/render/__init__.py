@@ -1,4 +1,4 @@
 """Attributes and moments of a pose.
 
-Three renderers give them; overlays and the image pyramid are here as well.
+Three renderers compute them; overlays and the image pyramid are here as well.
 """

@@ -1,5 +1,6 @@
-"""Pictures of a model's attributes by OpenGL, off screen, in pyrender's context (EGL, or what
-PYOPENGL_PLATFORM names). Only the texture pyramid is shared with the software renderer.
+"""Off-screen OpenGL renderer, in pyrender's context (EGL, or what PYOPENGL_PLATFORM names).
+
+It shares only the texture pyramid with the software renderer.
 """
 
 import ctypes
@@ -16,13 +17,16 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.attributes import AttributeImage, Moments, PhotoAttributes, Renderer
 from poseviewer.render.moments import moments_of_images
 from poseviewer.render.texture import TexturePyramid, double_areas, mip_levels
-from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes, Renderer
 
-NEAR_PER_DIAMETER = 1e-3  # of the near plane under perspective
+NEAR_PER_DIAMETER = 1e-3
+"""Depth of the near plane, in the model's diameter, as in the software renderer."""
 ADVICE = "install EGL (Debian: libegl1 libgl1-mesa-dri), or use the software renderer"
-MAX_FACES = (1 << 24) - 1  # the largest number of a face that a float32 holds exactly
+"""End of messages where OpenGL cannot be used."""
+MAX_FACES = (1 << 24) - 1
+"""Largest index of a face that a float32 holds exactly."""
 VERTEX_SHADER = """#version 330 core
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
@@ -62,7 +66,7 @@ _thread = 0
 
 
 def opengl() -> Any:
-    """PyOpenGL's functions. The first call makes the context, in the thread that alone may use it.
+    """Return PyOpenGL's functions. The first call makes the context, for its own thread alone.
 
     Raises:
         RendererUnavailableError: this machine gives no context; the message says what to install.
@@ -90,7 +94,7 @@ def opengl() -> Any:
 
 
 def opengl_renderer_name() -> str | None:
-    """Name what draws, a graphics card or Mesa's rasteriser; None where there is no OpenGL."""
+    """Return the name of the graphics card or Mesa's rasteriser; None without OpenGL."""
     try:
         gl = opengl()
     except RendererUnavailableError:
@@ -99,24 +103,24 @@ def opengl_renderer_name() -> str | None:
 
 
 class OpenGLRenderer(Renderer):
-    """A mesh drawn by OpenGL, with textures sampled here; for one thread of the process alone."""
+    """Renderer of a mesh by OpenGL, with textures sampled by NumPy; for one thread alone."""
 
     def __init__(self, mesh: Mesh) -> None:
-        """Raises ``RendererUnavailableError``: this machine gives no context."""
+        """Upload nothing yet; raises ``RendererUnavailableError`` without an OpenGL context."""
         opengl()
         if len(mesh.faces) > MAX_FACES:
             raise ValueError(f"{len(mesh.faces)} faces; OpenGL here numbers at most {MAX_FACES}")
         self.mesh = mesh
         self._textures = TexturePyramid.of(mesh.textures)
         self._texel_areas = self._textures.texel_areas(mesh)
-        # Texture coordinates are read back only where they are needed.
+        # Texture coordinates are read back only for a model with textures.
         self._targets = 3 if mesh.textures else 2
         self._size = 0, 0
         self._objects: dict[str, Any] = {}
         self._program = 0
 
     def render(self, pose: Pose) -> AttributeImage:
-        """Draw face numbers, reflectance and normals (camera frame) at every pixel centre."""
+        """Draw face indices, reflectance and normals (camera frame) at every pixel centre."""
         size = pose.camera.width, pose.camera.height
         clip = clip_from_world(self.mesh, pose)
         if clip is None:
@@ -130,16 +134,16 @@ class OpenGLRenderer(Renderer):
         return AttributeImage(face_ids, reflectance, normals)
 
     def level_moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
-        """Joint moments by the plain path."""
+        """Compute joint moments by the plain path."""
         return moments_of_images(self.render(pose), photo)
 
     def close(self) -> None:
-        """Free the graphics memory; the next picture takes it again."""
+        """Free the graphics memory; the next picture allocates it again."""
         if not self._objects:
             return
         gl = opengl()
-        for kind, made in self._objects.items():
-            getattr(gl, f"glDelete{kind}")(len(made), made)
+        for kind, names in self._objects.items():
+            getattr(gl, f"glDelete{kind}")(len(names), names)
         gl.glDeleteProgram(self._program)
         self._size = 0, 0
         self._objects.clear()
@@ -154,19 +158,20 @@ class OpenGLRenderer(Renderer):
         targets = [gl.GL_COLOR_ATTACHMENT0 + k for k in range(self._targets)]
         if size != self._size:
             self._size = size
-            places = [*targets, gl.GL_DEPTH_ATTACHMENT]
-            for buffer, place in zip(self._objects["Renderbuffers"], places, strict=True):
-                kind = gl.GL_RGBA32F if place in targets else gl.GL_DEPTH_COMPONENT24
+            points = [*targets, gl.GL_DEPTH_ATTACHMENT]
+            for buffer, point in zip(self._objects["Renderbuffers"], points, strict=True):
+                kind = gl.GL_RGBA32F if point in targets else gl.GL_DEPTH_COMPONENT24
                 gl.glBindRenderbuffer(gl.GL_RENDERBUFFER, buffer)
                 gl.glRenderbufferStorage(gl.GL_RENDERBUFFER, kind, *size)
-                gl.glFramebufferRenderbuffer(gl.GL_FRAMEBUFFER, place, gl.GL_RENDERBUFFER, buffer)
+                gl.glFramebufferRenderbuffer(gl.GL_FRAMEBUFFER, point, gl.GL_RENDERBUFFER, buffer)
             gl.glDrawBuffers(len(targets), targets)
         gl.glUseProgram(self._program)
-        for name, matrix, put in (
+        for name, matrix, set_uniform in (
             ("clip_from_world", clip, gl.glUniformMatrix4fv),
             ("camera_from_world", pose.camera_from_model.rotation, gl.glUniformMatrix3fv),
         ):
-            put(gl.glGetUniformLocation(self._program, name), 1, True, matrix.astype(np.float32))
+            location = gl.glGetUniformLocation(self._program, name)
+            set_uniform(location, 1, True, matrix.astype(np.float32))
         gl.glViewport(0, 0, *size)
         gl.glFrontFace(gl.GL_CW)  # the photo's first row is OpenGL's lowest
         gl.glEnable(gl.GL_DEPTH_TEST)
@@ -206,24 +211,24 @@ class OpenGLRenderer(Renderer):
         self._program = shaders.compileProgram(vertex, fragment)
 
     def _apply_textures(
-        self, pose: Pose, face_ids: NDArray[np.int32], uv: NDArray, seen: NDArray[np.float32]
+        self, pose: Pose, face_ids: NDArray[np.int32], uv: NDArray, colours: NDArray[np.float32]
     ) -> None:
-        """Multiply the colours ``seen`` (height, width, 3) by the textures at ``uv``."""
+        """Multiply ``colours`` (height, width, 3) by the textures at ``uv``."""
         mesh = self.mesh
         textured = (face_ids >= 0) & (mesh.face_texture[face_ids] >= 0)
         faces = face_ids[textured]
         pixel_areas = double_areas(pose.project(mesh.vertices)[mesh.faces])
         levels = mip_levels(self._texel_areas, pixel_areas, self._textures.table.shape[1])
-        colours = self._textures.sample(mesh.face_texture[faces], levels[faces], uv[textured])
-        seen[textured] *= colours
+        texels = self._textures.sample(mesh.face_texture[faces], levels[faces], uv[textured])
+        colours[textured] *= texels
 
 
 def clip_from_world(mesh: Mesh, pose: Pose) -> FloatArray | None:
-    """(4, 4): from the model's frame, about its centre, to clip space, v downwards, depths spanning
-    it.
+    """Return the matrix (4, 4) from the model's frame, about its centre, to clip space.
 
-    None if all of the model is too near or behind the camera. Multiplied in double precision, so
-    that far-off models and long lenses keep their accuracy. No shift: pixel centres at i + 0.5.
+    v points downwards, and the model's depths fill the clip space. The product is in double
+    precision, so that distant models and long lenses keep their accuracy. Pixel centres are at
+    i + 0.5, without a shift. None if all of the model is too near or behind the camera.
     """
     camera, size = pose.camera, np.array([pose.camera.width, pose.camera.height])
     depths = pose.camera_from_model.apply(hull_points(mesh))[:, 2]
@@ -244,7 +249,7 @@ def clip_from_world(mesh: Mesh, pose: Pose) -> FloatArray | None:
     clip_from_camera[[0, 1], [0, 1]] = 2.0 * focal / size
     clip_from_camera[:2, of_w] = 2.0 * np.array([camera.cx, camera.cy]) / size - 1.0
     clip_from_camera[3, of_w] = 1.0
-    place = RigidTransform(
+    centred = RigidTransform(
         pose.camera_from_model.rotation, pose.camera_from_model.apply(mesh.centre)
     )
-    return clip_from_camera @ place.as_matrix()
+    return clip_from_camera @ centred.as_matrix()

@@ -1,4 +1,4 @@
-"""Many poses at once: clones of a renderer on a few threads, or a GPU that takes them together."""
+"""Evaluate many poses at once, by clones of a renderer on threads or by a GPU in batches."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, TypeVar
 
-from poseviewer.render.types import Renderer
+from poseviewer.render.attributes import Renderer
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 CHUNK = 8
-"""Items handed out at a time: few enough that stopping waits some ten milliseconds at most."""
+"""Items that a thread takes at a time: stopping waits some ten milliseconds at most."""
 
 
 def processors() -> int:
-    """Number of processors that this process may use."""
+    """Return the number of processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 class RendererPool:
-    """Threads with a renderer each, or a tuple of them; one thread where they have no clones."""
+    """Threads with a renderer each, or a tuple of them; one thread if they cannot be cloned."""
 
     def __init__(
         self,
@@ -33,7 +33,7 @@ class RendererPool:
         threads: int | None = None,
         begin: Callable[[], None] | None = None,
     ) -> None:
-        """``threads``: the number of processors by default; each calls ``begin`` first."""
+        """Start ``threads``, by default one for each processor; each calls ``begin`` first."""
         count = processors() if threads is None else threads
         each = renderer if isinstance(renderer, tuple) else (renderer,)
         self._renderer, self.threads = renderer, 1
@@ -47,20 +47,18 @@ class RendererPool:
             self._executor = ThreadPoolExecutor(self.threads, "renderer", initializer=begin)
 
     def map(
-        self,
-        function: Callable[[Any, Item], Result],
-        items: Sequence[Item],
-        at_a_time: int = CHUNK,
+        self, function: Callable[[Any, Item], Result], items: Sequence[Item], at_a_time: int = CHUNK
     ) -> Iterator[Result]:
         """Yield ``function(renderer, item)`` of all items in their order; raises its first error.
 
-        ``at_a_time`` go to a thread together, two chunks for each at most: to stop, stop asking.
+        Threads take ``at_a_time`` items, and at most two such chunks each are queued. Stop
+        iterating to stop.
         """
         if self._executor is None:
             for item in items:
                 yield function(self._renderer, item)
             return
-        size = min(at_a_time, -(-len(items) // (2 * self.threads)) or 1)  # some for everyone
+        size = min(at_a_time, -(-len(items) // (2 * self.threads)) or 1)  # every thread gets some
         chunks = (items[at : at + size] for at in range(0, len(items), size))
         waiting: deque[Future[list[Result]]] = deque()
         try:
@@ -75,11 +73,14 @@ class RendererPool:
                 future.cancel()
 
     def start(self, work: Callable[[], Result]) -> Callable[[], Result]:
-        """Begin ``work`` in a thread; the returned function gives its result, or does it."""
+        """Begin ``work`` in a thread, and return a function that waits for its result.
+
+        Without threads, the returned function does the work.
+        """
         return work if self._executor is None else self._executor.submit(work).result
 
     def close(self) -> None:
-        """End the threads, after the chunks that they are at."""
+        """End the threads after their present chunks."""
         if self._executor is not None:
             self._executor.shutdown(cancel_futures=True)
 

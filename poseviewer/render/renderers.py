@@ -1,14 +1,15 @@
-"""The renderers by their names."""
+"""Renderers by their names."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal
 
-if TYPE_CHECKING:  # the command line asks for the names alone
+if TYPE_CHECKING:  # help texts need the names alone
     from poseviewer.geometry.mesh import Mesh
-    from poseviewer.render.types import Renderer
+    from poseviewer.render.attributes import Renderer
 
 RendererName = Literal["auto", "software", "gpu", "opengl"]
+"""Name of a renderer; ``auto`` is ``software``."""
 
 
 def require_renderer(name: RendererName) -> None:

@@ -1,11 +1,11 @@
-"""Textures as one flat array of texels with mip levels, for NumPy here and for the kernel.
+"""Textures as one flat array of texels with mip levels, for NumPy and the kernels.
 
-Sampling, the definition that every renderer follows: at ``(u, v)``, v upwards and both wrapped
-around, a level of ``width x height`` texels is read bilinearly at
-``x = (u - floor(u)) width - 0.5``, ``y = (1 - v + floor(v)) height - 0.5``, in which texel (0, 0)
-is the picture's upper left one and neighbours are taken modulo the size.
+All renderers sample by one definition. At ``(u, v)``, v upwards and both wrapped around, a level of
+``width x height`` texels is read bilinearly at ``x = (u - floor(u)) width - 0.5``,
+``y = (1 - v + floor(v)) height - 0.5``. Texel (0, 0) is the upper left one, and neighbours are
+taken modulo the size.
 
-Level of a face: ``log2(sqrt(texel area / pixel area))`` of the whole face, rounded, so that a
+The level of a face is ``log2(sqrt(texel area / pixel area))`` of the whole face, rounded, so that a
 texel is about as large as a pixel (L. Williams, *Pyramidal parametrics*, 1983).
 """
 
@@ -22,32 +22,32 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.mesh import Mesh
 
 MAX_TEXTURE_SIDE_PX = 2048
-"""Longer sides are reduced first (in px): a photo never shows more, and memory stays bounded."""
+"""Longest side of a texture, in px; larger ones are reduced to bound the memory."""
 
 
 def _levels(texture: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
-    """Box-filtered halvings of a texture down to one texel, the whole one first."""
+    """Box-filtered halvings of a texture down to one texel, the largest first."""
     level = np.asarray(texture, np.float32) / np.float32(255.0)
     shrink = min(1.0, MAX_TEXTURE_SIDE_PX / max(level.shape[:2]))
     if shrink < 1.0:
-        level = _resized(level, round(level.shape[1] * shrink), round(level.shape[0] * shrink))
+        level = _resize(level, round(level.shape[1] * shrink), round(level.shape[0] * shrink))
     levels = [level]
     while max(level.shape[:2]) > 1:
-        level = _resized(level, level.shape[1] // 2, level.shape[0] // 2)
+        level = _resize(level, level.shape[1] // 2, level.shape[0] // 2)
         levels.append(level)
     return levels
 
 
-def _resized(image: NDArray[np.float32], width: int, height: int) -> NDArray[np.float32]:
-    """The mean over the area of each new texel, also where the old size is odd."""
+def _resize(image: NDArray[np.float32], width: int, height: int) -> NDArray[np.float32]:
+    """Mean over the area of each new texel, also for odd sizes."""
     size = (max(1, width), max(1, height))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
 def mip_levels(texel_areas: ArrayLike, pixel_areas: ArrayLike, count: int) -> NDArray[np.int64]:
-    """Levels (N,) in [0, count - 1] of faces with these areas (N,), in texels of level 0 and px.
+    """Choose the levels (N,), in [0, count - 1], of faces by their areas (N,) in texels and in px.
 
-    Faces seen edge-on get the last level, those that reach behind the camera (nan) level 0.
+    Faces seen edge-on get the last level, faces that reach behind the camera (nan) level 0.
     """
     texels = np.asarray(texel_areas, dtype=float)
     pixels = np.nan_to_num(np.asarray(pixel_areas, dtype=float), nan=np.inf)
@@ -64,13 +64,13 @@ def double_areas(corners: FloatArray) -> FloatArray:
 
 
 class TexturePyramid(NamedTuple):
-    """The textures of a mesh, ready to be sampled at many points at once."""
+    """The textures of a mesh, to be sampled at many points at once."""
 
     texels: NDArray[np.float32]
     """(N, 3) in [0, 1]: all levels of all textures."""
     table: NDArray[np.int64]
-    """(T, L, 3): ``(offset, width, height)`` of each level; smaller textures repeat their last one,
-    of one texel."""
+    """(T, L, 3): ``(offset, width, height)`` of each level; smaller textures repeat their last
+    level, of one texel."""
 
     @classmethod
     def of(cls, textures: Sequence[NDArray[np.uint8]]) -> TexturePyramid:
@@ -88,7 +88,7 @@ class TexturePyramid(NamedTuple):
         return cls(np.concatenate(blocks), table)
 
     def texel_areas(self, mesh: Mesh) -> FloatArray:
-        """(F,): twice each face's area in texels of level 0; 0 where it has no texture."""
+        """(F,): twice each face's area in texels of level 0; 0 for a face without texture."""
         areas = np.zeros(len(mesh.faces))
         textured = np.flatnonzero(mesh.face_texture >= 0)
         area = double_areas(mesh.uvs[mesh.faces[textured]].astype(float))
@@ -97,7 +97,7 @@ class TexturePyramid(NamedTuple):
         return areas
 
     def sample(self, texture: ArrayLike, level: ArrayLike, uv: ArrayLike) -> FloatArray:
-        """RGB (N, 3) in [0, 1] of textures (N,) >= 0 at levels (N,) and coordinates (N, 2)."""
+        """Sample RGB (N, 3) in [0, 1] of textures (N,) at levels (N,) and coordinates (N, 2)."""
         entry = self.table[np.asarray(texture), np.asarray(level)]
         offset, size = entry[..., 0], entry[..., 1:]
         uv = np.asarray(uv, dtype=float)

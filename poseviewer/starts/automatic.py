@@ -25,14 +25,14 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.rectangle import Rectangle, non_maximum_suppression
 from poseviewer.optimise import nelder_mead
+from poseviewer.render.attributes import PhotoAttributes, Renderer
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, make_level
 from poseviewer.render.renderers import make_renderer
-from poseviewer.render.types import PhotoAttributes, Renderer
 from poseviewer.scene.settings import FitSettings, Limits
 from poseviewer.starts.loading import Start, StartInputs
 from poseviewer.starts.texture_features import SURE_INLIERS, poses_from_features
-from poseviewer.starts.views import ViewPoses, even_rotations, ground_views, poses_filling
+from poseviewer.starts.views import ViewPoses, ground_views, poses_filling, sample_rotations
 from poseviewer.starts.wheels import likely_wheels
 from poseviewer.vehicle.chart import visible_side
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
@@ -119,9 +119,9 @@ class StartQuery:
         inside = self.rectangle.intersection(Rectangle(0, 0, photo.width, photo.height))
         if min(inside.width, inside.height) < MIN_SIDE_PX:
             raise QuickStartError(
-                f"--box {left},{top},{width},{height}: has no "
-                f"{MIN_SIDE_PX}x{MIN_SIDE_PX} px in the photo of "
-                f"{photo.width}x{photo.height} px; give the object's left,top,width,height."
+                f"box {left},{top},{width},{height}: has no {MIN_SIDE_PX}x{MIN_SIDE_PX} px in the "
+                f"photo of {photo.width}x{photo.height} px; give the object's "
+                "left,top,width,height."
             )
         return Rectangle(*map(float, self.rectangle))
 
@@ -129,7 +129,7 @@ class StartQuery:
         """Return ``count`` or all poses that fill the box, a vehicle's on level ground."""
         keypoints, centre = self.inputs.keypoints, self.inputs.mesh.centre
         if keypoints is None:
-            rotations = even_rotations(count or VIEWS)
+            rotations = sample_rotations(count or VIEWS)
         else:
             rotations = ground_views(keypoints)[:count]
         return poses_filling(self.box, rotations, self.points, centre, self.camera)
@@ -199,8 +199,8 @@ def propose(
     if query.rectangle is None:
         hypotheses = _with_wheels(search, [], PHOTO_SIDE_PX)
         sentence = (
-            "The model was not found in the photo by print on it or by a car's wheels; draw a "
-            "rectangle about it (Fit to box), or name it with --box LEFT,TOP,WIDTH,HEIGHT."
+            "The model was not found in the photo by its texture or by a car's wheels; draw a "
+            "rectangle about it (Fit to box), or give the box left,top,width,height."
         )
     else:
         hypotheses = _with_wheels(search, search.best_views(query.views()), SIDE_PX)
@@ -393,5 +393,5 @@ def outline_box(pose: Pose, points: FloatArray) -> Rectangle:
 def outermost_points(mesh: Mesh) -> FloatArray:
     """Return (k, 3): the outermost vertices in ``HULL_POINTS`` directions."""
     corners = hull_points(mesh)
-    outermost = np.argmax(corners @ even_rotations(HULL_POINTS)[:, 2].T, axis=0)
+    outermost = np.argmax(corners @ sample_rotations(HULL_POINTS)[:, 2].T, axis=0)
     return corners[np.unique(outermost)]

@@ -11,16 +11,10 @@ from poseviewer.fit.visibility import NOTHING, depth_image, visibility
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.render.attributes import Renderer
 from poseviewer.render.renderers import make_renderer
-from poseviewer.render.types import Renderer
 from poseviewer.scene.types import PlacedModel
-from poseviewer.starts.automatic import (
-    BeginThread,
-    PoseHypothesis,
-    StartQuery,
-    best_start,
-    propose,
-)
+from poseviewer.starts.automatic import BeginThread, PoseHypothesis, StartQuery, best_start, propose
 from poseviewer.starts.loading import Start, StartCamera, StartInputs
 
 MAX_SHARED_FRACTION = 0.3

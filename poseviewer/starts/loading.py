@@ -23,7 +23,7 @@ from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import same_undistortion
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.world_pose import triangulated_scale
+from poseviewer.geometry.world_pose import triangulate_scale
 from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Scene, SceneObject, View, scene_at
@@ -323,7 +323,7 @@ def scale_by_rays(views: Sequence[View], index: int, mesh: Mesh, pose: Pose, nam
     scale = None
     if centre[2] > 0.0:
         cameras = [(view.camera, view.camera_from_world) for view in views]
-        scale = triangulated_scale(cameras, index, centre / centre[2], float(centre[2]))
+        scale = triangulate_scale(cameras, index, centre / centre[2], float(centre[2]))
     if scale is None:
         found = "its scale is not known, and its cameras do not look at one place, which would"
         wanted = "give --scale, lengths of the model's unit in one of the set's"

@@ -19,11 +19,11 @@ from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.attributes import Renderer
 from poseviewer.render.renderers import make_renderer
-from poseviewer.render.types import Renderer
 from poseviewer.scene.types import PlacedModel
 from poseviewer.starts.loading import StartInputs
-from poseviewer.starts.views import even_rotations
+from poseviewer.starts.views import sample_rotations
 
 VIEWS = 42
 """Rotations of the model that are rendered."""
@@ -116,7 +116,7 @@ def model_features(mesh: Mesh) -> tuple[TextureFeatures, ...]:
 
 def _view_features(mesh: Mesh) -> Iterator[TextureFeatures]:
     renderer = make_renderer(mesh)
-    for rotation in even_rotations(VIEWS):
+    for rotation in sample_rotations(VIEWS):
         sizes = [_view(mesh, renderer, rotation, size) for size in VIEW_SIZES_PX]
         yield TextureFeatures(*map(np.concatenate, zip(*sizes, strict=True)))
 

@@ -25,7 +25,7 @@ MIN_DISTANCE = 0.55
 """Smallest distance of the camera from the model's centre, in diameters."""
 
 
-def even_rotations(count: int) -> FloatArray:
+def sample_rotations(count: int) -> FloatArray:
     """Return rotations (count, 3, 3) spread evenly over SO(3), the same each time.
 
     M. Alexa, *Super-Fibonacci Spirals: Fast, Low-Discrepancy Sampling of SO(3)* (CVPR 2022).

@@ -23,8 +23,8 @@ from poseviewer.fit.problem import make_problem
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Perspective
 from poseviewer.geometry.rectangle import Rectangle, non_maximum_suppression
+from poseviewer.render.attributes import Moments
 from poseviewer.render.renderers import make_renderer
-from poseviewer.render.types import Moments
 from poseviewer.scene.settings import FitSettings
 from poseviewer.starts.loading import Start, StartCamera, StartInputs
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
@@ -234,7 +234,7 @@ def find_wheel_pairs(
     if not scored:
         raise QuickStartError(
             f"No two wheels were found in {left},{top},{width},{height}; lay the rectangle closer "
-            "about the car, or outline the wheels yourself (--wheels)."
+            "about the car, or outline the wheels yourself."
         )
     return [pair for _, pair in sorted(scored, key=lambda pair: -pair[0])[:MAX_PAIRS]]
 
@@ -310,7 +310,7 @@ def likely_wheels(
     if not pairs:
         raise QuickStartError(
             "The ellipses found in the rectangle are no two wheels of this model; lay it closer "
-            "about the car, or outline the wheels yourself (--wheels)."
+            "about the car, or outline the wheels yourself."
         )
     pairs = [pair for pair in pairs if pair.fit.from_above] or pairs
     left, top, width, height = rectangle

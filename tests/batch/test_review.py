@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from poseviewer.batch import review
-from poseviewer.batch.results import ACCEPTED, worst_first
+from poseviewer.batch.result_folder import ACCEPTED, worst_first
 from poseviewer.batch.run import open_batch, save_summaries
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.formats.bop import BopObject, read_bop
@@ -124,7 +124,11 @@ def test_a_pose_by_another_camera_is_refused_for_a_scene(out):
 def test_a_scene_that_lacks_something_is_said(scene, tmp_path):
     bop, models = make_bop(scene, tmp_path)
     (bop / "scene_gt.json").unlink()
-    lacks = {None: "--models", models: "scene_gt.json: no such file", bop / "o": "no such folder"}
+    lacks = {
+        None: "of its models",
+        models: "scene_gt.json: no such file",
+        bop / "o": "no such folder",
+    }
     for folder, words in lacks.items():
         with pytest.raises(PoseViewerError, match=words):
             open_batch(bop, tmp_path / "out", QUICK, models=folder)

@@ -102,7 +102,7 @@ def test_a_scene_becomes_an_image_of_a_bop_scene_and_back(folder, capsys):
     assert "there already" in capsys.readouterr().err
     shown = load("three.scene.json").visibility
     for index in range(3):
-        for kind, wanted in (("mask", shown.drawn[index]), ("mask_visib", shown.seen(index))):
+        for kind, wanted in (("mask", shown.silhouettes[index]), ("mask_visib", shown.mask(index))):
             mask = load_photo(folder / "out" / kind / f"000004_{index:06d}.png").pixels
             assert np.array_equal(mask, 255 * wanted[..., None].astype(np.uint8))
     line = "convert out back.json --from bop --to scene --model models"

@@ -51,29 +51,14 @@ def takes_value(action: Action) -> bool:
 
 
 @pytest.mark.parametrize("command", cli.COMMANDS)
-def test_every_argument_has_a_help_text(command: str):
+def test_help_texts_say_what_an_option_does_its_unit_and_its_default(command: str):
     for text, action in arguments_of(command):
         assert len(text.split()) > 2, action
         assert not text.endswith("."), action
-
-
-@pytest.mark.parametrize("command", cli.COMMANDS)
-def test_options_begin_with_a_verb(command: str):
-    for text, action in arguments_of(command):
+        assert UNITS.get(str(action.metavar), "") in text, text
         if action.option_strings:
             assert re.match("[a-z]+ ", text), text
             assert not NO_VERB.match(text), text
-
-
-@pytest.mark.parametrize("command", cli.COMMANDS)
-def test_values_have_units(command: str):
-    for text, action in arguments_of(command):
-        assert UNITS.get(str(action.metavar), "") in text, text
-
-
-@pytest.mark.parametrize("command", cli.COMMANDS)
-def test_defaults_are_told(command: str):
-    for text, action in arguments_of(command):
         if takes_value(action) and not action.required:
             assert "(default: " in text, text
 
@@ -98,6 +83,8 @@ def test_defaults_are_those_of_parser_and_settings(command: str):
 @pytest.mark.parametrize("command", cli.COMMANDS)
 def test_two_examples_end_the_help_and_parse(command: str):
     printed = parser_of(command).format_help()
+    assert f"usage: poseviewer {command} " in printed
+    assert f"\n    {command}" in cli.make_parser(command).format_help()
     examples = [line for line in printed.splitlines() if line.startswith("  poseviewer ")]
     assert printed.endswith("\n".join(("examples:", *examples)) + "\n")
     assert len(set(examples)) == 2

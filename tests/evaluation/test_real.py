@@ -77,7 +77,7 @@ def test_the_error_of_a_focal_length_is_told_in_its_own_deviations():
     ("damaged", "content", "more", "said"),
     [
         ("", None, "--cases dog", "dog"),
-        ("", None, "--degrees 7", "--degrees 7"),
+        ("", None, "--degrees 7", "degrees 7"),
         *(
             (name, content, "", name)
             for name in ("cases.json", "starts.json")

@@ -18,8 +18,8 @@ def test_a_report_has_each_path_both_methods_and_the_maps():
         assert min(path.seconds) > 0.0
         assert path.threads == (processors() if path.name == "e" else 1)
     default, paper, maps = report.wholes
-    assert "--method default" in default.name
-    assert "--method paper" in paper.name
+    assert "loss default" in default.name
+    assert "loss paper" in paper.name
     assert f"{15 * MAP_SIZE**2} points" in maps.end
     text = report.as_markdown()
     for words in ("| a  pyrender", "software, all cores", "machine of 2010", "numba", "15 maps of"):

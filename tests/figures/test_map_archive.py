@@ -14,7 +14,7 @@ from poseviewer.fit.loss import LossScale
 from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import freeze_array
 
-SCALE = LossScale(most=1, colours=1, has_edges=False)
+SCALE = LossScale(correlations=1, colours=1, has_edges=False)
 PAIRS = ((0, 1), (0, 2), (1, 2))
 
 

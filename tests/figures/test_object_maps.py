@@ -196,5 +196,5 @@ def test_masks_depth_and_coordinates_are_those_of_pyrender(written):
 def test_nothing_is_overwritten_unasked(written, capsys):
     arguments = ["render", str(written / "s.scene.json"), "--out", str(written / "out")]
     assert main(arguments) == 2
-    assert "--overwrite" in capsys.readouterr().err
+    assert "overwrite" in capsys.readouterr().err
     assert main([*arguments, "--overwrite"]) == 0

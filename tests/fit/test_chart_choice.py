@@ -27,7 +27,7 @@ def pose_turned(degrees: float) -> Pose:
     ("keypoints", "degrees", "chosen", "reason", "refusal"),
     [
         (CAR, 20.0, "vehicle", "", ""),
-        (CAR, 90.0, "free-body", "head-on", "--chart free-body"),
+        (CAR, 90.0, "free-body", "head-on", 'chart="free-body"'),
         (None, 20.0, "free-body", "no wheels", r"keypoints\.json"),
     ],
     ids=["from its side", "head-on", "without wheels"],

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from poseviewer.errors import SettingsError
-from poseviewer.fit.identification import identify, shared_settings
+from poseviewer.fit.identification import identify, settings_for_all
 from poseviewer.fit.problem import make_problem
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.scene.settings import FitSettings, Limits
@@ -42,7 +42,7 @@ def test_all_models_are_judged_on_the_same_pixels_and_a_region_cuts_them(scene, 
     opened = open_all(scene, [scene.model, *others])
 
     def weights(settings: FitSettings) -> list[np.ndarray]:
-        shared = shared_settings(opened, settings)
+        shared = settings_for_all(opened, settings)
         problems = (make_problem(one.with_object(0, settings=shared)) for one in opened)
         return [problem.photo.weights for problem, _ in problems]
 
@@ -58,7 +58,7 @@ def test_all_models_are_judged_on_the_same_pixels_and_a_region_cuts_them(scene, 
 def test_what_cannot_be_compared_is_refused(scene, others):
     with pytest.raises(SettingsError, match="two or more"):
         identify(open_all(scene, [scene.model]), BRIEFLY)
-    with pytest.raises(SettingsError, match="--pixels clip"):
+    with pytest.raises(SettingsError, match='pixels="clip"'):
         identify(open_all(scene, [scene.model, *others]), FitSettings(pixels="clip"))
 
 

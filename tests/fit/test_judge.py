@@ -10,10 +10,7 @@ import pytest
 
 from poseviewer.confidence.verdict import judge
 from poseviewer.fit.covariance import FOCAL_MODELS, MODELS, find_covariance, inverse_curvature
-from poseviewer.fit.judge import (
-    gather_features,
-    judge_end,
-)
+from poseviewer.fit.judge import gather_features, judge_end
 from poseviewer.fit.probing import Probe, free_motions
 from poseviewer.fit.problem import FitProblem, make_problem
 from poseviewer.fit.progress import FitProgress, Status

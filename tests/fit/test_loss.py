@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from poseviewer.fit.lighting import recover_lighting
 from poseviewer.fit.loss import lighting_loss
-from poseviewer.render.types import Moments
+from poseviewer.render.attributes import Moments
 
 SEEDS = st.integers(0, 2**32 - 1)
 CHANNELS = st.sampled_from([(1, 1), (1, 4), (3, 4), (3, 12), (4, 3)])

@@ -11,10 +11,10 @@ from poseviewer.api import load, make_registration
 from poseviewer.files.demo import demo_case
 from poseviewer.files.photo import save_image
 from poseviewer.files.pose import load_pose
-from poseviewer.fit.compared_pixels import enlarged
-from poseviewer.fit.occlusion import find_hidden
+from poseviewer.fit.compared_pixels import enlarge_mask
+from poseviewer.fit.occlusion import find_occluded
 from poseviewer.fit.problem import pose_loss
-from poseviewer.fit.visibility import hiding
+from poseviewer.fit.visibility import make_occlusion
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.image import Photo
@@ -55,15 +55,15 @@ def behind_slab(demo):
 
 def test_nothing_is_in_front_of_a_car_that_is_seen_whole(demo):
     case, truth = demo
-    assert find_hidden(case.problem.photo, case.renderer, truth) is None
+    assert find_occluded(case.problem.photo, case.renderer, truth) is None
 
 
 def test_a_post_is_told_from_the_car_behind_it(demo, behind_slab):
     case, truth = demo
-    hidden = find_hidden(behind_slab.problem.photo, case.renderer, truth)
+    hidden = find_occluded(behind_slab.problem.photo, case.renderer, truth)
     assert hidden is not None
     photo = case.photo
-    full = enlarged(hidden, case.problem.photo.factor, photo.width, photo.height)
+    full = enlarge_mask(hidden, case.problem.photo.factor, photo.width, photo.height)
     covered = case.renderer.render_mask(truth)
     post = np.zeros_like(covered)
     post[:, slice(*SLAB)] = True
@@ -74,7 +74,7 @@ def test_a_post_is_told_from_the_car_behind_it(demo, behind_slab):
 def test_what_is_hidden_does_not_count_on_any_level(demo, behind_slab):
     _, truth = demo
     problem = behind_slab.problem
-    hidden = find_hidden(problem.photo, behind_slab.renderer, truth)
+    hidden = find_occluded(problem.photo, behind_slab.renderer, truth)
     assert hidden is not None
     rest = problem.views[0].without(hidden)
     assert not np.any(rest.photo.weights[hidden])
@@ -82,7 +82,7 @@ def test_what_is_hidden_does_not_count_on_any_level(demo, behind_slab):
     fine = rest.fine_photo
     assert fine is not None
     height, width = fine.weights.shape
-    larger = enlarged(hidden, problem.photo.factor / fine.factor, width, height)
+    larger = enlarge_mask(hidden, problem.photo.factor / fine.factor, width, height)
     assert larger.any()
     assert not np.any(fine.weights[larger])
 
@@ -144,7 +144,7 @@ def painted_over():
     model, away = make_can(), random.normal(size=(2, 3))
     away *= np.array([[np.radians(8.0)], [0.06]]) / np.linalg.norm(away, axis=1, keepdims=True)
     start = FreeBodyChart.near(model, truth).to_pose(away.ravel())
-    mask = Mask.of(~hiding(PlacedModel(model, truth), (occluder,)).hidden)
+    mask = Mask.of(~make_occlusion(PlacedModel(model, truth), (occluder,)).occluded)
     view = View(PhotoFile.of(photo), camera, mask=mask)
     return scene_at(view, ModelFile.of(model, None, "0" * 64, name="can.ply"), start), truth
 

@@ -13,7 +13,7 @@ from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.types import PhotoAttributes
+from poseviewer.render.attributes import PhotoAttributes
 from poseviewer.scene.settings import FitSettings, settings_as_json, settings_from_json
 from poseviewer.scene.types import Scene as FitScene
 from tests.meshes import make_box
@@ -138,25 +138,20 @@ def test_a_mask_of_another_size_is_refused():
         opened(make_photo(30.0), Mask.of(np.ones((10, 20))))
 
 
-def test_a_start_beside_the_photo_is_refused():
-    beside = replace(
-        START, camera_from_model=RigidTransform(np.eye(3), np.array([500.0, 0.0, 9.0]))
-    )
-    with pytest.raises(SettingsError, match="near the start pose"):
-        make_problem(opened(make_photo(30.0)).with_pose(0, beside))
-
-
-def test_a_start_in_a_thousandth_of_the_models_unit_is_asked_about():
-    place = START.camera_from_model
-    far = replace(START, camera_from_model=replace(place, translation=1000.0 * place.translation))
-    with pytest.raises(SettingsError, match="the pose and the model in one unit"):
-        make_problem(opened(make_photo(30.0)).with_pose(0, far))
-
-
-def test_a_photo_that_is_all_hidden_is_refused():
-    registration = opened(make_photo(30.0), Mask.of(np.zeros((120, 160))))
-    with pytest.raises(SettingsError, match="0 pixels count"):
-        make_problem(registration)
+@pytest.mark.parametrize(
+    ("translation", "weight", "said"),
+    [
+        ([500.0, 0.0, 9.0], 1.0, "near the start pose"),
+        ([0.0, 0.0, 9000.0], 1.0, "the pose and the model in one unit"),
+        ([0.0, 0.0, 9.0], 0.0, "0 pixels count"),
+    ],
+    ids=["beside the photo", "in a thousandth of the unit", "all hidden"],
+)
+def test_a_start_of_which_nothing_can_be_compared_is_refused(translation, weight, said):
+    pose = replace(START, camera_from_model=RigidTransform(np.eye(3), np.array(translation)))
+    mask = Mask.of(np.full((120, 160), weight))
+    with pytest.raises(SettingsError, match=said):
+        make_problem(opened(make_photo(30.0), mask).with_pose(0, pose))
 
 
 @pytest.mark.parametrize("seed", [-1, 1.5, "1"])

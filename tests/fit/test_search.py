@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from poseviewer.confidence.pose_covariance import PoseCovariance
-from poseviewer.confidence.verdict import SURE_BEHIND, SURE_FROM, Verdict
+from poseviewer.confidence.verdict import SURE_FROM, SURE_IF_OCCLUDED, Verdict
 from poseviewer.fit import search as searching
 from poseviewer.fit.problem import make_problem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
-from poseviewer.fit.search import Search, is_focal_moved, is_restarted, is_taken
+from poseviewer.fit.search import Search, is_accepted, is_focal_moved, is_restarted
 from poseviewer.fit.stages import fit_pose, make_stages
-from poseviewer.fit.visibility import Hiding
+from poseviewer.fit.visibility import Occlusion
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.settings import Limits
 from poseviewer.scene.types import Scene
@@ -119,10 +119,10 @@ def test_a_found_pose_that_is_not_sure_is_only_continued(small, verdict, restart
     clipped = problem.on([replace(problem.photo, clipped=True, structure=None)])
     assert not is_restarted(replace(end, problem=clipped), False)  # no classes and edges
     # Less is asked of a pose among other objects.
-    doubtful = replace(end, verdict=Verdict("doubtful", SURE_BEHIND))
+    doubtful = replace(end, verdict=Verdict("doubtful", SURE_IF_OCCLUDED))
     assert is_restarted(doubtful, True)
     nothing = np.zeros(problem.photo.weights.shape, bool)
-    views = (replace(problem.views[0], behind=Hiding(nothing, nothing, nothing)),)
+    views = (replace(problem.views[0], occlusion=Occlusion(nothing, nothing, nothing)),)
     assert not is_restarted(replace(doubtful, problem=replace(problem, views=views)), True)
 
 
@@ -139,8 +139,8 @@ def test_a_found_pose_that_is_not_sure_is_only_continued(small, verdict, restart
 def test_a_turned_pose_must_be_likely(small, is_turned, before, found, taken):
     known: FitProgress = replace(small[3], verdict=Verdict("doubtful", before))
     after = replace(known, loss=known.loss - 1.0, verdict=Verdict("doubtful", found))
-    assert is_taken(after, known, is_turned) == taken
-    assert not is_taken(replace(after, loss=known.loss), known, is_turned)
+    assert is_accepted(after, known, is_turned) == taken
+    assert not is_accepted(replace(after, loss=known.loss), known, is_turned)
 
 
 def test_the_limits_are_those_of_all_searches(small, judge):

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import SettingsError
-from poseviewer.fit.problem import ComparedView, FitProblem, pose_loss
+from poseviewer.fit.problem import FitProblem, ViewResidual, pose_loss
 from poseviewer.fit.slices import Slice, landscape
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.attributes import Moments, PhotoAttributes, Renderer
 from poseviewer.render.pool import RendererPool
-from poseviewer.render.types import Moments, PhotoAttributes, Renderer
 from poseviewer.scene.settings import FitSettings
 from tests.meshes import make_box
 
@@ -55,7 +55,7 @@ class CountingRenderer(Renderer):
 def make_problem(*free: int) -> FitProblem:
     photo = PhotoAttributes(np.zeros((6, 8, 1), np.float32), np.ones((6, 8), np.float32))
     lock = tuple(name for number, name in enumerate(CHART.names) if number not in free)
-    return FitProblem(MESH, (ComparedView(photo, CHART),), np.zeros(6), FitSettings(lock=lock))
+    return FitProblem(MESH, (ViewResidual(photo, CHART),), np.zeros(6), FitSettings(lock=lock))
 
 
 def drawn(*free: int, renderer=None, centre=(), threads=1, **settings) -> list[Slice]:
@@ -101,7 +101,7 @@ def test_what_is_known_grows_coarsely_in_every_pair_before_any_is_seen_finely():
             known = np.isfinite(pieces[pair].losses)
             assert np.array_equal(piece.losses[known], pieces[pair].losses[known])
             assert count > known.sum()
-        assert not np.isnan(piece.filled()).any()
+        assert not np.isnan(piece.fill_gaps()).any()
         pieces[pair] = piece
         if count > 36:
             assert len(pieces) == 6
@@ -123,7 +123,7 @@ def test_minimum_is_found_in_the_numbers_of_the_chart():
         ((0, 1), 40, 0.2, "wanted an odd number"),
         ((0, 1), 1, 0.2, "wanted an odd number"),
         ((0, 1), 41, 0.0, "wanted an odd number"),
-        ((0,), 41, 0.2, "two free numbers"),
+        ((0,), 41, 0.2, "two free parameters"),
     ],
 )
 def test_impossible_grids_are_refused(free, size, half_width, said):

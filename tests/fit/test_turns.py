@@ -12,8 +12,8 @@ from poseviewer.confidence.verdict import Verdict
 from poseviewer.fit import search as searching
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.progress import Status
-from poseviewer.fit.search import CHANGED, MAX_ROUNDS, Search
-from poseviewer.fit.visibility import hiding
+from poseviewer.fit.search import CHANGED_FRACTION, MAX_ROUNDS, Search
+from poseviewer.fit.visibility import make_occlusion
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -81,12 +81,12 @@ def first_seen(scene: Scene, *indices: int) -> np.ndarray:
 
 def test_others_that_stay_are_in_front_at_first():
     scene = scene_of(TRUTH[0], STARTS[1], locked=(0,))
-    behind = hiding(STARTS[1], (TRUTH[0],))
-    assert behind.others.any()
-    assert not np.any(behind.hidden & behind.drawn)
+    behind = make_occlusion(STARTS[1], (TRUTH[0],))
+    assert behind.occluders.any()
+    assert not np.any(behind.occluded & behind.silhouette)
     seen = first_seen(scene, 1)
-    assert not np.any(seen & behind.others)
-    assert np.any(seen & behind.drawn)
+    assert not np.any(seen & behind.occluders)
+    assert np.any(seen & behind.silhouette)
 
 
 def test_what_does_not_stand_firm_hides_nothing():
@@ -101,9 +101,9 @@ def test_what_stands_before_a_wall_is_compared_with_it():
     place = STARTS[1].pose.camera_from_model
     far = replace(place, translation=3.0 * place.translation)
     wall = PlacedModel(make_box((40.0, 40.0, 0.1)), replace(STARTS[1].pose, camera_from_model=far))
-    own = hiding(STARTS[1], (wall,))
-    assert np.all(own.others[own.drawn])
-    assert np.any(first_seen(scene_of(STARTS[1], wall, locked=(1,)), 0) & own.drawn)
+    own = make_occlusion(STARTS[1], (wall,))
+    assert np.all(own.occluders[own.silhouette])
+    assert np.any(first_seen(scene_of(STARTS[1], wall, locked=(1,)), 0) & own.silhouette)
 
 
 @pytest.mark.slow
@@ -122,9 +122,11 @@ def test_one_verdict_is_asked_for_where_what_others_hide_has_settled(monkeypatch
     scene = scene_of(PlacedModel(MESHES[0], start), TRUTH[1], locked=(1,))
     *_, end = searched(scene, 0).run()
     pose = end.progress.pose
-    first, last = (hiding(PlacedModel(MESHES[0], one), (TRUTH[1],)) for one in (start, pose))
-    changed = np.count_nonzero((first.hidden ^ last.hidden) & last.drawn)
-    assert changed > CHANGED * np.count_nonzero(last.drawn)
+    first, last = (
+        make_occlusion(PlacedModel(MESHES[0], one), (TRUTH[1],)) for one in (start, pose)
+    )
+    changed = np.count_nonzero((first.occluded ^ last.occluded) & last.silhouette)
+    assert changed > CHANGED_FRACTION * np.count_nonzero(last.silhouette)
     assert asked == [pose]
     assert share_off(0, pose) < 0.05  # a verdict that trusts anything ends the search
     few = replace(SETTINGS, limits=Limits(end.progress.evaluations - 300))

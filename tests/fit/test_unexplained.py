@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from poseviewer.fit.loss import EDGE_WEIGHT, LossScale, registration_loss
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.attributes import PhotoAttributes
 from poseviewer.render.pyramid.levels import with_structure
-from poseviewer.render.types import PhotoAttributes
 from tests.fit.test_loss import SEEDS, make_moments, make_samples
 from tests.fit.test_paper import POSE, RENDERER, make_photo
 
-SCALE = LossScale(most=4, colours=3, has_edges=True)
+SCALE = LossScale(correlations=4, colours=3, has_edges=True)
 
 
 @given(SEEDS, st.floats(0.0, 1.0), st.floats(0.05, 20.0))
@@ -29,17 +29,17 @@ def test_it_is_the_geometric_mean_of_its_parts(seed, cosine, noise):
 
 def test_it_keeps_the_order_of_poses():
     losses = np.linspace(0.0, 4 * np.log1p(1e3) + EDGE_WEIGHT, 50)
-    assert np.all(np.diff(SCALE.unexplained(losses)) > 0.0)
-    assert SCALE.unexplained(float(losses[-1])) == pytest.approx(1.0)
-    assert SCALE.unexplained(float(losses[-1]) + 1.0) == 1.0
-    assert np.isnan(SCALE.unexplained(np.array([np.nan, 1.0]))).tolist() == [True, False]
+    assert np.all(np.diff(SCALE.as_unexplained(losses)) > 0.0)
+    assert SCALE.as_unexplained(float(losses[-1])) == pytest.approx(1.0)
+    assert SCALE.as_unexplained(float(losses[-1]) + 1.0) == 1.0
+    assert np.isnan(SCALE.as_unexplained(np.array([np.nan, 1.0]))).tolist() == [True, False]
 
 
 def test_the_papers_loss_is_shown_as_it_is():
     scale = LossScale.of(make_photo(clipped=True, ground=0.5))
     assert scale.text(0.378) == "loss 0.378 of 1"
-    assert (scale.shown(0.378), scale.unexplained(0.378)) == (0.378, 0.378)
-    assert LossScale(3, 3, has_edges=False).unexplained(1.5) == 0.5
+    assert (scale.as_shown(0.378), scale.as_unexplained(0.378)) == (0.378, 0.378)
+    assert LossScale(3, 3, has_edges=False).as_unexplained(1.5) == 0.5
 
 
 def test_it_tells_the_right_pose_from_others():
@@ -58,4 +58,4 @@ def test_it_tells_the_right_pose_from_others():
     assert at == sorted(at)
     assert at[0] < 0.5 * at[-1]
     assert unexplained_at(0.0, shift=100.0) == 1.0
-    assert scale.unexplained(scale.worst) == 1.0
+    assert scale.as_unexplained(scale.worst) == 1.0

@@ -40,7 +40,7 @@ def renderer() -> SoftwareRenderer:
 
 
 def test_the_loss_is_the_mean_over_the_views(problem, renderer):
-    losses = [pose_loss(alone, renderer, AT) for alone in problem.alone]
+    losses = [pose_loss(alone, renderer, AT) for alone in problem.by_view]
     assert len(set(losses)) == 3
     assert pose_loss(problem, renderer, AT) == pytest.approx(np.mean(losses), rel=1e-12)
 
@@ -52,7 +52,7 @@ def test_a_view_alone_is_compared_as_without_the_others(problem, renderer):
     alone, notes = make_problem(scene.with_object(0, in_views=views, settings=settings))
     assert not notes
     expected = pose_loss(alone, renderer, AT)
-    assert pose_loss(problem.alone[0], renderer, AT) == pytest.approx(expected, rel=1e-9)
+    assert pose_loss(problem.by_view[0], renderer, AT) == pytest.approx(expected, rel=1e-9)
     # Small as they are: the search of several is refined.
     assert alone.views[0].fine_photo is None
     assert all(view.fine_photo is not None for view in problem.views)
@@ -71,7 +71,7 @@ def test_views_of_several_sides_tell_the_depth(renderer):
     assert verdict is not None
     assert [verdict.label, *(one.label for one in verdict.views)] == ["found"] * 4
     joint = end.progress.covariance
-    alone = replace(end.progress, problem=end.problem.alone[0])
+    alone = replace(end.progress, problem=end.problem.by_view[0])
     single = judge_end(alone, renderer).covariance
     assert joint is not None
     assert single is not None
@@ -160,7 +160,7 @@ def test_a_landscape_is_of_all_views_of_any_sizes(renderer, is_mixed):
 
 @pytest.mark.parametrize(
     ("changes", "said"),
-    [({"chart": "vehicle"}, "--chart vehicle"), ({"pixels": "clip"}, "--pixels clip")],
+    [({"chart": "vehicle"}, 'chart="vehicle"'), ({"pixels": "clip"}, 'pixels="clip"')],
 )
 def test_what_does_not_go_with_several_views_is_said(changes, said):
     scene = make_scene().with_object(0, settings=FitSettings(**changes))
@@ -174,5 +174,5 @@ def test_a_view_that_does_not_see_the_object_is_left_out_and_said():
     away = replace(away, translation=away.translation + np.array([90.0, 0.0, 0.0]))
     views = (scene.views[0], replace(scene.views[1], camera_from_world=away), scene.views[2])
     problem, notes = make_problem(replace(scene, views=views))
-    assert [view.index for view in problem.views] == [0, 2]
+    assert [view.view_index for view in problem.views] == [0, 2]
     assert notes == ("b.png does not see the model where it starts, and is left out.",)

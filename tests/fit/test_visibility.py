@@ -8,11 +8,11 @@ from scipy.ndimage import distance_transform_edt
 
 from poseviewer.errors import SettingsError
 from poseviewer.fit.problem import make_problem
-from poseviewer.fit.visibility import MARGIN_PX, NOTHING, depth_image, hiding, visibility
+from poseviewer.fit.visibility import MARGIN_PX, NOTHING, depth_image, make_occlusion, visibility
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.types import PhotoAttributes
+from poseviewer.render.attributes import PhotoAttributes
 from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.types import PlacedModel
 from tests.meshes import make_box, make_sphere
@@ -51,29 +51,33 @@ def test_a_near_camera_cuts_depth_as_it_cuts_the_picture():
 def test_the_nearest_is_seen_whatever_the_order():
     near, far = place(1.2, 5.0), place(0.0, 8.0)
     one, other = visibility([near, far]), visibility([far, near])
-    assert np.array_equal(one.seen(0), other.seen(1))
-    assert np.array_equal(one.seen(1), other.seen(0))
-    assert np.array_equal(one.seen(0), one.drawn[0])
-    assert np.array_equal(one.nearest == NOTHING, ~(one.drawn[0] | one.drawn[1]))
-    share = np.count_nonzero(one.drawn[1] & ~one.drawn[0]) / np.count_nonzero(one.drawn[1])
-    assert one.shares == pytest.approx([1.0, share])
+    assert np.array_equal(one.mask(0), other.mask(1))
+    assert np.array_equal(one.mask(1), other.mask(0))
+    assert np.array_equal(one.mask(0), one.silhouettes[0])
+    assert np.array_equal(one.nearest == NOTHING, ~(one.silhouettes[0] | one.silhouettes[1]))
+    share = np.count_nonzero(one.silhouettes[1] & ~one.silhouettes[0]) / np.count_nonzero(
+        one.silhouettes[1]
+    )
+    assert one.visible_fractions == pytest.approx([1.0, share])
     assert 0.1 < share < 0.9
-    assert visibility([place(0.0, 6.0), place(40.0, 6.0)]).shares == pytest.approx([1.0, 0.0])
+    assert visibility([place(0.0, 6.0), place(40.0, 6.0)]).visible_fractions == pytest.approx(
+        [1.0, 0.0]
+    )
 
 
 def test_what_is_in_front_hides_also_where_the_model_is_not_yet():
     model = place(0.0, 8.0)
     near = place(0.6, 5.0)
     far = place(0.6, 12.0)
-    found = hiding(model, [near])
-    assert np.array_equal(found.hidden, np.isfinite(depth_image(near)))
-    assert not hiding(model, [far]).hidden.any()
+    found = make_occlusion(model, [near])
+    assert np.array_equal(found.occluded, np.isfinite(depth_image(near)))
+    assert not make_occlusion(model, [far]).occluded.any()
     apart = place(-1.8, 5.0)
-    assert not (np.isfinite(depth_image(apart)) & found.drawn).any()
-    assert np.array_equal(hiding(model, [apart]).hidden, np.isfinite(depth_image(apart)))
-    both = hiding(model, [near, far, apart])
-    assert np.array_equal(both.hidden, found.hidden | np.isfinite(depth_image(apart)))
-    assert not both.is_whole
+    assert not (np.isfinite(depth_image(apart)) & found.silhouette).any()
+    assert np.array_equal(make_occlusion(model, [apart]).occluded, np.isfinite(depth_image(apart)))
+    both = make_occlusion(model, [near, far, apart])
+    assert np.array_equal(both.occluded, found.occluded | np.isfinite(depth_image(apart)))
+    assert not both.is_total
 
 
 def attributes(model: PlacedModel, *others: PlacedModel) -> PhotoAttributes:

@@ -10,9 +10,9 @@ from poseviewer.geometry.lens import (
     Lens,
     Undistortion,
     opencv_matrix,
+    rotate_camera,
+    rotate_lens,
     turn_axes,
-    turned_camera,
-    turned_lens,
     undistort,
 )
 
@@ -125,17 +125,17 @@ def test_a_turned_camera_sees_what_the_stored_one_does(name, orientation):
         still = np.zeros(3), np.zeros(3), opencv_matrix(camera), lens.array
         return lens.module.projectPoints(points[:, None], *still)[0][:, 0] + 0.5
 
-    camera = turned_camera(TAKEN, orientation)
-    found = seen(in_camera @ axes.T, camera, turned_lens(lens, orientation))
+    camera = rotate_camera(TAKEN, orientation)
+    found = seen(in_camera @ axes.T, camera, rotate_lens(lens, orientation))
     np.testing.assert_allclose(found, upright(seen(in_camera, TAKEN, lens), orientation), atol=1e-9)
     assert (camera.width, camera.height) == ((480, 640) if orientation > 4 else (640, 480))
-    back = turned_camera(camera, WAY_BACK[orientation])
+    back = rotate_camera(camera, WAY_BACK[orientation])
     np.testing.assert_allclose(astuple(back), astuple(TAKEN))
     assert (np.linalg.det(axes) < 0.0) == (orientation in MIRRORED)
 
 
 def test_a_tilted_sensor_turns_upside_down_alone():
     tilted = Lens("opencv", (*LENSES["12"].coefficients, 0.02, -0.01))
-    assert turned_lens(tilted, 3).coefficients[12:] == (-0.02, 0.01)
+    assert rotate_lens(tilted, 3).coefficients[12:] == (-0.02, 0.01)
     with pytest.raises(ValueError, match="tilted"):
-        turned_lens(tilted, 6)
+        rotate_lens(tilted, 6)

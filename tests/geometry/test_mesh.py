@@ -20,11 +20,13 @@ def test_a_part_that_is_left_out_leaves_the_others_as_they_are():
     assert mirror.part_names == ("mirror",)
 
 
-def test_a_part_that_is_not_there_is_said_with_those_that_are():
-    with pytest.raises(SettingsError, match=r"no part 'antenna'; it has body, mirror"):
-        make_two_boxes().without(["antenna"])
-
-
-def test_the_last_part_cannot_be_left_out():
-    with pytest.raises(SettingsError, match=r"nothing would be left.*body, mirror; leave one"):
-        make_two_boxes().without(["body", "mirror"])
+@pytest.mark.parametrize(
+    ("parts", "said"),
+    [
+        (["antenna"], r"no part 'antenna'; it has body, mirror"),
+        (["body", "mirror"], r"nothing would be left.*body, mirror; leave one"),
+    ],
+)
+def test_an_unknown_part_and_the_last_one_cannot_be_left_out(parts, said):
+    with pytest.raises(SettingsError, match=said):
+        make_two_boxes().without(parts)

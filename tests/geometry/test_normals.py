@@ -4,11 +4,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from poseviewer.geometry.normals import (
-    crease_normals,
-    face_normals_and_areas,
-    faces_to_flip,
-)
+from poseviewer.geometry.normals import crease_normals, face_normals_and_areas, faces_to_flip
 
 
 def turned(faces: np.ndarray, which: np.ndarray) -> np.ndarray:

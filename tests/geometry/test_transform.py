@@ -45,8 +45,10 @@ def test_a_matrix_with_a_scale_gives_the_nearest_rotation(pair):
     np.testing.assert_allclose(again.rotation, pair[0].rotation, atol=1e-14)
 
 
-@pytest.mark.parametrize("angle", [0.0, 1e-9, 9e-5, 1.1e-4, 1.0, 3.1, np.pi])
+@pytest.mark.parametrize("angle", [0.0, 1e-300, 1e-9, 9e-5, 1.1e-4, 0.1, 3.1, np.pi, 50.0])
 def test_rotations_about_axes_match_scipy(angle):
-    vector = angle * np.array([0.36, -0.48, 0.8])
-    expected = Rotation.from_rotvec(vector).as_matrix()
-    np.testing.assert_allclose(rotation_about(*vector), expected, atol=1e-15)
+    for axis in np.random.default_rng(0).normal(size=(20, 3)):
+        vector = axis / np.linalg.norm(axis) * angle
+        found = rotation_about(*vector.tolist())
+        np.testing.assert_allclose(found, Rotation.from_rotvec(vector).as_matrix(), atol=1e-14)
+        np.testing.assert_allclose(found @ found.T, np.eye(3), atol=1e-14)

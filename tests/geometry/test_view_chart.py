@@ -10,7 +10,7 @@ from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import ViewChart
-from poseviewer.geometry.world_pose import triangulated_scale
+from poseviewer.geometry.world_pose import triangulate_scale
 from poseviewer.scene.types import View
 from tests.view_sets import CAMERA, CAMERAS_FROM_SET, MESH, START, TRUTH, focal_length, make_views
 
@@ -67,10 +67,10 @@ def cameras(views: Sequence[View]) -> list[tuple[Camera, RigidTransform]]:
 
 def test_lines_of_sight_tell_the_scale_about():
     at = START.camera_from_model.apply(MESH.centre)
-    found = triangulated_scale(cameras(make_views(unit=2.5).views), 0, at / at[2], float(at[2]))
+    found = triangulate_scale(cameras(make_views(unit=2.5).views), 0, at / at[2], float(at[2]))
     assert found == pytest.approx(2.5, rel=0.15)
 
 
 def test_cameras_that_look_the_same_way_tell_no_scale():
     same = cameras(make_views().views[:1])
-    assert triangulated_scale(same * 2, 0, np.array([0.0, 0.0, 1.0]), 1.0) is None
+    assert triangulate_scale(same * 2, 0, np.array([0.0, 0.0, 1.0]), 1.0) is None

@@ -177,7 +177,7 @@ FEATURES: dict[str, tuple[float, float, float]] = {{
 }}
 """Mean and standard deviation of each feature among the trials, and its weight."""
 OFFSET = {calibration.offset:.4g}
-"""Score, as logarithm of the odds, of a pose whose features are the means."""
+"""Log odds of a pose whose features are the means."""
 FOUND_FROM = {calibration.found_from:.4g}
 """Probability from which the verdict is ``found``."""
 LOST_BELOW = {calibration.lost_below:.4g}

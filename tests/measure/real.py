@@ -22,14 +22,11 @@ from pathlib import Path
 import numpy as np
 
 from poseviewer.api import FitResult, load
-from poseviewer.cli.options import listed, whole
+from poseviewer.cli.options import list_of, whole
 from poseviewer.confidence.pose_covariance import region_reach
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError, QuickStartError
 from poseviewer.evaluation.cases import Case, load_cases, load_starts, visibility_label
-from poseviewer.evaluation.trials import (
-    fetch_model,
-    fetch_photo,
-)
+from poseviewer.evaluation.trials import fetch_model, fetch_photo
 from poseviewer.files.photo import load_photo
 from poseviewer.files.photo_sets import LoadedViews, SetChoice
 from poseviewer.geometry.arrays import FloatArray
@@ -268,7 +265,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("folders", type=Path, nargs="*", default=[DATA, DATA / "clutter"])
     parser.add_argument("--start", action="store_true", help="of what is seen nearly whole")
     parser.add_argument("--views", action="store_true", help="fits by several photos")
-    parser.add_argument("--photos", type=listed(whole), default=(1, 2, 3, 4), help="(1,2,3,4)")
+    parser.add_argument("--photos", type=list_of(whole), default=(1, 2, 3, 4), help="(1,2,3,4)")
     parser.add_argument("--cases", default="", help="only those whose id matches")
     parser.add_argument("--half", choices=("tuning", "other"), help="only this half of the cases")
     parser.add_argument("--every", type=whole, default=1, metavar="N", help="only each N-th case")

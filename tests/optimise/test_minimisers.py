@@ -47,7 +47,7 @@ FUNCTIONS: dict[str, tuple[Function, int]] = {
 """Functions and numbers of their parameters; the least value, 0, is where all are 0.3."""
 
 
-def search_of(name: str, function: str, losses: list[float]) -> Iterator[State]:
+def search_of(name: str, function: str, losses: list[float], **seed: int) -> Iterator[State]:
     """A search whose evaluations are written down; a state is asked for after each."""
     compute, size = FUNCTIONS[function]
 
@@ -56,7 +56,7 @@ def search_of(name: str, function: str, losses: list[float]) -> Iterator[State]:
             losses.append(compute(point))
             yield losses[-1]
 
-    return MINIMISERS[name](objective, np.zeros(size), np.eye(size))
+    return MINIMISERS[name](objective, np.zeros(size), np.eye(size), **seed)
 
 
 @pytest.mark.parametrize("function", FUNCTIONS)
@@ -90,3 +90,9 @@ def test_a_search_is_repeated_exactly_and_can_be_stopped(name: str, function: st
         assert state.value == value
     assert again == losses[: len(again)]
     assert math.isclose(len(again), min(20, len(losses)), abs_tol=1)
+
+
+@pytest.mark.parametrize("name", [name for name in MINIMISERS if name != "nelder_mead"])
+def test_another_seed_is_another_search(name: str):
+    values = [[s.value for s in search_of(name, "valley", [], seed=seed)] for seed in (5, 6)]
+    assert values[0] != values[1]

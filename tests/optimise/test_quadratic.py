@@ -49,23 +49,6 @@ def test_jumps_of_the_loss_are_evened_out():
     assert np.mean(ends) < np.mean(bests)
 
 
-def test_every_evaluation_is_yielded_with_the_best_point():
-    _, loss, losses, units = valley(4)
-    seen = []
-
-    def counted(points):
-        for value in losses(points):
-            seen.append(value)
-            yield value
-
-    states = list(minimise(counted, np.zeros(4), units, OPTIONS, seed=0))
-    assert len(states) == len(seen) + 1
-    assert not any(state.converged for state in states[:-1])
-    for count, state in enumerate(states[:-1], start=1):
-        assert state.value == min(seen[:count]) == loss(state.best)
-        assert state.candidates.shape == (min(count, 5), 4)
-
-
 def test_a_loss_that_is_the_same_everywhere_ends_the_search_where_it_began_or_near():
     def flat(points):
         for _ in points:

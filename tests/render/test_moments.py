@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from poseviewer.render.attributes import AttributeImage, PhotoAttributes
 from poseviewer.render.moments import model_attributes, moments_of_images
-from poseviewer.render.types import AttributeImage, PhotoAttributes
 
 SHAPE = 30, 40
 

@@ -7,9 +7,9 @@ import pytest
 
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.attributes import PhotoAttributes
 from poseviewer.render.pool import CHUNK, RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_bumpy
 
 CAMERA = Perspective(120.0, 120.0, 48.0, 36.0, 96, 72)

@@ -7,9 +7,9 @@ from scipy.spatial.transform import Rotation
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.attributes import AttributeImage
 from poseviewer.render.opengl import OpenGLRenderer
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.render.types import AttributeImage
 from tests.meshes import make_box, make_bumpy, make_mesh, make_painted, make_soup, make_sphere
 from tests.renderers import require_opengl
 

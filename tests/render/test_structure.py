@@ -7,11 +7,11 @@ import pytest
 from poseviewer.fit.loss import registration_loss
 from poseviewer.geometry.camera import Parallel, Perspective, Pose, level_pose
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.attributes import PhotoAttributes
 from poseviewer.render.moments import moments_of_images
 from poseviewer.render.pyramid.levels import with_structure
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.structure import CLASSES, make_structure
-from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_bumpy
 from tests.several import lit_on_noise
 
@@ -100,10 +100,10 @@ def test_a_photo_of_few_colours_has_as_many_classes():
     channels = np.zeros((40, 50, 3), np.float32)
     channels[10:, :, 0], channels[20:, :, 1] = 0.5, 0.8
     structure = make_structure(channels, np.ones((40, 50), np.float32))
-    assert len(structure.shares) == 3
-    assert structure.shares.sum() == 40 * 50
+    assert len(structure.class_weights) == 3
+    assert structure.class_weights.sum() == 40 * 50
     many = np.random.default_rng(0).uniform(size=(60, 60, 3)).astype(np.float32)
-    assert len(make_structure(many, np.ones((60, 60), np.float32)).shares) == CLASSES
+    assert len(make_structure(many, np.ones((60, 60), np.float32)).class_weights) == CLASSES
     rare = np.zeros((60, 60, 3), np.float32)  # colours that a few pixels have
     rare[1, 1 : CLASSES - 2, 0] = np.arange(1, CLASSES - 2) / CLASSES
-    assert len(make_structure(rare, np.ones((60, 60), np.float32)).shares) == CLASSES - 2
+    assert len(make_structure(rare, np.ones((60, 60), np.float32)).class_weights) == CLASSES - 2

@@ -19,10 +19,7 @@ def test_every_level_keeps_the_mean_and_halves_the_size():
     assert table.shape == (3, 7, 3)
     for texture, levels in zip(textures, table, strict=True):
         for k, (offset, width, height) in enumerate(levels):
-            assert (width, height) == (
-                max(1, texture.shape[1] >> k),
-                max(1, texture.shape[0] >> k),
-            )
+            assert (width, height) == (max(1, texture.shape[1] >> k), max(1, texture.shape[0] >> k))
             level = texels[offset : offset + width * height]
             assert level.mean(axis=0) == pytest.approx(texture.mean(axis=(0, 1)) / 255, abs=1e-5)
     assert (table[1, 3:] == table[1, 2]).all()

@@ -116,12 +116,12 @@ def test_a_car_that_shows_two_wheels_is_found_anywhere(projection: str):
 
 @pytest.mark.parametrize("box", [(0, 0, 4, 4), (150, 10, 40, 7), (400, 10, 50, 50)])
 def test_a_box_beside_the_photo_is_one_sentence(scene: Scene, box):
-    with pytest.raises(QuickStartError, match=r"--box .* has no 8x8 px in the photo of 160x120 px"):
+    with pytest.raises(QuickStartError, match=r"box .* has no 8x8 px in the photo of 160x120 px"):
         api.load(scene.photo, scene.model, api.AutoStart(box))
 
 
 def test_without_print_wheels_or_a_box_a_sentence_asks_for_one(scene: Scene):
-    with pytest.raises(QuickStartError, match="name it with --box"):
+    with pytest.raises(QuickStartError, match="give the box"):
         propose(wanted(scene, None))
 
 

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.starts.views import even_rotations, ground_views, poses_filling
+from poseviewer.starts.views import ground_views, poses_filling, sample_rotations
 from tests.app.state.documents import make_keypoints
 from tests.meshes import box_of, make_box
 
@@ -17,7 +17,7 @@ CAMERAS = (Perspective(150.0, 140.0, 83.0, 58.0, 160, 120), Parallel(1.0, 83.0, 
 
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_outlines_have_the_middle_and_the_size_of_the_rectangle(camera):
-    fits = poses_filling(BOX, even_rotations(60), CAR.vertices, CAR.centre, camera)
+    fits = poses_filling(BOX, sample_rotations(60), CAR.vertices, CAR.centre, camera)
     assert len(fits.poses) == 60
     for pose, misshapen in zip(fits.poses, fits.aspect_errors, strict=True):
         seen = box_of(pose, CAR.vertices)
@@ -28,7 +28,7 @@ def test_outlines_have_the_middle_and_the_size_of_the_rectangle(camera):
 
 
 def test_even_rotations_leave_no_gap():
-    rotations = Rotation.from_matrix(even_rotations(2000))
+    rotations = Rotation.from_matrix(sample_rotations(2000))
     asked = Rotation.random(300, rng=np.random.default_rng(0))
     nearest = [float((one.inv() * rotations).magnitude().min()) for one in asked]
     assert np.degrees(max(nearest)) < 22.0

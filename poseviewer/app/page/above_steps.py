@@ -117,7 +117,7 @@ def loss_bar(session: Session) -> str:
     drawn = key = ""
     for name, loss in marks.items():
         if loss is not None:
-            left = 100.0 * scale.unexplained(loss)
+            left = 100.0 * scale.as_unexplained(loss)
             drawn += f'<i class="pv-{name}" style="left:{left:.1f}%"></i>'
             key += f'<span><i class="pv-{name}"></i>{name}</span>'
     said = escape(f"What is unexplained: 0, nothing is, to 1, all is.{parts}")

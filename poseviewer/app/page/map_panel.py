@@ -206,7 +206,7 @@ def _png_url(piece: Slice) -> str:
     """URL of an 8-bit palette PNG of a map, the last row at the top, over the known losses."""
     known = piece.losses[np.isfinite(piece.losses)]
     low, high = known.min(), known.max()
-    shares = np.clip((piece.filled() - low) / max(high - low, 1e-12), 0.0, 1.0)
+    shares = np.clip((piece.fill_gaps() - low) / max(high - low, 1e-12), 0.0, 1.0)
     image = Image.fromarray((shares * (LEVELS - 1)).round().astype(np.uint8)[::-1])
     image.putpalette(PALETTE.tobytes())
     memory = BytesIO()
@@ -285,7 +285,7 @@ def grid_of(session: Session, latest: Landscape) -> LossGrid:
             candidates = search.progress.candidates if session.is_searching else None
     is_moving = session.is_searching or session.drag is not None
     return LossGrid(
-        [piece.shown(problem.scale) for piece in latest.slices],
+        [piece.as_shown(problem.scale) for piece in latest.slices],
         chart.names,
         pose,
         candidates,

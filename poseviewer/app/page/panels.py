@@ -416,6 +416,6 @@ def curve_of(progress: SearchProgress) -> tuple[FloatArray, FloatArray, FloatArr
     end = max(progress.progress.evaluations, counts[-1] + 1)
     beside = [*(begun - BESIDE_RESTART), *(begun + BESIDE_RESTART)]
     evaluations = np.array(sorted({*counts, *begun, *beside, end}), float)
-    shown = progress.progress.scale.shown(np.array(losses))
+    shown = progress.progress.scale.as_shown(np.array(losses))
     best = shown[np.searchsorted(counts, evaluations, side="right") - 1]
     return evaluations, best, np.isin(evaluations, begun).astype(float)

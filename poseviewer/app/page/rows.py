@@ -12,7 +12,7 @@ from poseviewer.app.page.controls import Controls, jpeg_url, on_press, plain
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.tasks import QueuedTask
-from poseviewer.batch.results import REJECTED, Row
+from poseviewer.batch.result_folder import REJECTED, Row
 from poseviewer.batch.review import ReviewQueue
 from poseviewer.fit.progress import Status
 

@@ -124,7 +124,7 @@ def said_of(session: Session, index: int) -> str:
     if session.is_searching or losses is None or not losses.of_views:
         return ""
     result = losses.of_views.get(index)
-    return "not seen" if result is None else f"{result.scale.shown(result.loss):.3f}"
+    return "not seen" if result is None else f"{result.scale.as_shown(result.loss):.3f}"
 
 
 def word_of(scene_object: SceneObject, index: int) -> str:

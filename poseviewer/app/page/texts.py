@@ -191,7 +191,7 @@ def search_text(session: Session) -> str:
         which += f"  \nOf all objects: **{plain(label)}**"
     text = (
         f"Loss: {settings.loss_name}{which}  \n"
-        f"**{fit.loss_text}** (start {fit.scale.shown(fit.start_loss):.3f})  \n"
+        f"**{fit.loss_text}** (start {fit.scale.as_shown(fit.start_loss):.3f})  \n"
         f"{fit.evaluations} evaluations, restart {fit.restart}, {fit.seconds:.1f} s  \n{sentence}"
     )
     return text if fit.verdict is None else f"{text}  \n**Verdict: {fit.verdict.label}.**"
@@ -237,7 +237,7 @@ def ends_table(comparison: LossComparison | None) -> str:
     rows = {"": names, "---": ["--:"] * len(ends)}
     for name, end, losses in zip(names, ends, comparison.losses.T, strict=True):
         scale = end.problem.scale
-        rows[f"{name}: {scale.name}"] = [f"{scale.shown(loss):.3f}" for loss in losses]
+        rows[f"{name}: {scale.name}"] = [f"{scale.as_shown(loss):.3f}" for loss in losses]
     rows |= {
         "seconds": [f"{fit.seconds:.1f}" for fit in fits],
         "evaluations": [f"{fit.evaluations:,}" for fit in fits],

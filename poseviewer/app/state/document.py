@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from poseviewer.app.state.camera_change import with_camera
 from poseviewer.errors import SingularChartError
 from poseviewer.fit.compared_pixels import box_near
-from poseviewer.fit.problem import FitProblem, moved, numbers_of
+from poseviewer.fit.problem import FitProblem, pose_to_params, with_params
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.charts import Chart
@@ -271,8 +271,8 @@ class Document:
         raises ``OutsideChartError``.
         """
         index = self.active if index is None else index
-        scene = moved(self.scene, index, problem, numbers)
-        return self._placed(scene, index, problem.views[0].index)
+        scene = with_params(self.scene, index, problem, numbers)
+        return self._placed(scene, index, problem.views[0].view_index)
 
     def _placed(self, scene: Scene, index: int, view: int) -> Document:
         """Document with an object where ``scene`` has it; others stay as a view shows them."""
@@ -287,8 +287,8 @@ class Document:
 
     def numbers_in(self, problem: FitProblem) -> FloatArray:
         """(d,): the active object's pose in the chart of a problem; raises as the chart."""
-        pose = self.scene.pose(self.active, problem.views[0].index)
-        return numbers_of(problem.chart, pose, self.object.world_from_model.scale)
+        pose = self.scene.pose(self.active, problem.views[0].view_index)
+        return pose_to_params(problem.chart, pose, self.object.world_from_model.scale)
 
     @property
     def started(self) -> Document:
@@ -347,7 +347,7 @@ class Document:
     @property
     def parameters(self) -> FloatArray:
         """(d,): the active object's pose in ``chart``."""
-        return numbers_of(self.chart, self.pose, self.object.world_from_model.scale)
+        return pose_to_params(self.chart, self.pose, self.object.world_from_model.scale)
 
     def without(self, index: int) -> Document:
         """The document without one of several objects; where it was active, the next one is."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from poseviewer.app.state.edits import drag_edit, edit
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
-from poseviewer.fit.compared_pixels import enlarged
+from poseviewer.fit.compared_pixels import enlarge_mask
 from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
@@ -165,7 +165,8 @@ def found_hidden(session: Session) -> NDArray[np.bool_] | None:
         return own.object.result.hidden[own.at] if own.object.result.hidden else None
     if progress is None or session.is_searching:
         return None
-    view = next(view for view in progress.problem.views if view.index == own.at)  # it was stopped
-    if view.hidden is None:
+    # The search was stopped.
+    view = next(view for view in progress.problem.views if view.view_index == own.at)
+    if view.occluded is None:
         return None
-    return enlarged(view.hidden, view.photo.factor, own.photo.width, own.photo.height)
+    return enlarge_mask(view.occluded, view.photo.factor, own.photo.width, own.photo.height)

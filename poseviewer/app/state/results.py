@@ -79,7 +79,7 @@ class Landscape:
     @property
     def maps(self) -> LossMaps:
         """The slices as files hold them."""
-        photo = self.document.scene.views[self.problem.views[0].index].photo
+        photo = self.document.scene.views[self.problem.views[0].view_index].photo
         return LossMaps.about(self.parameters, self.slices, self.half_width, self.problem, photo)
 
 

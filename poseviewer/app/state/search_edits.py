@@ -157,7 +157,7 @@ def with_progress(document: Document, progress: SearchProgress) -> Document:
         document = document.at_numbers(fit.problem, fit.parameters, index)
         document = document.with_object(index, result=results[index])
     is_seen = is_in_sight(document)
-    return document if is_seen else document.with_view(progress.problem.views[0].index)
+    return document if is_seen else document.with_view(progress.problem.views[0].view_index)
 
 
 def with_search(

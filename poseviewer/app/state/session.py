@@ -143,7 +143,7 @@ class Session:
         progress, own = self.search_progress, self.document
         if progress is None or progress.object_index != own.active:
             return None
-        return progress if progress.problem.views[0].index == own.at else None
+        return progress if progress.problem.views[0].view_index == own.at else None
 
     @property
     def other_outlines(self) -> tuple[FloatArray, ...]:

@@ -21,8 +21,8 @@ from poseviewer.fit.slices import QUICK_SIZES, quick_level, strides
 from poseviewer.fit.slices import landscape as make_slices
 from poseviewer.fit.stages import make_stages
 from poseviewer.geometry.camera import Pose
+from poseviewer.render.attributes import Renderer
 from poseviewer.render.pool import RendererPool, processors
-from poseviewer.render.types import Renderer
 from poseviewer.scene.settings import FitSettings, LossName
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
@@ -132,7 +132,7 @@ class MapMaker:
         numbers, start = own.numbers_in(problem), anchor.pose(own.active, view)
         levels = [
             quick_level(alone, alone.chart.to_pose(numbers), self._renderer)
-            for alone in problem.alone
+            for alone in problem.by_view
         ]
         quick = problem.on([level.photo for level in levels])
         if before is not None:

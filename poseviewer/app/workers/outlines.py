@@ -93,8 +93,8 @@ def outlining(notify: Callable[[], None]) -> Worker[OutlineRequest, Edit]:
             depths = [renderer(mesh).depth(pose.rescale(samples)) for mesh, pose in models]
             visible = visibility_of_depths(depths)
             for index, number in enumerate(request.large):
-                visible_pixels = visible.seen(index)
-                if not np.array_equal(visible_pixels, visible.drawn[index]):
+                visible_pixels = visible.mask(index)
+                if not np.array_equal(visible_pixels, visible.silhouettes[index]):
                     lines[number] = select_visible_lines(lines[number], visible_pixels, samples)
         views = ({number: share(*one) for number, one in view.items()} for view in request.small)
         yield set_fields("results", outlines=Outlines(lines, tuple(views)))

@@ -17,9 +17,9 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import for_one_thread
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError
-from poseviewer.fit.lighting import relit
+from poseviewer.fit.lighting import render_relit
 from poseviewer.fit.loss import LossScale, Unexplained, mean_over
-from poseviewer.fit.problem import ComparedView, make_problem
+from poseviewer.fit.problem import ViewResidual, make_problem
 from poseviewer.fit.visibility import DepthImage, depth_image
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
@@ -57,11 +57,11 @@ class LossReader:
     def __init__(self, renderer: SoftwareRenderer) -> None:
         self.renderer = renderer
         self._about: tuple[object, ...] = ()
-        self._views: tuple[ComparedView, ...] = ()
+        self._views: tuple[ViewResidual, ...] = ()
         self._note = ""
         self._start = 0.0
 
-    def views(self, request: Session) -> tuple[ComparedView, ...]:
+    def views(self, request: Session) -> tuple[ViewResidual, ...]:
         """The views as they are compared about the request's anchor; none where they cannot be."""
         own = request.document
         about = own.object.start, own.object.start_cameras, *request.pixels
@@ -91,12 +91,12 @@ class LossReader:
     def _read_all(self, own: Document, scene: Scene) -> tuple[Unexplained, dict[int, Unexplained]]:
         """Unexplained shares where the active object is in a scene: mean, and of each view."""
         of_views = {
-            view.index: self._read(view, own, scene.pose(own.active, view.index))
+            view.view_index: self._read(view, own, scene.pose(own.active, view.view_index))
             for view in self._views
         }
         return mean_over(tuple(of_views.values())), of_views
 
-    def _read(self, view: ComparedView, own: Document, pose: Pose) -> Unexplained:
+    def _read(self, view: ViewResidual, own: Document, pose: Pose) -> Unexplained:
         scale = LossScale.of(view.photo)
         if not pose.camera_from_model.apply(own.mesh.centre)[2] > 0.0:
             return Unexplained(scale, scale.worst)
@@ -129,10 +129,10 @@ class OverlayDrawer:
         relight: Relight | None = None
         if display.style in ("relit", "residual"):
             views = self._reader.views(request)
-            compared = next((view.photo for view in views if view.index == own.at), None)
+            compared = next((view.photo for view in views if view.view_index == own.at), None)
             if compared is None:
                 return Overlay(request, NO_LINES)
-            relight = partial(relit, compared, self._reader.renderer, own.pose)
+            relight = partial(render_relit, compared, self._reader.renderer, own.pose)
         view = ModelInPhoto(pixels, own.mesh, self._fine, pose, relight, display.opacity)
         picture = draw_style(display.style, view)
         others = tuple((own.scene.objects[i].mesh, own.scene.pose(i, own.at)) for i in own.others)

@@ -28,9 +28,9 @@ from poseviewer.geometry.lens import (
     WAY_BACK,
     LensModel,
     Undistortion,
+    rotate_camera,
+    rotate_lens,
     turn_axes,
-    turned_camera,
-    turned_lens,
 )
 from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.geometry.world_pose import WORLD
@@ -240,12 +240,12 @@ def turn_view(view: View, orientation: int) -> View:
         if orientation in MIRRORED:
             raise ValueError("a mirror image")
         if known is not None:
-            cameras = (turned_camera(one, orientation) for one in (known.taken, known.camera))
-            known = Undistortion(turned_lens(known.lens, orientation), *cameras)
+            cameras = (rotate_camera(one, orientation) for one in (known.taken, known.camera))
+            known = Undistortion(rotate_lens(known.lens, orientation), *cameras)
     except ValueError as error:
         found = f"{view.name}: its EXIF turns it, and it has {error}"
         raise PoseFileError(f"{found}; save it upright, and find the pose anew.") from None
-    axes, camera = turn_axes(orientation), turned_camera(view.camera, orientation)
+    axes, camera = turn_axes(orientation), rotate_camera(view.camera, orientation)
     place = RigidTransform(axes @ place.rotation, axes @ place.translation)
     return view_of_file(file.location, camera, file.sha256, known, place)
 

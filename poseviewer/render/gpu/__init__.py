@@ -1,1 +1,1 @@
-"""The loss on a GPU by wgpu: many poses in one submission, and no picture is read back."""
+"""Moments on a GPU by wgpu: many poses in one submission, without reading pictures back."""

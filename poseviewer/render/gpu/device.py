@@ -20,20 +20,25 @@ from poseviewer.render.structure import BLUR_TAPS, MODEL_NOISE
 
 ADAPTER_VARIABLE = "POSEVIEWER_ADAPTER"
 """Environment variable whose value ``software`` allows the processor as adapter, for tests."""
-KINDS = ("DiscreteGPU", "IntegratedGPU", "VirtualGPU", "Unknown", "CPU")  # the best first
+ADAPTER_KINDS = ("DiscreteGPU", "IntegratedGPU", "VirtualGPU", "Unknown", "CPU")
+"""Kinds of adapters, the best first."""
 BACKENDS = ("Vulkan", "Metal", "DX12")
-ADVICE = "use --renderer software, or leave --renderer out"
-LANES = 64
-"""Faces that a workgroup draws."""
+"""Backends with compute shaders; OpenGL lacks them on some machines."""
+ADVICE = 'use renderer="software", or "auto"'
+"""End of messages where the GPU cannot be used."""
+WORKGROUP_FACES = 64
+"""Faces that a workgroup draws, as in ``moments.wgsl``."""
 GROUPS = 16
-"""Workgroups that share the sums over a pose's pixels: each sums so few that float32 will do."""
-ENTRIES = ("draw", "shade", "blur")
-RECORD = 221
-"""Numbers that a workgroup gives, see ``moments.wgsl``."""
+"""Workgroups that share the sums over a pose's pixels: each sums few enough for float32."""
+ENTRY_POINTS = ("draw", "shade", "blur")
+"""Entry points of ``moments.wgsl``."""
+RECORD_SIZE = 221
+"""Numbers that a workgroup writes, as in ``moments.wgsl``."""
 BINDINGS = 11
-"""Number of bindings; the first is the parameters, those from ``WRITTEN`` on are written to."""
-WRITTEN = 7
-_making = threading.Lock()
+"""Number of bindings: the parameters, those that are read, and those from ``FIRST_WRITTEN`` on."""
+FIRST_WRITTEN = 7
+"""Number of the first binding that the shader writes to."""
+_device_lock = threading.Lock()
 
 
 @lru_cache(maxsize=2)
@@ -42,24 +47,24 @@ def _device(software: bool) -> Device:
 
 
 def gpu_device() -> Device:
-    """The process's device, made once; raises ``RendererUnavailableError`` where there is none."""
-    with _making:
+    """Return the process's device, made once; raises ``RendererUnavailableError`` without a GPU."""
+    with _device_lock:
         return _device(os.environ.get(ADAPTER_VARIABLE) == "software")
 
 
 def find_adapter(software: bool) -> Any:
-    """Find the best adapter; with ``software``, one that is the processor itself will do."""
-    # Mesa's choice of a device looks for a display, and complains where there is none.
+    """Find the best adapter; ``software`` allows the processor itself."""
+    # Mesa's device selection looks for a display, and warns if there is none.
     os.environ.setdefault("NODEVICE_SELECT", "1")
     try:
         import wgpu
         from wgpu.backends.wgpu_native.extras import set_instance_extras
     except ImportError as error:
         raise RendererUnavailableError(
-            f"No wgpu here, which reaches the GPU; pip install 'poseviewer[gpu]', or {ADVICE}."
+            f"The package wgpu is not installed; pip install 'poseviewer[gpu]', or {ADVICE}."
         ) from error
-    with suppress(RuntimeError):  # whoever uses poseviewer uses wgpu as well, and was the first
-        # OpenGL is left alone: it has no compute shaders everywhere, and one context a process.
+    with suppress(RuntimeError):  # the program that imports poseviewer may have set up wgpu
+        # OpenGL is not initialised: a process has one context, which ``render.opengl`` needs.
         set_instance_extras(backends=list(BACKENDS))
     every = wgpu.gpu.enumerate_adapters_sync()
     adapters = [adapter for adapter in every if adapter.info["backend_type"] in BACKENDS]
@@ -68,7 +73,7 @@ def find_adapter(software: bool) -> Any:
             "No GPU here (Vulkan, Metal and Direct3D 12 tried); install the GPU's driver, or "
             f"{ADVICE}."
         )
-    best = min(adapters, key=lambda adapter: KINDS.index(adapter.info["adapter_type"]))
+    best = min(adapters, key=lambda adapter: ADAPTER_KINDS.index(adapter.info["adapter_type"]))
     if best.info["adapter_type"] == "CPU" and not software:
         raise RendererUnavailableError(
             f"The only adapter here, {best.info['device']}, is the processor itself, on which the "
@@ -78,23 +83,23 @@ def find_adapter(software: bool) -> Any:
 
 
 class Device:
-    """A device with the compiled shader, and the buffers that batches share. For all threads."""
+    """A device with the compiled shader and buffers that batches share; safe for threads."""
 
     def __init__(self, adapter: Any) -> None:
-        """Raises ``RendererUnavailableError`` where the adapter cannot do it."""
+        """Compile the shader; raises ``RendererUnavailableError`` if the adapter cannot run it."""
         import wgpu
 
         self.name: str = adapter.info["device"]
         self.is_software: bool = adapter.info["adapter_type"] == "CPU"
         self.lost = False
-        """Set where it failed once: then it is left alone."""
+        """Whether the device has failed; it is then not used again."""
         self.errors: tuple[type[Exception], ...] = (wgpu.GPUError, RuntimeError, MemoryError)
         """Errors of a device that is lost, or whose memory is full."""
         names = "storage-buffer-binding-size", "buffer-size", "storage-buffers-per-shader-stage"
         limits = {f"max-{name}": adapter.limits[f"max-{name}"] for name in names}
         try:
             self._device = adapter.request_device_sync(required_limits=limits)
-            self._layout, self._pipelines = _compiled(self._device)
+            self._layout, self._pipelines = _compile_shader(self._device)
         except (wgpu.GPUError, wgpu.GPUPipelineError, RuntimeError) as error:
             raise RendererUnavailableError(
                 f"The GPU {self.name} cannot run the shader ({str(error)[:200]}); {ADVICE}."
@@ -104,13 +109,13 @@ class Device:
         self._photos: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
 
     def upload(self, data: NDArray[Any]) -> Any:
-        """A buffer of its own with the ``data``, 32 bits a number."""
+        """Make a buffer of ``data`` with 32-bit numbers."""
         data = data if data.size else np.zeros(4, data.dtype)
         usage = self._usage("STORAGE")
         return self._device.create_buffer_with_data(data=np.ascontiguousarray(data), usage=usage)
 
     def photo(self, photo: Any, pixels: Callable[[], NDArray[np.float32]]) -> Any:
-        """The buffer of a photo's ``pixels``, kept as long as the photo is."""
+        """Return the buffer of a photo's ``pixels``, which lives as long as the photo."""
         with self._lock:
             if photo not in self._photos:
                 self._photos[photo] = self.upload(pixels())
@@ -123,14 +128,20 @@ class Device:
         poses: NDArray[Any],
         pixels: int,
     ) -> NDArray[np.float32]:
-        """(poses, ``GROUPS``, ``RECORD``): what each workgroup sums up, see ``moments.wgsl``.
+        """Compute the sums of many poses, see ``moments.wgsl``.
 
-        ``parameters``: numbers of faces and texture levels, width of the photo, whether edges are
-        compared; ``inputs``: buffers of vertices, faces, texels, table and photo; ``poses``: the
-        shader's ``Pose``; ``pixels``: those of all boxes.
+        Args:
+            parameters: numbers of faces and texture levels, width of the photo in px, and whether
+                edges are compared.
+            inputs: buffers of vertices, faces, texels, table and photo.
+            poses: (poses,) of the shader's ``Pose``.
+            pixels: number of pixels in all boxes.
+
+        Returns:
+            (poses, ``GROUPS``, ``RECORD_SIZE``): the record of each workgroup.
         """
         faces, _, _, has_edges = parameters
-        size = 4 * GROUPS * RECORD * len(poses)
+        size = 4 * GROUPS * RECORD_SIZE * len(poses)
         with self._lock:
             of_poses = self._buffer("poses", poses.nbytes)
             self._device.queue.write_buffer(of_poses, 0, poses)
@@ -142,15 +153,15 @@ class Device:
             encoder = self._device.create_command_encoder()
             for cleared in (depths, ids, *([field] if has_edges else [])):
                 encoder.clear_buffer(cleared)
-            drawing = -(-faces // LANES), len(poses)
+            drawing = -(-faces // WORKGROUP_FACES), len(poses)
             self._dispatch(encoder, "draw", first, drawing)
             self._dispatch(encoder, "draw", second, drawing)
             self._dispatch(encoder, "shade", second, (GROUPS, len(poses)))
             if has_edges:
                 self._dispatch(encoder, "blur", second, (GROUPS, len(poses)))
             self._device.queue.submit([encoder.finish()])
-            found = np.frombuffer(self._device.queue.read_buffer(sums, 0, size), np.float32)
-        return found.reshape(len(poses), GROUPS, RECORD)
+            records = np.frombuffer(self._device.queue.read_buffer(sums, 0, size), np.float32)
+        return records.reshape(len(poses), GROUPS, RECORD_SIZE)
 
     def _dispatch(self, encoder: Any, entry: str, group: Any, counts: tuple[int, int]) -> None:
         work = encoder.begin_compute_pass()
@@ -169,13 +180,13 @@ class Device:
         return self._device.create_bind_group(layout=self._layout, entries=entries)
 
     def _buffer(self, name: str, size: int) -> Any:
-        """The buffer of this name, made anew where it is too small."""
-        kept = self._work.get(name)
-        if kept is None or kept.size < size:
+        """Return the buffer of this name, replaced if it is too small."""
+        buffer = self._work.get(name)
+        if buffer is None or buffer.size < size:
             room = 1 << max(int(size) - 1, 255).bit_length()
-            kept = self._device.create_buffer(size=room, usage=self._usage("STORAGE"))
-            self._work[name] = kept
-        return kept
+            buffer = self._device.create_buffer(size=room, usage=self._usage("STORAGE"))
+            self._work[name] = buffer
+        return buffer
 
     def _usage(self, kind: str) -> int:
         from wgpu import BufferUsage
@@ -183,11 +194,12 @@ class Device:
         return getattr(BufferUsage, kind) | BufferUsage.COPY_DST | BufferUsage.COPY_SRC
 
 
-def _compiled(device: Any) -> tuple[Any, dict[str, Any]]:
-    """The layout of bind groups, and the pipelines by their entry points."""
+def _compile_shader(device: Any) -> tuple[Any, dict[str, Any]]:
+    """Layout of bind groups, and pipelines by their entry points."""
     from wgpu import ShaderStage
 
-    kinds = ["uniform", *["read-only-storage"] * (WRITTEN - 1), *["storage"] * (BINDINGS - WRITTEN)]
+    read, written = FIRST_WRITTEN - 1, BINDINGS - FIRST_WRITTEN
+    kinds = ["uniform", *["read-only-storage"] * read, *["storage"] * written]
     entries = [
         {"binding": k, "visibility": ShaderStage.COMPUTE, "buffer": {"type": kind}}
         for k, kind in enumerate(kinds)
@@ -199,7 +211,7 @@ def _compiled(device: Any) -> tuple[Any, dict[str, Any]]:
     for name, numbers in constants.items():
         source = source.replace(f"{{{name}}}", ", ".join(repr(float(x)) for x in numbers))
     module, pipelines = device.create_shader_module(code=source), {}
-    for entry in ENTRIES:
+    for entry in ENTRY_POINTS:
         compute = {"module": module, "entry_point": entry}
         pipelines[entry] = device.create_compute_pipeline(layout=layout, compute=compute)
     return group, pipelines

@@ -1,7 +1,7 @@
 """The software renderer's moments on the GPU, many poses at once.
 
-Threads that ask meanwhile wait for one of them, which asks the GPU for all: so descents and losses
-over several photos are judged in batches.
+Threads that ask at the same time are served in one batch: one of them submits all poses to the GPU,
+and the others wait for it.
 """
 
 from __future__ import annotations
@@ -20,100 +20,95 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.render.attributes import Moments, PhotoAttributes
 from poseviewer.render.gpu.device import GROUPS, gpu_device
 from poseviewer.render.software.rasterise import GUARD_PX
 from poseviewer.render.software.software_renderer import SoftwareRenderer, camera_entries
 from poseviewer.render.structure import MARGIN_PX
-from poseviewer.render.types import Moments, PhotoAttributes
 
 CALLERS = 128
-"""Threads that ask at once, and so poses that are judged together."""
+"""Threads that may ask at once, and so the number of poses in a batch."""
 
 _log = logging.getLogger(__name__)
 MAX_PIXELS = 1 << 23
-"""Largest number of pixels in the boxes of a submission, 16 bytes of the GPU's memory each."""
+"""Pixels in the boxes of a submission, at most; each takes 16 bytes of the GPU's memory."""
 POSE = np.dtype(
-    [
-        ("camera", np.float32, 17),
-        ("weighs", np.float32),
-        ("box", np.int32, 4),
-        ("at", np.uint32),
-    ]
+    [("camera", np.float32, 17), ("weighs", np.float32), ("box", np.int32, 4), ("at", np.uint32)]
 )
 """The shader's ``Pose``; the box is left, top, width, height."""
 MODEL = slice(3, 9)
-"""M (R, G, B, grey times normal) among a pixel's values; F stands before it, 1 after it."""
-PARTS = np.cumsum([6, 100, 1, 16 * 7])
-"""Ends of a record's parts: M's origin, products, pixels, sums by class; two of edges are left."""
+"""M (R, G, B, grey times normal) among a pixel's 10 values, between F and a constant 1."""
+RECORD_ENDS = np.cumsum([6, 100, 1, 16 * 7])
+"""Ends of a record's parts: M's origin, products, pixels, sums by class; then two of edges."""
 
 
 @dataclass(slots=True, eq=False)
-class Question:
-    """Moments that a thread asks for."""
+class MomentsRequest:
+    """Moments that a thread waits for."""
 
     pose: Pose
     photo: PhotoAttributes
-    answer: Moments | None = None
+    result: Moments | None = None
 
 
 class GpuRenderer(SoftwareRenderer):
-    """The software renderer, whose moments come from the GPU; pictures are its own.
+    """The software renderer, with moments from the GPU.
 
-    Poses whose box reaches behind the near plane are the software renderer's, too; and all are,
-    once the GPU has failed.
+    The software renderer still draws pictures, evaluates poses whose box reaches behind the near
+    plane, and all poses once the GPU has failed.
     """
 
     def __init__(self, mesh: Mesh) -> None:
         """Upload the model; raises ``RendererUnavailableError`` where there is no GPU."""
         self.device = gpu_device()
         super().__init__(mesh)
-        self._buffers = () if self.device.lost else self._uploaded()
+        self._buffers = () if self.device.lost else self._upload_model()
         self._corners = np.array(list(product(*np.transpose(mesh.bounds))))
-        self._questions: list[Question] = []
-        self._answering = threading.Lock()
+        self._requests: list[MomentsRequest] = []
+        self._batch_lock = threading.Lock()
 
     def clone(self) -> GpuRenderer:
-        """Another one for another thread, by the same memory of the GPU."""
+        """Make a renderer for another thread that shares the GPU's memory."""
         other = super().clone()
         assert isinstance(other, GpuRenderer)
         other.device = self.device
         other._buffers = self._buffers
         other._corners = self._corners
-        other._questions, other._answering = [], threading.Lock()
+        other._requests, other._batch_lock = [], threading.Lock()
         return other
 
     def cull(self, pose: Pose) -> GpuRenderer:
-        """Clone: to upload another model takes longer than to draw hidden faces."""
+        """Clone: uploading another model takes longer than drawing hidden faces."""
         del pose
         return self.clone()
 
     @property
     def callers(self) -> int:
-        """Number of threads that may ask for moments at once; 0 where the GPU has failed."""
+        """Number of threads that may ask for moments at once; 0 if the GPU has failed."""
         return 0 if self.device.lost else CALLERS
 
     def level_moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
-        """Joint moments, computed together with those that other threads ask for meanwhile."""
-        question = Question(pose, photo)
-        self._questions.append(question)
-        with self._answering:
-            if question.answer is None:
-                others = [q for q in tuple(self._questions) if q.photo is photo]
-                same = {question, *others}
-                for one in others:
-                    self._questions.remove(one)
-                answers = self.moments_at([one.pose for one in same], photo)
-                for one, answer in zip(same, answers, strict=True):
-                    one.answer = answer
-        assert question.answer is not None
-        return question.answer
+        """Compute the joint moments, in a batch with those of other threads."""
+        own = MomentsRequest(pose, photo)
+        self._requests.append(own)
+        with self._batch_lock:
+            if own.result is None:
+                waiting = [one for one in tuple(self._requests) if one.photo is photo]
+                batch = {own, *waiting}
+                for request in waiting:
+                    self._requests.remove(request)
+                moments = self.moments_at([request.pose for request in batch], photo)
+                for request, result in zip(batch, moments, strict=True):
+                    request.result = result
+        assert own.result is not None
+        return own.result
 
     def moments_at(self, poses: Sequence[Pose], photo: PhotoAttributes) -> list[Moments]:
-        """The joint moments at each pose on the photo's own pyramid level."""
-        device, found = self.device, {}
+        """Compute the joint moments at each pose on the photo's own pyramid level."""
+        device, by_pose = self.device, {}
         if not device.lost and not photo.colour_reflectance:
             try:
-                found = self._on_device(poses, photo)
+                by_pose = self._on_device(poses, photo)
             except device.errors as error:
                 device.lost = True
                 _log.warning(
@@ -122,53 +117,53 @@ class GpuRenderer(SoftwareRenderer):
                     " ".join(str(error).split())[:200],
                 )
         return [
-            found[i] if i in found else super(GpuRenderer, self).level_moments(pose, photo)
+            by_pose[i] if i in by_pose else super(GpuRenderer, self).level_moments(pose, photo)
             for i, pose in enumerate(poses)
         ]
 
     def _on_device(self, poses: Sequence[Pose], photo: PhotoAttributes) -> dict[int, Moments]:
-        """The moments of those poses, by their number, that the GPU can do."""
+        """Moments of the poses that the GPU can evaluate, by their index."""
         margin = 0 if photo.structure is None else MARGIN_PX
         boxes = self._boxes(poses, margin)
-        found: dict[int, Moments] = {}
+        by_pose: dict[int, Moments] = {}
         pixels = self.device.photo(photo, lambda: photo_pixels(photo))
         levels, width = self._textures.table.shape[1], photo.weights.shape[1]
         parameters = len(self._surface.faces), levels, width, photo.structure is not None
-        for numbers in _batches(boxes):
-            given = np.zeros(len(numbers), POSE)
-            given["box"] = boxes[numbers]
-            given["camera"] = [
-                camera_entries(poses[i], self._surface.centre, self._near) for i in numbers
+        for indices in _batches(boxes):
+            batch = np.zeros(len(indices), POSE)
+            batch["box"] = boxes[indices]
+            batch["camera"] = [
+                camera_entries(poses[i], self._surface.centre, self._near) for i in indices
             ]
-            given["weighs"] = np.where(given["camera"][:, 16] > 0.0, 1.0, -1.0)
-            areas = given["box"][:, 2].astype(np.int64) * given["box"][:, 3]
-            given["at"] = np.cumsum(areas) - areas
+            batch["weighs"] = np.where(batch["camera"][:, 16] > 0.0, 1.0, -1.0)
+            areas = batch["box"][:, 2].astype(np.int64) * batch["box"][:, 3]
+            batch["at"] = np.cumsum(areas) - areas
             inputs = *self._buffers, pixels
-            raw = self.device.sums(parameters, inputs, given, max(int(areas.sum()), 1))
-            rotations = np.stack([poses[i].camera_from_model.rotation for i in numbers])
-            found.update(zip(numbers, moments_of_sums(photo, raw, rotations), strict=True))
-        return found
+            raw = self.device.sums(parameters, inputs, batch, max(int(areas.sum()), 1))
+            rotations = np.stack([poses[i].camera_from_model.rotation for i in indices])
+            by_pose.update(zip(indices, moments_of_sums(photo, raw, rotations), strict=True))
+        return by_pose
 
     def _boxes(self, poses: Sequence[Pose], margin: int) -> NDArray[np.int64]:
-        """(poses, 4): left, top, width, height of the model, px; -1 where it is too near."""
+        """(poses, 4): left, top, width, height of the model, px; -1 for a pose too near."""
         rotations = np.stack([pose.camera_from_model.rotation for pose in poses])
-        shifts = np.stack([pose.camera_from_model.translation for pose in poses])
-        corners = np.einsum("pij,cj->pci", rotations, self._corners) + shifts[:, None]
+        translations = np.stack([pose.camera_from_model.translation for pose in poses])
+        corners = np.einsum("pij,cj->pci", rotations, self._corners) + translations[:, None]
         boxes = np.full((len(poses), 4), -1)
         for box, pose, points in zip(boxes, poses, corners, strict=True):
             camera = pose.camera
             if isinstance(camera, Perspective) and points[:, 2].min() <= 2.0 * self._near:
                 continue
-            seen = camera.project(points)
-            if np.abs(seen).max() < 0.5 * GUARD_PX:
+            corners_px = camera.project(points)
+            if np.abs(corners_px).max() < 0.5 * GUARD_PX:
                 size = np.array([camera.width, camera.height])
-                low = np.clip(np.floor(seen.min(axis=0)) - 1 - margin, 0, size)
-                high = np.clip(np.ceil(seen.max(axis=0)) + 1 + margin, low, size)
+                low = np.clip(np.floor(corners_px.min(axis=0)) - 1 - margin, 0, size)
+                high = np.clip(np.ceil(corners_px.max(axis=0)) + 1 + margin, low, size)
                 box[:2], box[2:] = low, high - low
         return boxes
 
-    def _uploaded(self) -> tuple[Any, ...]:
-        """Vertices, faces, texels and their table in the GPU's memory."""
+    def _upload_model(self) -> tuple[Any, ...]:
+        """Upload vertices, faces, texels and their table."""
         mesh = self.mesh
         order = self._surface.order
         (texels, table) = self._textures
@@ -184,7 +179,7 @@ class GpuRenderer(SoftwareRenderer):
 
 
 def _batches(boxes: NDArray[np.int64]) -> Iterator[list[int]]:
-    """Numbers of the poses that have a box, as many together as a submission takes."""
+    """Indices of the poses that have a box, in batches of one submission each."""
     batch, pixels = [], 0
     for i, (_, _, width, height) in enumerate(boxes.tolist()):
         if width < 0:
@@ -199,7 +194,7 @@ def _batches(boxes: NDArray[np.int64]) -> Iterator[list[int]]:
 
 
 def photo_pixels(photo: PhotoAttributes) -> NDArray[np.float32]:
-    """(height, width, 7): F (a grey one three times), weight, class and edges."""
+    """(height, width, 7): F (grey repeated three times), weight, class and edges."""
     weights, pixels = photo.weights, np.zeros((*photo.weights.shape, 7), np.float32)
     origin = photo.origin[: photo.channels.shape[2]].astype(np.float32)
     pixels[..., :3] = np.where(weights[..., None] > 0.0, photo.channels - origin, np.float32(0.0))
@@ -213,13 +208,13 @@ def photo_pixels(photo: PhotoAttributes) -> NDArray[np.float32]:
 def moments_of_sums(
     photo: PhotoAttributes, raw: NDArray[np.float32], rotations: FloatArray
 ) -> list[Moments]:
-    """Moments from the groups' sums (poses, groups, record), normals turned by ``rotations``."""
+    """Combine sums (poses, groups, record) of workgroups into moments, with normals rotated."""
     poses = len(raw)
     channels = photo.channels.shape[2]
     n = photo.photo_channels
     size = n + photo.model_channels
-    origin, products, pixels, of_classes, edges = np.split(raw.astype(float), PARTS, axis=-1)
-    # From values about the group's own origin to those about 0.
+    origin, products, pixels, of_classes, edges = np.split(raw.astype(float), RECORD_ENDS, axis=-1)
+    # The group's values are about an origin of its own: shift them to 0.
     shift = np.tile(np.eye(10), (poses, GROUPS, 1, 1))
     shift[..., MODEL, 9] = origin
     shift[..., 6:9, :] = rotations[:, None] @ shift[..., 6:9, :]

@@ -1,8 +1,8 @@
 """Lines of a model: its silhouette and its visible feature edges, as anti-aliased strokes.
 
-Lines are found in a picture of face ids, finer than the photo: hidden lines never come up. A
-feature edge lies between two neighbouring pixels that show different faces, where one of these
-holds:
+Lines are found in a picture of face ids that is finer than the photo, so that hidden lines do not
+occur. Between two neighbouring pixels that show different faces there is a feature edge if one of
+these holds:
 
 - the parts differ, or both faces have one colour each and these differ (material boundary);
 - the shading normals bend by more than ``CREASE_DEG`` (crease);
@@ -20,57 +20,65 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.normals import face_normals_and_areas
+from poseviewer.render.attributes import AttributeImage, Renderer
 from poseviewer.render.overlay.window import Window, model_window
-from poseviewer.render.types import AttributeImage, Renderer
 
 CREASE_DEG = 35.0
+"""Angle between shading normals from which an edge is a crease, in degrees."""
 MATERIAL_STEP = 0.08
-"""Flat colours that differ by more than this in a channel are two materials."""
+"""Difference of flat colours in a channel, in [0, 1], between two materials, at least."""
 DEPTH_STEP = 0.006
-"""One surface is in front of another by more than this share of the model's diameter."""
-MIN_EDGE_LENGTH, MIN_HOLE_LENGTH = 7.0, 16.0
-"""Shorter feature edges, in line widths, are specks; smaller holes (wheel spokes) not outlined."""
-REACH, CROWDED = 10.0, 0.22
-"""Reach of a line's neighbourhood, in line widths, and its share from which on edges fade."""
-MIN_OPACITY, TOLERANCE = 0.5, 0.6
-"""Crowded edges drawn fainter than this share are left out as segments; these run no farther, in
-samples, beside their edges."""
-MAX_SAMPLES_PER_PX, MAX_SAMPLES = 3, 4_000_000
-"""Most samples along a photo pixel's side, and in the picture of face ids."""
+"""Distance between two surfaces, in the model's diameter, from which one ends in front."""
+MIN_EDGE_LENGTH = 7.0
+"""Length of a feature edge, in line widths, at least: shorter ones are specks."""
+MIN_HOLE_LENGTH = 16.0
+"""Length of a hole that is outlined, in line widths, at least: wheel spokes have shorter ones."""
+CROWD_REACH = 10.0
+"""Side of the square about a sample in which crowding is measured, in line widths."""
+CROWDED_FRACTION = 0.22
+"""Fraction of that square covered by edges, from which on edges fade."""
+MIN_OPACITY = 0.5
+"""Opacity below which crowded edges are left out as segments."""
+TOLERANCE = 0.6
+"""Distance between a segment and its edge, in samples, at most."""
+MAX_SAMPLES_PER_PX = 3
+"""Samples along a photo pixel's side, at most: more are not visible."""
+MAX_SAMPLES = 4_000_000
+"""Samples in the picture of face ids, at most: they take two seconds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineDrawing:
-    """Distance of every sample of a window from the model's lines, in photo px."""
+    """Distances from the model's lines at the samples of a window, in photo px."""
 
     window: Window
     silhouette: NDArray[np.float32]
-    """(h, w): distance to the silhouette, at the samples of the window."""
+    """(h, w): distance to the silhouette."""
     features: NDArray[np.float32]
     """(h, w): distance to the nearest feature edge."""
     crowding: NDArray[np.float32]
-    """(h, w) in [0, 1]: how strongly feature edges are to be drawn."""
+    """(h, w) in [0, 1]: opacity of feature edges; less where they crowd."""
     covered: NDArray[np.bool_]
-    """(h, w): the samples inside the silhouette, small holes among them."""
+    """(h, w): samples inside the silhouette, small holes included."""
     nearer: NDArray[np.bool_]
-    """(h, w): the samples left of feature edges, or above them."""
+    """(h, w): samples left of feature edges, or above them."""
 
     def outline(self, line_width: float) -> NDArray[np.float32]:
-        """Opacity (h, w) in [0, 1], at the samples, of the silhouette ``line_width`` px wide."""
+        """(h, w) in [0, 1]: stroke the silhouette, ``line_width`` px wide."""
         return self._stroke(self.silhouette, line_width)
 
     def edges(self, line_width: float) -> NDArray[np.float32]:
-        """Opacity (h, w) in [0, 1], at the samples, of the feature edges ``line_width`` px wide."""
+        """(h, w) in [0, 1]: stroke the feature edges, ``line_width`` px wide."""
         return self._stroke(self.features, line_width) * self.crowding
 
     def edge_segments(self) -> FloatArray:
-        """(N, 2, 2): feature edges as line segments in px of the photo, without crowded ones."""
+        """(N, 2, 2): trace feature edges as segments, px of the photo, without crowded ones."""
         thin = (self.nearer & (self.crowding > MIN_OPACITY)).astype(np.uint8)
         pieces = [np.zeros((0, 2, 2))]
         # The contour of a line one sample wide runs along it, and back.
         for line in cv2.findContours(thin, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]:
-            kept = cv2.approxPolyDP(line, TOLERANCE, closed=True)[:, 0]
-            pieces.append(np.stack([kept, np.roll(kept, -1, axis=0)], axis=1).astype(float))
+            corners = cv2.approxPolyDP(line, TOLERANCE, closed=True)[:, 0]
+            pieces.append(np.stack([corners, np.roll(corners, -1, axis=0)], axis=1).astype(float))
         window = self.window
         return (np.concatenate(pieces) + 0.75) / window.samples + [window.left, window.top]
 
@@ -79,7 +87,17 @@ class LineDrawing:
 
 
 def find_lines(mesh: Mesh, renderer: Renderer, pose: Pose, scale: float) -> LineDrawing | None:
-    """The model's lines, for strokes ``scale`` px wide; None out of sight. Two seconds at most."""
+    """Find the model's lines; this takes up to two seconds.
+
+    Args:
+        mesh: the model.
+        renderer: renderer of the model.
+        pose: pose in the photo.
+        scale: width of a stroke, px.
+
+    Returns:
+        The lines; None if the model is not in sight.
+    """
     finest = max(1, round(MAX_SAMPLES_PER_PX / scale))
     window = model_window(mesh, pose, math.ceil(5.0 * scale), finest, MAX_SAMPLES)
     if window is None:
@@ -95,7 +113,7 @@ def find_lines(mesh: Mesh, renderer: Renderer, pose: Pose, scale: float) -> Line
     marked = _without_specks(both, MIN_EDGE_LENGTH * width)
     outside = _without_specks(~image.mask, MIN_HOLE_LENGTH * width)
     silhouette = (np.where(outside, _distance(outside), _distance(~outside)) - half) / samples
-    # Samples on both sides of an edge are marked: it runs half a sample beside their centres.
+    # Samples on both sides of an edge are marked; the edge is half a sample from their centres.
     features = (_distance(~marked) + half) / samples
     return LineDrawing(
         window, silhouette, features, _crowding(marked, width), ~outside, nearer & marked
@@ -103,7 +121,7 @@ def find_lines(mesh: Mesh, renderer: Renderer, pose: Pose, scale: float) -> Line
 
 
 def _feature_samples(mesh: Mesh, pose: Pose, image: AttributeImage) -> NDArray[np.bool_]:
-    """(2, h, w): the samples left of feature edges or above them, and those on both sides."""
+    """(2, h, w): samples left of feature edges or above them, and those on both sides."""
     ids, normals = image.face_ids.ravel(), image.normals.reshape(-1, 3)
     nearer, farther = np.zeros((2, ids.size), bool)
     index = np.arange(ids.size).reshape(image.face_ids.shape)
@@ -145,22 +163,22 @@ def _are_steps(
 
 
 def _surface_points(camera: Camera, planes: FloatArray, samples: NDArray) -> FloatArray:
-    """(N, 3) in the camera frame: where lines of sight through flat sample indices meet planes."""
+    """(N, 3) in the camera frame: intersections of viewing rays of flat samples with planes."""
     uv = np.stack([samples % camera.width, samples // camera.width], axis=-1) + 0.5
     start, normals = camera.points_at(uv, 0.0), planes[:, :3]
     way = camera.points_at(uv, 1.0) - start
     with np.errstate(divide="ignore", invalid="ignore"):
         away = planes[:, 3] - np.einsum("ij,ij->i", start, normals)
         points = start + way * (away / np.einsum("ij,ij->i", way, normals))[:, None]
-    # A face seen exactly edge-on has no such point; the other face's test decides.
+    # A face seen exactly edge-on has no such point: the test of the other face decides.
     return np.nan_to_num(points, nan=1e30, posinf=1e30, neginf=-1e30)
 
 
-def _without_specks(marked: NDArray[np.bool_], shortest: float) -> NDArray[np.bool_]:
-    """Connected pieces whose bounding box is at least ``shortest`` samples long."""
+def _without_specks(marked: NDArray[np.bool_], min_length: float) -> NDArray[np.bool_]:
+    """Connected pieces whose bounding box is at least ``min_length`` samples long."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(marked.astype(np.uint8), connectivity=8)
     size = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
-    keep = size >= shortest
+    keep = size >= min_length
     keep[0] = False  # the background
     return keep[np.asarray(labels, np.int32)]
 
@@ -174,8 +192,8 @@ def _distance(away: NDArray[np.bool_]) -> NDArray[np.float32]:
 
 
 def _crowding(marked: NDArray[np.bool_], line_width: float) -> NDArray[np.float32]:
-    """(h, w): 1 where lines are few, down towards 0 where they crowd; widths in samples."""
-    size = 2 * math.ceil(REACH * line_width / 2.0) + 1
-    # Lines are marked two samples wide; what counts is how much strokes will cover.
+    """(h, w): 1 where lines are few, falling towards 0 where they crowd."""
+    size = 2 * math.ceil(CROWD_REACH * line_width / 2.0) + 1
+    # Lines are marked two samples wide, but their strokes may cover more.
     covered = cv2.blur(marked.astype(np.float32), (size, size)) * max(line_width, 2.0) / 2.0
-    return np.minimum(1.0, CROWDED / np.maximum(covered, 1e-6)).astype(np.float32)
+    return np.minimum(1.0, CROWDED_FRACTION / np.maximum(covered, 1e-6)).astype(np.float32)

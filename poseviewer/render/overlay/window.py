@@ -1,4 +1,4 @@
-"""The piece of a photo that the model is in: pictures for a person are drawn there alone."""
+"""The window of a photo about the model: pictures for people are drawn only there."""
 
 import math
 from dataclasses import dataclass, replace
@@ -13,10 +13,10 @@ from poseviewer.geometry.mesh import Mesh, hull_in_photo, hull_points
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A piece of the photo, and how finely the model is drawn in it."""
+    """A window of the photo, and its number of samples."""
 
     left: int
-    """May be negative: a silhouette just outside the photo must be told from the photo's border."""
+    """Left border, px. It may be negative, to tell a silhouette outside from the photo's border."""
     top: int
     width: int
     height: int
@@ -24,21 +24,23 @@ class Window:
     """Samples along a photo pixel's side: 3, 2, 1, 1/2, 1/3 ..."""
 
     def pose(self, pose: Pose) -> Pose:
-        """Pose in the image that the window is."""
+        """Return the pose in the picture of the window."""
         camera = pose.camera.crop(self.left, self.top, (self.width, self.height))
-        cut = replace(pose, camera=camera)
-        return cut if self.samples == 1.0 else cut.rescale(self.samples)
+        cropped = replace(pose, camera=camera)
+        return cropped if self.samples == 1.0 else cropped.rescale(self.samples)
 
     def of_photo(self, width: int, height: int) -> tuple[slice, slice]:
-        """Rows and columns of a photo of this size that the window covers."""
+        """Return the rows and columns of a photo of this size that the window covers."""
         rows = slice(max(self.top, 0), max(min(self.top + self.height, height), 0))
         columns = slice(max(self.left, 0), max(min(self.left + self.width, width), 0))
         return rows, columns
 
     def resample(self, samples: NDArray[np.float32], width: int, height: int) -> NDArray:
-        """Values at the window's samples to values at the photo's pixels in ``of_photo``."""
-        way = cv2.INTER_AREA if self.samples >= 1.0 else cv2.INTER_LINEAR
-        piece = np.asarray(cv2.resize(samples, (self.width, self.height), interpolation=way))
+        """Resample values from the window's samples to the photo's pixels in ``of_photo``."""
+        interpolation = cv2.INTER_AREA if self.samples >= 1.0 else cv2.INTER_LINEAR
+        piece = np.asarray(
+            cv2.resize(samples, (self.width, self.height), interpolation=interpolation)
+        )
         rows, columns = self.of_photo(width, height)
         return piece[
             rows.start - self.top : rows.stop - self.top,
@@ -47,12 +49,19 @@ class Window:
 
 
 def model_window(
-    mesh: Mesh, pose: Pose, margin: int = 0, finest: int = 1, most_samples: float = math.inf
+    mesh: Mesh, pose: Pose, margin: int = 0, finest: int = 1, max_samples: float = math.inf
 ) -> Window | None:
-    """The model's box in the photo (all of the photo if it is partly behind the camera), with a
-    margin; None if the model is beside the photo.
+    """Return the window of the model's box in the photo.
 
-    It has up to ``finest`` samples along a pixel's side, fewer beyond ``most_samples`` in all.
+    Args:
+        mesh: the model.
+        pose: pose in the photo; a model partly behind the camera takes the whole photo.
+        margin: margin about the box, px.
+        finest: samples along a pixel's side, at most.
+        max_samples: samples in the window, at most.
+
+    Returns:
+        The window; None if the model is beside the photo.
     """
     points, size = hull_in_photo(mesh, pose), [pose.camera.width, pose.camera.height]
     if not len(points):
@@ -65,7 +74,7 @@ def model_window(
         return None
     left, top = (low - margin).tolist()
     width, height = (high - low + 2 * margin).tolist()
-    share = most_samples / (width * height)
+    share = max_samples / (width * height)
     if share >= 1.0:
         return Window(left, top, width, height, int(min(finest, math.sqrt(share))))
     step = math.ceil(math.sqrt(1.0 / share))

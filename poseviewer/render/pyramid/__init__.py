@@ -1,1 +1,1 @@
-"""Levels of a search: smaller photos and lighter models."""
+"""Levels of a search: smaller photos and decimated models."""

@@ -14,10 +14,10 @@ import numpy as np
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.attributes import PhotoAttributes
 from poseviewer.render.software.kernel import KERNELS, is_compiled
 from poseviewer.render.software.software_renderer import Box, SoftwareRenderer
 from poseviewer.render.structure import make_structure
-from poseviewer.render.types import PhotoAttributes
 
 HELPERS = ("compile_drawing", "compile_sums")
 """Functions by which other processes compile, which take about the same time."""

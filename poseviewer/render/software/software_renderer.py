@@ -17,6 +17,7 @@ from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.attributes import AttributeImage, Moments, PhotoAttributes, Renderer
 from poseviewer.render.moments import moments_of_images
 from poseviewer.render.pyramid.simplified import simplify
 from poseviewer.render.software import rasterise, shade, sums
@@ -24,7 +25,6 @@ from poseviewer.render.software.blocks import BLOCK
 from poseviewer.render.software.raster_surface import Surface, face_order, make_surface
 from poseviewer.render.structure import BLUR_TAPS, MODEL_NOISE, PhotoStructure
 from poseviewer.render.texture import TexturePyramid
-from poseviewer.render.types import AttributeImage, Moments, PhotoAttributes, Renderer
 
 NEAR_PER_DIAMETER = 1e-3
 """Share of the model's diameter nearer than which nothing is drawn under perspective."""
@@ -57,7 +57,9 @@ class SoftwareRenderer(Renderer):
 
     def cull(self, pose: Pose) -> SoftwareRenderer:
         """Return a renderer without faces hidden at a pose, for poses within ``CULLED_PX``."""
-        return self._with(make_surface(self.mesh, self._surface.order[~self._hidden_faces(pose)]))
+        return self._with(
+            make_surface(self.mesh, self._surface.order[~self._find_hidden_faces(pose)])
+        )
 
     def decimate(self, faces: int) -> SoftwareRenderer:
         """Return a renderer of the model with at most this number of triangles, or as it is."""
@@ -110,7 +112,7 @@ class SoftwareRenderer(Renderer):
         self, pose: Pose, photo: PhotoAttributes, structure: PhotoStructure
     ) -> Moments:
         fixed, rotation = photo.photo_moments, pose.camera_from_model.rotation
-        of_photo = photo.planar, structure.labels, len(structure.shares), photo.weights
+        of_photo = photo.planar, structure.labels, len(structure.class_weights), photo.weights
         visible = self._draw(pose)
         if self._kept is None:
             height, width = photo.weights.shape
@@ -139,7 +141,7 @@ class SoftwareRenderer(Renderer):
         other._allocate(surface)
         return other
 
-    def _hidden_faces(self, pose: Pose) -> NDArray[np.bool_]:
+    def _find_hidden_faces(self, pose: Pose) -> NDArray[np.bool_]:
         """Find faces (F,) that show nowhere, all corners behind what is seen near by."""
         left, top, right, bottom = self._rasterise(pose)
         screen, depths = self._workspace[:2]

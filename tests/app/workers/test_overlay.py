@@ -34,11 +34,11 @@ def test_no_look_draws_what_is_behind_another(look: str):
     overlay = OverlayDrawer(SoftwareRenderer(MESHES[0])).draw(request)
     assert overlay.picture is not None
     seen = visibility(TRUTH[:2])
-    behind = seen.drawn[0] & ~seen.seen(0)
+    behind = seen.silhouettes[0] & ~seen.mask(0)
     assert np.count_nonzero(behind) > 200
     photo = own.photo.as_rgb8(own.photo.width, own.photo.height)
     assert np.array_equal(overlay.picture[behind], photo[behind])
-    shown = seen.seen(0)
+    shown = seen.mask(0)
     assert np.mean(np.abs(overlay.picture[shown].astype(int) - photo[shown])) > 2.0
 
 
@@ -50,7 +50,7 @@ def test_the_picture_that_is_sent_does_not_either():
     seen = visibility(TRUTH[:2])
     photo = document.photo.as_rgb8(320, 240)
     # Well inside: an outline is wider than a pixel.
-    behind = cv2.erode((seen.drawn[0] & ~seen.seen(0)).astype(np.uint8), np.ones((9, 9))) > 0
+    behind = cv2.erode((seen.silhouettes[0] & ~seen.mask(0)).astype(np.uint8), np.ones((9, 9))) > 0
     assert behind.any()
     assert np.array_equal(picture[behind][:, ::-1], photo[behind])
 

@@ -8,6 +8,7 @@ import pytest
 from poseviewer.errors import RendererUnavailableError
 from poseviewer.fit.loss import registration_loss
 from poseviewer.geometry.camera import Pose
+from poseviewer.render.attributes import Moments, PhotoAttributes
 from poseviewer.render.gpu import device as device_of
 from poseviewer.render.gpu import gpu_renderer as gpu_renderer
 from poseviewer.render.gpu.gpu_renderer import GpuRenderer
@@ -16,7 +17,6 @@ from poseviewer.render.pyramid.levels import downsample
 from poseviewer.render.renderers import make_renderer
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.render.structure import make_structure
-from poseviewer.render.types import Moments, PhotoAttributes
 from tests.render.software.test_software_renderer import MESHES, random_pose
 from tests.renderers import require_gpu
 
@@ -133,7 +133,7 @@ def test_a_software_adapter_is_refused_in_a_sentence(monkeypatch):
     if device_of.find_adapter(software=True).info["adapter_type"] != "CPU":
         pytest.skip("a real GPU is here")
     monkeypatch.delenv(device_of.ADAPTER_VARIABLE)
-    with pytest.raises(RendererUnavailableError, match="--renderer software") as refused:
+    with pytest.raises(RendererUnavailableError, match='renderer="software"') as refused:
         make_renderer(MESHES["box"], "gpu")
     assert str(refused.value).count(".") <= 3
 

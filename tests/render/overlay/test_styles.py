@@ -9,15 +9,12 @@ import pytest
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.attributes import AttributeImage
 from poseviewer.render.overlay import RENDER_STYLES
 from poseviewer.render.overlay.edges import find_lines
-from poseviewer.render.overlay.residual import (
-    diverging_colours,
-    paint_residual,
-)
+from poseviewer.render.overlay.residual import diverging_colours, paint_residual
 from poseviewer.render.overlay.styles import LINE_COLOUR, ModelInPhoto, draw_style
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.render.types import AttributeImage
 from tests.meshes import make_box, make_mesh, make_sphere, merged
 
 SIZE = 240

@@ -7,12 +7,9 @@ import pytest
 
 from poseviewer.geometry.camera import Parallel, Perspective, Pose, level_pose
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.render.pyramid.levels import (
-    downsample,
-    make_level,
-)
+from poseviewer.render.attributes import PhotoAttributes
+from poseviewer.render.pyramid.levels import downsample, make_level
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.render.types import PhotoAttributes
 from tests.meshes import make_bumpy
 from tests.several import lit_on_noise
 

@@ -11,9 +11,9 @@ from poseviewer.files.mesh.load import load_mesh
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.attributes import AttributeImage
 from poseviewer.render.pyramid.simplified import simplify
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.render.types import AttributeImage
 from tests.meshes import make_box, make_bumpy, make_mesh, make_soup, make_sphere
 
 VIEWS = Rotation.random(5, rng=np.random.default_rng(7)).as_matrix()

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from poseviewer.fit.loss import lighting_loss
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.attributes import PhotoAttributes
 from poseviewer.render.moments import moments_of_images
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.render.types import PhotoAttributes
 from tests.meshes import (
     make_box,
     make_bumpy,

@@ -28,26 +28,26 @@ class PhotoSums(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PhotoAttributes:
-    """The photo's side of the loss: attributes F, pixel weights, and what the region P is."""
+    """Attributes F of a photo, and the pixels P over which they are compared."""
 
     channels: NDArray[np.float32]
     """(height, width, n): F, grey (n = 1) or RGB (n = 3)."""
     weights: NDArray[np.float32]
     """(height, width): weight of each pixel, 0 outside the region."""
     clipped: bool = True
-    """True: P is the part of the region that the model covers. False: the whole region; beside the
-    model all its attributes are 0, and one more tells the two apart: 1 on the model."""
+    """Whether P is the part of the region that the model covers. If not, P is the whole region: the
+    model's attributes are 0 beside it, and one more attribute is 1 on the model."""
     colour_reflectance: bool = False
-    """False: grey reflectance, k and k n (4 attributes). True: the same for R, G and B (12). Where
-    there is a ``structure``, False is in between: the three colours and k n of their grey (6)."""
+    """Whether the model's attributes are k and k n for each of R, G and B (12). If not, they are k
+    and k n of grey (4), or with a ``structure`` the three colours and k n of grey (6)."""
     structure: PhotoStructure | None = None
     """Classes and edges: F has the memberships in K classes beside ``channels``, and edges are
-    compared too, over the whole region: such photos are not clipped. None: colours alone."""
+    compared, over the whole region (not clipped). None: colours alone."""
     factor: int = 1
-    """Side of the photo that poses are of over that of ``channels``."""
+    """Factor by which ``channels`` are reduced from the photo of the poses."""
 
     def __post_init__(self) -> None:
-        # One channel after the other in memory, as the kernels read them.
+        # Planar in memory, as the kernels read them.
         planar = np.moveaxis(np.asarray(self.channels), -1, 0)
         planar = freeze_array(planar, (-1, -1, -1), np.float32)
         _, height, width = planar.shape
@@ -56,12 +56,12 @@ class PhotoAttributes:
 
     @cached_property
     def planar(self) -> NDArray[np.float32]:
-        """(n, height, width): F as it lies in memory."""
+        """(n, height, width): F, contiguous in memory."""
         return np.moveaxis(self.channels, 2, 0)
 
     @cached_property
     def origin(self) -> FloatArray:
-        """(n,): point that sums are taken about: F's mean, or 0 where there is a ``structure``."""
+        """(n,): point about which sums are taken: the mean of F, or 0 with a ``structure``."""
         if self.structure is not None:
             return np.zeros(self.photo_channels)
         total = float(self.weights.sum(dtype=float))
@@ -73,7 +73,7 @@ class PhotoAttributes:
         """Sums of F over the whole region."""
         if self.structure is not None:
             sums = self.structure.sums(self.channels, self.weights)
-            return PhotoSums(float(self.structure.shares.sum()), *sums)
+            return PhotoSums(float(self.structure.class_weights.sum()), *sums)
         first, n = [], self.channels.shape[2]
         second = np.zeros((n, n))
         for weights, rows in zip(self.weights, self.channels, strict=True):
@@ -85,7 +85,7 @@ class PhotoAttributes:
 
     @cached_property
     def photo_moments(self) -> Moments:
-        """Moments of F alone, the same for all poses where there is a ``structure``."""
+        """Moments of F alone, the same for all poses with a ``structure``."""
         weight, first, second = self.photo_sums
         share = 1.0 / weight if weight > 0.0 else 0.0
         mean = share * first
@@ -103,12 +103,12 @@ class PhotoAttributes:
     @property
     def photo_channels(self) -> int:
         """n, the number of attributes of the photo."""
-        classes = 0 if self.structure is None else len(self.structure.shares)
+        classes = 0 if self.structure is None else len(self.structure.class_weights)
         return self.channels.shape[2] + classes
 
     @property
     def model_channels(self) -> int:
-        """m, the number of attributes of the model: 4, 6 or 12, and 1 more where not clipped."""
+        """m, the number of attributes of the model: 4, 6 or 12, and 1 more if not clipped."""
         grey = 4 if self.structure is None else 6
         return (12 if self.colour_reflectance else grey) + (not self.clipped)
 
@@ -118,7 +118,7 @@ class Moments:
     """First and second moments of the attributes (F, M) over the pixels P."""
 
     pixels: int
-    """Number of pixels of weight > 0 that the model covers; the loss needs more than a few."""
+    """Number of pixels of weight > 0 that the model covers."""
     weight: float
     """Sum of the weights over P."""
     mean: FloatArray
@@ -126,11 +126,11 @@ class Moments:
     covariance: FloatArray
     """(n + m, n + m): weighted covariances, normalised by ``weight``; symmetric."""
     photo_channels: int
-    """n, where F ends and M begins."""
+    """n, the number of attributes F."""
     edge_cosine: float | None = None
-    """Cosine between the edge fields of model and photo; None where they are not compared."""
+    """Cosine between the edge fields of model and photo; None if edges are not compared."""
     photo_whitening: FloatArray | None = None
-    """(rank, n): of F alone, where it is known; the same for all poses if P is fixed."""
+    """(rank, n): whitening of F, if it is the same for all poses; None: not known."""
 
     def __post_init__(self) -> None:
         size = np.shape(self.mean)[0]
@@ -140,66 +140,66 @@ class Moments:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AttributeImage:
-    """The model as one pose shows it, before any light falls on it."""
+    """Picture of the model's attributes at a pose, without light."""
 
     face_ids: NDArray[np.int32]
-    """(height, width): the visible face of each pixel centre, -1 where the model is not."""
+    """(height, width): index of the face at each pixel centre; -1 beside the model."""
     reflectance: NDArray[np.float32]
-    """(height, width, 3): RGB in [0, 1]; 0 where the model is not."""
+    """(height, width, 3): RGB in [0, 1]; 0 beside the model."""
     normals: NDArray[np.float32]
-    """(height, width, 3): unit, in the camera frame, on the side that is seen; 0 elsewhere."""
+    """(height, width, 3): unit, in the camera frame, towards the camera; 0 beside the model."""
 
     @property
     def mask(self) -> NDArray[np.bool_]:
-        """(height, width): where the model is."""
+        """(height, width): pixels that show the model."""
         return self.face_ids >= 0
 
     def at(self, pixels: NDArray[np.intp]) -> AttributeImage:
-        """Arrays (N,) and (N, 3), of N ``pixels`` as ``np.flatnonzero`` gives them."""
+        """Return arrays (N,) and (N, 3) of N flat indices of ``pixels``."""
         images = self.reflectance, self.normals
-        picked = (image.reshape(-1, 3).take(pixels, axis=0) for image in images)
-        return AttributeImage(self.face_ids.ravel()[pixels], *picked)
+        values = (image.reshape(-1, 3).take(pixels, axis=0) for image in images)
+        return AttributeImage(self.face_ids.ravel()[pixels], *values)
 
 
 class Renderer:
-    """A mesh, ready to be drawn at any pose, by one thread at a time."""
+    """Renderer of a mesh at any pose, for one thread at a time."""
 
     mesh: Mesh
 
     @property
     def callers(self) -> int:
-        """Number of threads that may ask for ``moments`` at once, and should; 0: one alone."""
+        """Preferred number of threads that call ``moments`` at once; 0: a single one."""
         return 0
 
     def clone(self) -> Renderer | None:
-        """Another renderer of the mesh, for another thread; None: this thread alone may draw."""
+        """Make a renderer of the mesh for another thread; None: only this thread may draw."""
         return None
 
     def decimate(self, faces: int) -> Renderer:
-        """A renderer of the mesh decimated to ``faces`` triangles, or of the mesh as it is."""
+        """Make a renderer of the mesh decimated to ``faces`` triangles, if that is supported."""
         del faces
         return self
 
     def cull(self, pose: Pose) -> Renderer:
-        """A renderer for poses near ``pose``, that may leave out faces hidden there."""
+        """Make a renderer for poses near ``pose``, which may leave out faces hidden there."""
         del pose
         return self
 
     def render(self, pose: Pose) -> AttributeImage:
-        """Visibility, reflectance and normals (camera frame) at every pixel centre."""
+        """Draw face indices, reflectance and normals (camera frame) at every pixel centre."""
         raise NotImplementedError
 
     def render_mask(self, pose: Pose) -> NDArray[np.bool_]:
-        """(height, width): where the model is seen."""
+        """(height, width): draw the pixels that show the model."""
         return self.render(pose).mask
 
     def moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
-        """Joint moments of the photo's and the model's attributes, at a pose on the whole photo."""
+        """Compute the joint moments of F and M at a pose on the photo at its own size."""
         pose = level_pose(pose, photo.factor)
         if photo.weights.shape != (pose.camera.height, pose.camera.width):
             raise ValueError("the pose's camera and the photo differ in size")
         return self.level_moments(pose, photo)
 
     def level_moments(self, pose: Pose, photo: PhotoAttributes) -> Moments:
-        """``moments`` at a pose on the photo's own pyramid level."""
+        """Compute ``moments`` at a pose on the pyramid level of ``photo``."""
         raise NotImplementedError

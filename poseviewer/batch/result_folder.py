@@ -1,7 +1,7 @@
-"""The folder of results: what came of each row, and the batch that it belongs to.
+"""The folder of results: a result for each row, and the batch that they belong to.
 
-A row's result is a JSON file in ``rows/`` named by the job's key, written last: a row without one,
-or whose fit failed, is still to be done, however the batch ended. ``batch.json`` is the batch.
+A row's result is a JSON file in ``rows/`` named by the job's key, and written last. However a batch
+ended, a row without a result, or whose fit failed, is still to do. ``batch.json`` is the batch.
 """
 
 import csv
@@ -23,46 +23,56 @@ from poseviewer.files.writing import lock_file, write_json, write_whole
 from poseviewer.scene.settings import FitSettings, settings_as_json, settings_from_json
 
 ROWS = "rows"
+"""Subfolder of the rows' results."""
 POSES = "poses"
+"""Subfolder of the pose files."""
 PICTURES = "pictures"
+"""Subfolder of the pictures of poses."""
 TABLE = "results.csv"
+"""File of the table of results."""
 REPORT = "report.html"
+"""File of the report."""
 MANIFEST = "batch.json"
+"""File of the batch."""
 LOCK = ".at-work"
+"""File that is locked while a batch runs."""
 MAX_MANIFEST_BYTES = 1_000_000_000
-"""Bytes: a million rows have fewer."""
+"""Size of ``MANIFEST``, in bytes, at most: a million rows take less."""
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
-"""Beginnings of a cell that spreadsheets compute."""
-ABOUT_JOB = ("row", "photo", "model", "start")
-"""Columns of the table from the job; the others are those of ``JobResult``."""
+"""First characters of cells that spreadsheets compute."""
+JOB_COLUMNS = ("row", "photo", "model", "start")
+"""Columns of the table from the job; the others are the fields of ``JobResult``."""
 ACCEPTED = "accepted"
+"""Review of a pose that a person accepts."""
 MENDED = "mended"
+"""Review of a pose that a person has corrected."""
 REJECTED = "rejected"
+"""Review of a pose that a person rejects."""
 
 
 @dataclass(frozen=True, slots=True)
 class JobResult:
-    """Result of a row: the fit, or why there is none; and a person's word on it."""
+    """Result of a row: the fit or the reason of its failure, and a person's review."""
 
     status: str
-    """End of the search in a sentence; ``Failed.``"""
+    """End of the search in a sentence; ``Failed.`` without one."""
     reason: str = ""
-    """Why the row failed; empty where it was fitted."""
+    """Reason of the failure; empty for a row that was fitted."""
     loss: float | None = None
     start_loss: float | None = None
     unexplained: float | None = None
-    """The loss on the scale from 0, all explained, to 1, nothing."""
+    """Loss on the scale from 0, all explained, to 1, nothing."""
     start_unexplained: float | None = None
     evaluations: int = 0
     seconds: float = 0.0
     pose: str = ""
-    """The pose file, relative to the folder of results."""
+    """Pose file, relative to the folder of results."""
     picture: str = ""
-    """The picture of the pose, relative to the folder of results."""
+    """Picture of the pose, relative to the folder of results."""
     verdict: str = ""
-    """``found``, ``doubtful`` or ``lost``; empty where the row was not fitted."""
+    """``found``, ``doubtful`` or ``lost``; empty for a row that failed."""
     probability: float | None = None
-    """That the pose is right, in [0, 1]."""
+    """Probability that the pose is right, in [0, 1]."""
     reasons: str = ""
     """Reasons of the verdict, a sentence a line."""
     depth_std: float | None = None
@@ -76,21 +86,21 @@ class JobResult:
     review: str = ""
     """Review of the pose by a person: ``accepted``, ``mended`` by hand, or ``rejected``."""
     note: str = ""
-    """The person's own words."""
+    """Note of the person."""
 
     @property
     def failed(self) -> bool:
-        """Whether there is no pose."""
+        """Whether the row could not be fitted."""
         return bool(self.reason)
 
 
 STDS = tuple(field.name for field in fields(JobResult) if field.name.endswith("_std"))
-"""Columns of standard deviations: ``PoseCovariance.deviations`` with an ending."""
+"""Columns of standard deviations: the names of ``PoseCovariance.deviations`` with ``_std``."""
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A row, and what came of it so far."""
+    """A row and its result."""
 
     job: Job
     result: JobResult
@@ -98,7 +108,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """The rows of a table or a BOP scene, how they are fitted, and where their results are."""
+    """The rows of a table or a BOP scene, their settings, and the folder of their results."""
 
     folder: Path
     """Folder of the results, absolute."""
@@ -106,9 +116,9 @@ class Batch:
     """Rows in the order of the table."""
     settings: FitSettings = field(default_factory=FitSettings)
     scene: str | None = None
-    """The BOP scene that the rows are from, absolute; None for those of a table."""
+    """Folder of the BOP scene of the rows, absolute; None: they are of a table."""
     mask: Path | None = None
-    """Mask of every photo; not in the file."""
+    """Mask of every photo; not in ``batch.json``."""
 
     def rows(self) -> list[Row]:
         """Read the rows that have a result, in their order."""
@@ -116,7 +126,7 @@ class Batch:
         return [Row(job, result) for job, result in results if result is not None]
 
     def to_do(self) -> list[Job]:
-        """The first job of each key that is not fitted yet: equal rows are fitted once."""
+        """Return the rows that are not fitted yet; of equal rows only the first."""
         done = {row.job.key for row in self.rows() if not row.result.failed}
         first = {job.key: job for job in reversed(self.jobs) if job.key not in done}
         return sorted(first.values(), key=lambda job: job.row)
@@ -133,13 +143,13 @@ class Manifest(Struct, kw_only=True):
 
 
 def standard_deviations(covariance: PoseCovariance | None) -> dict[str, Any]:
-    """The columns of ``STDS``; None each where there is no covariance."""
+    """Return the columns of ``STDS``; without a covariance their values are None."""
     known = {} if covariance is None else covariance.deviations
     return {name: known.get(name.removesuffix("_std")) for name in STDS}
 
 
 def worst_first(rows: Sequence[Row]) -> list[Row]:
-    """Those that failed, then by the probability of the verdict; reviewed ones are last."""
+    """Sort rows: failed ones, then by the verdict's probability; reviewed ones come last."""
 
     def order(row: Row) -> tuple[bool, float, int]:
         result = row.result
@@ -150,23 +160,24 @@ def worst_first(rows: Sequence[Row]) -> list[Row]:
 
 
 @contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
-    """Lock the folder of results; raises BatchError while another batch is at work in it."""
+def lock_folder(folder: Path) -> Iterator[None]:
+    """Lock the folder of results; raises ``BatchError`` while another batch runs in it."""
     with ExitStack() as stack:
-        with suppress(OSError):  # what cannot be written to is said by who writes
+        with suppress(OSError):  # writing the first file will say what is wrong
             lock = lock_file(folder / LOCK)
             if lock is None:
                 raise BatchError(
                     f"{folder}: another batch is at work in it; wait for its end, or name another "
-                    "folder for --out. What is done is not done twice."
+                    "folder of results. What is done is not done twice."
                 )
             stack.enter_context(lock)
         yield
 
 
 def load_result(folder: Path, key: str) -> JobResult | None:
-    """Read the result of the job with this key; None where it or one of its files is not there, in
-    the folder.
+    """Read the result of the job with this key.
+
+    None if the result or one of its files is missing, or a file is outside the folder.
     """
     try:
         data = InputFile(folder / ROWS / f"{key}.json").load_bytes()
@@ -180,31 +191,31 @@ def load_result(folder: Path, key: str) -> JobResult | None:
 
 
 def save_result(folder: Path, job: Job, result: JobResult) -> JobResult:
-    """Keep a result, and return it: from here on the job is done, if it is of a fit."""
+    """Write a result, and return it: a job that was fitted is now done."""
     write_json(folder / ROWS / f"{job.key}.json", asdict(result), BatchError)
     return result
 
 
 def save_failure(folder: Path, job: Job, reason: str) -> JobResult:
-    """Keep why a row could not be fitted."""
+    """Write the reason why a row could not be fitted."""
     return save_result(folder, job, JobResult("Failed.", reason))
 
 
 def save_table(folder: Path, rows: Sequence[Row]) -> None:
-    """Write ``results.csv``: a line for each row, in their order."""
+    """Write ``results.csv``, a line for each row."""
     text = StringIO()
-    names = [*ABOUT_JOB, *(field.name for field in fields(JobResult))]
+    names = [*JOB_COLUMNS, *(field.name for field in fields(JobResult))]
     table = csv.DictWriter(text, names, lineterminator="\n")
     table.writeheader()
     for row in rows:
-        about = {name: getattr(row.job, name) for name in ABOUT_JOB}
+        about = {name: getattr(row.job, name) for name in JOB_COLUMNS}
         values = about | asdict(row.result)
         table.writerow({name: _as_text(value) for name, value in values.items()})
     write_whole(folder / TABLE, text.getvalue().encode(), BatchError)
 
 
 def _as_text(value: Any) -> Any:
-    """The value, a text so that no spreadsheet takes it for a formula."""
+    """Quote a text that spreadsheets would compute."""
     return f"'{value}" if isinstance(value, str) and value.startswith(FORMULA) else value
 
 
@@ -217,11 +228,11 @@ def save_batch(batch: Batch) -> None:
 
 
 def load_batch(folder: Path) -> Batch:
-    """Read what ``save_batch`` wrote."""
+    """Read ``batch.json``."""
     if not (folder / MANIFEST).exists():
         raise BatchError(
             f"{folder}: no {MANIFEST} in it; name the folder of results that "
-            "`poseviewer batch ... --out` filled (run it again if an older version did)."
+            "a batch filled (run it again if an older version did)."
         )
     try:
         data = InputFile(folder / MANIFEST, kind="batch", largest=MAX_MANIFEST_BYTES).load_bytes()
