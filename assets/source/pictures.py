@@ -250,7 +250,7 @@ def make_report(folder: Path) -> None:
 def make_wheels(folder: Path) -> None:
     """Wheels that the app found in a region."""
     with open_app(folder, DEMO.photo, DEMO.model) as tab:
-        tab.page.get_by_text("Quick start", exact=True).click()
+        press(tab, "Wheels")
         press(tab, "Find wheels: draw a region")
         tab.wait_for_text("drag a rectangle on the photo")
         tab.drag(*REGION, PHOTO)

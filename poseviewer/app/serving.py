@@ -56,11 +56,9 @@ def serve_app(
     try:
         gui = guarded.server.gui
         gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
-        reading = gui.add_markdown("Reading photo and model ...")
         document, review = open_first()
         from poseviewer.app.app import App
 
-        reading.remove()
         app = App(guarded.server, document, state, review)
         for name in (signal.SIGINT, signal.SIGTERM):
             signal.signal(name, lambda *_: app.stop())

@@ -35,6 +35,7 @@ WINDOW = (1120, 700)
 PATIENCE_MS = 120_000
 READY = """window.__viserMutable?.cameraControl && window.poseviewer &&
     document.documentElement.dataset.poseviewerView &&
+    document.documentElement.classList.contains("pv-ready") &&
     [...document.querySelectorAll("[role=tab][aria-selected=true]")]
         .some((tab) => tab.textContent === "Place")"""
 

@@ -26,6 +26,7 @@ def test_a_press_ends_it_and_what_it_placed_stays(browser: Browser, running: Run
     app = running.app
     with AppPage(browser, running.url) as tab:
         tab.wait_for_text(LOOKING)
+        assert "/model/outline" not in app._page.scene._nodes  # it is nowhere yet
         tab.page.mouse.click(*tab.on_screen((120.0, 400.0), SIZE))
         tab.page.get_by_text(LOOKING).first.wait_for(state="hidden")
         placed = app.session.document

@@ -42,7 +42,6 @@ WINDOW = (1500, 900)
 OPEN = 1
 PLACE = 2
 FIT = 3
-FOLDER = "Quick start"
 Words = Sequence[str | Path]
 
 
@@ -60,9 +59,8 @@ class Hand:
     def press(self, *buttons: str) -> None:
         for name in buttons:
             self.clicks += 1
-            folder = self.tab.page.get_by_text(name, exact=True)
             button = self.tab.page.get_by_role("button", name=name)
-            (folder if name == FOLDER else button).filter(visible=True).first.click()
+            button.filter(visible=True).first.click()
 
     def step(self, number: int) -> None:
         self.clicks += 1
@@ -106,7 +104,7 @@ class Hand:
 
 
 def by_wheels(hand: Hand) -> None:
-    hand.press(FOLDER, "Find wheels: draw a region")
+    hand.press("Wheels", "Find wheels: draw a region")
     hand.drag(*hand.box())
     hand.press("Find wheels in the region")
     hand.tab.wait_for_text("10 of 10 points")
@@ -153,7 +151,7 @@ def by_pairs(hand: Hand) -> None:
     chosen = points[:1]
     while len(chosen) < 4:
         chosen.append(max(points, key=lambda p: min(float(np.linalg.norm(p - q)) for q in chosen)))
-    hand.press(FOLDER, "Point pairs")
+    hand.press("Point pairs")
     hand.tab.page.locator(".pv-model image").wait_for()
     hand.tab.settled_picture()
     for number, point in enumerate(chosen, 1):

@@ -2,9 +2,9 @@
 // Everything else on the page is viser's. Sent by client_script.py, which fills in CONFIG:
 // channel (uuid of the text field that takes reports), plane {depth, side} (world units), steps
 // (labels of the left panel's tabs), first (the one that is open at first), keys (by event.code or
-// event.key: call, a function of this page, else it is reported; opens, whether it opens its step,
-// "forward" only from an earlier one, or "always"; leave, whether the browser has it while ctrl is
-// held), largest and most (bytes and files of an upload), style, icon.
+// event.key: call, a function of this page, else it is reported; label, of its button; opens,
+// whether it opens its step, "forward" only from an earlier one, or "always"; leave, whether the
+// browser has it while ctrl is held), largest and most (bytes and files of an upload), style, icon.
 //
 // viser's camera stays at the origin and looks along +z at the photo's plane; zoom and pan are
 // three.js view offsets, which cut a piece out of the picture and leave the registration alone.
@@ -30,7 +30,9 @@ const state = {
   sequence: Date.now(), // viser drops a report that equals the last one, of an earlier page too
   sent: "", // the name of the set that was sent last
   step: CONFIG.first, // to be opened as soon as it is there
+  frames: 0, // since the steps are there
 };
+const SETTLED = 15; // frames in which viser lays the panels out
 const vm = () => window.__viserMutable;
 
 function send(message) {
@@ -325,8 +327,7 @@ addEventListener("keydown", (event) => {
   taken(event);
   document.activeElement?.blur();
   if (action.call) { window.poseviewer[action.call](); return; }
-  const isLater = CONFIG.steps.findIndex(isOpen) >= CONFIG.steps.indexOf(action.step);
-  if (action.opens === "always" || (action.opens && !isLater)) openStep(action.step);
+  forward(action);
   if (event.key === "Escape" && state.pointer === "drag") state.pointer = null;
   const { code, key, repeat } = event;
   send({ kind: "key", code, key, repeat, shift: event.shiftKey, ctrl: ctrl(event) });
@@ -433,6 +434,19 @@ addEventListener("drop", async (event) => {
 }, true);
 
 // --- the panels ---------------------------------------------------------------------------------
+// A button opens the step that its key opens.
+addEventListener("click", (event) => {
+  const label = event.target.closest?.("button")?.textContent.trim();
+  const action = label && Object.values(CONFIG.keys).find((own) => own.label === label);
+  if (action) forward(action);
+});
+
+// Open the step of an action, unless it has none or a later one is open.
+function forward(action) {
+  const isLater = CONFIG.steps.findIndex(isOpen) >= CONFIG.steps.indexOf(action.step);
+  if (action.opens === "always" || (action.opens && !isLater)) openStep(action.step);
+}
+
 // Docked tabs are opened by Enter, those of a narrow page by a click.
 const tabOf = (step) =>
   [...document.querySelectorAll("[role=tab]")].find((tab) => tab.textContent === step);
@@ -529,6 +543,8 @@ function watch() {
     if (!viewer.camera.view?.enabled || !isAsWas) applyView();
     drawSheet();
     viewer.canvas.style.cursor = pen.shape ? "crosshair" : "";
+    if (!state.step || tabOf(state.step)) state.frames += 1;
+    if (state.frames === SETTLED) document.documentElement.classList.add("pv-ready");
     if (state.step && openStep(state.step)) state.step = "";
   }
   requestAnimationFrame(watch);

@@ -5,7 +5,8 @@ lets any page open a public tunnel. A page of another site may send requests to 
 DNS rebinding even read the answers (Jackson et al. 2007, "Protecting browsers from DNS rebinding
 attacks"); its Host or its Origin gives it away. Other users of this machine, and other machines,
 can reach the app as well: whoever comes must know a random token, by the address that poseviewer
-prints or by the cookie that this address sets.
+prints or by the cookie that this address sets. And viser's page shows a panel of its own until ours
+is there: ``first.html`` in its head lies over that, and says what poseviewer is.
 Written for viser 1.1.1 and websockets 16.1. viser makes its web server deep inside its constructor,
 in its own thread, by ``websockets.asyncio.server.serve``; that one call is intercepted, so that the
 check is in place before the first connection. Else of viser: ``_websock_server`` and the messages
@@ -13,6 +14,7 @@ check is in place before the first connection. Else of viser: ``_websock_server`
 """
 
 import errno
+import gzip
 import hashlib
 import hmac
 import http
@@ -26,6 +28,8 @@ import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
 
@@ -52,6 +56,8 @@ SECURITY_HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
 }
 
+VISERS_TITLE, FIRST = b"<title>Viser</title>", Path(__file__).with_name("first.html")
+"""What of viser's page is replaced, and by what."""
 FOREIGN_SOURCES = ("playbackPath", "websocket")
 """Parameters by which a link makes viser's page take its messages, scripts too, from elsewhere."""
 
@@ -237,6 +243,8 @@ def _checked(policy: AccessPolicy, answer: Answer) -> Answer:
             response = connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal}\n")
         else:
             response = answer(connection, request)
+            if response is not None:
+                _begin_page(response)
             if "Upgrade" in request.headers:
                 policy.tickets.clear()
         if response is not None:
@@ -246,6 +254,21 @@ def _checked(policy: AccessPolicy, answer: Answer) -> Answer:
         return response
 
     return process_request
+
+
+def _begin_page(response: Response) -> None:
+    """Put ``first.html`` in place of the title of viser's page."""
+    if response.headers.get("Content-Type", "").startswith("text/html"):
+        response.body = _with_head(response.body, response.headers["Content-Encoding"] == "gzip")
+        response.headers.pop("Content-Length")
+        response.headers["Content-Length"] = str(len(response.body))
+
+
+@lru_cache(maxsize=2)
+def _with_head(page: bytes, is_zipped: bool) -> bytes:
+    page = gzip.decompress(page) if is_zipped else page
+    page = page.replace(VISERS_TITLE, FIRST.read_bytes(), 1)
+    return gzip.compress(page) if is_zipped else page
 
 
 def _listen(host: str, port: int | None) -> socket.socket:

@@ -2,7 +2,7 @@
 
 from html import escape
 
-from poseviewer.app.page.controls import Controls, on_press, plain
+from poseviewer.app.page.controls import Controls, on_press, percent, plain
 from poseviewer.app.state.document import label_of, verdict_of
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.mesh import Mesh
@@ -63,7 +63,7 @@ def _row(item: SceneObject, is_picked: bool) -> str:
 
 
 COMPILING = (
-    "**Compiling, this once: {share:.0%}**  \n"
+    "**Compiling, this once: {share}**  \n"
     "Place the model meanwhile, by a sketch of its outline. Loss, maps and a search that is asked "
     "for begin by themselves."
 )
@@ -78,7 +78,7 @@ def add_preparing(controls: Controls) -> None:
     def text(session: Session) -> str:
         preparation, compiled = session.preparation, share(session)
         if compiled is not None:
-            return COMPILING.format(share=compiled)
+            return COMPILING.format(share=percent(compiled))
         return f"**{plain(preparation.trouble)}**" if preparation and preparation.trouble else ""
 
     controls.text(text)
@@ -102,6 +102,8 @@ def parts_left_out(mesh: Mesh) -> str:
 def loss_bar(session: Session) -> str:
     """HTML; empty while nothing is known. The tooltip says what light, classes and edges leave."""
     losses, latest = session.results.losses, session.own_progress
+    if not session.document.object.is_placed:
+        return ""
     pose, parts = None if losses is None else losses.mean, ""
     marks: dict[str, float | None] = {}  # the later over the earlier ones, and smaller
     if latest is not None:
@@ -112,7 +114,7 @@ def loss_bar(session: Session) -> str:
     else:
         return ""
     if pose is not None and not session.is_searching:  # of a search's poses the parts are not asked
-        marks["pose"] = pose.loss
+        marks["pose"] = session.loss
         parts = f" This pose: {pose.parts_text}." if pose.parts_text else ""
     drawn = key = ""
     for name, loss in marks.items():

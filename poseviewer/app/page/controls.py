@@ -4,6 +4,7 @@ written back only where it differs.
 
 import base64
 import json
+import math
 import operator
 import re
 import time
@@ -37,12 +38,40 @@ MARKUP = re.compile(r"[\\`*{}\[\]<>#|~!]|(?<![^\W_])_|_(?![^\W_])")
 
 def plain(text: str) -> str:
     """A text from a file or a user, as markdown shows it letter for letter."""
-    escaped = text.replace("&", "&amp;")
+    escaped = on_page(text).replace("&", "&amp;")
     return MARKUP.sub(lambda match: f"&#{ord(match.group())};", escaped)
 
 
+ON_PAGE = (
+    (r" ?\((?:[^()]* )?--[a-z][^()]*\)", ""),
+    (r"say it with --.*?on the page with", "say it with"),
+    (r"choose one by --calibration-camera NAME, Calibration's camera", "keep one in the file"),
+    (r"; poseviewer info --calibration --help lists the keys", ""),
+    (r"name their folder with --photo-folder.*?--photos", "drop the photos with it"),
+    (r"fit one photo without --views", "open the photo alone"),
+    (r"[,;]? or (?:[^,;.]* )?--[a-z][^;.]*", ""),
+    (r"(?<![\w-])--([a-z]+(?:-[a-z]+)*)(?: [A-Zx]{3,}\b)?", r'"\1"'),
+    (r"(?<=\d)%(?=[ ,;:)]|\.?$|\. )", " %"),
+)
+"""Words in sentences of all packages, mostly on options of the command line, and the page's."""
+MAX_DECIMALS = 12
+"""Decimals that a field takes: viser would cut off those beyond its arrows' step."""
+SHOWN_DIGITS = 8
+"""Digits of a number in its field: one more than people type, fewer than rounding errors show."""
 SELECTED = "● "
 """Before the label of the choice that is selected."""
+
+
+def on_page(sentence: str) -> str:
+    """A sentence of any package in the page's words: it has no options of the command line."""
+    for words, instead in ON_PAGE:
+        sentence = re.sub(words, instead, sentence)
+    return sentence
+
+
+def percent(share: float, decimals: int = 0) -> str:
+    """A share as text."""
+    return f"{100.0 * share:.{decimals}f} %"
 
 
 class Controls:
@@ -78,8 +107,11 @@ class Controls:
             set_properties(handle, **{name: read(session)})
 
     def add(self, handle: Any, **options: Any) -> Any:
-        """Bring properties of a handle to the session, in their order."""
-        self._reads += [(handle, name, read) for name, read in options.items() if callable(read)]
+        """Bring properties of a handle to the session, now and later, in their order."""
+        for name, read in options.items():
+            if callable(read):
+                self._reads.append((handle, name, read))
+                set_properties(handle, **{name: read(self.session)})
         return handle
 
     def text(self, read: Read, add: Callable[..., Any] | None = None) -> None:
@@ -94,13 +126,17 @@ class Controls:
     def field(self, handle: Any, make: Callable[[Any], Request | None], **options: Any) -> Any:
         """An input; ``make`` gives the request of a new value, bounded as the input is."""
 
-        def bounded(_: int) -> Request | None:
+        def request(_: int) -> Request | None:
             value = handle.value
             if getattr(handle, "min", None) is not None:
                 value = max(handle.min, min(handle.max, value))
             return make(value)
 
-        self._on(handle.on_update, bounded)
+        if isinstance(handle.value, float):
+            handle.precision = MAX_DECIMALS
+            read = options["value"]
+            options["value"] = lambda session: _number_shown(handle.value, read(session))
+        self._on(handle.on_update, request)
         return self.add(handle, **options)
 
     def bind(self, handle: Any, part: str, name: str, **options: Any) -> None:
@@ -133,7 +169,7 @@ class Controls:
             return ShowHelp(client) if isinstance(request, ShowHelp) else request
 
         options = {"label": label, "color": "gray", **options}
-        handle = self.gui.add_button(**{"label": "", **_fixed(options)})
+        handle = self.gui.add_button(**{"label": "", **_constants(options)})
         self._on(handle.on_click, request)
         return self.add(handle, **options)
 
@@ -156,7 +192,7 @@ class Controls:
         self, label: str, of: Mapping[str, Request], selected: Read | None = None, **options: Any
     ) -> None:
         """Buttons in one line by their requests; ``selected`` reads the marked label."""
-        handle = self.gui.add_button_group(label, tuple(of), **_fixed(options))
+        handle = self.gui.add_button_group(label, tuple(of), **_constants(options))
         self._on(handle.on_click, lambda _: of[handle.value.removeprefix(SELECTED)])
         if selected is not None:
             options["options"] = lambda session: tuple(
@@ -168,9 +204,19 @@ class Controls:
         """A button that sends ``what`` to the page on which it is pressed."""
         self.button(label, lambda _, client: download(what, client), icon=icon)
 
-    def upload(self, label: str, kind: Kind | None, icon: Any, adds: bool = False) -> None:
-        """A button that takes files of a kind, or (None) a folder, and what is dropped."""
-        accepted = "folder" if kind is None else ",".join(ACCEPTED[kind])
+    def upload(
+        self, label: str, kind: Kind | None, icon: Any, adds: bool = False, accepted: str = ""
+    ) -> None:
+        """A button that takes files of a kind, or (None) a folder, and what is dropped.
+
+        Args:
+            label: its text.
+            kind: kind of the files; None: whatever they are.
+            icon: name of its picture.
+            adds: whether models are further objects.
+            accepted: endings that the file chooser offers, by default those of the kind.
+        """
+        accepted = accepted or ("folder" if kind is None else ",".join(ACCEPTED[kind]))
         handle = self.gui.add_upload_button(label, mime_type=accepted, icon=icon, color="gray")
 
         def request(_: int) -> Request:
@@ -189,7 +235,13 @@ class Controls:
                 self._post(request)
 
 
-def _fixed(options: Mapping[str, Any]) -> dict[str, Any]:
+def _number_shown(now: float, value: float) -> float:
+    """A number as its field shows it: as it was typed, or to ``SHOWN_DIGITS``."""
+    is_typed = math.isclose(now, value, rel_tol=1e-9, abs_tol=1e-12)
+    return now if is_typed else float(f"{value:.{SHOWN_DIGITS}g}")
+
+
+def _constants(options: Mapping[str, Any]) -> dict[str, Any]:
     """Options that no session changes."""
     return {name: value for name, value in options.items() if not callable(value)}
 

@@ -6,6 +6,7 @@ from contextlib import suppress
 import numpy as np
 
 from poseviewer.app.page.controls import jpeg_url, on_press
+from poseviewer.app.state.document import stands
 from poseviewer.app.state.dragging import pins_in_photo
 from poseviewer.app.state.hiding import HIDING
 from poseviewer.app.state.marking import MARKING, marks_in_photo
@@ -22,6 +23,8 @@ LINK_COLOUR = "#e6e6e6"
 REGION_COLOUR = "#ffe278"
 BOX_COLOUR = "#96ffa0"
 OTHER_END_COLOUR = "#ff78dc"
+PROPOSED_COLOUR = "#ffd166"
+"""Colour of the likeliest proposal, for a model that is placed nowhere yet."""
 QUALITY = 85
 """JPEG quality of the model alone."""
 MARK_COLOUR, MODEL_MARK_COLOUR = "#ffe246", "#ff78dc"
@@ -34,14 +37,17 @@ CROSS, DIAMOND = '<path d="M2 0H8M-2 0H-8M0 2V8M0-2V-8"/>', '<path d="M5 0L0 5L-
 def handles_of(session: Session) -> str:
     """SVG of all handles, those on top of the others last."""
     document, alone = session.document, session.display.photo_alone
+    proposals, is_placed = session.proposals, document.object.is_placed
+    proposed = proposals.outlines[:1] if proposals and not is_placed else ()
     drawn = [
         _rectangle(document.own.region, REGION_COLOUR),
         _rectangle(session.shown_box, BOX_COLOUR),
         *(_lines(lines, OTHER_END_COLOUR) for lines in session.other_outlines if not alone),
+        *(_lines(lines, PROPOSED_COLOUR) for lines in proposed if not alone),
     ]
     if session.tool in MARKING:
         drawn += () if alone else _marks(session)
-    elif session.tool not in HIDING and not alone and not document.object.hidden:
+    elif session.tool not in HIDING and not alone and stands(document.object):
         drawn += _pins(session)
     return "".join(drawn)
 
@@ -71,6 +77,8 @@ def _marks(session: Session) -> Iterator[str]:
         model = pose.project(np.array(marks.hubs).reshape(-1, 3))
     else:
         model = pose.project(np.array(marks.points).reshape(-1, 3))
+        if not session.document.object.is_placed:
+            model = np.full_like(model, np.nan)  # it is not drawn
         yield _lines(np.stack([photo, model[: len(photo)]], axis=1), MODEL_MARK_COLOUR)
     for place in photo:
         yield _at(place, CROSS, MARK_COLOUR)

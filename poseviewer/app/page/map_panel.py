@@ -250,7 +250,7 @@ def add_maps(controls: Controls) -> None:
     controls.field(
         gui.add_slider("Range ± %", 1.0, 50.0, 1.0, 20.0),
         lambda value: set_fields("display", half_width=value / 100.0),
-        value=lambda s: round(s.display.half_width * 100.0, 3),
+        value=lambda s: s.display.half_width * 100.0,
     )
     with gui.add_folder("Save the maps", expand_by_default=False):
         controls.download("Sheet (PNG)", "sheet")

@@ -9,7 +9,7 @@ import viser
 from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.below_viser.incoming import check_incoming
 from poseviewer.app.page.above_steps import add_preparing, objects_list
-from poseviewer.app.page.controls import Controls, Post, plain
+from poseviewer.app.page.controls import Controls, Post, on_page, plain
 from poseviewer.app.page.handles import handles_of
 from poseviewer.app.page.map_panel import add_maps
 from poseviewer.app.page.panels import STEPS, add_status
@@ -17,7 +17,7 @@ from poseviewer.app.page.photo_view import DEPTH, SIDE, PhotoScene
 from poseviewer.app.page.reports import Theme, meaning_of
 from poseviewer.app.page.rows import add_rows
 from poseviewer.app.page.strip import show_strip
-from poseviewer.app.page.texts import hint_of
+from poseviewer.app.page.texts import first_text, hint_of
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.edits import SavePose
 from poseviewer.app.state.hiding import SHAPES
@@ -32,6 +32,8 @@ PANEL_PX, MAPS_PX = 300, 380
 """Widths of the left panel and of the maps; either border can be dragged."""
 PANELS_S, MAPS_S = 0.1, 0.2
 """Panels and maps are brought up to date no oftener than this; the photo always is."""
+NOTICE_S = 6.0
+"""Seconds after which a notice goes: it lies over the photo."""
 PAGE_CONFIG = {
     "plane": {"depth": DEPTH, "side": SIDE},
     "steps": list(STEPS),
@@ -67,6 +69,8 @@ class Page:
         add_preparing(controls)
         if review is not None:
             add_rows(controls, review)
+        else:
+            controls.text(first_text)
         add_status(controls)
         controls.html(objects_list)
         tabs = gui.add_tab_group()
@@ -133,12 +137,15 @@ class Page:
 
     def show_error(self, sentence: str, client: int | None = None) -> None:
         """Tell all pages, or one, what could not be done, and why; from any thread."""
-        self._notify("That did not work", sentence, client, "orange", 12.0)
+        self._notify("", sentence, client, "orange", 12.0)
 
     def tell(self, title: str, *texts: str) -> None:
-        """Tell all pages that something is done, or all that is to be noted in one notice."""
+        """Tell all pages that something is done, or all that is to be noted in one notice.
+
+        It goes soon, so that the photo is free again; the step Open keeps the notes on files.
+        """
         if texts:
-            self._notify(title, "\n".join(dict.fromkeys(texts)), None, "cyan", 5.0 * len(texts))
+            self._notify(title, "\n".join(dict.fromkeys(texts)), None, "cyan", NOTICE_S)
 
     def _notify(
         self, title: str, text: str, client: int | None, colour: str, seconds: float
@@ -149,7 +156,7 @@ class Page:
             before = self._said.pop((tab.client_id, title), None)
             if before is not None:
                 before.remove()
-            self._said[tab.client_id, title] = tab.add_notification(title, text, **options)
+            self._said[tab.client_id, title] = tab.add_notification(title, on_page(text), **options)
 
     def working(self, what: str, note: str = "") -> None:
         """Say that something is being done that takes a moment; "" when it is over."""

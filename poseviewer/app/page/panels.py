@@ -12,13 +12,15 @@ from viser import uplot
 
 from poseviewer.app.page.above_steps import loss_bar, parts_left_out
 from poseviewer.app.page.controls import Controls, kept, plain
+from poseviewer.app.page.result import ABOUT, unit_of
 from poseviewer.app.page.strip import proposals_row
 from poseviewer.app.page.texts import (
     ends_table,
+    files_text,
     focal_note,
-    hidden_text,
     marks_text,
-    opened_text,
+    notes_text,
+    occlusion_text,
     proposals_text,
     search_text,
     verdict_text,
@@ -32,11 +34,17 @@ from poseviewer.app.state.keys_and_buttons import ACTIONS, STYLES
 from poseviewer.app.state.marking import MARKING
 from poseviewer.app.state.objects import alter_object
 from poseviewer.app.state.pointer_edits import set_tool
-from poseviewer.app.state.pose_edits import set_parameter, view_from
+from poseviewer.app.state.pose_edits import (
+    pose_numbers,
+    set_number,
+    set_parameter,
+    view_from,
+)
 from poseviewer.app.state.search_edits import alter_settings, find_focal_length, set_loss, take_end
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import CONVERTED
 from poseviewer.app.workers.tasks import Request, download, find_wheels_in_region
+from poseviewer.files.camera_trees import TREES
 from poseviewer.files.formats.conversion import METRES
 from poseviewer.fit.progress import SearchProgress
 from poseviewer.geometry.arrays import FloatArray
@@ -48,9 +56,15 @@ from poseviewer.scene.settings import LOSSES, SEARCHES
 from poseviewer.starts.placing import SIDES
 
 MAX_PARAMETERS = 8
-"""Most parameters of any chart: six, focal length and size; further fields are hidden."""
-SHOWN_DIGITS, NUMBER_STEP = 5, 0.0005
-"""Decimals of a parameter's field, and what its arrows add."""
+"""Most parameters of any chart: six, focal length and size; further locks are hidden."""
+NUMBER_STEPS = {
+    **dict.fromkeys("XYZ", 0.01),
+    **{f"turn {axis}": 0.1 for axis in "xyz"},
+    "scale": 0.01,
+}
+"""Numbers of a pose that have a field, and what its arrows add."""
+LOG_SIZE = "log_size"
+"""Parameter of the model's size, in charts of photos whose scale is not known."""
 CURVE_POINTS = 300
 """Newest improvements in the plot of the search."""
 PIXELS = {"near": "near the model", "whole": "whole photo", "clip": "inside the model"}
@@ -99,8 +113,8 @@ def add_status(controls: Controls) -> None:
 
 
 def add_opening(controls: Controls) -> None:
-    """Step "Open": files, further objects, help."""
-    controls.text(opened_text)
+    """Step "Open": files, further objects, help, and what is to be known of the files."""
+    controls.text(files_text)
     controls.upload("Photo ...", "photo", "photo")
     controls.upload("Model ...", "model", "cube")
     controls.upload("Folder ...", None, "folder-open")
@@ -110,11 +124,14 @@ def add_opening(controls: Controls) -> None:
         controls.action("add same", icon="copy")
         _add_object_text(controls, "name")
     controls.action("help", icon="help")
+    controls.text(notes_text)
 
 
 def add_placing(controls: Controls) -> None:
-    """Step "Place": views, history, quick start, the chart's parameters, the camera."""
+    """Step "Place": ways to place the model, the search, views, history, numbers, the camera."""
     gui = controls.gui
+    _add_ways(controls)
+    _add_search(controls)
     view = gui.add_dropdown("View", (AS_IT_IS, *SIDES))
 
     def look_from(side: str) -> Request | None:
@@ -124,97 +141,125 @@ def add_placing(controls: Controls) -> None:
     controls.field(view, look_from)
     controls.actions("History", "undo", "redo")
     controls.actions("Start", "reset", "start")
-    _add_quick_start(controls)
     with gui.add_folder("Numbers", expand_by_default=False):
-        for index in range(MAX_PARAMETERS):
-            _add_parameter(controls, index)
+        _add_numbers(controls)
     with gui.add_folder("Camera", expand_by_default=False):
         _add_camera(controls)
 
 
-def _add_quick_start(controls: Controls) -> None:
-    """A pose from marks on the photo, or proposed ones."""
+def _add_search(controls: Controls) -> None:
+    """Start and stop of the search."""
+    icon = {"icon": lambda s: "player-stop" if s.is_searching else "player-play"}
+    controls.action("search", lambda s: s.is_searching, color="cyan", **icon)
 
-    def label(session: Session) -> str:
-        own = ACTIONS["box"]
-        drawing = own.end if session.tool == "box" else own.label()
-        is_asked_for = session.is_proposing and not session.is_looking
-        return ACTIONS["propose"].end if is_asked_for else drawing
 
-    controls.action("box", label=label, color=None, icon="frame")
+def _add_ways(controls: Controls) -> None:
+    """A pose from a box, from marks on the photo, or proposed ones."""
+    controls.actions("Place by", "box", "pairs", "wheels", "propose")
+    stop = ACTIONS["propose"]
+    controls.button(stop.end, stop.request, visible=lambda s: s.is_proposing)
+
+    def is_for_wheels(session: Session) -> bool:
+        is_vehicle = session.document.model.keypoints is not None
+        return is_vehicle and (session.tool == "wheels" or _has_region(session))
+
+    # Wheels are looked for in the region; where there is none yet, it is drawn first.
+    controls.button(
+        lambda s: f"Find wheels{' in the' if _has_region(s) else ': draw a'} region",
+        lambda s, _: find_wheels_in_region() if _has_region(s) else set_tool("region"),
+        visible=is_for_wheels,
+    )
+    again = {"visible": lambda s: is_for_wheels(s) and _has_region(s)}
+    controls.action("region", label=lambda _: "Draw another region", **again)
+    controls.text(marks_text)
+    for name in ("unmark", "clear", "done"):
+        controls.action(name, visible=lambda s: s.tool in MARKING)
     controls.html(lambda s: WAITING if s.is_proposing else "")
     controls.text(proposals_text)
     several = {"visible": lambda s: bool(s.proposals and s.proposals.starts[1:])}
     controls.actions("Proposal", "previous", "next", **several)
     controls.html(kept(lambda s: (s.proposals, s.document.photo), proposals_row))
-    with controls.gui.add_folder("Quick start", expand_by_default=False):
-        controls.actions("Mark", "pairs", "wheels")
-        # Wheels are looked for in the region; where there is none yet, it is drawn first.
-        controls.button(
-            lambda s: f"Find wheels{' in the' if _has_region(s) else ': draw a'} region",
-            lambda s, _: find_wheels_in_region() if _has_region(s) else set_tool("region"),
+
+
+def _add_numbers(controls: Controls) -> None:
+    """Fields of the pose's numbers, with units; of the size among photos of unknown scale."""
+
+    def number(session: Session, name: str) -> float | None:
+        return pose_numbers(session.document.pose).get(name)
+
+    def log_size(session: Session) -> float | None:
+        chart = session.document.chart
+        return float(session.document.parameters[-1]) if LOG_SIZE in chart.names else None
+
+    for name, step in NUMBER_STEPS.items():
+        controls.field(
+            controls.gui.add_number(name, 0.0, step=step),
+            partial(set_number, name),
+            visible=lambda s, name=name: number(s, name) is not None,
+            label=lambda s, name=name: f"{name} ({unit_of(s, name)})",
+            hint=ABOUT,
+            value=lambda s, name=name: number(s, name) or 0.0,
         )
-        controls.action("region", label=lambda _: "Draw another region", visible=_has_region)
-        controls.action("propose", lambda s: s.is_proposing)
-        controls.text(marks_text)
-        for name in ("unmark", "clear", "done"):
-            controls.action(name, visible=lambda s: s.tool in MARKING)
+    controls.field(
+        controls.gui.add_number("size (x start)", 1.0, min=1e-6, max=1e6, step=0.001),
+        lambda value: set_parameter(LOG_SIZE, math.log(value)),
+        visible=lambda s: log_size(s) is not None,
+        value=lambda s: math.exp(log_size(s) or 0.0),
+    )
 
 
-def _add_parameter(controls: Controls, index: int, is_lock: bool = False) -> None:
-    """Field of a parameter of the chart, or the checkbox that locks it in a search."""
+def _add_lock(controls: Controls, index: int) -> None:
+    """Checkbox that locks a parameter of the chart in a search."""
 
     def name(session: Session) -> str:
         names = session.document.chart.names
         return names[index] if index < len(names) else ""
 
-    def number(session: Session) -> float:
-        parameters = session.document.parameters
-        return round(float(parameters[index]), SHOWN_DIGITS) if index < len(parameters) else 0.0
-
     def lock(on: bool) -> Request:
         own = {name(controls.session)}
-        return _altered("lock", lambda now: tuple(sorted({*now} | own if on else {*now} - own)))
+        return _alter("lock", lambda now: tuple(sorted({*now} | own if on else {*now} - own)))
 
-    def change(value: float) -> Request:
-        return set_parameter(name(controls.session), value)
-
-    gui = controls.gui
     controls.field(
-        gui.add_checkbox("", False) if is_lock else gui.add_number("", 0.0, step=NUMBER_STEP),
-        lock if is_lock else change,
+        controls.gui.add_checkbox("", False),
+        lock,
         visible=lambda s: bool(name(s)),
         label=lambda s: short_name(name(s)),
         hint=lambda s: tooltip(name(s)),
-        value=(lambda s: name(s) in s.document.settings.lock) if is_lock else number,
+        value=lambda s: name(s) in s.document.settings.lock,
     )
 
 
 def _add_camera(controls: Controls) -> None:
-    """Projection, field of view, and intrinsics in px as OpenCV has them."""
+    """A calibration's file; projection, field of view, and intrinsics in px as OpenCV has them."""
     gui = controls.gui
+    ending = ",".join(TREES)
+    controls.upload("Calibration file ...", None, "camera-up", accepted=ending)
+    hint = "OpenCV's model of the lens, for a calibration file that does not say it"
+    model = gui.add_dropdown("Lens model", ("as it says", *COEFFICIENTS), hint=hint)
+    controls.lens_model = lambda: model.value if model.value in COEFFICIENTS else None
     controls.field(
         gui.add_dropdown("Projection", ("perspective", "parallel")),
         set_projection,
         value=lambda s: "parallel" if _is_parallel(s) else "perspective",
     )
     controls.field(
-        gui.add_number("Field of view °", 50.0, min=MIN_FIELD_DEG, max=MAX_FIELD_DEG, step=0.1),
+        gui.add_number("Field of view (°)", 50.0, min=MIN_FIELD_DEG, max=MAX_FIELD_DEG, step=0.1),
         set_field_of_view,
         value=_field_of_view,
         visible=lambda s: not _is_parallel(s),
     )
-    fields = [gui.add_number(f"{name}  (px)", 1.0, step=0.01) for name in ("fx", "fy", "cx", "cy")]
-    for index, field in enumerate(fields):
+
+    def set_intrinsic(index: int, value: float) -> Request:
+        now = _intrinsics(controls.session)
+        return set_camera(*now[:index], value, *now[index + 1 :])
+
+    for index, name in enumerate(("fx", "fy", "cx", "cy")):
         controls.field(
-            field,
-            lambda _: set_camera(*(handle.value for handle in fields)),
-            value=lambda s, i=index: round(_intrinsics(s)[i], 4),
+            gui.add_number(f"{name} (px)", 1.0, step=0.01),
+            partial(set_intrinsic, index),
+            value=lambda s, i=index: _intrinsics(s)[i],
             visible=lambda s, i=index: i > 1 or not _is_parallel(s),
         )
-    hint = "OpenCV's model of the lens in a file of cameras that is dropped next"
-    model = gui.add_dropdown("Lens model", ("as it says", *COEFFICIENTS), hint=hint)
-    controls.lens_model = lambda: model.value if model.value in COEFFICIENTS else None
 
 
 def _intrinsics(session: Session) -> tuple[float, ...]:
@@ -228,7 +273,7 @@ def _field_of_view(session: Session) -> float:
     """Degrees along the photo's longer side."""
     photo, focal = session.document.photo, _intrinsics(session)
     side, px = max((photo.width, focal[0]), (photo.height, focal[1]), key=lambda pair: pair[0])
-    return round(math.degrees(2.0 * math.atan(side / 2.0 / px)), 3)
+    return math.degrees(2.0 * math.atan(side / 2.0 / px))
 
 
 def add_fitting(controls: Controls) -> None:
@@ -242,8 +287,7 @@ def add_fitting(controls: Controls) -> None:
     controls.dropdown("Loss", LOSSES, set_loss, loss, LOSSES_HINT)
     controls.dropdown("Pixels", PIXELS, partial(_set, "pixels"), pixels, options=pixels_of)
     controls.dropdown("Search", SEARCHES, partial(_set, "search"), search, SEARCHES_HINT)
-    icon = {"icon": lambda s: "player-stop" if s.is_searching else "player-play"}
-    controls.action("search", lambda s: s.is_searching, color="cyan", **icon)
+    _add_search(controls)
     several = {"visible": lambda s: len(s.document.scene.objects) > 1 and not s.is_searching}
     controls.action("search all", **several)
     controls.action("keep", visible=_has_ended, color=None, icon="check")
@@ -275,7 +319,7 @@ def _add_curve(controls: Controls) -> None:
         legend=uplot.Legend(show=False),
         title="best loss so far (vertical lines: restarts)",
         height=150,
-        padding=(10, 12, 0, 0),
+        padding=(10, 26, 0, 0),
     )
 
     def steps(session: Session) -> tuple[object, ...]:
@@ -307,7 +351,7 @@ def _add_hiding(controls: Controls) -> None:
 
     in_front = attrgetter("document.settings.in_front")
     controls.dropdown("In front", IN_FRONT, partial(_set, "in_front"), in_front, IN_FRONT_HINT)
-    controls.text(kept(hidden, hidden_text))
+    controls.text(kept(hidden, occlusion_text))
     controls.action("hide", is_hiding, icon="brush")
     tools = {tool.capitalize(): set_tool(tool) for tool in h.HIDING}
     controls.choices("Tool", tools, lambda s: s.tool.capitalize(), visible=is_hiding)
@@ -343,7 +387,7 @@ def _add_settings(controls: Controls) -> None:
     setting(gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1), "seed")
     with gui.add_folder("Lock", expand_by_default=False):
         for index in range(MAX_PARAMETERS):
-            _add_parameter(controls, index, is_lock=True)
+            _add_lock(controls, index)
 
 
 def _add_object_text(controls: Controls, name: str) -> None:
@@ -397,7 +441,7 @@ STEPS = {
 """Tabs of the left panel in the order of the work, and what makes their controls."""
 
 
-def _altered(name: str, change: Callable[[Any], Any]) -> Request:
+def _alter(name: str, change: Callable[[Any], Any]) -> Request:
     """An edit of the setting of a name."""
     return alter_settings(lambda now: replace(now, **{name: change(getattr(now, name))}))
 
@@ -405,7 +449,7 @@ def _altered(name: str, change: Callable[[Any], Any]) -> Request:
 def _set(name: str, value: Any) -> Request:
     """An edit that gives a setting, or a limit (``limits.seconds``), a value."""
     first, _, limit = name.partition(".")
-    return _altered(first, lambda now: replace(now, **{limit: value}) if limit else value)
+    return _alter(first, lambda now: replace(now, **{limit: value}) if limit else value)
 
 
 def curve_of(progress: SearchProgress) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from poseviewer.app.page.above_steps import object_colour
 from poseviewer.app.page.controls import kept, set_properties
+from poseviewer.app.state.document import stands
 from poseviewer.app.state.hiding import HIDING, found_hidden, masks_of
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.arrays import FloatArray
@@ -140,7 +141,7 @@ class PhotoScene:
             yield Drawing("/hidden/painted", TINT, *self._painted(session))
         yield Drawing("/hidden/found", TINT, *self._found(session))
         yield from _other_objects(session)
-        if not session.document.object.hidden:
+        if stands(session.document.object):
             yield from _model(session)
 
 
@@ -200,6 +201,8 @@ def _model(session: Session) -> Iterator[Drawing]:
     overlay = session.results.overlay
     if overlay is None or session.display.style == "none":
         return
+    if not overlay.request.document.object.is_placed:
+        return  # it was drawn where the model was put first
     yield Drawing("/model/halo", HALO, overlay.outline, None, HALO_COLOUR, 4.6)
     yield Drawing("/model/edges", EDGES, overlay.edges, None, EDGE_COLOUR, 1.0)
     yield Drawing(OUTLINE_NAME, OUTLINE, overlay.outline)

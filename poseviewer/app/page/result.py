@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from poseviewer.app.state.document import label_of
+from poseviewer.app.state.pose_edits import pose_numbers
 from poseviewer.app.state.session import Session
 from poseviewer.confidence.pose_covariance import short
 from poseviewer.files.pose import PoseRecord, pose_bytes
@@ -32,26 +33,6 @@ SOURCES = {
     "assumed": "no calibration, no EXIF, no search told the focal length",
 }
 """Sources of a focal length, and the tooltip of each."""
-
-
-def pose_numbers(pose: Pose) -> dict[str, float]:
-    """X, Y, Z and distance of the model's origin in the camera's frame, in the model's unit; turns
-    about the camera's x, y and z axes, in this order, in degrees; focal length in px. Under
-    parallel projection there is a scale, px per unit, and neither Z nor distance.
-    """
-    place, turn = pose.camera_from_model.translation, pose.camera_from_model.rotation
-    turns = (
-        math.atan2(turn[2, 1], turn[2, 2]),
-        math.atan2(-turn[2, 0], math.hypot(turn[2, 1], turn[2, 2])),
-        math.atan2(turn[1, 0], turn[0, 0]),
-    )
-    said = dict(zip("XYZ", map(float, place), strict=True))
-    said |= {"distance": float(np.linalg.norm(place))}
-    said |= {f"turn {axis}": math.degrees(angle) for axis, angle in zip("xyz", turns, strict=True)}
-    if isinstance(pose.camera, Parallel):
-        del said["Z"], said["distance"]
-        return {**said, "scale": pose.camera.scale}
-    return {**said, "focal": pose.camera.fx}
 
 
 def deviations_of(session: Session) -> dict[str, float]:
@@ -85,7 +66,7 @@ def result_html(session: Session) -> str:
     source = source_of(document.photo, document.pose.camera)
     left, right = [], []
     for name, value in numbers.items():
-        text = _with(value, deviations.get(name)) + _unit_of(session, name, value)
+        text = _with(value, deviations.get(name)) + _unit_text(session, name, value)
         if source and name in FOLLOW_FOCAL[-1 if source != "assumed" else 0 :]:
             word = source if name == "focal" else ""
             mark = word + "*" * (source == "assumed")
@@ -113,15 +94,22 @@ def source_of(photo: Photo, camera: Camera) -> str:
     return "assumed" if photo.focal_length_35mm is None else "EXIF"
 
 
-def _unit_of(session: Session, name: str, value: float) -> str:
+def unit_of(session: Session, name: str) -> str:
+    """Unit of one of ``pose_numbers``."""
+    unit = session.document.mesh.unit or "unit"
+    of_camera = {"scale": f"px per {unit}", "focal": "px"}
+    return "°" if name.startswith("turn") else of_camera.get(name, unit)
+
+
+def _unit_text(session: Session, name: str, value: float) -> str:
     """Text after a number: its unit, and of a focal length what it is on 35-mm film."""
-    unit, photo = session.document.mesh.unit, session.document.photo
-    if name.startswith("turn"):
-        return "°"
+    photo = session.document.photo
     if name == "focal":
         film = value * math.hypot(36.0, 24.0) / math.hypot(photo.width, photo.height)
         return f" px, {film:.3g} mm"
-    return f" px per {unit or 'unit'}" if name == "scale" else ""
+    if name.startswith("turn"):
+        return "°"
+    return f" {unit_of(session, name)}" if name == "scale" else ""
 
 
 def copies_of(session: Session) -> dict[str, str]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.page.above_steps import ICONS, object_colour
-from poseviewer.app.page.controls import jpeg_url, on_press
+from poseviewer.app.page.controls import jpeg_url, on_press, percent
 from poseviewer.app.page.handles import path_of
 from poseviewer.app.state.session import Session
 from poseviewer.files.photo import Photo
@@ -24,6 +24,8 @@ UNITS = 1000
 """Units of the outline over a small picture, along each side."""
 BESIDE = 0.3
 """Share of an outline's sides by which more of the photo is shown about it."""
+MAX_PROBABILITY = 0.99
+"""Largest probability that is shown: no start is certain."""
 QUALITY = 80
 """JPEG quality of the small pictures."""
 
@@ -53,7 +55,9 @@ def _cell(session: Session, index: int) -> str:
     view, is_compared = document.scene.views[index], document.object.in_views[index].is_compared
     at = " pv-at" if index == document.at else ""
     hint = "do not compare it" if is_compared else "compare it again"
-    said = " · ".join(filter(None, (said_of(session, index), word_of(document.object, index))))
+    said = " · ".join(
+        filter(None, (_loss_text(session, index), _verdict_text(document.object, index)))
+    )
     return (
         f'<div class="pv-photo{at}{"" if is_compared else " pv-off"}" tabindex="0" '
         f'title="{"the large photo" if at else "press: make it the large one"}" '
@@ -78,11 +82,12 @@ def proposals_row(session: Session) -> str:
         url, part = _piece(photo, lines)
         left, top, width, height = part
         at = ' class="pv-at"' if index == proposals.index else ""
+        probability = percent(min(start.probability, MAX_PROBABILITY))
         cells += (
             f'<button type="button"{at} title="proposal {index + 1}: press to start from it" '
             f'{on_press("start", index=index)}><svg viewBox="{left} {top} {width} {height}">'
             f'<image href="{url}" x="{left}" y="{top}" width="{width}" height="{height}"/>'
-            f"{_outline(path_of(lines), LINE_COLOUR)}</svg>{start.percent}</button>"
+            f"{_outline(path_of(lines), LINE_COLOUR)}</svg>{probability}</button>"
         )
     return f'<div class="pv-starts">{cells}</div>'
 
@@ -116,18 +121,23 @@ def _outlines(session: Session, index: int) -> str:
     return drawn
 
 
-def said_of(session: Session, index: int) -> str:
+def _loss_text(session: Session, index: int) -> str:
     """Say what a photo leaves unexplained at the current pose, or why that is not known."""
     losses = session.results.losses
     if not session.document.object.in_views[index].is_compared:
         return "not compared"
-    if session.is_searching or losses is None or not losses.of_views:
+    if (
+        session.is_searching
+        or not session.document.object.is_placed
+        or losses is None
+        or not losses.of_views
+    ):
         return ""
     result = losses.of_views.get(index)
     return "not seen" if result is None else f"{result.scale.as_shown(result.loss):.3f}"
 
 
-def word_of(scene_object: SceneObject, index: int) -> str:
+def _verdict_text(scene_object: SceneObject, index: int) -> str:
     """The verdict by a view alone on an object's pose; "": there is none."""
     result = scene_object.result
     if result is None or result.verdict is None:

@@ -2,19 +2,24 @@
 
 import numpy as np
 
-from poseviewer.app.page.controls import plain
+from poseviewer.app.page.controls import percent, plain
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state.document import WHEELS, label_of
 from poseviewer.app.state.marking import MARKING, pair_errors
 from poseviewer.app.state.objects import symmetry_text
 from poseviewer.app.state.searches import LossComparison
 from poseviewer.app.state.session import Session
+from poseviewer.app.workers.opening import has_demo_model
 from poseviewer.files.mesh.size import size_words
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.starts.point_pairs import fewest_pairs
 from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS
 
 PREPARING = "Preparing the first picture ..."
+FIRST = (
+    "Finds where a known 3D model stands in a photo. **Open** both, **Place** the model, then "
+    "**Search**."
+)
 USUAL_HINT = (
     '<span><i class="pv-plain">drag</i> move</span> '
     '<span><i class="pv-shift">shift</i> turn</span> '
@@ -43,9 +48,14 @@ PLACE_HINT = (
     "<b>press where the object is</b>, or drag the model there &nbsp;·&nbsp; "
     "<b>Fit to box</b> proposes starting poses"
 )
+MODEL_HINT = "<b>now open the model of this photo</b>: Open, Model ..."
 LOOKING_HINT = (
     "<b>Looking for the object ...</b> &nbsp;·&nbsp; or <b>press where it is</b> &nbsp;·&nbsp; "
     "Esc stops"
+)
+PROPOSED_HINT = (
+    "<b>the likeliest proposal is fitted ...</b> &nbsp;·&nbsp; or <b>press where the object is</b> "
+    "&nbsp;·&nbsp; Esc stops"
 )
 UNSURE_HINT = "<b>which is it?</b> press a picture at the left, or <b>where the object is</b>"
 SEARCHING_HINT = (
@@ -54,7 +64,12 @@ SEARCHING_HINT = (
 MARKING_HINT = " &nbsp;·&nbsp; drag a mark, double-click removes it &nbsp;·&nbsp; Esc: end"
 
 
-def opened_text(session: Session) -> str:
+def first_text(session: Session) -> str:
+    """Say what this is and what to do first (markdown); "" once something has been done."""
+    return "" if session.history.past or session.search else FIRST
+
+
+def files_text(session: Session) -> str:
     """Say what is open (markdown), and where its colours come from: a grey model may miss files."""
     item = session.document.object
     photo = session.document.photo
@@ -62,17 +77,22 @@ def opened_text(session: Session) -> str:
     mesh = item.mesh
     colours = "coloured" if mesh.has_reflectance else "no colours"
     if mesh.textures:
-        colours = _counted(len(mesh.textures), "texture")
+        colours = _count_of(len(mesh.textures), "texture")
     camera = ", calibrated camera" if photo.camera is not None else ""
     return (
         f"**{plain(photo.label)}**  \n{photo.width} x {photo.height} px{camera}  \n"
         f"**{plain(model.name)}**  \n{len(mesh.faces):,} triangles, "
-        f"{_counted(len(mesh.part_names) or 1, 'part')}, {colours}; {symmetry_text(item)}  \n"
-        f"{plain(size_words(mesh))}"
+        f"{_count_of(len(mesh.part_names) or 1, 'part')}, {colours}; {symmetry_text(item)}"
     )
 
 
-def _counted(count: int, noun: str) -> str:
+def notes_text(session: Session) -> str:
+    """Say how the files were read (markdown), and what the model's size and origin mean."""
+    sentences = *session.document.scene.notes, f"Model: {size_words(session.document.mesh)}."
+    return "**Notes**\n" + "".join(f"\n- {plain(sentence)}" for sentence in sentences)
+
+
+def _count_of(count: int, noun: str) -> str:
     return f"{count} {noun}{'s' * (count > 1)}"
 
 
@@ -101,8 +121,10 @@ def hint_of(session: Session) -> str:
         case _ if session.is_searching:
             return SEARCHING_HINT
         case _ if session.is_looking:
-            return LOOKING_HINT
+            return PROPOSED_HINT if session.proposals and session.proposals.starts else LOOKING_HINT
         case _ if not session.document.object.is_placed:
+            if has_demo_model(session.document):
+                return MODEL_HINT
             proposals = session.proposals
             not_found = "Not found by itself: " if proposals else ""
             return UNSURE_HINT if proposals and proposals.starts else f"{not_found}{PLACE_HINT}"
@@ -121,7 +143,7 @@ def marks_text(session: Session) -> str:
     lines = list[str]()
     points = () if session.tool == "wheels" else marks.points
     if points and len(marks.pixels) < fewest:
-        lines.append(f"{_counted(fewest - len(marks.pixels), 'more pair')} needed")
+        lines.append(f"{_count_of(fewest - len(marks.pixels), 'more pair')} needed")
     elif points:
         lines.append("**error per pair**")
         lines += [f"pair {i}: {px:.1f} px" for i, px in enumerate(pair_errors(document), 1)]
@@ -145,7 +167,7 @@ def proposals_text(session: Session) -> str:
         return "Fitting the likeliest ... (Esc stops)"
     count = len(proposals.starts)
     if proposals.index < 0:
-        return f"**{_counted(count, 'proposal')}**, none of them sure: press the right one"
+        return f"**{_count_of(count, 'proposal')}**, none of them sure: press the right one"
     others = "press another one, or " if count > 1 else ""
     what = "fitted" if session.search else f"{others}space to search from here"
     return f"**proposal {proposals.index + 1} of {count}**: {what}"
@@ -171,30 +193,43 @@ def search_text(session: Session) -> str:
         compiling = session.preparation.share is not None
         return "The loss comes when all is compiled." if compiling else PREPARING
     if search is None:
-        if losses is None or losses.mean is None:
+        if not session.document.object.is_placed:
+            return "The model is not placed yet."
+        loss = session.loss
+        if losses is None or losses.mean is None or loss is None:
             return plain(losses.note if losses else "") or PREPARING
-        count = len(losses.of_views)
+        count, text = len(losses.of_views), losses.mean.scale.text(loss)
+        if session.is_moving or losses.request.at_pose != session.at_pose:
+            text = _as_coarse(text)
         of_set = f", mean of {count} photos" if count > 1 else ""
-        return f"**{losses.mean.text}** at this pose{of_set}"
+        return f"**{text}** at this pose{of_set}"
     if progress is None:
         return "Preparing the search ..."
     fit = progress.progress
     settings = progress.settings
     methods = search.methods
     is_stopped = progress.is_over and fit.status.name == "RUNNING"
-    sentence = "Stopped: the best pose so far is shown." if is_stopped else fit.status.value
+    sentence = plain(fit.status.value)
+    if is_stopped:
+        sentence = "Stopped: the best pose so far is shown."
     which = ""
     if session.is_searching and len(methods) > 1:
         which = f", {methods.index(settings) + 1} of {len(methods)} losses"
     if len(search.object_indices) > 1:
         label = label_of(session.document.scene.objects[progress.object_index])
         which += f"  \nOf all objects: **{plain(label)}**"
+    loss = _as_coarse(fit.loss_text) if session.is_searching else fit.loss_text
     text = (
         f"Loss: {settings.loss_name}{which}  \n"
-        f"**{fit.loss_text}** (start {fit.scale.as_shown(fit.start_loss):.3f})  \n"
+        f"**{loss}** (start {fit.scale.as_shown(fit.start_loss):.3f})  \n"
         f"{fit.evaluations} evaluations, restart {fit.restart}, {fit.seconds:.1f} s  \n{sentence}"
     )
     return text if fit.verdict is None else f"{text}  \n**Verdict: {fit.verdict.label}.**"
+
+
+def _as_coarse(text: str) -> str:
+    """Text of a loss that another one will follow at once: ``unexplained about 0.170``."""
+    return text.replace(" ", " about ", 1)
 
 
 def verdict_text(session: Session) -> str:
@@ -213,18 +248,17 @@ def verdict_text(session: Session) -> str:
     return f"**Verdict: {verdict.label}.** {verdict.share_right}.{sure}\n\n{reasons}"
 
 
-def hidden_text(session: Session) -> str:
+def occlusion_text(session: Session) -> str:
     """Say how much of the photo is hidden (markdown); "" where nothing is."""
     mask, occluders = session.document.mask, h.found_hidden(session)
     lines = []
     if mask is not None:
-        lines.append(f"**{1.0 - float(np.mean(mask.weights)):.1%}** of the photo is hidden")
+        lines.append(f"**{percent(1.0 - float(np.mean(mask.weights)), 1)}** of the photo is hidden")
     elif any(h.masks_of(session)):
         lines.append("What is painted counts all the same")
     if occluders is not None:
-        lines.append(
-            f"**{np.mean(occluders):.1%}** were taken for something in front by the search (violet)"
-        )
+        share = percent(float(np.mean(occluders)), 1)
+        lines.append(f"**{share}** were taken for something in front by the search (violet)")
     return "  \n".join(lines)
 
 

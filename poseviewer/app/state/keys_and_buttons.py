@@ -93,7 +93,7 @@ ACTIONS: Mapping[str, Action] = {
     "redo": Action(redo(), "Place", "Redo", "Go one step on again", "Y, ctrl shift Z"),
     "reset": Action(reset_to_start(), "Place", "Reset to start", "Go back to the start", "R"),
     "start": Action(make_start(), "Place", "Make this the start", "Start from the pose at hand"),
-    "box": Action(toggle_box(), "Place", "Fit to box", BOX, end=DRAWING),
+    "box": Action(toggle_box(), "Place", "Fit to box", BOX),
     "propose": Action(propose_starts(), "Place", "Propose starts", PROPOSE, end="Stop looking"),
     "previous": Action(step_proposals(-1), "Place", "Previous", "Start from the proposal before"),
     "next": Action(step_proposals(), "Place", "Next", "Start from the next likely proposal"),
@@ -165,6 +165,7 @@ def client_keys() -> dict[str, dict[str, object]]:
         code.split()[-1]: {
             "call": action.request if action.request == "showAll" else "",
             "step": action.step,
+            "label": action.label(),
             "opens": action.opens,
             "leave": action.keys in LEFT_WITH_CTRL,
         }

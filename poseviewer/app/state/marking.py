@@ -71,6 +71,8 @@ def with_mark(document: Document, tool: str, point: FloatArray) -> Document:
     if tool == "wheels" and len(marks.rims) == WHEELS * MIN_RIM_POINTS:
         raise QuickStartError("Both wheels are outlined; drag their points, or clear them.")
     if tool == "pairs" and not marks.waits_for_pixel:
+        if not document.object.is_placed:
+            raise QuickStartError("Click a point of the model at the right first.")
         return _with_model_point(document, tool, point, document.pose)
     places = (*marks_in_photo(marks, tool), point)
     return solved(document.with_marks(**{MARKING[tool][0]: places}), tool)

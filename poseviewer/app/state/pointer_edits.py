@@ -36,7 +36,15 @@ def press(
     session: Session, x: Px, y: Px, zoom: Zoom = 1.0, shift: bool = False, ctrl: bool = False
 ) -> Session:
     """Take hold of what is at a point of the photo, of any object; with a marking tool, set a mark
-    where there is none; put a model that is nowhere yet there. ``zoom``: screen px per photo px.
+    where there is none; a model that is nowhere yet goes there, to be dragged on.
+
+    Args:
+        session: the session before it.
+        x: px of the photo.
+        y: likewise.
+        zoom: screen px per photo px.
+        shift: turn the model.
+        ctrl: roll and scale it.
     """
     session = session.stop_proposing()
     document = session.document
@@ -53,18 +61,18 @@ def press(
         drag = draw_rectangle(tool, point)
     else:
         kind = "roll" if ctrl else "turn" if shift else "move"
+        if not document.object.is_placed:
+            session = _place_at(session, point)
+            return replace(session, drag=take_hold(session.document, point, zoom, kind))
         drag = take_hold(document, point, zoom, kind)
-        is_placed = document.object.is_placed
-        if is_placed and (drag is None or drag.model_from is not None):
+        if drag is None or drag.model_from is not None:
             session = session.with_active(nearest_object(document, point))
             if session.document is not document:
                 drag = take_hold(session.document, point, zoom, kind)
-        if drag is None and not is_placed:
-            return _placed(session, point)
     return session if drag is None else replace(session, drag=drag)
 
 
-def _placed(session: Session, point: FloatArray) -> Session:
+def _place_at(session: Session, point: FloatArray) -> Session:
     """Session with the model's middle at a point (2,) of the photo."""
     document, centre = session.document, session.document.mesh.centre
     pose = shifted(document.pose, centre, point - document.pose.project(centre))
@@ -86,8 +94,8 @@ def drag_to(session: Session, x: Px, y: Px) -> Session:
 
 @drag_edit
 def release(session: Session) -> Session:
-    """End the drag, one undoable step. A model that is nowhere yet goes where it was pressed, any
-    into the box that was drawn, where starts are looked for.
+    """End the drag, one undoable step. The model goes into a box that was drawn, where starts are
+    looked for.
     """
     drag = session.drag
     document = session.document
@@ -97,9 +105,7 @@ def release(session: Session) -> Session:
     session = replace(session, drag=None, tool=tool if tool in MARKING else "pose")
     before = drag.before
     if before is None:
-        if drag.model_from is None or document.object.is_placed:
-            return session
-        return _placed(session, drag.model_from)
+        return session
     session = replace(session, document=before)
     if tool == "box" and document.marks.box is not None:
         pose = fit_into_rectangle(document.pose, document.mesh, document.marks.box)

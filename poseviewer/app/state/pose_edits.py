@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from poseviewer.app.state.document import Document, scale_at
 from poseviewer.app.state.dragging import rolled, scaled_about, shifted, turned
@@ -14,7 +15,7 @@ from poseviewer.app.state.session import Session
 from poseviewer.errors import SettingsError
 from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.starts.loading import scale_by_rays
 from poseviewer.starts.placing import look_from
@@ -50,6 +51,49 @@ def nudge(session: Session, kind: NudgeKind, x: float = 0.0, y: float = 0.0) -> 
         case "scale":
             pose = scaled_about(pose, centre, NUDGE_SCALE**x)
     return session.with_pose(pose)
+
+
+def pose_numbers(pose: Pose) -> dict[str, float]:
+    """X, Y, Z and distance of the model's origin in the camera's frame, in the model's unit; turns
+    about the camera's x, y and z axes, in this order, in degrees; focal length in px. Under
+    parallel projection there is a scale, px per unit, and neither Z nor distance.
+    """
+    place, turn = pose.camera_from_model.translation, pose.camera_from_model.rotation
+    turns = (
+        math.atan2(turn[2, 1], turn[2, 2]),
+        math.atan2(-turn[2, 0], math.hypot(turn[2, 1], turn[2, 2])),
+        math.atan2(turn[1, 0], turn[0, 0]),
+    )
+    said = dict(zip("XYZ", map(float, place), strict=True))
+    said |= {"distance": float(np.linalg.norm(place))}
+    said |= {f"turn {axis}": math.degrees(angle) for axis, angle in zip("xyz", turns, strict=True)}
+    if isinstance(pose.camera, Parallel):
+        del said["Z"], said["distance"]
+        return {**said, "scale": pose.camera.scale}
+    return {**said, "focal": pose.camera.fx}
+
+
+def with_number(pose: Pose, name: str, value: float) -> Pose:
+    """The pose with another value of ``pose_numbers``, except of distance and focal length."""
+    numbers = pose_numbers(pose) | {name: value}
+    depth = pose.camera_from_model.translation[2]
+    turns = [numbers[f"turn {axis}"] for axis in "xyz"]
+    place = np.array([numbers["X"], numbers["Y"], numbers.get("Z", depth)])
+    if isinstance(pose.camera, Parallel):
+        pose = replace(pose, camera=replace(pose.camera, scale=numbers["scale"]))
+    rotation = Rotation.from_euler("xyz", turns, degrees=True).as_matrix()
+    return replace(pose, camera_from_model=RigidTransform(rotation, place))
+
+
+@edit
+def set_number(session: Session, name: str, value: float) -> Session:
+    """Set one of ``pose_numbers``; what is typed in its field is one undoable step."""
+    pose = session.document.pose
+    if not math.isfinite(value) or name not in pose_numbers(pose):
+        raise SettingsError(f"{name} = {value} is no number of the pose")
+    if pose_numbers(pose)[name] == value:
+        return session
+    return session.with_document(session.document.at_pose(with_number(pose, name, value)), name)
 
 
 @edit

@@ -22,7 +22,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.scene.settings import LOSSES, FitSettings, LossName
+from poseviewer.scene.settings import LOSSES, FitSettings, LossName, settings_as_json
 from poseviewer.scene.types import Scene
 
 MappedLoss = Literal["chosen", "default", "paper", "both"]
@@ -144,6 +144,16 @@ class Session:
         if progress is None or progress.object_index != own.active:
             return None
         return progress if progress.problem.views[0].view_index == own.at else None
+
+    @property
+    def loss(self) -> float | None:
+        """Loss at the pose at hand: that of the search which ended there, else as it was read."""
+        result, losses = self.document.object.result, self.results.losses
+        if losses is None or losses.mean is None:
+            return None
+        if result is None or result.settings != settings_as_json(self.document.settings):
+            return losses.mean.loss
+        return losses.mean.loss if result.loss is None else result.loss
 
     @property
     def other_outlines(self) -> tuple[FloatArray, ...]:

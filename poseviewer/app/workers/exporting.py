@@ -12,7 +12,7 @@ import numpy as np
 from msgspec import structs
 
 from poseviewer import api
-from poseviewer.app.state.document import Document, stands
+from poseviewer.app.state.document import Document, label_of, stands
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.errors import SettingsError
@@ -70,6 +70,17 @@ def stem_of(document: Document, view: int) -> str:
     return ".".join(stem[:MAX_STEM_LETTERS].decode(errors="ignore") for stem in stems)
 
 
+def _export_stem(document: Document, view: int, of_all: bool = False) -> str:
+    """``PHOTO.OBJECT``, so that no object's file replaces another's; ``PHOTO`` of several ones."""
+    one, objects = document.object, document.scene.objects
+    if of_all or len(objects) == 1:
+        return stem_of(document, view)
+    name = one.name.strip() or Path(one.model.name).stem
+    name += f".{one.id}" * ([label_of(other) for other in objects].count(label_of(one)) > 1)
+    own = safe_path(name).name.encode()[:MAX_STEM_LETTERS].decode(errors="ignore")
+    return f"{stem_of(document, view)}.{own}"
+
+
 def export(what: Export, session: Session, unit: str = "") -> dict[str, bytes]:
     """The contents of files by their names: of maps, one for each loss that is shown; ``unit``: the
     model's, in place of what it says; raises ``PoseViewerError``: there is nothing of that kind
@@ -80,14 +91,15 @@ def export(what: Export, session: Session, unit: str = "") -> dict[str, bytes]:
         return _converted(what, session, unit if unit in METRES else None)
     view = filed_view(own) if what == "pose" else own.at
     photo = own.scene.views[view].photo
-    stem = Path(photo.name).stem + (".undistorted" if photo.undistortion is not None else "")
+    stem = _export_stem(own, view)
     if what == "pose":
-        name, scene = f"{stem_of(own, view)}.pose.json", saved_scene(session)
+        name, scene = f"{stem}.pose.json", saved_scene(session)
         record, mask = pose_json(as_saved(scene), own.active, view), scene.mask(own.active, view)
         beside = mask_path(name).name
         record = structs.replace(record, mask=None if mask is None else beside)
         files = {} if mask is None else {beside: mask_as_png(mask)}
         return {name: pose_bytes(Path(name), record), **files}
+    stem += ".undistorted" * (photo.undistortion is not None)
     if what == "overlay":
         picture = picture_of(
             own, session.display.style, session.display.opacity
@@ -108,7 +120,8 @@ def export(what: Export, session: Session, unit: str = "") -> dict[str, bytes]:
 def _converted(what: str, session: Session, unit: str | None) -> dict[str, bytes]:
     """One file of another tool, or a zip of several; of all objects where it holds several."""
     own, scene = session.document, as_saved(saved_scene(session))
-    stem = Path(own.photo.name).stem
+    of_all = what not in FORMATS or FORMATS[what].several_objects
+    stem = _export_stem(own, own.at, of_all)
     with TemporaryDirectory() as folder:
         out = Path(folder, f"{stem}{CONVERTED[what]}")
         if what in FORMATS:

@@ -9,9 +9,10 @@ from poseviewer.app.state.document import Document
 from poseviewer.app.state.objects import with_added
 from poseviewer.app.state.pose_edits import put
 from poseviewer.errors import PoseFileError, QuickStartError
-from poseviewer.files.cameras import Calibration
+from poseviewer.files.cameras import Calibration, load_calibration
+from poseviewer.files.demo import PLACES
 from poseviewer.files.file_set import FileSet
-from poseviewer.files.photo import load_calibrated_photo, load_photo
+from poseviewer.files.photo import load_calibrated_photo, load_photo, orientation_of
 from poseviewer.files.photo_sets import LoadedViews, SetChoice, load_views
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_assets import load_model
@@ -95,12 +96,24 @@ def open_file_set(
     if photo is not None:
         calibration = None if files.camera is None else Calibration(files.camera, None, lens_model)
         document = open_photo(document, photo, calibration)
+        if calibration is not None:
+            document = with_notes(document, [_camera_note(document, calibration)])
     if models:
         known = files.models[0].path == now.model.path
         document = (completed if known else open_model)(document, models[0])
     if files.pose is not None:
         document = open_pose(document, files.pose)
     return with_models(document, models[1:])
+
+
+def _camera_note(document: Document, calibration: Calibration) -> str:
+    """Say what was read of a camera, and what is to be done next."""
+    photo, path = document.photo, document.view.path
+    assert path is not None
+    size, name = (photo.width, photo.height), calibration.path.name
+    read = load_calibration(calibration, photo.name, *size, orientation_of(path))[0].read
+    again = "; the pose was found by another camera: search again" * document.object.is_placed
+    return f"{name}: the photo's camera was read from {read}{again}."
 
 
 def with_notes(document: Document, notes: Sequence[str]) -> Document:
@@ -159,6 +172,12 @@ def open_photo(now: Document, path: Path, calibration: Calibration | None = None
         distorted = "shown as taken, with its distortion; drop it with its file of cameras."
         notes = (*notes, f"{photo.name}: {distorted}")
     return with_notes(Document(scene, states, now.active), notes)
+
+
+def has_demo_model(document: Document) -> bool:
+    """Whether a photo of the user's is open under the demo's model, of which it shows nothing."""
+    files = document.model.path, document.view.path
+    return [path is not None and path.parent in PLACES for path in files] == [True, False]
 
 
 def completed(now: Document, path: Path) -> Document:

@@ -56,7 +56,7 @@ class OutlineRequest:
         numbers = [int(one.id) for one in scene.objects]
         large = {numbers[index]: placed(index, own.at) for index in own.others}
         is_at_rest = large and not session.is_moving and stands(own.object)
-        shown = [index for index, one in enumerate(scene.objects) if not one.hidden]
+        shown = [index for index, one in enumerate(scene.objects) if stands(one)]
         views = range(len(scene.views)) if len(scene.views) > 1 else ()
         return cls(
             large,

@@ -16,7 +16,7 @@ from poseviewer.app.state.objects import add_object
 from poseviewer.app.state.pointer_edits import set_tool
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import Export, export
-from poseviewer.app.workers.opening import open_autosaved, open_file_set
+from poseviewer.app.workers.opening import has_demo_model, open_autosaved, open_file_set
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import FileSetError, QuickStartError
 from poseviewer.files.file_set import Kind, files_below, sort_set
@@ -129,7 +129,8 @@ def upload(
         models = [gather(uploads, model) for model in files.models]
         if not adds:
             document = open_file_set(now.document, files, models, root, lens_model)
-            return TaskResult((open_document(document),), document.scene.notes)
+            looks = not has_demo_model(document)
+            return TaskResult((open_document(document, looks=looks),), document.scene.notes)
         if not models:
             raise FileSetError(f"{display_name(name)}: holds no model; choose one.")
         loaded = [load_model(model) for model in models]

@@ -1,11 +1,13 @@
 """The guard of the web app, asked over real sockets as a browser would, or a stranger."""
 
+import gzip
 import http.client
 import socket
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from urllib.request import Request, urlopen
 
 import pytest
 from websockets.exceptions import ConnectionClosedError
@@ -201,6 +203,17 @@ def test_the_address_that_a_browser_is_started_with_is_good_until_its_page_is_th
         assert websocket(guarded, "/", Cookie=cookie) == 101
         assert get(guarded, path)[0] == 403
         assert get(guarded, path, Cookie=cookie)[0] == 200  # the page may be loaded anew
+
+
+@pytest.mark.parametrize("coding", ["identity", "gzip"])
+def test_the_page_says_what_it_is_before_viser_is_there(local: GuardedServer, coding: str) -> None:
+    with urlopen(Request(local.url, headers={"Accept-Encoding": coding})) as answer:
+        page = answer.read()
+    assert answer.headers["Content-Length"] == str(len(page))
+    text = (gzip.decompress(page) if coding == "gzip" else page).decode()
+    assert text.count("<title>poseviewer</title>") == 1
+    assert "poseviewer finds where a known 3D model stands in a photo." in text
+    assert "<title>Viser</title>" not in text
 
 
 def test_answers_carry_security_headers(local: GuardedServer) -> None:

@@ -34,7 +34,7 @@ def comparison(scene) -> LossComparison:
     return last.arguments[2]
 
 
-def test_every_parameter_of_a_chart_has_a_field_and_a_lock():
+def test_every_number_of_a_pose_has_its_unit_and_every_parameter_a_lock():
     """Most have charts of several photos, where size and focal length are searched for."""
     session = make_set_session(free_scale=True)
     session = after(session, c.alter_settings(lambda now: replace(now, free_focal=True)))
@@ -52,7 +52,9 @@ def test_every_parameter_of_a_chart_has_a_field_and_a_lock():
         locks = [one.label for one in inputs if isinstance(one, viser.GuiCheckboxHandle)]
     finally:
         guarded.stop()
-    assert set(names) <= set(fields)
+    numbers = {f"{name} (unit)" for name in "XYZ"} | {f"turn {axis} (°)" for axis in "xyz"}
+    assert numbers | {"size (x start)"} <= set(fields)
+    assert all(text.endswith(")") for text in fields if text not in ("Max evaluations", "Seed"))
     assert set(names) <= set(locks)
 
 

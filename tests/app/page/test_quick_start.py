@@ -57,8 +57,6 @@ def test_four_point_pairs_place_the_model(browser: Browser, tmp_path: Path):
     now = look_from("three-quarter", model.mesh, model.keypoints, camera)
     drawn = fit_into_rectangle(now, model.mesh, Rectangle(0, 0, *PHOTO).expand(-ALONE_MARGIN))
     with AppProcess(tmp_path, case.photo, case.model) as app, AppPage(browser, app.url) as page:
-        page.wait_for_text("at this pose")
-        page.page.get_by_text("Quick start", exact=True).click()
         page.page.get_by_role("button", name="Point pairs").click()
         page.wait_for_text("pair 1: click a point of the model")
         page.page.locator(".pv-model image").wait_for()

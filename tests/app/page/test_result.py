@@ -10,7 +10,7 @@ from lxml import html as lxml_html
 from scipy.spatial.transform import Rotation
 
 from poseviewer.app.page.result import copies_of, deviations_of, pose_numbers, result_html
-from poseviewer.app.page.texts import opened_text
+from poseviewer.app.page.texts import files_text
 from poseviewer.app.state.session import Session
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.files.pose import load_pose
@@ -91,7 +91,7 @@ def test_a_calibration_and_exif_are_named() -> None:
         assert [text for text in rows_of(session).values() if word in text] == [
             rows_of(session)["focal"]
         ]
-        assert (f"{word} camera" in opened_text(session)) == (word == "calibrated")
+        assert (f"{word} camera" in files_text(session)) == (word == "calibrated")
         changed = after(session, c.set_field_of_view(20.0))
         assert word not in rows_of(changed)["focal"]
 

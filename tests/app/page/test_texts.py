@@ -1,22 +1,30 @@
 """Texts of the panel on a session."""
 
+import ast
 import html
 import json
+import re
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from lxml import html as lxml_html
 
+import poseviewer
 from poseviewer.app.page.above_steps import parts_left_out
-from poseviewer.app.page.controls import plain
+from poseviewer.app.page.controls import on_page, percent, plain
 from poseviewer.app.page.texts import (
     SEARCHING_HINT,
     USUAL_HINT,
+    files_text,
+    first_text,
     focal_note,
-    hidden_text,
     hint_of,
     marks_text,
+    notes_text,
+    occlusion_text,
     search_text,
     verdict_text,
 )
@@ -25,9 +33,10 @@ from poseviewer.app.state.results import LossReading, Results
 from poseviewer.app.workers.exporting import saved_scene
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.files.scene_json import as_saved, pose_json
+from poseviewer.fit.loss import LossScale, Unexplained
 from poseviewer.scene.types import SearchResult
 from tests.app.state import edits as c
-from tests.app.state.documents import PERSPECTIVE, after, make_photo, make_session
+from tests.app.state.documents import PERSPECTIVE, after, held, make_photo, make_session
 from tests.meshes import make_two_boxes
 
 
@@ -82,9 +91,78 @@ def test_the_line_over_the_photo_says_what_space_does_next():
 
 def test_the_share_that_is_hidden_is_said():
     session = make_session()
-    assert hidden_text(session) == ""
+    assert occlusion_text(session) == ""
     stroke = h.Stroke("polygon", np.array([[0.0, 0.0], [160.0, 0.0], [160.0, 60.0], [0, 60.0]]), 1)
-    assert hidden_text(after(session, h.paint(stroke))).startswith("**50.")
+    assert occlusion_text(after(session, h.paint(stroke))).startswith("**50.")
+
+
+def test_what_is_said_of_a_pose_that_moves_is_said_to_be_coarse():
+    session = make_session()
+    scale = LossScale(3, 3, True)
+    losses = LossReading(session, Unexplained(scale, scale.worst))
+    rests = replace(session, results=Results(losses=losses))
+    assert search_text(rests) == "**unexplained 1.000** at this pose"
+    for moved in (held(rests), after(rests, c.nudge("move", 1.0))):
+        moved = replace(moved, results=rests.results)
+        assert search_text(moved) == "**unexplained about 1.000** at this pose"
+
+
+def test_what_this_is_and_what_to_do_first_is_said_until_something_is_done():
+    session = make_session()
+    assert all(step in first_text(session) for step in ("**Open**", "**Place**", "**Search**"))
+    for edit in (c.nudge("move", 1.0), c.start_search()):
+        assert first_text(after(session, edit)) == ""
+
+
+def test_size_and_origin_are_last_among_the_notes():
+    session = make_session()
+    scene = replace(session.document.scene, notes=("a.obj: no colours",))
+    session = replace(session, document=replace(session.document, scene=scene))
+    assert "origin" not in files_text(session)
+    *_, note, last = notes_text(session).splitlines()
+    assert note == "- a.obj: no colours"
+    assert "its origin lies" in last
+
+
+def options_in_sentences() -> Iterator[str]:
+    """Every text of the package with an option of the command line, but for its commands' own."""
+    package = Path(poseviewer.__file__).parent
+    for path in package.rglob("*.py"):
+        if path.relative_to(package).parts[0] in ("cli", "evaluation", "batch", "cluster.py"):
+            continue
+        nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+        joined = [node for node in nodes if isinstance(node, ast.JoinedStr)]
+        pieces = {id(piece) for node in joined for piece in node.values}
+        docs = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+        for node in nodes:
+            if isinstance(node, ast.Constant) and id(node) not in pieces | docs:
+                texts = [node.value]
+            else:
+                texts = [getattr(piece, "value", "x") for piece in getattr(node, "values", ())]
+            text = "".join(one if isinstance(one, str) else "x" for one in texts)
+            if re.search(r"(?<![\w-])--[a-z]", text):
+                yield text
+
+
+def test_no_sentence_on_the_page_names_an_option_of_the_command_line():
+    texts = list(options_in_sentences())
+    assert len(texts) > 30
+    for text in texts:
+        assert "--" not in on_page(text), text
+    unit = "meshlab wants mm; say it with --unit, on the page with Model's unit."
+    assert on_page(unit) == "meshlab wants mm; say it with Model's unit."
+    drawn = "draw a rectangle about it (Fit to box), or name it with --box LEFT,TOP,WIDTH,HEIGHT."
+    assert on_page(drawn) == "draw a rectangle about it (Fit to box)."
+    assert on_page("the best pose is kept, or raise it (--seconds).") == (
+        "the best pose is kept, or raise it."
+    )
+    for name in ("a--b.png", "car (v--2).glb", "50%.jpg", "-- b.png"):
+        assert on_page(f"{name}: no photo") == f"{name}: no photo"
+
+
+def test_a_share_has_one_form():
+    assert percent(0.97) == "97 %"
+    assert plain("Only 87% of it is seen") == "Only 87 % of it is seen"
 
 
 def test_names_of_parts_are_text():

@@ -7,9 +7,11 @@ from html import escape
 import numpy as np
 import pytest
 
+from poseviewer.app.page.above_steps import loss_bar
+from poseviewer.app.page.handles import handles_of, path_of
 from poseviewer.app.page.reports import meaning_of
 from poseviewer.app.page.strip import proposals_row
-from poseviewer.app.page.texts import hint_of, proposals_text
+from poseviewer.app.page.texts import PROPOSED_HINT, hint_of, proposals_text, search_text
 from poseviewer.app.state.document import verdict_of
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.objects import add_object, pick_object
@@ -97,7 +99,7 @@ def test_the_one_that_is_pressed_becomes_the_start():
     session = make_session()
     first = proposed(session)
     row = proposals_row(first)
-    assert row.count("<image") == row.count("30%") == 3
+    assert row.count("<image") == row.count("30 %") == 3
     press = {"kind": "start", "index": 2}
     assert escape(json.dumps(press)) in row
     pressed = meaning_of(json.dumps(press))
@@ -149,6 +151,31 @@ def test_a_model_without_a_pose_is_looked_for_until_somebody_places_it():
     for known in (make_session(), nowhere(unsaved=True)):
         assert not known.is_proposing
     assert not after(make_session(), c.open_document(make_document())).is_proposing
+
+
+def test_a_model_that_is_nowhere_shows_nothing_but_the_likeliest_proposal():
+    session = nowhere()
+    assert "pv-pin" not in handles_of(replace(session, tool="pose"))
+    assert (loss_bar(session), search_text(session)) == ("", "The model is not placed yet.")
+    assert session.proposals is not None
+    listed = after(session, c.starts_proposed(session.proposals.document, STARTS, OUTLINES))
+    first, second = (path_of(lines) for lines in OUTLINES[:2])
+    for shown in (listed, after(listed, c.stop_proposing())):
+        assert first in handles_of(shown)
+        assert second not in handles_of(shown)
+    assert hint_of(listed) == PROPOSED_HINT
+    assert first not in handles_of(after(listed, c.take_start(1)))
+    assert first not in handles_of(after(listed, c.toggle_model()))
+
+
+def test_a_press_places_the_model_and_the_drag_goes_on_with_it():
+    session = nowhere()
+    pressed = after(session, c.press(80.0, 60.0))
+    dragged = after(pressed, c.drag_to(95.0, 50.0), c.release())
+    for placed, at in ((pressed, (80.0, 60.0)), (dragged, (95.0, 50.0))):
+        document = placed.document
+        assert document.pose.project(document.mesh.centre) == pytest.approx(at, abs=1e-6)
+    assert after(dragged, c.undo(), c.undo()).document is session.document
 
 
 def test_what_is_only_proposed_places_nothing():

@@ -163,6 +163,24 @@ def test_setting_a_number_changes_that_number_alone(camera, vehicle, moved):
         assert after(session, c.set_parameter(name, float(parameters[index]))) is session
 
 
+@CAMERAS
+def test_setting_a_number_of_the_pose_changes_that_number_alone(camera):
+    session = make_session(camera)
+    numbers = c.pose_numbers(session.document.pose)
+    names = "XYZ" if isinstance(camera, Perspective) else "XY"
+    for name in (*names, "turn x", "turn y", "turn z", *("scale",) * ("scale" in numbers)):
+        found = after(session, c.set_number(name, numbers[name] + 0.3))
+        changed = c.pose_numbers(found.document.pose)
+        del changed["X" if name == "distance" else name]
+        wanted = {other: value for other, value in numbers.items() if other in changed}
+        for of_all in (changed, wanted):
+            of_all.pop("distance", None)
+        assert changed == pytest.approx(wanted, abs=1e-9)
+        assert after(session, c.set_number(name, numbers[name])) is session
+        assert after(found, c.undo()).document is session.document
+    refused(session, c.set_number("no such number", 1.0))
+
+
 def test_what_is_typed_digit_by_digit_is_one_step():
     session = make_session()
     name, other = session.document.chart.names[:2]

@@ -6,11 +6,14 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
+from poseviewer.app.state.objects import add_object, alter_object, pick_object
+from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import CONVERTED, export
 from poseviewer.app.workers.opening import open_files
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.formats.known_formats import FORMATS
+from tests.app.state.documents import after
 
 OF_ONE_UNIT = ("bop", "dope", "linemod")
 
@@ -33,6 +36,17 @@ def test_a_pose_is_sent_in_every_format(scene, what):
         names = ZipFile(BytesIO(data)).namelist()
         assert any("cameras.txt" in file or "/nocs/" in file for file in names)
     assert data
+
+
+def test_no_object_of_a_photo_has_another_ones_file(scene):
+    session = Session(open_files(scene.photo, scene.model, scene.start))
+    session = after(session, add_object(), nudge("move", 5.0), add_object(), nudge("move", 9.0))
+    session = after(session, alter_object(3, name="taxi v1.2"))
+    for what in ("pose", "overlay", "matrix"):
+        names = [next(iter(export(what, after(session, pick_object(i))))) for i in (1, 2, 3)]
+        begins = "p.m.1.", "p.m.2.", "p.taxi v1.2."
+        assert all(name.startswith(begin) for name, begin in zip(names, begins, strict=True))
+    assert set(export("gltf", session)) == {"p.glb"}  # it holds them all
 
 
 @pytest.mark.parametrize("what", OF_ONE_UNIT)

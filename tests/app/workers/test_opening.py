@@ -64,7 +64,7 @@ def test_an_undistorted_photo_stays_so_in_files_and_sessions(
     corner = open_files(scene.photo, scene.model, None, calibration)
     assert {wanted.camera} == {corner.pose.camera, undistorted.pose.camera}
     (name,) = export("overlay", Session(undistorted))
-    assert name == "p.undistorted.overlay.png"
+    assert name == "p.m.undistorted.overlay.png"
     save_pose(tmp_path / "pose.json", pose_json(as_saved(undistorted.scene), 0, 0))
     posed = open_pose(plain, tmp_path / "pose.json")  # it brings that photo
     assert open_pose(posed, tmp_path / "pose.json").photo is posed.photo
@@ -128,6 +128,10 @@ def test_a_camera_alone_is_for_the_photo_at_hand(plain: Document, calibration: C
     assert opened.mesh is plain.mesh
     seen, before = (one.pose.project(plain.mesh.centre) for one in (opened, plain))
     np.testing.assert_allclose(seen, before, atol=1e-6)
+    assert opened.scene.notes[-1] == (
+        "camera.json: the photo's camera was read from camera_matrix, image_size, dist_coeffs (as "
+        "OpenCV, ROS, BOP, Open3D, NumPy); the pose was found by another camera: search again."
+    )
 
 
 def test_a_lens_of_no_said_model_is_opened_by_that_of_the_page(

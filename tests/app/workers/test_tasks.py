@@ -9,11 +9,16 @@ from typing import Any
 
 import pytest
 
+from poseviewer.app.page.texts import MODEL_HINT, hint_of
 from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.session import Session
 from poseviewer.app.workers import jobs
 from poseviewer.app.workers.maps import MapMaker
+from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.tasks import QueuedTask, TaskQueue, TaskResult, upload
 from poseviewer.errors import FileSetError
+from poseviewer.files.demo import demo_case
+from poseviewer.files.state.uploads import pack
 from tests.app.below_viser.socket_page import SocketPage
 from tests.app.running_app import running_app
 from tests.app.state import edits as c
@@ -65,6 +70,17 @@ def test_uploads_that_wait_are_bounded(tmp_path: Path, monkeypatch: pytest.Monke
     with pytest.raises(FileSetError, match="Other uploads"):
         tasks.add(upload("photo", "small.png", bytes(10)))
     tasks.close()
+
+
+def test_a_photo_alone_waits_for_its_model_where_the_demo_is_open(scene: Scene, tmp_path: Path):
+    case, photo = demo_case(), scene.photo.read_bytes()
+    for model, is_looking in ((case.model, False), (scene.model, True)):
+        session = Session(open_files(case.photo, model, case.start))
+        task = upload("photo", "own.png", pack([("own.png", photo)]))
+        (edit,) = task.run(session, tmp_path).edits
+        opened = edit(session)
+        assert opened.is_looking is is_looking
+        assert (hint_of(opened) == MODEL_HINT) is not is_looking
 
 
 @pytest.mark.parametrize("asked", ["task", "proposals"])

@@ -1,0 +1,138 @@
+"""Fields, plot and first words of the page in real Chromium."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Locator
+
+from tests.app.browser import READY, AppPage
+from tests.app.running_app import RunningApp, running_app
+from tests.scene import Scene
+
+pytestmark = pytest.mark.slow
+WINDOW = (1280, 1200)
+"""High enough for every field of a step."""
+FIRST_WORDS = "getComputedStyle(document.body, '::before').content"
+FIELDS = ".mantine-NumberInput-input:visible"
+LABEL = """node => {
+    while (!node.querySelector("label")) node = node.parentElement;
+    return node.querySelector("label").textContent;
+}"""
+SEVEN_DIGITS = {
+    "Z": "7.123456",
+    "turn": "12.34567",
+    "Field of view (°)": "41.23456",
+    "fx (px)": "312.3456",
+    "fy (px)": "312.3457",
+    "cx (px)": "82.12345",
+    "cy (px)": "61.23456",
+    "Max evaluations": "1000000",
+    "Time limit (s)": "1234.567",
+    "Seed": "1234567",
+    "Range ± %": "12.34567",
+}
+"""Text typed into a field by the begin of its label; else ``USUAL``."""
+USUAL = "0.1234567"
+LAST_LABEL = """() => {
+    const [{ chart }] = Object.values(window.__viserTestpoints.uplots);
+    const [axis] = chart.axes;
+    if (!axis._splits?.length) return 1;  // it is not drawn yet
+    const at = chart.valToPos(axis._splits.at(-1), "x", true);
+    chart.ctx.font = axis.font[0];
+    return at + chart.ctx.measureText(axis._values.at(-1)).width / 2 - chart.ctx.canvas.width;
+}"""
+"""Width, px, by which the plot's last number lies outside of it."""
+SQUEEZED = """() => [...document.querySelectorAll("label, input, button")]
+    .filter((node) => !["normal", "0px"].includes(getComputedStyle(node).letterSpacing))
+    .map((node) => node.textContent || node.value)"""
+
+
+@pytest.fixture(scope="module")
+def running(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningApp]:
+    with running_app(scene, tmp_path_factory.mktemp("state")) as app:
+        yield app
+
+
+@pytest.fixture(scope="module")
+def page(browser: Browser, running: RunningApp) -> Iterator[AppPage]:
+    with AppPage(browser, running.url, WINDOW) as tab:
+        tab.wait_for_text("at this pose")
+        yield tab
+
+
+def test_first_the_page_says_what_it_is_and_then_what_to_do(
+    browser: Browser, running: RunningApp
+) -> None:
+    page = browser.new_page()
+    page.goto(running.url, wait_until="commit")
+    page.wait_for_function(f"document.body && {FIRST_WORDS}.includes('poseviewer finds')")
+    page.wait_for_function(READY)
+    assert page.evaluate(FIRST_WORDS) == "none"
+    page.get_by_text("Finds where a known 3D model stands").wait_for()
+    page.close()
+
+
+def test_no_number_field_cuts_what_is_typed(page: AppPage, running: RunningApp) -> None:
+    page.page.keyboard.press("2")  # solid: its opacity is a number
+    typed = set[str]()
+    for step, folders in ((2, ("Numbers", "Camera")), (3, ("Settings",)), (4, ())):
+        page.open_step(step)
+        for folder in folders:
+            page.page.get_by_text(folder, exact=True).click()
+        page.page.evaluate("new Promise(done => setTimeout(done, 300))")  # folders slide open
+        for index in range(page.page.locator(FIELDS).count()):
+            typed.add(type_seven_digits(page, running, page.page.locator(FIELDS).nth(index)))
+    assert {"X (unit)", "scale"} & typed == {"X (unit)"}
+    assert set(SEVEN_DIGITS) - {"Z", "turn"} <= typed
+    assert "Opacity" in typed
+
+
+def type_seven_digits(page: AppPage, running: RunningApp, field: Locator) -> str:
+    """Type into a field; gives its label."""
+    label = field.evaluate(LABEL)
+    text = next((text for name, text in SEVEN_DIGITS.items() if label.startswith(name)), USUAL)
+    app, before = running.app, running.app.session
+    handle = app._page._server.gui._gui_input_handle_from_uuid[running.uuid(label)]
+
+    def is_told() -> bool:  # what was typed before has come back to the page
+        shown = app._page._controls._shown, app._page._maps._shown
+        is_shown = app.session is shown[0] is shown[1] and not app._mailbox._items.qsize()
+        return is_shown and float(field.input_value()) == handle.value
+
+    page.until(is_told)
+    field.fill(text)
+    field.press("Enter")
+    page.until(lambda: app.session is not before and is_told())
+    assert (float(field.input_value()), handle.value) == (float(text), float(text)), label
+    return label
+
+
+def test_a_calibration_file_is_chosen_in_the_cameras_panel(page: AppPage, tmp_path: Path) -> None:
+    path = tmp_path / "camera.json"
+    matrix = [[300.0, 0.0, 82.125], [0.0, 300.0, 57.5], [0.0, 0.0, 1.0]]
+    path.write_text(json.dumps({"camera_matrix": matrix, "image_size": [160, 120]}))
+    page.open_step(2)
+    button = page.page.get_by_role("button", name="Calibration file ...")
+    if not button.is_visible():
+        page.page.get_by_text("Camera", exact=True).click()
+    with page.page.expect_file_chooser() as chooser:
+        button.click()
+    chooser.value.set_files(str(path))
+    page.wait_for_text("the photo's camera was read from camera_matrix, image_size")
+    page.until(lambda: page.page.get_by_label("cx (px)").input_value() == "82.125")
+    page.open_step(1)  # the notice goes, the note stays
+    page.wait_for_text("search again")
+
+
+def test_no_label_is_squeezed_and_the_plots_last_number_is_whole(page: AppPage) -> None:
+    page.open_step(2)
+    page.page.get_by_role("button", name="Search (space)").click()
+    page.page.get_by_label("Loss", exact=True).wait_for()  # its step opens
+    page.page.wait_for_function("Object.keys(window.__viserTestpoints?.uplots ?? {}).length")
+    page.page.wait_for_function(f"({LAST_LABEL})() < 0")
+    page.page.keyboard.press("Space")
+    for step in range(1, 6):
+        page.open_step(step)
+        assert page.page.evaluate(SQUEEZED) == []
