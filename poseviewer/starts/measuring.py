@@ -29,8 +29,9 @@ class MeasuredPoint:
     """A point of an object's surface that a photo shows at a pixel."""
 
     object_index: int
+    view_index: int
     at: Callable[[Pose], FloatArray]
-    """Gives the coordinates (6,) by a pose of the object."""
+    """Gives the coordinates (6,) by a pose of the object in the view."""
     coordinates: FloatArray
     """(6,): x, y, z in the model's frame, then in the camera's, in the model's unit."""
     deviations: FloatArray | None
@@ -38,7 +39,7 @@ class MeasuredPoint:
 
 
 def measure_point(scene: Scene, pixel: ArrayLike, view: int = 0) -> MeasuredPoint | None:
-    """Return the nearest point of any shown object at a pixel of a view; None beside them."""
+    """Return the nearest point of any shown object at a pixel (2,) of a view; None beside them."""
     pixel, seen = np.asarray(pixel, dtype=float), list[tuple[float, int, FloatArray]]()
     for index, item in enumerate(scene.objects):
         mesh, pose = item.mesh, scene.pose(index, view)
@@ -57,14 +58,14 @@ def measure_point(scene: Scene, pixel: ArrayLike, view: int = 0) -> MeasuredPoin
         model_from_camera = pose.camera_from_model.inverse()
         near, far = pose.camera.points_at(np.array([pixel, pixel]), np.array([0.0, 1.0]))
         start, direction = model_from_camera.apply(near), model_from_camera.rotation @ (far - near)
-        share = (normal @ (corner - start)) / (normal @ direction)
-        return np.concatenate([start + share * direction, near + share * (far - near)])
+        along = (normal @ (corner - start)) / (normal @ direction)
+        return np.concatenate([start + along * direction, near + along * (far - near)])
 
-    return MeasuredPoint(index, at, *_propagate(scene, [index], at, view))
+    return MeasuredPoint(index, view, at, *_propagate(scene, [index], at, view))
 
 
 def measure_distance(
-    scene: Scene, first: MeasuredPoint, second: MeasuredPoint, view: int = 0
+    scene: Scene, first: MeasuredPoint, second: MeasuredPoint
 ) -> tuple[float, float | None]:
     """Return the distance of two points of a view and its standard deviation, if it is known, in
     the model's unit; of points on two objects in the world's.
@@ -82,16 +83,17 @@ def measure_distance(
         apart = scales[0] * first.at(poses[0])[part] - scales[1] * second.at(poses[-1])[part]
         return np.array([float(np.linalg.norm(apart))])
 
-    values, deviations = _propagate(scene, objects, length, view)
+    values, deviations = _propagate(scene, objects, length, first.view_index)
     return float(values[0]), None if deviations is None else float(deviations[0])
 
 
-def measure_relative(scene: Scene, index: int, other: int, view: int = 0) -> dict[str, Any]:
+def measure_relative(scene: Scene, index: int, other: int) -> dict[str, Any]:
     """Return the pose of an object in another's frame as numbers by their names.
 
-    They are ``quaternion_wxyz`` and, in the other model's unit, ``translation`` and ``distance`` of
-    the origins; ``degrees``, the angle of the rotation; ``scale``, the other model's units in one
-    of the object's; and, by the covariances in a ``view``, ``distance_std`` and ``degrees_std``.
+    Returns:
+        ``quaternion_wxyz``; ``translation`` and ``distance`` of the object's origin, in the other
+        model's unit; ``degrees``, the angle of the rotation; ``scale``, the other model's units in
+        one of the object's; where both covariances are known, ``distance_std``, ``degrees_std``.
 
     Raises:
         SettingsError: the projection is parallel.
@@ -101,21 +103,17 @@ def measure_relative(scene: Scene, index: int, other: int, view: int = 0) -> dic
     axis = turn / max(np.linalg.norm(turn), 1e-300)
 
     def numbers(own: Pose, frame: Pose) -> FloatArray:
-        apart = relative.scale * own.camera_from_model.translation
-        apart = apart - frame.camera_from_model.translation
-        rotation = frame.camera_from_model.rotation.T @ own.camera_from_model.rotation
-        change = Rotation.from_matrix(rotation @ rigid.rotation.T).as_rotvec()
-        return np.array([np.linalg.norm(apart), math.degrees(axis @ (turn + change))])
+        a, b = own.camera_from_model, frame.camera_from_model
+        distance = np.linalg.norm(relative.scale * a.translation - b.translation)
+        change = Rotation.from_matrix(b.rotation.T @ a.rotation @ rigid.rotation.T).as_rotvec()
+        return np.array([distance, math.degrees(axis @ (turn + change))])
 
-    values, deviations = _propagate(scene, [index, other], numbers, view)
-    sure = [] if deviations is None else deviations.tolist()
+    values, deviations = _propagate(scene, [index, other], numbers, 0)
     names = ("distance", "degrees", "distance_std", "degrees_std")
-    return {
-        "quaternion_wxyz": rigid.as_quaternion().tolist(),
-        "translation": rigid.translation.tolist(),
-        "scale": relative.scale,
-        **dict(zip(names, [*values.tolist(), *sure], strict=False)),
-    }
+    known = [*values.tolist(), *(() if deviations is None else deviations.tolist())]
+    quaternion, translation = rigid.as_quaternion().tolist(), rigid.translation.tolist()
+    vectors = {"quaternion_wxyz": quaternion, "translation": translation, "scale": relative.scale}
+    return {**vectors, **dict(zip(names, known, strict=False))}
 
 
 def _propagate(

@@ -11,7 +11,7 @@ from poseviewer.app.page.measuring import distance_text
 from poseviewer.app.state.dragging import pins_in_photo
 from poseviewer.app.state.hiding import HIDING
 from poseviewer.app.state.marking import MARKING, marks_in_photo
-from poseviewer.app.state.measuring import POINTS, measured_pixels
+from poseviewer.app.state.measuring import measured_pixels
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
@@ -89,7 +89,7 @@ def _measured(session: Session) -> Iterator[str]:
     pixels = measured_pixels(session)
     for number, pixel in enumerate(pixels, 1):
         yield _at(pixel, f'{CROSS}<text x="6" y="-6">{number}</text>', MARK_COLOUR)
-    if len(pixels) == POINTS:
+    if len(pixels) > 1:
         yield _lines(np.array([pixels]), MARK_COLOUR)
         label = f'<text y="22" text-anchor="middle">{escape(distance_text(session))}</text>'
         yield _at(np.mean(pixels, axis=0), label)

@@ -143,8 +143,8 @@ def _row(numbers: FloatArray) -> str:
 
 
 def with_deviation(value: float, deviation: float | None) -> str:
-    """A number with its deviation, to two digits of it; without one to ``DIGITS`` digits."""
-    if deviation is None:
+    """A number with its deviation, to two digits of it; without one, or by 0, to ``DIGITS``."""
+    if not deviation:
         return np.format_float_positional(value, DIGITS, fractional=False, trim="-")
     text = short(deviation)
     return f"{value:.{len(text.partition('.')[2])}f} ± {text}"

@@ -10,9 +10,6 @@ from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.starts.measuring import measure_point
 
-POINTS = 2
-"""Points of a measurement."""
-
 
 @edit
 def toggle_measuring(session: Session) -> Session:
@@ -27,8 +24,8 @@ def press_point(session: Session, x: Px, y: Px) -> Session:
     if measure_point(document.scene, pixel, document.at) is None:
         raise QuickStartError("There is no model there to measure; press a point of one.")
     before = measured_pixels(session)
-    kept = before if len(before) < POINTS else ()
-    return replace(session, measured=tuple((document.photo, own) for own in (*kept, pixel)))
+    pixels = (*before, pixel) if len(before) == 1 else (pixel,)
+    return replace(session, measured=tuple((document.photo, own) for own in pixels))
 
 
 def measured_pixels(session: Session) -> tuple[FloatArray, ...]:

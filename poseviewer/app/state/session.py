@@ -56,8 +56,8 @@ class Display:
     """Pair of parameters whose map is open large."""
     mapped_loss: MappedLoss = "chosen"
     """Loss that is mapped: that of the settings, one by its name, or both."""
-    relative_to: int = 0
-    """Number of the object in whose frame the active one's pose is shown as well; 0: of none."""
+    relative_to: str = ""
+    """Label of the object in whose frame the active one's pose is shown as well; "": of none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

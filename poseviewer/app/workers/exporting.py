@@ -142,15 +142,15 @@ def _converted(what: str, session: Session, unit: str | None) -> dict[str, bytes
 
 def _relative_poses(own: Document) -> dict[str, bytes]:
     """The active object's pose in the frame of every other one (JSON)."""
-    name, objects = f"{Path(own.photo.name).stem}{CONVERTED[RELATIVE]}", own.scene.objects
-    placed = [index for index, item in enumerate(objects) if item.is_placed]
-    if own.active not in placed or len(placed) == 1:
-        raise SettingsError("relative poses are between objects that are placed; add another one")
+    name, placed = Path(own.photo.name).stem + CONVERTED[RELATIVE], own.object.is_placed
+    others = [(i, item) for i, item in enumerate(own.scene.objects) if item.is_placed and placed]
     poses = [
-        {"frame": label_of(objects[i]), **measure_relative(own.scene, own.active, i, own.at)}
-        for i in placed
+        {"frame": label_of(item), **measure_relative(own.scene, own.active, i)}
+        for i, item in others
         if i != own.active
     ]
+    if not poses:
+        raise SettingsError("relative poses are between objects that are placed; add another one")
     data = {"object": label_of(own.object), "unit": own.mesh.unit, "poses": poses}
     return {name: json_bytes(Path(name), data, SettingsError)}
 
