@@ -19,7 +19,7 @@ from poseviewer.fit import progress, search, slices, stages, view_results, visib
 from poseviewer.geometry import camera, transform
 from poseviewer.optimise import protocol
 from poseviewer.scene import assets, settings, types
-from poseviewer.starts import instances, loading
+from poseviewer.starts import instances, loading, measuring
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "api.md"
 HEAD = """# API reference
@@ -51,6 +51,7 @@ CONTENT: tuple[tuple[ModuleType, str], ...] = (
     (pose_file, "PoseRecord load_pose save_pose"),
     (scene_json, "load_scene save_scene as_saved"),
     (photo_sets, "SetChoice LoadedViews load_views"),
+    (measuring, "measure_point MeasuredPoint measure_distance measure_relative"),
     (errors, "PoseViewerError"),
 )
 """Modules and their public names, in the page's order."""

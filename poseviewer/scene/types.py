@@ -253,6 +253,32 @@ class Scene:
         """Return an object's mesh at its pose in a view."""
         return PlacedModel(self.objects[index].mesh, self.pose(index, view))
 
+    def covariance(self, index: int, view: int = 0) -> PoseCovariance | None:
+        """The covariance of an object's pose in a view; None where no search has said it."""
+        item, result = self.objects[index], self.objects[index].result
+        if result is None or result.covariance is None or result.view == view:
+            return None if result is None else result.covariance
+        world_from_view = self.views[result.view].camera_from_world.inverse()
+        motion = self.views[view].camera_from_world @ world_from_view
+        motion = replace(motion, translation=motion.translation / item.world_from_model.scale)
+        return result.covariance.in_view_of(motion, self.pose(index, view), item.mesh)
+
+    def relative_pose(self, index: int, other: int) -> Similarity:
+        """The pose of an object in another's frame, in the other model's unit.
+
+        Raises:
+            SettingsError: the projection is parallel.
+        """
+        if isinstance(self.views[0].camera, Parallel):
+            raise SettingsError(
+                "the projection is parallel: it does not tell how far one object is behind "
+                "another; choose a perspective camera."
+            )
+        own, frame = (self.objects[i].world_from_model for i in (index, other))
+        rigid = frame.rigid.inverse() @ own.rigid
+        rigid = replace(rigid, translation=rigid.translation / frame.scale)
+        return Similarity(rigid, own.scale / frame.scale)
+
     def in_view(self, index: int, view: int = 0) -> InView:
         """Return the settings of an object in a view alone."""
         own = self.objects[index].in_views

@@ -2,14 +2,17 @@
 
 from collections.abc import Iterator
 from contextlib import suppress
+from html import escape
 
 import numpy as np
 
 from poseviewer.app.page.controls import jpeg_url, on_press
+from poseviewer.app.page.measuring import distance_text
 from poseviewer.app.state.document import stands
 from poseviewer.app.state.dragging import pins_in_photo
 from poseviewer.app.state.hiding import HIDING
 from poseviewer.app.state.marking import MARKING, marks_in_photo
+from poseviewer.app.state.measuring import measured_pixels
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
@@ -47,6 +50,8 @@ def handles_of(session: Session) -> str:
     ]
     if session.tool in MARKING:
         drawn += () if alone else _marks(session)
+    elif session.tool == "measure":
+        drawn += () if alone else _measured(session)
     elif session.tool not in HIDING and not alone and stands(document.object):
         drawn += _pins(session)
     return "".join(drawn)
@@ -85,6 +90,17 @@ def _marks(session: Session) -> Iterator[str]:
     for i, place in enumerate(model):
         label = f'<text x="4" y="-4">{i + 1}</text>' if i < len(photo) else ""
         yield _at(place, DIAMOND, MODEL_MARK_COLOUR) + (label and _at(photo[i], label))
+
+
+def _measured(session: Session) -> Iterator[str]:
+    """Numbered crosses at the measured pixels, a line between two, and their distance."""
+    pixels = measured_pixels(session)
+    for number, pixel in enumerate(pixels, 1):
+        yield _at(pixel, f'{CROSS}<text x="6" y="-6">{number}</text>', MARK_COLOUR)
+    if len(pixels) > 1:
+        yield _lines(np.array([pixels]), MARK_COLOUR)
+        label = f'<text y="22" text-anchor="middle">{escape(distance_text(session))}</text>'
+        yield _at(np.mean(pixels, axis=0), label)
 
 
 def model_html(session: Session) -> str:

@@ -19,6 +19,7 @@ from PIL import Image
 
 from poseviewer.app.page.controls import Controls, data_url, kept, on_press, plain
 from poseviewer.app.page.handles import model_html
+from poseviewer.app.page.measuring import add_relative, measurement_html
 from poseviewer.app.page.result import result_html
 from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.results import Landscape
@@ -233,7 +234,9 @@ def add_maps(controls: Controls) -> None:
     gui = controls.gui
     alone = lambda s: (s.results.alone, s.marks_model, s.document.marks)  # noqa: E731
     controls.html(kept(alone, model_html))
+    controls.html(measurement_html)
     controls.html(result_html)
+    add_relative(controls)
     maps = gui.add_html("")
 
     def shown(session: Session) -> tuple[object, ...]:

@@ -408,6 +408,7 @@ def add_judging(controls: Controls) -> None:
     opacity = gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8)
     controls.bind(opacity, "display", "opacity", visible=lambda s: s.display.style == "solid")
     controls.bind(gui.add_checkbox(ACTIONS["blink"].label(), False), "display", "photo_alone")
+    controls.action("measure", lambda s: s.tool == "measure", icon="ruler-measure")
 
 
 def add_saving(controls: Controls) -> None:

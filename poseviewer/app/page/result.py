@@ -66,7 +66,7 @@ def result_html(session: Session) -> str:
     source = source_of(document.photo, document.pose.camera)
     left, right = [], []
     for name, value in numbers.items():
-        text = _with(value, deviations.get(name)) + _unit_text(session, name, value)
+        text = with_deviation(value, deviations.get(name)) + _unit_text(session, name, value)
         if source and name in FOLLOW_FOCAL[-1 if source != "assumed" else 0 :]:
             word = source if name == "focal" else ""
             mark = word + "*" * (source == "assumed")
@@ -130,9 +130,9 @@ def _row(numbers: FloatArray) -> str:
     return " ".join(map(repr, numbers.tolist()))
 
 
-def _with(value: float, deviation: float | None) -> str:
-    """A number with its deviation, to two digits of it; without one to ``DIGITS`` digits."""
-    if deviation is None:
+def with_deviation(value: float, deviation: float | None) -> str:
+    """A number with its deviation, to two digits of it; without one, or by 0, to ``DIGITS``."""
+    if not deviation:
         return np.format_float_positional(value, DIGITS, fractional=False, trim="-")
     text = short(deviation)
     return f"{value:.{len(text.partition('.')[2])}f} ± {text}"

@@ -39,6 +39,7 @@ TOOL_HINTS = {
     f"edge{DRAWING_ENDS}",
     "part": "<b>Part:</b> press a part of the model that is to be left out &nbsp;·&nbsp; "
     f"2 shows it solid{ENDS}",
+    "measure": f"<b>Measure:</b> press two points of models; a third starts anew{ENDS}",
     "region": "drag a rectangle on the photo &nbsp;·&nbsp; Esc: leave it",
     "box": "drag a rectangle about the object: the model goes there, and starting poses will be "
     "proposed &nbsp;·&nbsp; Esc: leave it",

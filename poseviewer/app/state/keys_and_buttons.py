@@ -9,6 +9,7 @@ from poseviewer.app.state.document_edits import redo, undo
 from poseviewer.app.state.edits import Edit, ReviewRow, SavePose, ShowHelp
 from poseviewer.app.state.hiding import hide_found, toggle_hiding, unhide
 from poseviewer.app.state.marking import clear_marks, remove_mark
+from poseviewer.app.state.measuring import toggle_measuring
 from poseviewer.app.state.objects import add_object
 from poseviewer.app.state.pointer_edits import cancel_drag, set_tool
 from poseviewer.app.state.pose_edits import NudgeKind, make_start, nudge, reset_to_start
@@ -36,7 +37,7 @@ NUDGES: Mapping[tuple[str, str], tuple[NudgeKind, float, float]] = {
 CODES = {"space": "Space", "Esc": "Escape", "?": "?", "page up": "PageUp", "page down": "PageDown"}
 """``event.code`` (of ``?`` ``event.key``) of keys that are neither letters, digits nor arrows."""
 
-LEFT_WITH_CTRL = tuple("FRBHAXNP123450")
+LEFT_WITH_CTRL = tuple("FRBHMAXNP123450")
 """Keys that the browser has while ctrl is held: find, reload, and so on."""
 
 BOX = "Draw a rectangle about the object; starting poses are proposed there"
@@ -45,6 +46,7 @@ SEARCH = "Start, stop the search"
 HIDE = "Hide what is in front: wheel brush size, alt erase"
 HIDE_FOUND = "Hide what the search took for something in front, to be corrected"
 COMPARE = "Search from the start by one loss, then by the other, and set the ends side by side"
+MEASURE = "Measure points of models, and the distance of two"
 REGION, DRAWING = "Compare what lies in a rectangle alone", "Drag on the photo ..."
 END = "Let go, leave a tool, stop what is looked for or read"
 
@@ -116,6 +118,7 @@ ACTIONS: Mapping[str, Action] = {
     "clear region": Action(clear_region(), "Fit", "Clear the region", "Compare the whole photo"),
     **{style: Action(show_style(style), "Judge", "", "", key) for key, style in STYLES.items()},
     "blink": Action(toggle_model(), "Judge", "Photo alone", "Blink: photo, model", "B"),
+    "measure": Action(toggle_measuring(), "Judge", "Measure", MEASURE, "M", "Done measuring"),
     "save": Action(SavePose(), "Save", "Save pose", "Save the pose", "S, ctrl S"),
     "end": Action(cancel_drag(), "Place", "", END, "Esc"),
     "help": Action(ShowHelp(), "Open", "Keys and mouse", "", "?"),

@@ -16,6 +16,7 @@ from poseviewer.app.state.dragging import (
 from poseviewer.app.state.edits import Edit, Px, Zoom, drag_edit, edit
 from poseviewer.app.state.hiding import HIDING, leave_out
 from poseviewer.app.state.marking import MARKING, hold_mark, mark_at, remove_mark, solved, with_mark
+from poseviewer.app.state.measuring import press_point
 from poseviewer.app.state.pose_edits import put
 from poseviewer.app.state.proposal_edits import propose_starts
 from poseviewer.app.state.session import Session, is_in_sight
@@ -25,7 +26,9 @@ from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.starts.placing import fit_into_rectangle, surface_point
 from poseviewer.vehicle.chart import VehicleChart
 
-Tool = Literal["pose", "region", "box", "pairs", "wheels", "brush", "polygon", "scribble", "part"]
+Tool = Literal[
+    "pose", "region", "box", "pairs", "wheels", "brush", "polygon", "scribble", "part", "measure"
+]
 MAX_PINS = 3
 MAX_INPUT = 1e9
 """Largest number (px, steps, parameters) that is no mistake; larger ones would overflow."""
@@ -52,6 +55,8 @@ def press(
     tool = session.tool
     if tool == "part":
         return leave_out(x, y)(session)
+    if tool == "measure":
+        return press_point(x, y)(session)
     if tool in MARKING:
         mark = mark_at(document, tool, point, zoom)
         if mark is None:
@@ -129,7 +134,7 @@ def double_press(session: Session, x: Px, y: Px, zoom: Zoom = 1.0) -> Session:
     document = session.document
     point = np.array([x, y])
     tool = session.tool
-    if tool in HIDING:
+    if tool in (*HIDING, "measure"):
         return session
     if tool in MARKING:
         mark = mark_at(document, tool, point, zoom)

@@ -20,6 +20,7 @@ from poseviewer.errors import SettingsError
 from poseviewer.fit.progress import SearchProgress
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.settings import LOSSES, FitSettings, LossName, settings_as_json
@@ -56,6 +57,8 @@ class Display:
     """Pair of parameters whose map is open large."""
     mapped_loss: MappedLoss = "chosen"
     """Loss that is mapped: that of the settings, one by its name, or both."""
+    relative_to: str = ""
+    """Label of the object in whose frame the active one's pose is shown as well; "": of none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,6 +72,8 @@ class Session:
     tool: str = "pose"
     drag: Drag | None = None
     """Part of the model or photo that the pointer holds."""
+    measured: tuple[tuple[Photo, FloatArray], ...] = ()
+    """Photos and pixels (2,) that the tool ``measure`` has pressed last, at most two."""
     pen: Pen = field(default_factory=Pen)
     display: Display = field(default_factory=Display)
     search: SearchRequest | None = None
@@ -115,15 +120,7 @@ class Session:
 
     def covariance_in(self, view_index: int) -> PoseCovariance | None:
         """Covariance of the active object's pose in a view; None where no search has said it."""
-        own, result = self.document, self.document.object.result
-        if result is None or result.covariance is None or result.view == view_index:
-            return None if result is None else result.covariance
-        views = own.scene.views
-        motion = views[view_index].camera_from_world
-        motion = motion @ views[result.view].camera_from_world.inverse()
-        shift = motion.translation / own.object.world_from_model.scale
-        pose = own.scene.pose(own.active, view_index)
-        return result.covariance.in_view_of(RigidTransform(motion.rotation, shift), pose, own.mesh)
+        return self.document.scene.covariance(self.document.active, view_index)
 
     @property
     def is_searching(self) -> bool:

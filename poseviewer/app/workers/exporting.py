@@ -22,17 +22,22 @@ from poseviewer.files.masks import mask_as_png, mask_path
 from poseviewer.files.pose import pose_bytes
 from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.files.state.uploads import safe_path
+from poseviewer.files.writing import json_bytes
 from poseviewer.render.overlay.styles import SOLID_OPACITY, Picture
 from poseviewer.scene.settings import settings_as_json
 from poseviewer.scene.types import ChartParameters, Scene, SearchResult
+from poseviewer.starts.measuring import measure_relative
 
 Export = Literal["pose", "overlay", "sheet", "maps-npz"] | str
 """Name of a download of the page, or a key of ``CONVERTED``."""
+RELATIVE = "relative poses"
+"""Name of the active object's poses in the frames of all others."""
 CONVERTED = {
     **{name: known.ending for name, known in FORMATS.items() if not known.is_own},
     "masks, depth, normals": "",
+    RELATIVE: ".relative.json",
 }
-"""Other tools' formats, and the ending of each; "": a folder."""
+"""Other tools' formats, pictures, relative poses, and the ending of each; "": a folder."""
 MAX_STEM_LETTERS = 90
 """Bytes of a photo's and a model's name each: file systems take 255 in all."""
 
@@ -87,6 +92,8 @@ def export(what: Export, session: Session, unit: str = "") -> dict[str, bytes]:
     yet, or a format wants to know the unit.
     """
     own = session.document
+    if what == RELATIVE:
+        return _relative_poses(own)
     if what in CONVERTED:
         return _converted(what, session, unit if unit in METRES else None)
     view = filed_view(own) if what == "pose" else own.at
@@ -144,6 +151,21 @@ def _converted(what: str, session: Session, unit: str | None) -> dict[str, bytes
             for path in files:
                 archive.write(path, path.relative_to(folder))
         return {f"{stem}.{what.partition(',')[0]}.zip": memory.getvalue()}
+
+
+def _relative_poses(own: Document) -> dict[str, bytes]:
+    """The active object's pose in the frame of every other one (JSON)."""
+    name, placed = Path(own.photo.name).stem + CONVERTED[RELATIVE], own.object.is_placed
+    others = [(i, item) for i, item in enumerate(own.scene.objects) if item.is_placed and placed]
+    poses = [
+        {"frame": label_of(item), **measure_relative(own.scene, own.active, i)}
+        for i, item in others
+        if i != own.active
+    ]
+    if not poses:
+        raise SettingsError("relative poses are between objects that are placed; add another one")
+    data = {"object": label_of(own.object), "unit": own.mesh.unit, "poses": poses}
+    return {name: json_bytes(Path(name), data, SettingsError)}
 
 
 def picture_of(

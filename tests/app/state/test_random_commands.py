@@ -23,7 +23,7 @@ from tests.app.state.documents import HEIGHT, WIDTH, make_session
 COMMANDS = 80
 """Of a sequence: undo reaches back farther."""
 NUMBERS = "rotation_x", "shift_y", "log_depth", "log_focal"
-TOOLS = "pose", "region", "box", "pairs", "wheels", "brush", "part"
+TOOLS = "pose", "region", "box", "pairs", "wheels", "brush", "part", "measure"
 
 
 def make_command(chance: random.Random) -> Edit:

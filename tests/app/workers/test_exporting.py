@@ -9,7 +9,7 @@ import pytest
 from poseviewer.app.state.objects import add_object, alter_object, pick_object
 from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.exporting import CONVERTED, export
+from poseviewer.app.workers.exporting import CONVERTED, RELATIVE, export
 from poseviewer.app.workers.opening import open_files
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.formats.known_formats import FORMATS
@@ -20,11 +20,11 @@ OF_ONE_UNIT = ("bop", "dope", "linemod")
 
 def test_every_format_of_convert_is_there():
     own = {name for name, known in FORMATS.items() if known.is_own}
-    assert set(CONVERTED) - set(FORMATS) == {"masks, depth, normals"}
+    assert set(CONVERTED) - set(FORMATS) == {"masks, depth, normals", RELATIVE}
     assert set(FORMATS) - own == set(CONVERTED) & set(FORMATS)
 
 
-@pytest.mark.parametrize("what", [name for name in CONVERTED if name not in OF_ONE_UNIT])
+@pytest.mark.parametrize("what", sorted({*CONVERTED} - {*OF_ONE_UNIT, RELATIVE}))
 def test_a_pose_is_sent_in_every_format(scene, what):
     document = open_files(scene.photo, scene.model, scene.start)
     ((name, data),) = export(what, Session(document)).items()

@@ -1,0 +1,35 @@
+"""The tool that measures: pixels are pressed, and what is seen there follows from the poses."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from poseviewer.app.state.edits import Px, edit
+from poseviewer.app.state.session import Session
+from poseviewer.errors import QuickStartError
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.starts.measuring import measure_point
+
+
+@edit
+def toggle_measuring(session: Session) -> Session:
+    """Take the tool that measures, with nothing measured, or put it away."""
+    return replace(session, tool="pose" if session.tool == "measure" else "measure", measured=())
+
+
+@edit
+def press_point(session: Session, x: Px, y: Px) -> Session:
+    """Measure the surface at a point of the photo, and its distance from the point before."""
+    document, pixel = session.document, np.array([x, y])
+    if measure_point(document.scene, pixel, document.at) is None:
+        raise QuickStartError("There is no model there to measure; press a point of one.")
+    before = measured_pixels(session)
+    pixels = (*before, pixel) if len(before) == 1 else (pixel,)
+    return replace(session, measured=tuple((document.photo, own) for own in pixels))
+
+
+def measured_pixels(session: Session) -> tuple[FloatArray, ...]:
+    """Pixels (2,) of the large photo that are measured, while the tool is in use."""
+    if session.tool != "measure":
+        return ()
+    return tuple(pixel for photo, pixel in session.measured if photo is session.document.photo)
