@@ -22,7 +22,6 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.settings import LOSSES, FitSettings, LossName, settings_as_json
 from poseviewer.scene.types import Scene
 
