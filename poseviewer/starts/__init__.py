@@ -1,1 +1,1 @@
-"""Scenes from files, and start poses from a rectangle, point pairs or wheels."""
+"""Scenes from files, start poses from a rectangle, point pairs or wheels, and measurements."""
