@@ -103,10 +103,10 @@ def other_proportions(
     """
     with closing(StretchProbe(problem, renderer, pose, threads)) as probe:
         size = len(probe.motions)
-        free = block_diag(np.eye(size), STRETCHES.T)
+        free = EDGE * np.asarray(block_diag(np.eye(size), STRETCHES.T), dtype=float)
         (own, least), *_ = probe.descend([(np.zeros(size), OWN_EDGE, OWN_EVALUATIONS)])
         start = np.append(own, np.zeros(3))
-        (end, other), *_ = probe.descend([(start, EDGE * free, EVALUATIONS)])
+        (end, other), *_ = probe.descend([(start, free, EVALUATIONS)])
         # Logarithm of each axis' stretch, above the mean of the two others.
         longer = 1.5 * end[size:]
         axis = int(np.argmax(np.abs(longer)))
