@@ -6,7 +6,6 @@ the model's axes explains the photo better than any motion does.
 
 from contextlib import closing
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -15,6 +14,7 @@ from poseviewer.fit.probing import Probe
 from poseviewer.fit.problem import FitProblem
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.normals import face_normals_and_areas
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.attributes import Renderer
@@ -28,28 +28,22 @@ EDGE = 0.08
 EVALUATIONS = 150
 """Edge and length of the descent from there with its proportions free."""
 MIN_GAIN = 0.08
-"""Loss that better proportions gain at least: right models gain less."""
+"""Difference of loss that tells proportions apart: right models gain less by others."""
 MIN_STRETCH = 0.045
 """Logarithm of the stretch of one axis beside the others that counts as other proportions."""
 GIVEN_STRETCH = 0.2
 """Logarithm of the stretch of one axis that is tried, whether the free descent takes it or not."""
 GIVEN_EVALUATIONS = 30
 """Length of the descent of the model with a given stretch."""
-ALIKE_LOSS = 0.06
-"""Rise of the loss within which a stretched model explains the photo as well."""
 
 
 class StretchProbe(Probe):
     """A probe whose steps may have three more numbers: logarithms of stretches of the model."""
 
-    @cached_property
-    def fixed_point(self) -> FloatArray:
-        """(3,): the middle of what faces the camera, which a stretch leaves where it is."""
-        mesh, place = self.mesh, self.chart.start.camera_from_model
-        normals, areas = face_normals_and_areas(mesh.vertices, mesh.faces)
-        middles = mesh.vertices[mesh.faces].mean(axis=1)
-        facing = areas * np.maximum(-normals @ (place.apply(mesh.centre) @ place.rotation), 0.0)
-        return facing @ middles / facing.sum() if facing.any() else mesh.centre
+    def __init__(self, problem: FitProblem, renderer: Renderer, pose: Pose, threads: int) -> None:
+        super().__init__(problem, renderer, pose, threads)
+        self.fixed_point = self.chart.centre
+        """(3,): the point of the model that a stretch leaves where it is."""
 
     def pose(self, step: FloatArray) -> Pose:
         """The pose at a step; its "rotation" stretches the model as well."""
@@ -87,6 +81,16 @@ class OtherProportions:
         return f"A model {stretch} {along} would fit as well: this photo does not tell."
 
 
+def middle_facing(mesh: Mesh, pose: Pose) -> FloatArray:
+    """Return the middle (3,) of what faces the camera: stretched about it, that stays in sight."""
+    normals, areas = face_normals_and_areas(mesh.vertices, mesh.faces)
+    camera_from_model = pose.camera_from_model
+    towards = -camera_from_model.apply(mesh.centre) @ camera_from_model.rotation
+    facing = areas * np.maximum(normals @ towards, 0.0)
+    middles = mesh.vertices[mesh.faces].mean(axis=1)
+    return facing @ middles / facing.sum() if facing.any() else mesh.centre
+
+
 def other_proportions(
     problem: FitProblem, renderer: Renderer, pose: Pose, threads: int
 ) -> OtherProportions | None:
@@ -112,12 +116,13 @@ def other_proportions(
         axis = int(np.argmax(np.abs(longer)))
         if least - other >= MIN_GAIN and abs(longer[axis]) >= MIN_STRETCH:
             return OtherProportions(axis, float(longer[axis]), is_better=True)
+        probe.fixed_point = middle_facing(probe.mesh, pose)
         given = GIVEN_STRETCH * np.vstack([np.eye(3), -np.eye(3)])
         starts = [np.append(own, stretch) for stretch in given]
         edges = OWN_EDGE * np.eye(size + 3, size)  # the stretch stays
         ends = probe.descend([(start, edges, GIVEN_EVALUATIONS) for start in starts])
     losses = [loss for _, loss in ends]
     best = int(np.argmin(losses))
-    if losses[best] - least > ALIKE_LOSS:
+    if losses[best] - least > MIN_GAIN:
         return None
     return OtherProportions(best % 3, float(given[best].sum()), is_better=False)
