@@ -34,8 +34,12 @@ def load_scene_jobs(
     scene: Path, out: Path, settings: FitSettings, models: Path | None, objects: Sequence[int]
 ) -> tuple[Job, ...]:
     """The rows of a scene's ``objects`` (empty: all with poses); starts are saved in ``out``."""
-    if settings.free_focal:
-        raise BatchError("--free-focal with a BOP scene, whose cameras are known; leave it out.")
+    for flag, is_free in (
+        ("--free-focal", settings.free_focal),
+        ("--free-principal-point", settings.free_principal_point),
+    ):
+        if is_free:
+            raise BatchError(f"{flag} with a BOP scene, whose cameras are known; leave it out.")
     if models is None:
         raise BatchError(f"{scene.name}: a BOP scene; add --models FOLDER, of obj_000001.ply ...")
     if not models.is_dir():

@@ -13,7 +13,7 @@ from poseviewer.fit.compared_pixels import ComparedView, compared_view
 from poseviewer.fit.loss import LossScale
 from poseviewer.fit.visibility import Hiding, hiding
 from poseviewer.geometry.arrays import FloatArray, freeze_array
-from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
@@ -182,7 +182,8 @@ def make_problem(
                 "(--scale)."
             )
         pose, keypoints = scene.pose(index, order[0]), item.model.keypoints
-        chart, note = choose_chart(settings.chart, item.mesh, keypoints, pose, settings.free_focal)
+        free = settings.free_focal, settings.free_principal_point
+        chart, note = choose_chart(settings.chart, item.mesh, keypoints, pose, *free)
         charts, start = [chart], chart.from_pose(pose)
         notes += [f"the free-body chart is used: {note}."] if note else []
     else:
@@ -243,6 +244,7 @@ def _view_charts(scene: Scene, index: int, order: Sequence[int]) -> list[ViewCha
     scale, charts = 1.0 / one.world_from_model.scale, []
     cameras = list(dict.fromkeys(scene.views[number].camera for number in order))
     focals = len(cameras) if one.settings.free_focal else 0
+    principals = len(cameras) if one.settings.free_principal_point else 0
     for number in order:
         view, turn = scene.views[number], RigidTransform.identity()
         if not isinstance(view.camera, Perspective):
@@ -252,7 +254,7 @@ def _view_charts(scene: Scene, index: int, order: Sequence[int]) -> list[ViewCha
         if number != order[0]:
             motion = view.camera_from_world @ first.camera_from_world.inverse()
             turn = RigidTransform(motion.rotation, scale * motion.translation)
-        known = scene.free_scale, scale, focals, cameras.index(view.camera)
+        known = scene.free_scale, scale, focals, cameras.index(view.camera), principals
         charts.append(ViewChart(reference, view.camera, turn, *known))
     return charts
 
@@ -263,19 +265,26 @@ def choose_chart(
     keypoints: VehicleKeypoints | None,
     pose: Pose,
     free_focal: bool = False,
+    free_principal_point: bool = False,
 ) -> tuple[Chart, str]:
     """The chart about ``pose``, and why it is not the vehicle chart where it is not (or "").
 
     ``auto`` takes the vehicle chart where the model has key points and the pose is regular.
 
     Raises:
-        SettingsError: the vehicle chart is wanted of a model without key points.
+        SettingsError: the vehicle chart is wanted of a model without key points; the principal
+            point is wanted of a parallel projection, or without the vehicle chart.
         SingularChartError: the wanted chart has no parameters at the pose.
     """
+    if free_principal_point and isinstance(pose.camera, Parallel):
+        raise SettingsError(
+            "a parallel projection has no principal point to find; start from a perspective pose, "
+            "or leave --free-principal-point out."
+        )
     reason = "the model has no wheels that poseviewer knows of"
     if wanted != "free-body" and keypoints is not None:
         try:
-            return VehicleChart.near(keypoints, pose, free_focal), ""
+            return VehicleChart.near(keypoints, pose, free_focal, free_principal_point), ""
         except SingularChartError as error:
             if wanted == "vehicle":
                 raise SingularChartError(f"{error}; use --chart free-body") from error
@@ -284,6 +293,12 @@ def choose_chart(
         raise SettingsError(
             f"{reason}; the vehicle chart needs MODEL.keypoints.json beside the model, or parts "
             f"named like wheels; or use --chart free-body"
+        )
+    if free_principal_point:
+        raise SettingsError(
+            "--free-principal-point with one photo in the free-body chart: one photo of one object "
+            "cannot tell it from the object's direction; take several photos, or a car's chart, or "
+            "leave it out."
         )
     chart = FreeBodyChart.near(mesh, pose, free_focal)
     return chart, "" if wanted == "free-body" else reason

@@ -1,11 +1,12 @@
 """Search for objects of a scene: first searches, occlusion, verdicts, restarts, and turns.
 
-A search runs the stages (``fit.stages``) from the start, and again while the focal length moves
-far. It goes on without the pixels on which something else stands in front (``fit.occlusion``), and
-ends with a verdict on its pose. Unless that is trusted, it is continued from there, and at last
-from the pose turned about an axis of the model's own; such a pose is taken where the verdict allows
-it. Of a pose that is found the model's proportions are checked at last (``fit.proportions``). A
-start that is an estimate is given back where the end is not sure to be better.
+A search runs the stages (``fit.stages``) from the start, and again while focal length or principal
+point move far. It goes on without the pixels on which something else stands in front
+(``fit.occlusion``), and ends with a verdict on its pose. Unless that is trusted, it is continued
+from there, and at last from the pose turned about an axis of the model's own; such a pose is taken
+where the verdict allows it. Of a pose that is found the model's proportions are checked at last
+(``fit.proportions``). A start that is an estimate is given back where the end is not sure to be
+better.
 
 Which pixels objects hide of one another depends on all their poses, so their searches take turns:
 the object seen most goes first, and each is compared where those that stand firm leave it to be
@@ -44,8 +45,8 @@ from poseviewer.fit.progress import FitProgress, SearchProgress, Status
 from poseviewer.fit.proportions import other_proportions
 from poseviewer.fit.stages import StageMaker, fit_pose, make_stages
 from poseviewer.fit.visibility import Hiding, visibility
-from poseviewer.geometry.camera import Perspective, Pose
-from poseviewer.geometry.charts import LOG_FOCAL
+from poseviewer.geometry.camera import Perspective, Pose, principal_offset
+from poseviewer.geometry.charts import LOG_FOCAL, PRINCIPAL_POINT
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.pyramid.levels import visible_fraction
 from poseviewer.render.types import Renderer
@@ -61,7 +62,8 @@ OCCLUSION_PASSES, NEW_SHARE = 2, 0.03
 MAX_RUNS = 4
 """Runs of the stages before a verdict: what others hide settles after two mostly."""
 FOCAL_THRESHOLD = 0.02
-"""Share by which a run moves the focal length to be continued, where its spread is not known."""
+"""Share by which a run moves the focal length, and share of the photo by which it moves the
+principal point, to be continued, where their spread is not known."""
 LAST_MOVE_PERCENT = 1.0
 """Move of the model by a run's last models, by its size, from which they left their valley."""
 CHANGED = 0.05
@@ -434,12 +436,14 @@ def is_worse(after: FitProgress, before: FitProgress) -> bool:
 
 
 def is_focal_moved(before: Pose, end: FitProgress) -> bool:
-    """Whether a run from a pose has moved the focal length by more than its standard deviation, or
-    by more than ``FOCAL_THRESHOLD`` before a verdict; not by the paper's method.
+    """Whether a run from a pose has moved focal length or principal point by more than its standard
+    deviation, or by more than ``FOCAL_THRESHOLD`` before a verdict; not by the paper's method.
     """
-    cameras, known = (before.camera, end.pose.camera), end.covariance
-    focals = [camera.fx for camera in cameras if isinstance(camera, Perspective)]
-    is_searched = len(focals) == 2 and end.problem.settings.loss != "paper"
-    is_known = known is not None and known.extra == LOG_FOCAL
-    share = math.sqrt(known.matrix[6, 6]) if known and is_known else FOCAL_THRESHOLD
-    return is_searched and abs(math.log(focals[1] / focals[0])) > share
+    was, now, known = before.camera, end.pose.camera, end.covariance
+    are_perspective = isinstance(was, Perspective) and isinstance(now, Perspective)
+    if end.problem.settings.loss == "paper" or not are_perspective:
+        return False
+    moves = {LOG_FOCAL: math.log(now.fx / was.fx)}
+    moves |= zip(PRINCIPAL_POINT, principal_offset(was, now), strict=True)
+    shares = dict(zip(known.names, np.sqrt(np.diag(known.matrix)), strict=True)) if known else {}
+    return any(abs(move) > shares.get(name, FOCAL_THRESHOLD) for name, move in moves.items())

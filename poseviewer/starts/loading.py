@@ -219,10 +219,10 @@ def open_scene(scene: str | Path | Scene, settings: FitSettings | None = None) -
             not such an object or part; the models are in different units.
     """
     scene = scene if isinstance(scene, Scene) else load_scene(scene)
-    if settings is not None and settings.free_focal:
+    if settings is not None and settings.frees_camera:
         raise SettingsError(
-            "a free focal length with a scene, whose objects share one camera; leave it out, and "
-            "find it with one of them alone."
+            "a free focal length or principal point with a scene, whose objects share one camera; "
+            "leave it out, and find it with one of them alone."
         )
     if not scene.objects:
         name = scene.name or scene.views[0].name
