@@ -440,8 +440,8 @@ def is_focal_moved(before: Pose, end: FitProgress) -> bool:
     deviation, or by more than ``FOCAL_THRESHOLD`` before a verdict; not by the paper's method.
     """
     was, now, known = before.camera, end.pose.camera, end.covariance
-    are_perspective = isinstance(was, Perspective) and isinstance(now, Perspective)
-    if end.problem.settings.loss == "paper" or not are_perspective:
+    is_searched = end.problem.settings.loss != "paper"
+    if not (is_searched and isinstance(was, Perspective) and isinstance(now, Perspective)):
         return False
     moves = {LOG_FOCAL: math.log(now.fx / was.fx)}
     moves |= zip(PRINCIPAL_POINT, principal_offset(was, now), strict=True)

@@ -59,7 +59,6 @@ def test_the_covariance_is_the_same_by_any_chart(free_focal: bool, free_principa
         np.testing.assert_allclose(again.matrix, sure.matrix, rtol=1e-5, atol=1e-12)
         assert again.px == pytest.approx(sure.px, rel=1e-5)
     assert ("principal_px" in sure.deviations) == free_principal
-    assert ("focal_px" in sure.deviations) == free_focal
 
 
 def test_the_size_of_a_model_in_its_set_goes_with_its_pose() -> None:

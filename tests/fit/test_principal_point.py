@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from poseviewer.evaluation.photos import demo_photo
 from poseviewer.files.demo import demo_case
 from poseviewer.files.photo import load_photo, save_image
 from poseviewer.files.pose import load_pose
-from poseviewer.fit.problem import choose_chart, make_problem
+from poseviewer.fit.problem import choose_chart
 from poseviewer.fit.progress import SearchProgress
 from poseviewer.fit.search import Search
 from poseviewer.geometry.camera import Parallel, Pose, offset_principal, principal_offset
@@ -28,6 +29,7 @@ from tests.view_sets import CAMERA, MESH, TRUTH, write_views
 CUT = 160
 """Columns of the demo's 960 that are cut off: its middle is then a tenth of the width off."""
 FREE = FitSettings(free_principal_point=True)
+NAMES = ("principal_x", "principal_y")
 
 
 @pytest.mark.slow
@@ -56,16 +58,10 @@ def test_a_cropped_photo_of_a_car_tells_its_principal_point(tmp_path: Path) -> N
     assert known.covariance is not None
     assert known.covariance.deviations["sideways"] < free.covariance.deviations["sideways"]
     free.save(tmp_path / "pose.json")
-    saved, found = load_pose(tmp_path / "pose.json", *size), free.object.result
+    saved: Any = load_pose(tmp_path / "pose.json", *size)
     assert saved.pose.camera == free.pose.camera
-    assert saved.covariance is not None
-    assert saved.covariance.names[6:] == ("principal_x", "principal_y")
+    assert saved.covariance.names[6:] == saved.chart.names[6:] == NAMES
     assert saved.covariance.deviations == pytest.approx(free.covariance.deviations)
-    assert found is not None
-    assert saved.chart is not None
-    assert found.chart is not None
-    assert saved.chart.parameters == found.chart.parameters
-    assert saved.settings is not None
     assert saved.settings["free_principal_point"]
 
 
@@ -73,8 +69,7 @@ def find_by(settings: FitSettings) -> tuple[SearchProgress, Scene, float]:
     """End of a search in photos of wrong cameras, its scene and its largest error in them, px."""
     scene, renderer = make_scene(), SoftwareRenderer(MESH)
     wrong = offset_principal(CAMERA, -0.1, 0.05), offset_principal(CAMERA, 0.05, 0.0)
-    cameras = wrong[0], *wrong
-    pairs = zip(scene.views, cameras, strict=True)
+    pairs = zip(scene.views, (wrong[0], *wrong), strict=True)
     scene = replace(scene, views=tuple(replace(view, camera=camera) for view, camera in pairs))
     search = Search(scene.with_object(0, settings=settings), {0: renderer}, threads=2)
     *_, end = search.run()
@@ -85,21 +80,19 @@ def find_by(settings: FitSettings) -> tuple[SearchProgress, Scene, float]:
 
 @pytest.mark.slow
 def test_several_photos_tell_the_principal_points_of_their_cameras() -> None:
-    names = ("principal_x", "principal_y", "principal_x_2", "principal_y_2")
     known_px = find_by(FitSettings())[2]
     for free_focal in (False, True):
         end, scene, px = find_by(replace(FREE, free_focal=free_focal))
         chart, joint = end.problem.chart, end.progress.covariance
-        assert chart.names[-4:] == names
+        assert chart.names[-4:] == (*NAMES, "principal_x_2", "principal_y_2")
         assert px < min(1.0, 0.1 * known_px)
         assert scene.views[0].camera == scene.views[1].camera != scene.views[2].camera
         off = [principal_offset(CAMERA, view.camera) for view in scene.views]
         assert np.abs(off).max() < (0.06 if free_focal else 0.03)  # off by 0.1 at the start
         assert joint is not None
-        assert joint.names[6:] == (*(["log_focal"] if free_focal else []), *names[:2])
+        assert joint.names[6:] == (*(["log_focal"] if free_focal else []), *NAMES)
         assert np.abs(off[0] * np.array([320, 240])).max() < 2 * joint.deviations["principal_px"]
-        index = chart.names.index("principal_x")
-        own = np.sqrt(joint.in_chart(chart)[index, index])
+        own = np.sqrt(np.diag(joint.in_chart(chart))[-4])
         assert 0.0 < 320 * own <= 1.001 * joint.deviations["principal_px"] < 40.0
 
 
@@ -107,28 +100,20 @@ def test_a_scene_file_keeps_the_principal_point(tmp_path: Path) -> None:
     views, model, start = write_views(tmp_path)
     end = load(views, model, start, FREE).fit(evaluations=60)
     end.save(tmp_path / "found.scene.json")
-    again = load(tmp_path / "found.scene.json")
+    again: Any = load(tmp_path / "found.scene.json")
     found = [view.camera for view in end.views]
-    assert [view.camera for view in again.views] == found
-    assert principal_offset(CAMERA, found[0]) != (0.0, 0.0)
-    assert again.object.result is not None
+    assert [view.camera for view in again.views] == found != [CAMERA] * 3
     assert again.object.result.settings["free_principal_point"]
 
 
 def test_what_cannot_tell_a_principal_point_is_refused() -> None:
     pose = pose_turned(20.0)
-    for chart, keypoints in (("free-body", CAR), ("auto", None)):
-        with pytest.raises(SettingsError, match="one photo of one object cannot tell"):
-            choose_chart(chart, MESH, keypoints, pose, free_principal_point=True)
     parallel = replace(pose, camera=Parallel(40.0, 320.0, 240.0, 640, 480))
-    with pytest.raises(SettingsError, match="no principal point to find"):
-        choose_chart("auto", MESH, CAR, parallel, free_principal_point=True)
+    of_one = "one photo of one object cannot tell"
+    for keypoints, at, words in ((None, pose, of_one), (CAR, parallel, "no principal point")):
+        with pytest.raises(SettingsError, match=words):
+            choose_chart("auto", MESH, keypoints, at, free_principal_point=True)
+    with pytest.raises(SettingsError, match=of_one):
+        choose_chart("free-body", MESH, CAR, pose, free_principal_point=True)
     chart, _ = choose_chart("auto", MESH, CAR, pose, free_principal_point=True)
-    assert chart.names[6:] == ("principal_x", "principal_y")
-
-
-def test_a_held_half_of_it_stays() -> None:
-    settings = replace(FREE, lock=("principal_y",))
-    problem, _ = make_problem(make_scene().with_object(0, settings=settings))
-    (index,) = set(range(len(problem.start))) - set(problem.free_indices)
-    assert problem.chart.names[index] == "principal_y"
+    assert chart.names[6:] == NAMES

@@ -20,6 +20,7 @@ from tests.meshes import make_box
 SEEDS = st.integers(0, 2**32 - 1)
 PARALLEL = Parallel(150.0, 310.0, 255.0, 640, 480)
 PERSPECTIVE = Perspective(700.0, 690.0, 310.0, 255.0, 640, 480)
+FREE_BODIES = [(PARALLEL, (0, 0)), *((PERSPECTIVE, (a, b)) for a in (0, 1) for b in (0, 1))]
 CAMERAS = pytest.mark.parametrize("camera", [PARALLEL, PERSPECTIVE], ids=["parallel", "pinhole"])
 
 
@@ -171,13 +172,7 @@ def make_free_body(random, camera, free_focal=False, free_principal=False):
 
 
 @pytest.mark.parametrize("size", [1e-12, 1e-6, 0.1, 0.9])
-@pytest.mark.parametrize(
-    ("camera", "free"),
-    [
-        (PARALLEL, (False, False)),
-        *((PERSPECTIVE, (a, b)) for a in (False, True) for b in (False, True)),
-    ],
-)
+@pytest.mark.parametrize(("camera", "free"), FREE_BODIES)
 @given(seed=SEEDS)
 @settings(deadline=None, max_examples=40)
 def test_free_body_round_trip(camera, free, size, seed):
@@ -195,13 +190,7 @@ def test_free_body_round_trip(camera, free, size, seed):
     assert len(chart.names) == count
 
 
-@pytest.mark.parametrize(
-    ("camera", "free"),
-    [
-        (PARALLEL, (False, False)),
-        *((PERSPECTIVE, (a, b)) for a in (False, True) for b in (False, True)),
-    ],
-)
+@pytest.mark.parametrize(("camera", "free"), FREE_BODIES)
 @given(seed=SEEDS)
 @settings(deadline=None, max_examples=20)
 def test_free_body_numbers_move_the_picture_by_comparable_amounts(camera, free, seed):

@@ -19,15 +19,8 @@ REFERENCE = FreeBodyChart.near(MESH, TRUTH[0])
 
 def chart(index: int, free_size: bool = False, focals: int = 0, principals: int = 0) -> ViewChart:
     turn = CAMERAS_FROM_SET[index] @ CAMERAS_FROM_SET[0].inverse()
-    return ViewChart(
-        REFERENCE,
-        CAMERA,
-        turn,
-        free_size,
-        free_focals=focals,
-        focal_index=min(index, 1),
-        free_principal_points=principals,
-    )
+    of_cameras = focals, min(index, 1), principals
+    return ViewChart(REFERENCE, CAMERA, turn, free_size, 1.0, *of_cameras)
 
 
 @pytest.mark.parametrize(
