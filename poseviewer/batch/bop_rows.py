@@ -45,8 +45,9 @@ def load_scene_jobs(
     Raises:
         BatchError: the folder of models is missing, or no row is left.
     """
-    if settings.free_focal:
-        raise BatchError("free_focal with a BOP scene, whose cameras are known; leave it out.")
+    for name in ("free_focal", "free_principal_point"):
+        if getattr(settings, name):
+            raise BatchError(f"{name} with a BOP scene, whose cameras are known; leave it out.")
     if models is None:
         raise BatchError(
             f"{scene.name}: a BOP scene; name the folder of its models, of obj_000001.ply ..."

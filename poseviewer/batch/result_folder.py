@@ -83,6 +83,7 @@ class JobResult:
     scale_percent_std: float | None = None
     focal_px_std: float | None = None
     size_percent_std: float | None = None
+    principal_px_std: float | None = None
     review: str = ""
     """Review of the pose by a person: ``accepted``, ``mended`` by hand, or ``rejected``."""
     note: str = ""

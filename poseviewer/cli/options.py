@@ -177,6 +177,10 @@ COMPARED = (
         "--chart", "set the pose parameters searched (default: auto, a vehicle's if it has wheels)"
     ),
     option("--free-focal", "search for the focal length, too"),
+    option(
+        "--free-principal-point",
+        "search for the principal point, too, as of a cropped photo (several photos, or a car)",
+    ),
     option("--grey", "compare grey instead of RGB"),
     REFLECTANCE,
     PIXELS,

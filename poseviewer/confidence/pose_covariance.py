@@ -6,7 +6,8 @@ A deviation d rotates the model about its centre, then translates it, both in th
 
 Under parallel projection the logarithm of the scale stands for the translation in depth. A free
 focal length adds its logarithm, and so does the model's size in a set of unknown scale, where the
-pose in this photo stays and the other cameras come nearer.
+pose in this photo stays and the other cameras come nearer. A free principal point adds its offset
+over the photo's width and height, as the last two components.
 """
 
 from __future__ import annotations
@@ -22,8 +23,20 @@ from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
 from poseviewer.geometry.arrays import FloatArray, freeze_array
-from poseviewer.geometry.camera import Parallel, Perspective, Pose
-from poseviewer.geometry.charts import LOG_FOCAL, Chart, has_focal
+from poseviewer.geometry.camera import (
+    Parallel,
+    Perspective,
+    Pose,
+    offset_principal,
+    principal_offset,
+)
+from poseviewer.geometry.charts import (
+    LOG_FOCAL,
+    PRINCIPAL_POINT,
+    Chart,
+    has_focal,
+    has_principal_point,
+)
 from poseviewer.geometry.free_body_chart import MAX_LOGARITHM
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.transform import RigidTransform
@@ -42,6 +55,7 @@ TEXTS = {
     "degrees": "±{}°",
     "size_percent": "its size ±{} %",
     "focal_px": "focal length ±{} px",
+    "principal_px": "principal point ±{} px",
     "px": "in the photo ±{} px",
 }
 """Text of each of ``PoseCovariance.deviations``."""
@@ -55,16 +69,17 @@ class PoseCovariance:
     centre: FloatArray
     """(3,): the point that rotations are about, in the model's frame."""
     matrix: FloatArray
-    """(d, d), read-only, symmetric; d is 6, or 7 with the ``seventh``. In rad, the model's unit,
-    and logarithms, in the order of ``names``; 0 for fixed parameters."""
+    """(d, d), read-only, symmetric; d is 6, or 7 with the ``seventh``, and 2 more with a principal
+    point. In rad, the model's unit, logarithms and shares of the photo, in the order of ``names``;
+    0 for fixed parameters."""
     px: float = 0.0
     """Root mean square distance in the photo, over the distribution and the model's outer points,
     from where the pose shows them."""
     seventh: Literal["log_focal", "log_size"] = LOG_FOCAL
-    """Meaning of the last of seven parameters: focal length, or size of the model in its set."""
+    """Meaning of the seventh of 7 or 9 parameters: focal length, or the model's size in its set."""
 
     def __post_init__(self) -> None:
-        size = 7 if len(self.matrix) == 7 else 6
+        size = len(self.matrix) if len(self.matrix) in (7, 8, 9) else 6
         matrix = freeze_array(self.matrix, (size, size))
         object.__setattr__(self, "centre", freeze_array(self.centre, (3,)))
         object.__setattr__(self, "matrix", freeze_array(0.5 * (matrix + matrix.T), (size, size)))
@@ -82,7 +97,8 @@ class PoseCovariance:
             covariance: (n, n), of the parameters.
         """
         at = chart.from_pose(pose)
-        zero = cls(pose, mesh.centre, np.zeros((7, 7) if has_focal(chart) else (6, 6)))
+        size = 6 + has_focal(chart) + 2 * has_principal_point(chart)
+        zero = cls(pose, mesh.centre, np.zeros((size, size)))
         scales = chart.scales(at)
         jacobian = _derivatives(lambda steps: zero.deviation(chart.to_pose(at + steps)), scales)
         return zero.with_matrix(jacobian @ covariance @ jacobian.T, mesh)
@@ -116,12 +132,18 @@ class PoseCovariance:
         """Name of each component of a deviation."""
         depth = "log_scale" if isinstance(self.pose.camera, Parallel) else "shift_z"
         names = ("rotation_x", "rotation_y", "rotation_z", "shift_x", "shift_y", depth)
-        return (*names, self.extra) if self.extra else names
+        names = (*names, self.extra) if self.extra else names
+        return (*names, *PRINCIPAL_POINT) if self.has_principal_point else names
 
     @property
     def extra(self) -> str:
         """Name of the seventh component; "" where there is none."""
-        return self.seventh if len(self.matrix) > 6 else ""
+        return self.seventh if len(self.matrix) in (7, 9) else ""
+
+    @property
+    def has_principal_point(self) -> bool:
+        """Whether the last two components are the principal point."""
+        return len(self.matrix) > 7
 
     @cached_property
     def scales(self) -> FloatArray:
@@ -131,7 +153,7 @@ class PoseCovariance:
             width = camera.width / camera.scale
             return np.array([1.0, 1.0, 1.0, width, width, 1.0])
         depth = abs(float(self.pose.camera_from_model.apply(self.centre)[2]))
-        return np.array([1.0, 1.0, 1.0, depth, depth, depth, 1.0])[: len(self.matrix)]
+        return np.array([1.0, 1.0, 1.0, depth, depth, depth, 1.0, 1.0, 1.0])[: len(self.matrix)]
 
     def pose_at(self, deviation: FloatArray) -> Pose:
         """Return the pose that is off by a ``deviation`` (d,)."""
@@ -147,6 +169,8 @@ class PoseCovariance:
             if self.extra == LOG_FOCAL:
                 zoom = math.exp(logarithms[6])
                 camera = replace(camera, fx=camera.fx * zoom, fy=camera.fy * zoom)
+            if self.has_principal_point:
+                camera = offset_principal(camera, *d[-2:].tolist())
         return Pose(camera, RigidTransform(rotation, centre - rotation @ self.centre))
 
     def deviation(self, pose: Pose) -> FloatArray:
@@ -159,10 +183,13 @@ class PoseCovariance:
             return np.array(
                 [*rotation, *translation[:2], math.log(camera_off.scale / camera.scale)]
             )
+        rest = []
         if self.extra and isinstance(camera, Perspective) and isinstance(camera_off, Perspective):
             zoom = camera_off.fx / camera.fx if self.extra == LOG_FOCAL else 1.0
-            return np.array([*rotation, *translation, math.log(zoom)])
-        return np.array([*rotation, *translation])
+            rest = [math.log(zoom)]
+        if self.has_principal_point:
+            rest += principal_offset(camera, camera_off)
+        return np.array([*rotation, *translation, *rest])
 
     def in_chart(self, chart: Chart) -> FloatArray:
         """Return the covariance (n, n) of a chart's parameters; nan for an unknown size."""
@@ -188,7 +215,8 @@ class PoseCovariance:
     def deviations(self) -> dict[str, float]:
         """Standard deviations by name: ``depth`` of the centre along its viewing ray, or under
         parallel projection ``scale_percent``; ``sideways`` across it and ``degrees``, where least
-        sure; ``focal_px`` or ``size_percent``, if free; ``px`` of the outer points in the photo.
+        sure; ``focal_px`` or ``size_percent``, and ``principal_px`` where least sure, if free;
+        ``px`` of the outer points in the photo.
         """
         camera, translations = self.pose.camera, self.matrix[3:6, 3:6]
         if isinstance(camera, Parallel):
@@ -202,11 +230,15 @@ class PoseCovariance:
             translations = across @ translations @ across
         deviations["sideways"] = _max_deviation(translations)
         deviations["degrees"] = math.degrees(_max_deviation(self.matrix[:3, :3]))
-        share = math.sqrt(max(self.matrix[-1, -1], 0.0))
+        share = math.sqrt(max(self.matrix[6, 6], 0.0)) if self.extra else 0.0
         if self.extra == SIZE:
             deviations["size_percent"] = 100.0 * share
         elif self.extra and isinstance(camera, Perspective):
             deviations["focal_px"] = camera.fx * share
+        if self.has_principal_point:
+            size = np.array([camera.width, camera.height])
+            in_px = self.matrix[-2:, -2:] * np.outer(size, size)
+            deviations["principal_px"] = _max_deviation(in_px)
         return {**deviations, "px": self.px}
 
     def words(self, unit: str | None = None) -> str:
@@ -225,7 +257,7 @@ def joint_covariance(
     """Join the covariances of several views by adding their inverses; None where no view has one.
 
     The joint one is in the first view. Its seventh component is the focal length of that view's
-    camera where that was free, else the model's size.
+    camera where that was free, else the model's size; a principal point is that camera's, too.
 
     Args:
         charts: of each view.
@@ -238,13 +270,16 @@ def joint_covariance(
         if known is None or not isinstance(chart, ViewChart):
             continue
         # Deviations in the view by the chart's parameters.
-        jacobian, motion = np.zeros((7, len(parameters))), chart.view_from_reference
+        jacobian, motion = np.zeros((9, len(parameters))), chart.view_from_reference
         jacobian[:3, :3] = jacobian[3:6, 3:6] = motion.rotation
         if chart.free_focals:
             jacobian[6, 6 + chart.focal_index] = 1.0
         if chart.free_size:
             jacobian[3:6, -1] = -chart.distance_factor(parameters) * motion.translation
-        jacobian = jacobian[: len(known.matrix)]
+        if chart.free_principal_points:
+            jacobian[[7, 8], [chart.principal_index, chart.principal_index + 1]] = 1.0
+        kept = [*range(7 if known.extra else 6), *([7, 8] if known.has_principal_point else [])]
+        jacobian = jacobian[kept]
         units = np.outer(known.scales, known.scales)
         inverse = np.linalg.pinv(known.matrix / units, PINV) / units  # 0 for fixed parameters
         total += jacobian.T @ inverse @ jacobian
@@ -257,10 +292,12 @@ def joint_covariance(
     units = np.outer(scales, scales)
     inverse = np.asarray(np.linalg.pinv(total * units, PINV), float)
     # A single view's covariance tells nothing of the size.
-    is_told = np.diag(inverse @ total * units)[6:7] > 1.0 - PINV**0.5
-    size = 7 if is_told.any() else 6
-    joint = (inverse * units)[:size, :size]
-    seventh = LOG_FOCAL if has_focal(charts[0]) else SIZE
+    is_told = np.diag(inverse @ (total * units)) > 1.0 - PINV**0.5
+    seventh, kept = LOG_FOCAL if has_focal(charts[0]) else SIZE, list(range(6))
+    for group in ((seventh,), PRINCIPAL_POINT):
+        indices = [charts[0].names.index(name) for name in group if name in charts[0].names]
+        kept += indices if is_told[indices].any() else []
+    joint = (inverse * units)[np.ix_(kept, kept)]
     return replace(first, seventh=seventh).with_matrix(joint, mesh)
 
 

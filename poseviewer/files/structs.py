@@ -182,12 +182,14 @@ class Uncertainty(Struct, frozen=True, kw_only=True):
     x_in_camera = exp(rotation) R (x - centre) + R centre + t + shift.
 
     covariance: rows, symmetric, 6x6, or 7x7 where the focal length was free, or the model's size in
-    several photos. names: rotation_x, rotation_y, rotation_z (rad), shift_x, shift_y, shift_z (the
-    model's unit; under parallel projection log_scale stands for shift_z), and log_focal or
-    log_size. deviations: standard deviations: depth of the centre along its line of sight and
-    sideways across it, the way that is least sure (the model's unit); degrees, about the axis that
-    is least sure; scale_percent under parallel projection; focal_px; size_percent; px, root mean
-    square over the model's outer points in the photo.
+    several photos, and two more where the principal point was free. names: rotation_x, rotation_y,
+    rotation_z (rad), shift_x, shift_y, shift_z (the model's unit; under parallel projection
+    log_scale stands for shift_z), and log_focal or log_size, and principal_x and principal_y (of
+    the photo's width and height). deviations: standard deviations: depth of the centre along its
+    line of sight and sideways across it, the way that is least sure (the model's unit); degrees,
+    about the axis that is least sure; scale_percent under parallel projection; focal_px;
+    size_percent; principal_px, the way that is least sure; px, root mean square over the model's
+    outer points in the photo.
     """
 
     covariance: tuple[tuple[Number, ...], ...]
@@ -197,8 +199,10 @@ class Uncertainty(Struct, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         size = len(self.covariance)
-        if size not in (6, 7) or any(len(row) != size for row in self.covariance):
-            raise ValueError(".covariance is no square matrix; wanted 6 rows of 6 numbers, or 7")
+        if size not in (6, 7, 8, 9) or any(len(row) != size for row in self.covariance):
+            raise ValueError(
+                ".covariance is no square matrix; wanted 6 rows of 6 numbers, or up to 9"
+            )
         if not all(row[i] >= 0.0 for i, row in enumerate(self.covariance)):
             raise ValueError(".covariance has a variance below 0; wanted none")
 

@@ -15,9 +15,10 @@ from poseviewer.optimise import quadratic
 MODELS = quadratic.QuadraticOptions(0.1, 0.3, rounds=3, min_gain=-math.inf)
 """Quadratic models from 5 % of the model's size at its rim down to a search's last contour."""
 FOCAL_MODELS = replace(MODELS, rounds=4, growth=2.0)
-"""``MODELS`` with a free focal length: beside it and the depth the loss is flat for long."""
+"""``MODELS`` with a free camera: beside focal length and depth the loss is flat for long."""
 FOCAL_SPREAD = 1.4
-"""Factor of the standard deviations with a free focal length, for the region to hold as often."""
+"""Factor of the standard deviations with a free camera, for the region to hold as often: measured
+with free focal lengths alone."""
 SPREAD = 0.031
 """Standard deviation at curvature, unexplained and visible fraction 1 (``tests.measure.real``)."""
 VISIBLE_POWER = 2.0
@@ -32,7 +33,7 @@ def find_covariance(probe: Probe, visible: float) -> PoseCovariance:
     Raises:
         PoseViewerError, OutsideChartError, LinAlgError: no loss is known beside the pose.
     """
-    is_free = probe.chart.free_focal
+    is_free = probe.chart.free_focal or probe.chart.free_principal_point
     options = FOCAL_MODELS if is_free else MODELS
     least, inverse = inverse_curvature(probe.losses, len(probe.motions), options)
     unexplained = LossScale.of(probe.photo).as_unexplained(least)

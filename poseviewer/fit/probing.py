@@ -15,7 +15,7 @@ from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.stages import MIN_STRUCTURE_PIXELS
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Pose
-from poseviewer.geometry.charts import OutsideChartError, has_focal
+from poseviewer.geometry.charts import OutsideChartError, has_focal, has_principal_point
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import hull_points, principal_axes
 from poseviewer.geometry.symmetry_group import Symmetry
@@ -59,8 +59,10 @@ class Probe:
         self.symmetry = problem.symmetry
         self.renderer = renderer
         free_focal = has_focal(problem.chart, problem.free_indices)
-        free_focal = free_focal and not isinstance(pose.camera, Parallel)
-        self.chart = FreeBodyChart.near(self.mesh, pose, free_focal)
+        free_principal = has_principal_point(problem.chart, problem.free_indices)
+        if isinstance(pose.camera, Parallel):
+            free_focal = free_principal = False
+        self.chart = FreeBodyChart.near(self.mesh, pose, free_focal, free_principal)
         motions = free_motions(problem, problem.chart.from_pose(pose), self.chart)
         self.motions = _without_equal(motions, self.chart, self.symmetry)
         """(k, d): orthonormal, in the parameters of ``chart``; none leads along equal poses."""

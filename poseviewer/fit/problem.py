@@ -13,7 +13,7 @@ from poseviewer.fit.compared_pixels import ViewResidual, make_view_term
 from poseviewer.fit.loss import LossScale
 from poseviewer.fit.visibility import Occlusion, make_occlusion
 from poseviewer.geometry.arrays import FloatArray, freeze_array
-from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.charts import Chart, OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
@@ -192,7 +192,8 @@ def make_problem(
                 "sees the model where it starts; bring the start nearer, or check the set's scale."
             )
         pose, keypoints = scene.pose(object_index, order[0]), item.model.keypoints
-        chart, note = choose_chart(settings.chart, item.mesh, keypoints, pose, settings.free_focal)
+        free = settings.free_focal, settings.free_principal_point
+        chart, note = choose_chart(settings.chart, item.mesh, keypoints, pose, *free)
         charts, start = [chart], chart.from_pose(pose)
         notes += [f"the free-body chart is used: {note}."] if note else []
     else:
@@ -267,6 +268,7 @@ def _view_charts(scene: Scene, object_index: int, order: Sequence[int]) -> list[
     scale, charts = 1.0 / one.world_from_model.scale, []
     cameras = list(dict.fromkeys(scene.views[index].camera for index in order))
     focals = len(cameras) if one.settings.free_focal else 0
+    principals = len(cameras) if one.settings.free_principal_point else 0
     for index in order:
         view, view_from_first = scene.views[index], RigidTransform.identity()
         if not isinstance(view.camera, Perspective):
@@ -276,7 +278,7 @@ def _view_charts(scene: Scene, object_index: int, order: Sequence[int]) -> list[
         if index != order[0]:
             motion = view.camera_from_world @ first.camera_from_world.inverse()
             view_from_first = RigidTransform(motion.rotation, scale * motion.translation)
-        known = scene.free_scale, scale, focals, cameras.index(view.camera)
+        known = scene.free_scale, scale, focals, cameras.index(view.camera), principals
         charts.append(ViewChart(reference, view.camera, view_from_first, *known))
     return charts
 
@@ -287,6 +289,7 @@ def choose_chart(
     keypoints: VehicleKeypoints | None,
     pose: Pose,
     free_focal: bool = False,
+    free_principal_point: bool = False,
 ) -> tuple[Chart, str]:
     """Choose the chart about a pose, and say why it is not the vehicle chart.
 
@@ -297,18 +300,25 @@ def choose_chart(
         keypoints: wheels of the model; None: it has none.
         pose: the start pose.
         free_focal: whether the focal length is a parameter too.
+        free_principal_point: whether the principal point is.
 
     Returns:
         The chart, and the reason; empty for the vehicle chart, and where another was wanted.
 
     Raises:
-        SettingsError: the vehicle chart is wanted of a model without key points.
+        SettingsError: the vehicle chart is wanted of a model without key points; the principal
+            point is wanted of a parallel projection, or without the vehicle chart.
         SingularChartError: the wanted chart has no parameters at the pose.
     """
+    if free_principal_point and isinstance(pose.camera, Parallel):
+        raise SettingsError(
+            "a parallel projection has no principal point to find; start from a perspective pose, "
+            "or leave free_principal_point out."
+        )
     reason = "the model has no wheels that poseviewer knows of"
     if wanted != "free-body" and keypoints is not None:
         try:
-            return VehicleChart.near(keypoints, pose, free_focal), ""
+            return VehicleChart.near(keypoints, pose, free_focal, free_principal_point), ""
         except SingularChartError as error:
             if wanted == "vehicle":
                 raise SingularChartError(f'{error}; use chart="free-body"') from error
@@ -317,6 +327,12 @@ def choose_chart(
         raise SettingsError(
             f"{reason}; the vehicle chart needs MODEL.keypoints.json beside the model, or parts "
             'named like wheels; or use chart="free-body"'
+        )
+    if free_principal_point:
+        raise SettingsError(
+            "free_principal_point with one photo in the free-body chart: one photo of one object "
+            "cannot tell it from the object's direction; take several photos, or a car's chart, or "
+            "leave it out."
         )
     chart = FreeBodyChart.near(mesh, pose, free_focal)
     return chart, "" if wanted == "free-body" else reason

@@ -1,8 +1,8 @@
 """Search for objects of a scene: runs of the stages, occlusion, verdicts, restarts and turns.
 
-A search runs the stages (``fit.stages``) from the start, and again while the focal length moves
-far. It continues without the pixels on which something else stands in front (``fit.occlusion``),
-and ends with a verdict on its pose. A pose that is not trusted is searched on: from where it is,
+A search runs the stages (``fit.stages``) from the start, and again while focal length or principal
+point move far. It continues without the pixels on which something else stands in front
+(``fit.occlusion``), and ends with a verdict on its pose. A pose that is not trusted is searched on: from where it is,
 and at last turned about a principal axis of the model. The verdict decides whether the new pose is
 accepted. The model's proportions are checked on a pose that is found (``fit.proportions``). A start
 that is an estimate is restored where the end is not sure to be better.
@@ -44,8 +44,8 @@ from poseviewer.fit.progress import FitProgress, SearchProgress, Status
 from poseviewer.fit.proportions import other_proportions
 from poseviewer.fit.stages import StageMaker, fit_pose, make_stages
 from poseviewer.fit.visibility import Occlusion, visibility
-from poseviewer.geometry.camera import Perspective, Pose
-from poseviewer.geometry.charts import LOG_FOCAL
+from poseviewer.geometry.camera import Perspective, Pose, principal_offset
+from poseviewer.geometry.charts import LOG_FOCAL, PRINCIPAL_POINT
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.pyramid.levels import visible_fraction
@@ -63,7 +63,8 @@ NEW_OCCLUSION_FRACTION = 0.03
 MAX_RUNS = 4
 """Runs of the stages before a verdict: occlusion by other objects mostly settles after two."""
 FOCAL_THRESHOLD = 0.02
-"""Relative change of the focal length that continues a run, before its deviation is known."""
+"""Relative change of the focal length, and shift of the principal point as a fraction of the photo,
+that continue a run before their deviations are known."""
 LAST_MOVE_PERCENT = 1.0
 """Move in a run's last stage, in % of the model's size, that shows it has left its valley."""
 CHANGED_FRACTION = 0.05
@@ -465,13 +466,15 @@ def is_worse(after: FitProgress, before: FitProgress) -> bool:
 
 
 def is_focal_moved(before: Pose, end: FitProgress) -> bool:
-    """Whether a run from a pose has moved the focal length by more than its standard deviation.
+    """Whether a run has moved focal length or principal point by more than its standard deviation.
 
     Before a verdict, ``FOCAL_THRESHOLD`` stands for it. By the paper's method it is never moved.
     """
-    cameras, known = (before.camera, end.pose.camera), end.covariance
-    focals = [camera.fx for camera in cameras if isinstance(camera, Perspective)]
-    is_searched = len(focals) == 2 and end.problem.settings.loss != "paper"
-    is_known = known is not None and known.extra == LOG_FOCAL
-    share = math.sqrt(known.matrix[6, 6]) if known and is_known else FOCAL_THRESHOLD
-    return is_searched and abs(math.log(focals[1] / focals[0])) > share
+    was, now, known = before.camera, end.pose.camera, end.covariance
+    is_searched = end.problem.settings.loss != "paper"
+    if not (is_searched and isinstance(was, Perspective) and isinstance(now, Perspective)):
+        return False
+    moves = {LOG_FOCAL: math.log(now.fx / was.fx)}
+    moves |= zip(PRINCIPAL_POINT, principal_offset(was, now), strict=True)
+    shares = dict(zip(known.names, np.sqrt(np.diag(known.matrix)), strict=True)) if known else {}
+    return any(abs(move) > shares.get(name, FOCAL_THRESHOLD) for name, move in moves.items())

@@ -112,6 +112,16 @@ class Parallel:
 Camera = Perspective | Parallel
 
 
+def principal_offset(start: Camera, camera: Camera) -> tuple[float, float]:
+    """Return how far a principal point is off that at the start, of the width and height."""
+    return (camera.cx - start.cx) / start.width, (camera.cy - start.cy) / start.height
+
+
+def offset_principal(camera: Camera, x: float, y: float) -> Camera:
+    """Return the camera with its principal point moved by shares of the width and height."""
+    return replace(camera, cx=camera.cx + x * camera.width, cy=camera.cy + y * camera.height)
+
+
 @dataclass(frozen=True, slots=True)
 class Pose:
     """Transform of a model and the camera that shows it: all that an image's geometry needs."""

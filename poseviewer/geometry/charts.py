@@ -51,12 +51,23 @@ LOG_FOCAL: Literal["log_focal"] = "log_focal"
 """Name of the logarithm of a free focal length."""
 FOCAL_PREFIXES = (LOG_FOCAL, "width_per_focal")
 """Beginnings of the names of parameters that are a free focal length."""
+PRINCIPAL_POINT = ("principal_x", "principal_y")
+"""Names of the offsets of a free principal point, of the photo's width and height."""
 
 
 def has_focal(chart: Chart, indices: Iterable[int] | None = None) -> bool:
     """Tell whether a parameter is the focal length, and is among the ``indices`` if given."""
+    return _has_parameter(chart, indices, FOCAL_PREFIXES)
+
+
+def has_principal_point(chart: Chart, indices: Iterable[int] | None = None) -> bool:
+    """Tell whether parameters are the principal point, and one is among the ``indices``."""
+    return _has_parameter(chart, indices, PRINCIPAL_POINT)
+
+
+def _has_parameter(chart: Chart, indices: Iterable[int] | None, prefixes: tuple[str, ...]) -> bool:
     names = chart.names if indices is None else [chart.names[index] for index in indices]
-    return any(name.startswith(FOCAL_PREFIXES) for name in names)
+    return any(name.startswith(prefixes) for name in names)
 
 
 LABELS: Mapping[str, tuple[str, str]] = MappingProxyType(
@@ -76,6 +87,8 @@ LABELS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "log_depth": ("log depth", "natural logarithm of the depth, 0 at the start"),
         "log_scale": ("log scale", "natural logarithm of the scale, 0 at the start"),
         "log_focal": ("log focal", "logarithm of the focal length, 0 at the start"),
+        "principal_x": ("principal x", "of the photo's width, 0 at the start's principal point"),
+        "principal_y": ("principal y", "of the photo's height, 0 at the start's principal point"),
         "log_size": ("log size", "natural logarithm of the model's size, 0 at the start"),
     }
 )

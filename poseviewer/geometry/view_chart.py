@@ -1,7 +1,8 @@
 """Chart of the poses of a model in all views of a set, by the same parameters.
 
 The free-body chart of one view, the reference, moves the model. Each camera of unknown focal length
-adds its logarithm, which changes all photos of that camera and no pose. Where the set's scale is
+adds its logarithm, and each of unknown principal point its offset, which change all photos of that
+camera and no pose. Where the set's scale is
 not known, one more parameter makes the model larger about its centre, which stays where it is among
 the cameras; as poses are in the model's unit, all cameras then come nearer.
 """
@@ -13,8 +14,8 @@ from typing import Literal
 import numpy as np
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Perspective, Pose
-from poseviewer.geometry.charts import Chart, OutsideChartError
+from poseviewer.geometry.camera import Perspective, Pose, offset_principal, principal_offset
+from poseviewer.geometry.charts import PRINCIPAL_POINT, Chart, OutsideChartError
 from poseviewer.geometry.free_body_chart import MAX_LOGARITHM, FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
 
@@ -39,14 +40,35 @@ class ViewChart(Chart):
     free_focals: int = 0
     """Number of cameras whose focal length is searched for; 0: all are known."""
     focal_index: int = 0
-    """Index of this view's camera among them."""
+    """Index of this view's camera among them, and those of free principal points."""
+    free_principal_points: int = 0
+    """Number of cameras whose principal point is searched for; 0: all are known."""
 
     @property
     def names(self) -> tuple[str, ...]:
         """Name of each parameter."""
         focals = (f"log_focal_{number}" for number in range(2, self.free_focals + 1))
         focals = ("log_focal", *focals) if self.free_focals else ()
-        return (*self.reference.names, *focals, *((SIZE,) if self.free_size else ()))
+        ends = ("", *(f"_{number}" for number in range(2, self.free_principal_points + 1)))
+        ends = ends[: self.free_principal_points]
+        principals = (name + end for end in ends for name in PRINCIPAL_POINT)
+        return (*self.reference.names, *focals, *principals, *((SIZE,) if self.free_size else ()))
+
+    @property
+    def principal_index(self) -> int:
+        """Index of the principal point's x among the parameters; its y follows."""
+        return 6 + self.free_focals + 2 * self.focal_index
+
+    def scales(self, parameters: FloatArray) -> FloatArray:
+        """Return the model's radius in the photo for principal points, 1 for the others."""
+        scales, first = np.ones(len(parameters)), self.reference.start.camera
+        if self.free_principal_points and isinstance(first, Perspective):
+            radius = 1.0 / self.reference.focal_gain
+            scales[6 + self.free_focals :][: 2 * self.free_principal_points] = np.tile(
+                [radius * first.fx / first.width, radius * first.fy / first.height],
+                self.free_principal_points,
+            )
+        return scales
 
     def distance_factor(self, parameters: FloatArray) -> float:
         """Return the distance of all cameras over that at the start; raises as ``to_pose``."""
@@ -74,6 +96,8 @@ class ViewChart(Chart):
         if self.free_focals:
             zoom = _exp(float(parameters[6 + self.focal_index]))
             camera = replace(camera, fx=camera.fx * zoom, fy=camera.fy * zoom)
+        if self.free_principal_points:
+            camera = offset_principal(camera, *parameters[self.principal_index :][:2].tolist())
         in_reference = self.reference.to_pose(parameters[:6]).camera_from_model
         motion, centre = self.view_from_reference, in_reference.apply(self.reference.centre)
         centre = motion.rotation @ centre * factor + factor * motion.translation
@@ -83,12 +107,14 @@ class ViewChart(Chart):
         return Pose(camera, RigidTransform(rotation, centre - rotation @ self.reference.centre))
 
     def from_pose(self, pose: Pose) -> FloatArray:
-        """Return the parameters of a pose; size and other focal lengths as at the start."""
+        """Return the parameters of a pose; size and other cameras as at the start."""
         in_reference = self.view_from_reference.inverse() @ pose.camera_from_model
         parameters = np.zeros(len(self.names))
         parameters[:6] = self.reference.from_pose(Pose(self.reference.start.camera, in_reference))
         if self.free_focals and isinstance(pose.camera, Perspective):
             parameters[6 + self.focal_index] = math.log(pose.camera.fx / self.camera.fx)
+        if self.free_principal_points:
+            parameters[self.principal_index :][:2] = principal_offset(self.camera, pose.camera)
         return parameters
 
 

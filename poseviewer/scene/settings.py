@@ -56,6 +56,9 @@ class FitSettings:
     chart: ChartName = "auto"
     free_focal: bool = False
     """Search for the focal length as well: a seventh number."""
+    free_principal_point: bool = False
+    """Search for the principal point as well, two more numbers, by several photos or a vehicle's
+    chart: that of a cropped photo is not in its middle."""
     lock: tuple[str, ...] = ()
     """Names of the chart's numbers that stay as they are."""
     grey: bool = False
@@ -95,6 +98,11 @@ class FitSettings:
             pixels = "clip" if self.pixels == "near" else self.pixels
             for name, value in zip(OF_LOSS, (True, False, pixels), strict=True):
                 object.__setattr__(self, name, value)
+
+    @property
+    def frees_camera(self) -> bool:
+        """Whether the camera is searched for, too."""
+        return self.free_focal or self.free_principal_point
 
     @property
     def loss_name(self) -> str:

@@ -65,10 +65,10 @@ class AutoStart:
     def __call__(self, inputs: StartInputs) -> Start:
         """Find starts of the instances, the likeliest first; raises ``PoseViewerError``: none."""
         settings = inputs.settings
-        if self.instances > 1 and settings.free_focal:
+        if self.instances > 1 and settings.frees_camera:
             raise SettingsError(
-                f"instances={self.instances} with a free focal length, and one camera shows all of "
-                "them; leave one of the two out."
+                f"instances={self.instances} with a free focal length or principal point, and one "
+                "camera shows all of them; leave one of the two out."
             )
         rectangle = settings.region if self.box is None else Rectangle(*self.box)
         query = StartQuery(inputs, self.camera.of(inputs.photo), rectangle, settings)

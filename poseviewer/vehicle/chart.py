@@ -11,7 +11,8 @@ psi is the unit axle direction, outwards on the visible side, in the camera fram
   wheelbase ``|z_2 r_2 - z_1 r_1|`` fixes both depths.
 
 A seventh parameter frees the focal length (the paper's distance from the camera to the projection
-plane): ``width / focal length``, which at 0 is the parallel projection.
+plane): ``width / focal length``, which at 0 is the parallel projection. Two more free the principal
+point: its offset from the start's, over the photo's width and height; the wheels stay in the photo.
 """
 
 from __future__ import annotations
@@ -23,8 +24,15 @@ import numpy as np
 
 from poseviewer.errors import SingularChartError
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
-from poseviewer.geometry.charts import Chart, OutsideChartError
+from poseviewer.geometry.camera import (
+    Camera,
+    Parallel,
+    Perspective,
+    Pose,
+    offset_principal,
+    principal_offset,
+)
+from poseviewer.geometry.charts import PRINCIPAL_POINT, Chart, OutsideChartError
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints
 
@@ -42,7 +50,7 @@ _SYMBOLS = ("mu_x", "mu_y", "delta_x", "delta_y", "psi_x", "psi_y")
 
 @dataclass(frozen=True, slots=True)
 class VehicleChart(Chart):
-    """Six parameters, or seven with the focal length, for one side of a vehicle."""
+    """Six parameters, those of focal length and principal point, for one side of a vehicle."""
 
     name = "vehicle"
     side: SideKeypoints
@@ -51,6 +59,7 @@ class VehicleChart(Chart):
     free_focal: bool = False
     depth: float = 0.0
     """Depth given to the rear wheel under parallel projection, where no photo can tell it."""
+    free_principal_point: bool = False
     _wheelbase: float = field(init=False, repr=False, compare=False)
     _side_from_model: FloatArray = field(init=False, repr=False, compare=False)
     """(3, 3): rows along the wheelbase, along the axle, and across both."""
@@ -63,7 +72,11 @@ class VehicleChart(Chart):
 
     @classmethod
     def near(
-        cls, keypoints: VehicleKeypoints, pose: Pose, free_focal: bool = False
+        cls,
+        keypoints: VehicleKeypoints,
+        pose: Pose,
+        free_focal: bool = False,
+        free_principal_point: bool = False,
     ) -> VehicleChart:
         """Make the chart of the side that the camera sees.
 
@@ -74,23 +87,24 @@ class VehicleChart(Chart):
         depth = 4.0 * side.wheelbase
         if isinstance(pose.camera, Parallel):
             depth = float(pose.camera_from_model.apply(side.rear_wheel)[2])
-        chart = cls(side, pose.camera, free_focal, depth)
+        chart = cls(side, pose.camera, free_focal, depth, free_principal_point)
         chart.from_pose(pose)
         return chart
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the paper's symbols, and of the seventh parameter."""
-        return (*_SYMBOLS, "width_per_focal") if self.free_focal else _SYMBOLS
+        """Names of the paper's symbols, and of the camera's parameters."""
+        names = (*_SYMBOLS, "width_per_focal") if self.free_focal else _SYMBOLS
+        return (*names, *PRINCIPAL_POINT) if self.free_principal_point else names
 
     def scales(self, parameters: FloatArray) -> FloatArray:
-        """Return the wheelbase's length in the photo for mu and delta, 1 for psi and focal."""
+        """Return the wheelbase's length in the photo for mu and delta, 1 for the others."""
         size = np.array([self.camera.width, self.camera.height])
         length = np.linalg.norm(parameters[2:4] * size) / size
         return np.concatenate([length, length, np.ones(len(parameters) - 4)])
 
     def to_pose(self, parameters: FloatArray) -> Pose:
-        """Return the pose of six or seven parameters, in closed form."""
+        """Return the pose of the parameters (d,), in closed form."""
         values = np.asarray(parameters, dtype=float).tolist()
         psi_x, psi_y = values[4], values[5]
         in_plane = psi_x * psi_x + psi_y * psi_y
@@ -132,12 +146,17 @@ class VehicleChart(Chart):
         if self.free_focal:
             focal = pose.camera.fx if isinstance(pose.camera, Perspective) else math.inf
             parameters.append(pose.camera.width / focal)
+        if self.free_principal_point:
+            parameters += principal_offset(self.camera, pose.camera)
         return np.array(parameters)
 
     def _camera_at(self, values: list[float]) -> Camera:
+        camera = self.camera
+        if self.free_principal_point:
+            camera = offset_principal(camera, *values[-2:])
         if not self.free_focal:
-            return self.camera
-        width_per_focal, camera = values[6], self.camera
+            return camera
+        width_per_focal = values[6]
         if width_per_focal < PARALLEL_BELOW:
             return Parallel(1.0, camera.cx, camera.cy, camera.width, camera.height)
         fx = camera.width / width_per_focal

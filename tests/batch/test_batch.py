@@ -100,7 +100,7 @@ def test_rows_are_fitted_and_bad_ones_fail_with_their_reason(scene, tmp_path, ca
         assert found.photo.file == row["photo"]
         for name in STDS[:4]:
             assert float(row[name]) == found.covariance.deviations[name.removesuffix("_std")] > 0.0
-        assert [row[name] for name in STDS[4:]] == [""] * 3  # nothing to be searched for
+        assert [row[name] for name in STDS[4:]] == [""] * 4  # nothing to be searched for
     assert [row["px_std"] for row in results[2:]] == [""] * 3
 
 

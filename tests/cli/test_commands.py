@@ -70,6 +70,8 @@ def test_a_command_says_and_writes_its_results(folder, capsys, line, words, writ
         ("fit three.scene.json --mask m.png --out o.json", f"--mask {WITH_SCENE}"),
         ("fit three.scene.json --object who --out o.json", "no object 'who' in"),
         ("fit three.scene.json --free-focal --out o.json", "share one camera"),
+        ("fit three.scene.json --free-principal-point --out o.json", "share one camera"),
+        (f"{FIT} --free-principal-point", "one photo of one object cannot tell"),
         ("fit --views set/set.json a.png set/m.ply --out o.json", "wants MODEL alone"),
         ("fit --views set/set.json set/m.ply --start auto --out o.json", "a start with --pose"),
         (f"fit {SET} --view z.png --out o.json", "no photo z.png"),

@@ -33,27 +33,32 @@ def random_covariance(size: int, spread: float = 1e-3) -> np.ndarray:
     return factor @ factor.T
 
 
-@pytest.mark.parametrize(("camera", "size"), [(PERSPECTIVE, 6), (PERSPECTIVE, 7), (PARALLEL, 6)])
+@pytest.mark.parametrize(
+    ("camera", "size"), [*((PERSPECTIVE, n) for n in (6, 7, 8, 9)), (PARALLEL, 6)]
+)
 def test_deviation_undoes_moved(camera: Perspective | Parallel, size: int) -> None:
     sure = PoseCovariance(pose_by(camera), np.array([0.5, 0.2, 0.1]), np.eye(size))
-    off = np.array([0.3, -0.2, 0.5, 0.4, -0.1, 0.2, 0.05])[:size]
+    off = np.array([0.3, -0.2, 0.5, 0.4, -0.1, 0.2, 0.05, 0.1, -0.2])[:size]
     np.testing.assert_allclose(sure.deviation(sure.pose_at(off)), off, atol=1e-12)
 
 
+@pytest.mark.parametrize("free_principal", [False, True])
 @pytest.mark.parametrize("free_focal", [False, True])
-def test_the_covariance_is_the_same_by_any_chart(free_focal: bool) -> None:
+def test_the_covariance_is_the_same_by_any_chart(free_focal: bool, free_principal: bool) -> None:
     pose = pose_by(PERSPECTIVE)
-    chart = FreeBodyChart.near(MESH, pose, free_focal)
+    free = free_focal, free_principal
+    chart = FreeBodyChart.near(MESH, pose, *free)
     other_start = Pose(
         PERSPECTIVE, RigidTransform.from_rotation_vector([0.5, 0.8, -0.1], [0.5, 0.2, 8.0])
     )
-    other = FreeBodyChart.near(MESH, other_start, free_focal)
-    vehicle = VehicleChart.near(WHEELS, pose, free_focal)
-    sure = PoseCovariance.from_chart(MESH, pose, chart, random_covariance(7 if free_focal else 6))
+    other = FreeBodyChart.near(MESH, other_start, *free)
+    vehicle = VehicleChart.near(WHEELS, pose, *free)
+    sure = PoseCovariance.from_chart(MESH, pose, chart, random_covariance(len(chart.names)))
     for also in (other, vehicle):
         again = PoseCovariance.from_chart(MESH, pose, also, sure.in_chart(also))
         np.testing.assert_allclose(again.matrix, sure.matrix, rtol=1e-5, atol=1e-12)
         assert again.px == pytest.approx(sure.px, rel=1e-5)
+    assert ("principal_px" in sure.deviations) == free_principal
 
 
 def test_the_size_of_a_model_in_its_set_goes_with_its_pose() -> None:

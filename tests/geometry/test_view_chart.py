@@ -17,18 +17,24 @@ from tests.view_sets import CAMERA, CAMERAS_FROM_SET, MESH, START, TRUTH, focal_
 REFERENCE = FreeBodyChart.near(MESH, TRUTH[0])
 
 
-def chart(index: int, free_size: bool = False, focals: int = 0) -> ViewChart:
+def chart(index: int, free_size: bool = False, focals: int = 0, principals: int = 0) -> ViewChart:
     turn = CAMERAS_FROM_SET[index] @ CAMERAS_FROM_SET[0].inverse()
-    return ViewChart(
-        REFERENCE, CAMERA, turn, free_size, free_focals=focals, focal_index=min(index, 1)
-    )
+    of_cameras = focals, min(index, 1), principals
+    return ViewChart(REFERENCE, CAMERA, turn, free_size, 1.0, *of_cameras)
 
 
-@pytest.mark.parametrize(("free_size", "focals"), [(False, 0), (True, 0), (True, 2)])
+@pytest.mark.parametrize(
+    ("free_size", "focals", "principals"),
+    [(False, 0, 0), (True, 0, 0), (True, 2, 0), (True, 2, 2), (False, 0, 2)],
+)
 @pytest.mark.parametrize("index", range(3))
-def test_numbers_of_a_pose_give_the_pose_back(index, free_size, focals):
-    own = chart(index, free_size, focals)
-    numbers = np.array([0.1, -0.2, 0.05, 0.1, -0.1, 0.05, *[0.0] * focals, *[0.0] * free_size])
+def test_numbers_of_a_pose_give_the_pose_back(index, free_size, focals, principals):
+    own = chart(index, free_size, focals, principals)
+    numbers = np.zeros(len(own.names))
+    numbers[:6] = [0.1, -0.2, 0.05, 0.1, -0.1, 0.05]
+    if principals:
+        numbers[own.principal_index :][:2] = 0.1, -0.05
+        assert own.to_pose(numbers).camera.cx == pytest.approx(CAMERA.cx + 32.0)
     if focals:
         numbers[6 + own.focal_index] = -0.1
     np.testing.assert_allclose(own.from_pose(own.to_pose(numbers)), numbers, atol=1e-12)

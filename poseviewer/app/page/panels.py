@@ -55,8 +55,9 @@ from poseviewer.geometry.lens import COEFFICIENTS
 from poseviewer.scene.settings import LOSSES, SEARCHES
 from poseviewer.starts.placing import SIDES
 
-MAX_PARAMETERS = 8
-"""Most parameters of any chart: six, focal length and size; further locks are hidden."""
+MAX_PARAMETERS = 10
+"""Most parameters of any chart: six, focal length, principal point and size;
+further locks are hidden."""
 NUMBER_STEPS = {
     **dict.fromkeys("XYZ", 0.01),
     **{f"turn {axis}": 0.1 for axis in "xyz"},
@@ -69,6 +70,9 @@ CURVE_POINTS = 300
 """Newest improvements in the plot of the search."""
 PIXELS = {"near": "near the model", "whole": "whole photo", "clip": "inside the model"}
 IN_FRONT = {"find": "find it", "painted": "only what I painted", "nothing": "nothing"}
+PRINCIPAL_HINT = (
+    "That of a cropped photo is not in its middle. By several photos, or a car's wheels."
+)
 IN_FRONT_HINT = (
     "What hides the model: what the search finds and you painted, or that alone, or nothing."
 )
@@ -379,6 +383,8 @@ def _add_settings(controls: Controls) -> None:
     controls.action("clear region", visible=_has_region)
     setting(gui.add_checkbox("Use greyscale", False), "grey", disabled=_is_papers)
     setting(gui.add_checkbox("Find the focal length", False), "free_focal")
+    principal = gui.add_checkbox("Find the principal point", False, hint=PRINCIPAL_HINT)
+    setting(principal, "free_principal_point", disabled=_is_parallel)
     evaluations = gui.add_number("Max evaluations", 20_000, min=10, max=1_000_000, step=10)
     setting(evaluations, "limits.evaluations")
     seconds = gui.add_number("Time limit (s)", 600.0, min=0.1, max=86_400.0, step=0.1)

@@ -15,7 +15,7 @@ from poseviewer.errors import SingularChartError
 from poseviewer.fit.compared_pixels import box_near
 from poseviewer.fit.problem import FitProblem, pose_to_params, with_params
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.charts import Chart
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.image import Photo
@@ -311,12 +311,16 @@ class Document:
         """The chart whose numbers are shown: the vehicle's where that can be, else the free-body
         chart about the start pose, of several views with the size where that is free.
         """
-        free_focal = self.settings.free_focal and isinstance(self.pose.camera, Perspective)
+        is_perspective = isinstance(self.pose.camera, Perspective)
+        free_focal = self.settings.free_focal and is_perspective
+        free_principal = self.settings.free_principal_point and is_perspective
         keypoints, has_one_view = self.model.keypoints, len(self.scene.views) == 1
         if has_one_view and keypoints is not None and self.settings.chart != "free-body":
             with suppress(SingularChartError):
-                return VehicleChart.near(keypoints, self.pose, free_focal)
-        start = self._start_seen_now(free_focal)
+                chart = VehicleChart.near(keypoints, self.pose, free_focal, free_principal)
+                known = self._with_start_principal(chart.camera)
+                return replace(chart, camera=known) if free_principal else chart
+        start = self._start_seen_now(free_focal, free_principal and not has_one_view)
         if has_one_view:
             return FreeBodyChart.near(self.mesh, start, free_focal)
         now, begun = self.object.world_from_model, self.object.start
@@ -327,14 +331,21 @@ class Document:
             self.scene.free_scale,
             1.0 / place.scale,
         )
-        return ViewChart(reference, start.camera, turn, free_scale, scale, int(free_focal))
+        free = {"free_focals": int(free_focal), "free_principal_points": int(free_principal)}
+        return ViewChart(reference, start.camera, turn, free_scale, scale, **free)
 
-    def _start_seen_now(self, free_focal: bool) -> Pose:
+    def _with_start_principal(self, camera: Camera) -> Camera:
+        first = self.object.start_cameras[self.at]
+        return replace(camera, cx=first.cx, cy=first.cy)
+
+    def _start_seen_now(self, free_focal: bool, free_principal: bool) -> Pose:
         """The start pose by the camera at hand: by its own, a number of the chart would bring its
-        intrinsics back. A focal length that is a number itself stays the start's.
+        intrinsics back. A focal length or principal point that is a number itself stays the
+        start's.
         """
         start = self.start
         camera = self.pose.camera
+        camera = self._with_start_principal(camera) if free_principal else camera
         centre = self.mesh.centre
         behind = not start.camera_from_model.apply(centre)[2] > 0.0
         if behind and Perspective in (type(start.camera), type(camera)):

@@ -70,7 +70,8 @@ class LossReader:
             self._views = ()
             self._note = ""
             # Which numbers are searched for is another matter.
-            plain = replace(own.settings, lock=(), free_focal=False, chart="auto")
+            free = {"free_focal": False, "free_principal_point": False}
+            plain = replace(own.settings, lock=(), chart="auto", **free)
             anchor = request.compared.with_object(own.active, settings=plain)
             view = reference_view(anchor, own.active, own.at)
             try:

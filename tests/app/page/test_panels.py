@@ -35,11 +35,12 @@ def comparison(scene) -> LossComparison:
 
 
 def test_every_number_of_a_pose_has_its_unit_and_every_parameter_a_lock():
-    """Most have charts of several photos, where size and focal length are searched for."""
+    """Most have charts of several photos, where size and camera are searched for."""
     session = make_set_session(free_scale=True)
-    session = after(session, c.alter_settings(lambda now: replace(now, free_focal=True)))
+    free = {"free_focal": True, "free_principal_point": True}
+    session = after(session, c.alter_settings(lambda now: replace(now, **free)))
     names = [short_name(name) for name in session.document.chart.names]
-    assert names[-2:] == ["log focal", "log size"]
+    assert names[-4:] == ["log focal", "principal x", "principal y", "log size"]
     guarded = serve("127.0.0.1", 0)
     try:
         gui = guarded.server.gui

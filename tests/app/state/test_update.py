@@ -31,6 +31,7 @@ from tests.app.state.documents import (
     moved_document,
     refused,
 )
+from tests.app.state.sets import make_set_session
 from tests.meshes import make_box
 
 
@@ -317,7 +318,7 @@ def test_there_and_back_between_projections_is_the_same_pose():
     assert after(flat, c.set_projection("parallel")) is flat
 
 
-@pytest.mark.parametrize("free_focal", [False, True])
+@pytest.mark.parametrize("free", [{}, {"free_focal": True}, {"free_principal_point": True}])
 @pytest.mark.parametrize(
     "camera",
     [
@@ -328,8 +329,8 @@ def test_there_and_back_between_projections_is_the_same_pose():
     ids=["parallel", "shifted parallel", "longer pinhole"],
 )
 @pytest.mark.parametrize("start", [PARALLEL, PERSPECTIVE], ids=["from parallel", "from pinhole"])
-def test_the_chart_gives_the_pose_back_whatever_the_camera_has_become(start, camera, free_focal):
-    document = make_document(start, settings=FitSettings(free_focal=free_focal))
+def test_the_chart_gives_the_pose_back_whatever_the_camera_has_become(start, camera, free):
+    document = make_document(start, settings=FitSettings(**free))
     pose = with_camera(moved_document(document, 0.3).pose, camera, BUMPY.centre)
     document = document.at_pose(pose)
     again = document.chart.to_pose(document.parameters)
@@ -341,6 +342,19 @@ def test_the_chart_gives_the_pose_back_whatever_the_camera_has_become(start, cam
         assert again.camera.cx == camera.cx
     # Not all zero: they are told from the start, not from the pose itself.
     assert abs(document.parameters[3]) > 0.05
+
+
+def test_a_principal_point_is_told_from_that_at_the_start():
+    free = FitSettings(free_principal_point=True)
+    for document in (make_document(vehicle=True, settings=free), make_set_session().document):
+        document = document.with_object(settings=free)
+        index = document.chart.names.index("principal_x")
+        numbers = document.parameters
+        numbers[index:] = 0.1, -0.05
+        pose = document.chart.to_pose(numbers)
+        assert pose.camera.cx == pytest.approx(document.pose.camera.cx + 0.1 * pose.camera.width)
+        assert document.at_pose(pose).parameters == pytest.approx(numbers)
+        assert document.at_pose(pose).reset.pose.camera == document.pose.camera
 
 
 @CAMERAS

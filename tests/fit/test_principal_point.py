@@ -1,0 +1,119 @@
+"""A free principal point, as that of a cropped photo."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from poseviewer.api import load
+from poseviewer.app.state.camera_change import with_camera
+from poseviewer.errors import SettingsError
+from poseviewer.evaluation.photos import demo_photo
+from poseviewer.files.demo import demo_case
+from poseviewer.files.photo import load_photo, save_image
+from poseviewer.files.pose import load_pose
+from poseviewer.fit.problem import choose_chart
+from poseviewer.fit.progress import SearchProgress
+from poseviewer.fit.search import Search
+from poseviewer.geometry.camera import Parallel, Pose, offset_principal, principal_offset
+from poseviewer.geometry.pose_error import pose_error
+from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import Scene
+from tests.fit.test_chart_choice import CAR, pose_turned
+from tests.fit.test_views import make_scene
+from tests.view_sets import CAMERA, MESH, TRUTH, write_views
+
+CUT = 160
+"""Columns of the demo's 960 that are cut off: its middle is then a tenth of the width off."""
+FREE = FitSettings(free_principal_point=True)
+NAMES = ("principal_x", "principal_y")
+
+
+@pytest.mark.slow
+def test_a_cropped_photo_of_a_car_tells_its_principal_point(tmp_path: Path) -> None:
+    files, size = demo_case(), (960 - CUT, 720)
+    photo = tmp_path / "cropped.png"
+    save_image(photo, np.ascontiguousarray(load_photo(files.photo).pixels[:, CUT:]))
+    whole = load(files.photo, files.model, files.start)
+    truth, start = (
+        Pose(pose.camera.crop(CUT, 0, size), pose.camera_from_model)
+        for pose in (demo_photo("photo-perspective").truth, whole.pose)
+    )
+    middle = replace(start.camera, cx=400.0, cy=360.0)
+    assert principal_offset(middle, truth.camera) == pytest.approx((-0.1, 0.0))
+    start = with_camera(start, middle, whole.mesh.centre)
+    known = load(photo, files.model, start).fit(threads=2)
+    free = load(photo, files.model, start, FREE).fit(threads=2)
+    before, after = (pose_error(whole.mesh, end.pose, truth) for end in (known, free))
+    assert after.percent < 0.5 * before.percent
+    assert after.rotation_deg < before.rotation_deg
+    off = np.subtract(principal_offset(middle, free.pose.camera), (-0.1, 0.0))
+    assert np.linalg.norm(off) < 0.07
+    assert free.covariance is not None
+    assert free.covariance.deviations["principal_px"] > 800 * abs(off).max()
+    assert "principal point ±" in free.covariance.words("m")
+    assert known.covariance is not None
+    assert known.covariance.deviations["sideways"] < free.covariance.deviations["sideways"]
+    free.save(tmp_path / "pose.json")
+    saved: Any = load_pose(tmp_path / "pose.json", *size)
+    assert saved.pose.camera == free.pose.camera
+    assert saved.covariance.names[6:] == saved.chart.names[6:] == NAMES
+    assert saved.covariance.deviations == pytest.approx(free.covariance.deviations)
+    assert saved.settings["free_principal_point"]
+
+
+def find_by(settings: FitSettings) -> tuple[SearchProgress, Scene, float]:
+    """End of a search in photos of wrong cameras, its scene and its largest error in them, px."""
+    scene, renderer = make_scene(), SoftwareRenderer(MESH)
+    wrong = offset_principal(CAMERA, -0.1, 0.05), offset_principal(CAMERA, 0.05, 0.0)
+    pairs = zip(scene.views, (wrong[0], *wrong), strict=True)
+    scene = replace(scene, views=tuple(replace(view, camera=camera) for view, camera in pairs))
+    search = Search(scene.with_object(0, settings=settings), {0: renderer}, threads=2)
+    *_, end = search.run()
+    poses = (search.scene.pose(0, number) for number in range(3))
+    errors = [pose_error(MESH, *pair) for pair in zip(poses, TRUTH, strict=True)]
+    return end, search.scene, max(error.reprojection_px for error in errors)
+
+
+@pytest.mark.slow
+def test_several_photos_tell_the_principal_points_of_their_cameras() -> None:
+    known_px = find_by(FitSettings())[2]
+    for free_focal in (False, True):
+        end, scene, px = find_by(replace(FREE, free_focal=free_focal))
+        chart, joint = end.problem.chart, end.progress.covariance
+        assert chart.names[-4:] == (*NAMES, "principal_x_2", "principal_y_2")
+        assert px < min(1.0, 0.1 * known_px)
+        assert scene.views[0].camera == scene.views[1].camera != scene.views[2].camera
+        off = [principal_offset(CAMERA, view.camera) for view in scene.views]
+        assert np.abs(off).max() < (0.06 if free_focal else 0.03)  # off by 0.1 at the start
+        assert joint is not None
+        assert joint.names[6:] == (*(["log_focal"] if free_focal else []), *NAMES)
+        assert np.abs(off[0] * np.array([320, 240])).max() < 2 * joint.deviations["principal_px"]
+        own = np.sqrt(np.diag(joint.in_chart(chart))[-4])
+        assert 0.0 < 320 * own <= 1.001 * joint.deviations["principal_px"] < 40.0
+
+
+def test_a_scene_file_keeps_the_principal_point(tmp_path: Path) -> None:
+    views, model, start = write_views(tmp_path)
+    end = load(views, model, start, FREE).fit(evaluations=60)
+    end.save(tmp_path / "found.scene.json")
+    again: Any = load(tmp_path / "found.scene.json")
+    found = [view.camera for view in end.views]
+    assert [view.camera for view in again.views] == found != [CAMERA] * 3
+    assert again.object.result.settings["free_principal_point"]
+
+
+def test_what_cannot_tell_a_principal_point_is_refused() -> None:
+    pose = pose_turned(20.0)
+    parallel = replace(pose, camera=Parallel(40.0, 320.0, 240.0, 640, 480))
+    of_one = "one photo of one object cannot tell"
+    for keypoints, at, words in ((None, pose, of_one), (CAR, parallel, "no principal point")):
+        with pytest.raises(SettingsError, match=words):
+            choose_chart("auto", MESH, keypoints, at, free_principal_point=True)
+    with pytest.raises(SettingsError, match=of_one):
+        choose_chart("free-body", MESH, CAR, pose, free_principal_point=True)
+    chart, _ = choose_chart("auto", MESH, CAR, pose, free_principal_point=True)
+    assert chart.names[6:] == NAMES
