@@ -59,7 +59,7 @@ SIZE_LIKE = re.compile(
 """Names, in small letters without ``_``, of the pictures' width, height or both."""
 SIZED = re.compile("size|dim|res|shape|photo|picture|image|img|frame")
 """Words without which a key like that names something else."""
-SIDES = dict.fromkeys(("width", "cols", "columns", "w", "x"), "width")
+SIDES: dict[str, str] = dict.fromkeys(("width", "cols", "columns", "w", "x"), "width")
 SIDES |= dict.fromkeys(("height", "rows", "h", "y"), "height")
 """Sides by their names between the words of ``SIZE_LIKE``."""
 MAYBE_SIZE = re.compile(
@@ -93,7 +93,9 @@ LENS_NAMES: dict[LensModel | None, str] = {
 """OpenCV's model by the names of others; None: a pinhole, whose coefficients have to be 0."""
 PINHOLES = ("pinhole", "simplepinhole", "perspective", "frame", "standard")
 """Names of a projection or a mode, with which a lens of either model may come."""
-LENS_MODELS = {name: model for model, names in LENS_NAMES.items() for name in names.split()}
+LENS_MODELS: dict[str, LensModel | None] = {
+    name: model for model, names in LENS_NAMES.items() for name in names.split()
+}
 LENS_LIKE = re.compile(
     r"(?!num|estimate|.*(std|error|sigma|covar|model|type|distance|corner|intrinsic|limit))"
     r"(.*dist.*|.*coeff?(icient)?s?|kc|lens|kappa.*|(left|right)?d(left|right|\d*)|.*radial.*"
@@ -458,7 +460,6 @@ def _nest_dotted(data: Any) -> Any:
 
 
 def _is_number(value: Any) -> bool:
-    """Whether there is a number other than 0."""
     if isinstance(value, dict | list):
         return any(map(_is_number, value.get("data", []) if isinstance(value, dict) else value))
     with suppress(TypeError, ValueError):
@@ -477,7 +478,6 @@ def _is_matrix(value: Any) -> bool:
 
 
 def _numbers_in(value: Any) -> list[float]:
-    """The numbers in a text, a list, or OpenCV's mapping of one."""
     value = value.get("data", "") if isinstance(value, dict) else value
     return [float(number) for number in re.findall(r"-?\d+(?:\.\d*)?(?:e[-+]?\d+)?", str(value))]
 
@@ -556,7 +556,6 @@ def _mappings(
 
 
 def _entries_of(mapping: dict[str, Any]) -> dict[str, dict[str, tuple[str, Any]]]:
-    """Fields of a mapping by the number of their camera ("": none)."""
     of_number: dict[str, dict[str, tuple[str, Any]]] = {}
     for key, value in mapping.items():
         plain = _plain(key)

@@ -78,11 +78,7 @@ class Calibration:
 
 
 def load_calibration(
-    choice: Calibration,
-    photo: str,
-    width: int,
-    height: int,
-    orientation: int = UPRIGHT,
+    choice: Calibration, photo: str, width: int, height: int, orientation: int = UPRIGHT
 ) -> tuple[FileCamera, tuple[str, ...]]:
     """Load the camera of an upright photo, turned and scaled if need be; notes say so.
 
@@ -99,9 +95,9 @@ def load_calibration(
     file = InputFile(choice.path, error_type=CalibrationFileError)
     stored = (height, width) if orientation > 4 else (width, height)
     cameras = load_cameras(choice.path, choice.lens_model, stored, orientation > 4)
-    taken, notes = _choose_camera(file, choice, cameras, photo, stored), ()
-    chosen = taken if orientation == UPRIGHT else _upright(file, taken, orientation, stored)
+    chosen, notes = _choose_camera(file, choice, cameras, photo, stored), ()
     if orientation != UPRIGHT:
+        taken, chosen = chosen, _upright(file, chosen, orientation, stored)
         turned = "belongs to the stored pixels and was turned with it"
         said = "is taken to be that of the upright photo" if chosen is taken else turned
         notes = (f"{choice.path.name}: {photo} is stored turned (EXIF), its camera {said}.",)
@@ -126,7 +122,6 @@ def load_calibration(
 def _upright(
     file: InputFile, taken: FileCamera, orientation: int, stored: tuple[int, int]
 ) -> FileCamera:
-    """The camera of the upright photo; as it is where it is none of the stored pixels."""
     own, is_of_stored = taken.camera, taken.is_of_stored
     if orientation > 4 and own.width != own.height:
         is_of_stored = (own.width > own.height) == (stored[0] > stored[1])
@@ -141,12 +136,9 @@ def _upright(
 
 
 def _choose_camera(
-    file: InputFile,
-    choice: Calibration,
-    cameras: list[FileCamera],
-    photo: str,
+    file: InputFile, choice: Calibration, cameras: list[FileCamera], photo: str,
     size: tuple[int, int],
-) -> FileCamera:
+) -> FileCamera:  # fmt: skip
     names = [repr(camera.name) if camera.name else "one without a name" for camera in cameras]
     known = list_names(names)
     if choice.camera is not None:

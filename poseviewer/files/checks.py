@@ -274,8 +274,8 @@ class InputFile:
 
     def size(self, value: Any, what: str) -> int | None:
         """Check a whole number above 0, or None."""
-        kind: Any = Pixels | None
-        return self.decode(value, kind, what)
+        kind: Any = Pixels
+        return None if value is None else self.decode(value, kind, what)
 
 
 def _words(types: re.Match[str]) -> str:

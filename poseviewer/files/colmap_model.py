@@ -120,10 +120,8 @@ def _image_rows(file: InputFile) -> list[list[str]]:
 
 
 def _take(file: IO[bytes], form: str) -> tuple[Any, ...]:
-    """The next numbers of a binary file; struct.error where it is cut short."""
     return struct.unpack(form, file.read(struct.calcsize(form)))
 
 
 def _text(line: bytes) -> str:
-    """A line's words; "" of a comment."""
     return "" if line.startswith(b"#") else line.decode().strip()

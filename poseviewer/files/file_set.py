@@ -238,7 +238,6 @@ def _json_of(path: Path) -> dict[str, object]:
 
 
 def _only(paths: Sequence[Path], what: str, instead: str = "") -> Path | None:
-    """The only path, or None where there is none; several of them raise a FileSetError."""
     if len(paths) > 1:
         found = f"{len(paths):,} {what}: {_list_paths(paths)}"
         raise FileSetError(f"{found}; wanted one{instead}, nothing was opened.")

@@ -209,7 +209,6 @@ def form_of(kind: Any) -> JsonForm:
 
 
 def _form_of_fields(kind: Any) -> JsonForm:
-    """The form of a dataclass: a struct of the forms of its fields."""
     hints = get_type_hints(kind, include_extras=True)
     forms, made = {}, []
     for item in fields(kind):
@@ -445,7 +444,6 @@ def scene_of_pose(path: Path, record: PoseRecord) -> Scene:
 
 
 def _beside(path: Path, name: str | None) -> Path:
-    """The file of a name in the folder of a pose; a name is no path."""
     return (path if path.is_dir() else path.parent) / bare_name(name) if name else Path()
 
 

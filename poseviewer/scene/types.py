@@ -295,7 +295,6 @@ class Scene:
 
 
 def _is_own_scale(pose: Pose, view: View, objects: int) -> bool:
-    """Tell whether a parallel camera differs from the view's by the object's scale alone."""
     camera = view.camera
     if objects == 1 or not (isinstance(pose.camera, Parallel) and isinstance(camera, Parallel)):
         return False

@@ -351,7 +351,6 @@ def _known_parts(
 
 
 def _parts_of_objects(scene: Scene, without: Sequence[str]) -> dict[str, list[str]]:
-    """Return the parts to leave out of each object of a scene, by the objects' ids."""
     parts: dict[str, list[str]] = {item.id: [] for item in scene.objects}
     for text in without:
         owner = max((key for key in parts if text.startswith(f"{key}:")), key=len, default=None)
@@ -363,7 +362,6 @@ def _parts_of_objects(scene: Scene, without: Sequence[str]) -> dict[str, list[st
 
 
 def _require_one_unit(scene: Scene, models: Mapping[Path | None, ModelFile]) -> None:
-    """Refuse models in different units, whose poses do not tell which is in front."""
     known: dict[str, str] = {}
     for item in scene.objects:
         unit = item.model.unit or models.get(item.model.path, item.model).mesh.unit

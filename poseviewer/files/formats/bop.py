@@ -163,7 +163,6 @@ def save_bop_images(
 
 
 def _scene_texts(folder: Path, cameras: SceneFile, poses: SceneFile) -> dict[Path, str]:
-    """A scene's two files."""
     return {folder / CAMERAS: scene_text(cameras), folder / POSES: scene_text(poses)}
 
 

@@ -125,7 +125,6 @@ def write_linemod(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -
 
 
 def _linemod_files(path: Path) -> list[Path]:
-    """The files of rotation and translation, of which one is named."""
     name = re.sub("^(rot|tra)", "", path.stem)
     is_prefixed = name != path.stem
     return [path.with_name(f"{end[1:] * is_prefixed}{name}{end}") for end in LINEMOD_ENDINGS]

@@ -87,7 +87,6 @@ def _prune(root: Any, name: str) -> list[str]:
 
 
 def _part(primitive: Any, material: Any, textures: dict[str, NDArray], notes: list[str]) -> p.Part:
-    """The part of polygons with the material that is bound to them, or None."""
     index = primitive.index.reshape(-1, primitive.nindices)
 
     def values(kind: str, wanted: str | None = None) -> Any:
@@ -120,5 +119,4 @@ def _part(primitive: Any, material: Any, textures: dict[str, NDArray], notes: li
 
 
 def _picture(look: Any) -> str:
-    """The file that a texture's map names, or ""."""
     return unquote(look.sampler.surface.image.path.strip()) if hasattr(look, "sampler") else ""

@@ -158,7 +158,10 @@ class _Document:
         order = np.arange(len(vertices))
         if "indices" in primitive:
             order = self.array(primitive["indices"]).reshape(-1).astype(np.int64)
-        part = Part(name, vertices, _triangles(order, mode), normals)
+        faces = strip_corners(order) if mode == STRIP else order
+        if mode == FAN:
+            faces = np.stack([np.full(len(order) - 2, order[0]), order[1:-1], order[2:]], axis=1)
+        part = Part(name, vertices, faces.reshape(-1, 3), normals)
         rgba, has_colours = np.ones(4), "COLOR_0" in attributes
         if has_colours:
             colours = self.array(attributes["COLOR_0"])
@@ -328,14 +331,6 @@ def _transform_uvs(uvs: NDArray, transform: dict[str, Any]) -> NDArray:
     c, s = (f(transform.get("rotation", 0.0)) for f in (np.cos, np.sin))
     scaled = uvs * np.array(transform.get("scale", (1.0, 1.0)))
     return scaled @ np.array([[c, -s], [s, c]]) + np.array(transform.get("offset", (0.0, 0.0)))
-
-
-def _triangles(order: NDArray, mode: int) -> NDArray:
-    if mode == STRIP:
-        return strip_corners(order)
-    if mode == FAN:
-        return np.stack([np.full(len(order) - 2, order[0]), order[1:-1], order[2:]], axis=1)
-    return order.reshape(-1, 3)
 
 
 def roots_of(nodes: list[dict[str, Any]]) -> list[int]:

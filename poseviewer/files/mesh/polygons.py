@@ -79,7 +79,6 @@ def _side(a: NDArray, b: NDArray, points: NDArray) -> NDArray:
 
 
 def _holds(corners: NDArray, points: NDArray) -> bool:
-    """Whether a triangle holds one of the points, but for its own corners."""
     inside = np.ones(len(points), bool)
     for first, second in ((0, 1), (1, 2), (2, 0)):
         inside &= _side(corners[first], corners[second], points) >= 0.0

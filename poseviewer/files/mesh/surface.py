@@ -51,7 +51,6 @@ def _check(name: str, parts: list[Part]) -> None:
 
 
 def _merge(parts: list[Part], notes: list[str]) -> Mesh:
-    """All parts in one; its normals are 0 unless each part has some."""
     textures = {id(part.texture): part.texture for part in parts if part.texture is not None}
     numbers = {key: i for i, key in enumerate(textures)}
     names = {name: i for i, name in enumerate(dict.fromkeys(part.name for part in parts))}

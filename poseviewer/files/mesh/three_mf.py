@@ -80,7 +80,6 @@ def read_3mf(path: Path) -> ModelParts:
 
 
 def _rgb(group: Any) -> NDArray[np.float64]:
-    """RGB (n, 3) of a group of materials or colours."""
     values = [entry.get("displaycolor") or entry.get("color") for entry in group]
     return np.array([list(bytes.fromhex(value[1:7])) for value in values]).reshape(-1, 3) / 255.0
 

@@ -116,12 +116,11 @@ def copy_out(path: Path, scene: Scene, private: Path) -> Scene:
         return pairs[0][1]
 
     with writing_to(path.parent, f"{path.name}, with its photos and models", FileSetError):
-        files = [replace(view.file, path=copy(view.path)) for view in scene.views]
-        models = [replace(item.model, path=copy(item.model.path)) for item in scene.objects]
-    views = [replace(view, file=file) for view, file in zip(scene.views, files, strict=True)]
-    pairs = zip(scene.objects, models, strict=True)
-    objects = tuple(replace(item, model=model) for item, model in pairs)
-    return replace(scene, views=tuple(views), objects=objects)
+        views = [replace(v, file=replace(v.file, path=copy(v.path))) for v in scene.views]
+        objects = [
+            replace(o, model=replace(o.model, path=copy(o.model.path))) for o in scene.objects
+        ]
+    return replace(scene, views=tuple(views), objects=tuple(objects))
 
 
 def safe_path(name: str) -> PurePosixPath:
