@@ -370,12 +370,9 @@ READ = (
 
 
 def cameras_in(
-    file: InputFile,
-    data: Any,
-    lens_model: LensModel | None = None,
-    photo: tuple[int, int] = (0, 0),
-    is_turned: bool = False,
-) -> list[FileCamera]:
+    file: InputFile, data: Any, lens_model: LensModel | None = None,
+    photo: tuple[int, int] = (0, 0), is_turned: bool = False,
+) -> list[FileCamera]:  # fmt: skip
     """Read all cameras in a tree.
 
     Args:

@@ -22,11 +22,9 @@ MIN_FOCAL = 0.02
 
 
 def load_cameras(
-    path: str | Path,
-    lens_model: LensModel | None = None,
-    photo: tuple[int, int] = (0, 0),
+    path: str | Path, lens_model: LensModel | None = None, photo: tuple[int, int] = (0, 0),
     is_turned: bool = False,
-) -> list[FileCamera]:
+) -> list[FileCamera]:  # fmt: skip
     """Load all cameras in a file, as ``cameras_in``.
 
     Args:

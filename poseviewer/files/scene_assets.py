@@ -23,13 +23,9 @@ from poseviewer.scene.types import View
 
 
 def view_of_file(
-    path: Path,
-    camera: Camera,
-    sha256: str | None = None,
-    lens: Lens | Undistortion | None = None,
-    camera_from_world: RigidTransform = WORLD,
-    mask: Mask | None = None,
-) -> View:
+    path: Path, camera: Camera, sha256: str | None = None, lens: Lens | Undistortion | None = None,
+    camera_from_world: RigidTransform = WORLD, mask: Mask | None = None,
+) -> View:  # fmt: skip
     """Make the view of a photo that is read when first asked for.
 
     Args:

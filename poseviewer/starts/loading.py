@@ -88,13 +88,10 @@ FindStart = Callable[[StartInputs], Start]
 
 
 def open_photo_scene(
-    photo: str | Path | Photo,
-    model: str | Path | ModelFile,
-    start: str | Path | Pose | FindStart,
-    settings: FitSettings | None = None,
-    calibration: Calibration | str | Path | None = None,
+    photo: str | Path | Photo, model: str | Path | ModelFile, start: str | Path | Pose | FindStart,
+    settings: FitSettings | None = None, calibration: Calibration | str | Path | None = None,
     mask: str | Path | Mask | None = None,
-) -> Scene:
+) -> Scene:  # fmt: skip
     """Open the scene of a model in a photo, undistorted where there is a lens.
 
     Args:
@@ -237,14 +234,10 @@ def open_scene_files(scene: str | Path | Scene, settings: FitSettings | None = N
 
 
 def open_views(
-    views: str | Path | LoadedViews,
-    model: str | Path | ModelFile,
-    start: str | Path | Pose,
-    settings: FitSettings | None = None,
-    view: str | None = None,
-    scale: float | None = None,
+    views: str | Path | LoadedViews, model: str | Path | ModelFile, start: str | Path | Pose,
+    settings: FitSettings | None = None, view: str | None = None, scale: float | None = None,
     choice: SetChoice | None = None,
-) -> Scene:
+) -> Scene:  # fmt: skip
     """Open the scene of a model in several views.
 
     Args:

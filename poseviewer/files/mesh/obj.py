@@ -147,14 +147,9 @@ def _read_faces(faces: list[str], relative: Relative) -> tuple[NDArray, NDArray]
 
 
 def _as_part(
-    name: str,
-    used: NDArray,
-    vertices: NDArray,
-    colours: NDArray | None,
-    uvs: NDArray,
-    normals: NDArray,
-    material: Material,
-) -> p.Part:
+    name: str, used: NDArray, vertices: NDArray, colours: NDArray | None, uvs: NDArray,
+    normals: NDArray, material: Material,
+) -> p.Part:  # fmt: skip
     """A part with one vertex for each distinct corner (v, vt, vn) of ``used`` (F, 3, 3)."""
     diffuse, texture = material
     flat = used.reshape(-1, 3)
