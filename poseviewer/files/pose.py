@@ -57,15 +57,13 @@ class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
         camera, photo = pose.camera, photo or s.PhotoReference()
         photo = structs.replace(photo, width=camera.width or None, height=camera.height or None)
         return cls(
-            projection=s.projection_of(camera),
-            numbers=s.CameraNumbers.of(camera),
+            projection=s.projection_of(camera), numbers=s.CameraNumbers.of(camera),
             place=s.Transform.of(pose.camera_from_model),
-            photo=None if photo == s.PhotoReference() else photo,
-            **said,
-        )
+            photo=None if photo == s.PhotoReference() else photo, **said,
+        )  # fmt: skip
 
     def with_pose(self, pose: Pose, **changes: Any) -> PoseRecord:
-        """The record with another pose, and other ``changes``."""
+        """Change the pose, and other fields."""
         made = self.of(pose, self.photo)
         names = ("projection", "numbers", "place", "photo")
         return structs.replace(self, **{n: getattr(made, n) for n in names}, **changes)
@@ -117,7 +115,7 @@ def load_pose(path: str | Path, width: int | None = None, height: int | None = N
 def check_against(
     known: s.PhotoReference | s.ModelReference | None, sha: str | None
 ) -> tuple[str, ...]:
-    """A warning where a pose file names another photo or model than the one in use, or none."""
+    """Warn where a pose file names another photo or model than the one in use."""
     if known is None or not known.sha256 or known.sha256.lower() == sha:
         return ()
     what = "photo" if isinstance(known, s.PhotoReference) else "model"
