@@ -33,7 +33,6 @@ CAMERAS = "scene_camera.json"
 POSES = "scene_gt.json"
 WORLD = ("cam_R_w2c", "cam_t_w2c")
 """BOP's names of the camera from the scene's world; many scenes do not have it."""
-IN_CAMERA = ("cam_R_m2c", "cam_t_m2c")
 PHOTO_NAME = r"(\d+)\.\w+"
 MODEL_NAME = r"obj_(\d+)\.\w+"
 PHOTO_FOLDERS = ("gray", "rgb")
@@ -103,8 +102,7 @@ def write_bop(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.
 
 def read_bop(path: Path, request: c.ConvertOptions) -> Scene:
     """Read the objects of an image; ``request.model`` may be the folder of their models."""
-    file = InputFile(path / POSES)
-    asked = request.object_id
+    file, asked = InputFile(path / POSES), request.object_id
     stem = Path(request.image or "").stem
     posed = [(f"{item.number}", item) for item in load_bop_images(path, posed=True) if item.objects]
     by_number = replace(request, image=str(int(stem)) if stem.isdecimal() else request.image)
@@ -145,7 +143,7 @@ def load_bop_images(folder: Path, posed: bool = False) -> tuple[BopImage, ...]:
         photo = photos.get(int(name), f"{PHOTO_FOLDERS[1]}/{int(name):06d}.png")
         there = _objects(objects, poses.get(name, []), name)
         is_in_world = all(key in entry for key in WORLD)
-        world = _transform(file, entry, WORLD, f"image {name}") if is_in_world else None
+        world = _transform(file, entry, "w2c", f"image {name}") if is_in_world else None
         images.append(BopImage(int(name), photo, camera, there, world))
     if not images:
         raise file.error("no image in it", "wanted a camera for each image")
@@ -205,10 +203,9 @@ def _number(given: str | int | None, pattern: str, name: str, what: str, example
     said = name if given is None else str(given)
     if match := re.fullmatch(rf"{pattern}|(\d+)", said):
         return int(match[1] or match[2])
-    raise PoseFileError(
-        f"BOP wants the {what}'s number, and found {said or 'none'!r}; add --{what} NUMBER (a file "
-        f"called like {example} says it by its name)."
-    )
+    found = f"BOP wants the {what}'s number, and found {said or 'none'!r}"
+    wanted = f"add --{what} NUMBER (a file called like {example} says it by its name)"
+    raise PoseFileError(f"{found}; {wanted}.")
 
 
 def _photos(folder: Path) -> dict[int, str]:
@@ -227,19 +224,16 @@ def _objects(file: InputFile, entries: Any, image: str) -> tuple[BopObject, ...]
     for number, entry in enumerate(entries):
         what = f"pose {number} of image {image}"
         said = file.object(entry, what)
-        place = _transform(file, said, IN_CAMERA, what)
+        place = _transform(file, said, "m2c", what)
         objects.append(BopObject(int(file.positive(said.get("obj_id"), f"{what}.obj_id")), place))
     return tuple(objects)
 
 
-def _transform(
-    file: InputFile, said: dict[str, Any], keys: tuple[str, str], what: str
-) -> RigidTransform:
-    rotation, translation = (
-        np.array(file.flat_numbers(said.get(key), f"{what}.{key}", length))
-        for key, length in zip(keys, (9, 3), strict=True)
-    )
-    return RigidTransform(repair_rotation(file, rotation.reshape(3, 3)), translation)
+def _transform(file: InputFile, said: dict[str, Any], way: str, what: str) -> RigidTransform:
+    rotation, shift = (f"cam_{letter}_{way}" for letter in "Rt")
+    matrix = np.reshape(file.flat_numbers(said.get(rotation), f"{what}.{rotation}", 9), (3, 3))
+    translation = np.array(file.flat_numbers(said.get(shift), f"{what}.{shift}", 3))
+    return RigidTransform(repair_rotation(file, matrix), translation)
 
 
 BOP = c.Format(write_bop, read_bop, several_objects=True, appends=True, photos_in="rgb")
