@@ -150,7 +150,7 @@ def _of_bop(file: InputFile, choice: SetChoice) -> Iterator[View]:
             continue
         place, found = image.camera_from_world, f"image {image.number} has no {WORLD[0]}"
         if rig is not None:
-            poses = [pose.place for pose in image.objects if pose.object_id == rig]
+            poses = [pose.camera_from_model for pose in image.objects if pose.object_id == rig]
             if len(poses) != 1 and not choice.photos:
                 continue  # it is hidden there, or there are several
             place = poses[0] if len(poses) == 1 else None

@@ -33,7 +33,7 @@ class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
 
     format: Literal["poseviewer-pose"] = FORMAT
     version: Literal[1] = 1
-    place: s.Transform = field(name="camera_from_model")
+    camera_from_model: s.Transform
     photo: s.PhotoReference | None = None
     model: s.ModelReference | None = None
     loss: s.Number | None = None
@@ -58,14 +58,14 @@ class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
         photo = structs.replace(photo, width=camera.width or None, height=camera.height or None)
         return cls(
             projection=s.projection_of(camera), numbers=s.CameraNumbers.of(camera),
-            place=s.Transform.of(pose.camera_from_model),
+            camera_from_model=s.Transform.of(pose.camera_from_model),
             photo=None if photo == s.PhotoReference() else photo, **said,
         )  # fmt: skip
 
     def with_pose(self, pose: Pose, **changes: Any) -> PoseRecord:
         """Change the pose, and other fields."""
         made = self.of(pose, self.photo)
-        names = ("projection", "numbers", "place", "photo")
+        names = ("projection", "numbers", "camera_from_model", "photo")
         return structs.replace(self, **{n: getattr(made, n) for n in names}, **changes)
 
     @property
@@ -77,7 +77,7 @@ class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     @property
     def pose(self) -> Pose:
         """Camera (pixel centres at i + 0.5) and ``camera_from_model``, in the model's unit."""
-        return Pose(self.camera, self.place.rigid)
+        return Pose(self.camera, self.camera_from_model.rigid)
 
     @property
     def covariance(self) -> PoseCovariance | None:

@@ -89,9 +89,7 @@ class ViewJson(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     """
 
     photo: PhotoPath
-    place: s.Transform = msgspec.field(
-        name="camera_from_world", default=s.Transform.of(RigidTransform.identity())
-    )
+    camera_from_world: s.Transform = s.Transform.of(RigidTransform.identity())
 
     @classmethod
     def of(cls, view: View) -> "ViewJson":
@@ -101,14 +99,14 @@ class ViewJson(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
             photo=PhotoPath(str(file.path or file.name), file.width, file.height, file.sha256),
             projection=s.projection_of(view.camera), numbers=s.CameraNumbers.of(view.camera),
             distortion=undistortion and s.Distortion.of(undistortion),
-            place=s.Transform.of(view.camera_from_world), mask=mask_text(view.mask),
+            camera_from_world=s.Transform.of(view.camera_from_world), mask=mask_text(view.mask),
         )  # fmt: skip
 
     @property
     def view(self) -> View:
         """The view, its photo not yet read."""
         path, mask = Path(self.photo.file), None if self.mask is None else load_mask(self.mask)
-        where = self.undistortion, self.place.rigid, mask
+        where = self.undistortion, self.camera_from_world.rigid, mask
         return view_of_file(path, self.camera, self.photo.sha256, *where)
 
     @property

@@ -50,12 +50,13 @@ class BopObject:
     """An object in an image."""
 
     object_id: int
-    place: RigidTransform
-    """Camera from model, mm."""
+    camera_from_model: RigidTransform
+    """In mm."""
 
     def as_json(self) -> dict[str, Any]:
         """Return the pose for ``scene_gt.json``."""
-        rotation, shift = self.place.rotation.reshape(-1).tolist(), self.place.translation.tolist()
+        pose = self.camera_from_model
+        rotation, shift = pose.rotation.reshape(-1).tolist(), pose.translation.tolist()
         return {"cam_R_m2c": rotation, "cam_t_m2c": shift, "obj_id": self.object_id}
 
 
@@ -118,7 +119,8 @@ def read_bop(path: Path, request: c.ConvertOptions) -> Scene:
             counts[number] += 1
             name = f"{number}-{counts[number]}" if counts[number] > 1 else f"{number}"
             model = model_file(folder / MODEL_FILE.format(number), unit=unit)
-            place = replace(item.place, translation=item.place.translation * factor)
+            place = item.camera_from_model
+            place = replace(place, translation=place.translation * factor)
             objects.append(SceneObject(id=name, model=model, world_from_model=Similarity(place)))
     if not objects:
         found = f"image {image.number} has no pose of object {asked}"

@@ -81,7 +81,7 @@ class BopEstimate:
     image: int
     object_id: int
     score: float
-    place: RigidTransform
+    camera_from_model: RigidTransform
 
 
 def load_bop_models(path: Path) -> dict[int, BopModel]:
