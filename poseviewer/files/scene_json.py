@@ -225,7 +225,8 @@ def _form_of_fields(kind: Any) -> JsonForm:
         return struct(**{name: form.encode(getattr(value, name)) for name, form in forms.items()})
 
     def decode(value: Any) -> Any:
-        return kind(**{name: form.decode(getattr(value, name)) for name, form in forms.items()})
+        made = kind(**{name: form.decode(getattr(value, name)) for name, form in forms.items()})
+        return _complete(made) if kind is Scene else made
 
     return JsonForm(struct, encode, decode)
 
@@ -238,18 +239,21 @@ AS_IN_POSE = ("loss", "unexplained", "verdict", "settings", "notes")
 """Fields that results share with pose files, which are of one view."""
 
 
-def _complete(scene: Scene, item: SceneObject) -> SceneObject:
-    """Add to an object what follows from the scene's views."""
-    cameras = tuple(
-        replace(camera, width=view.file.width, height=view.file.height)
-        for camera, view in zip(item.start_cameras, scene.views, strict=False)
-    )
-    result = item.result
-    if result is not None and isinstance(result.covariance, s.Uncertainty):
-        at = min(result.view, len(scene.views) - 1)
-        covariance = result.covariance.about(scene.views[at].pose(item.world_from_model))
-        result = replace(result, view=at, covariance=covariance)
-    return replace(item, start_cameras=cameras, result=result)
+def _complete(scene: Scene) -> Scene:
+    """Add to objects what follows from the views: sizes of cameras, poses of covariances."""
+    objects = []
+    for item in scene.objects:
+        cameras = tuple(
+            replace(camera, width=view.file.width, height=view.file.height)
+            for camera, view in zip(item.start_cameras, scene.views, strict=False)
+        )
+        result = item.result
+        if result is not None and isinstance(result.covariance, s.Uncertainty):
+            at = min(result.view, len(scene.views) - 1)
+            covariance = result.covariance.about(scene.views[at].pose(item.world_from_model))
+            result = replace(result, view=at, covariance=covariance)
+        objects.append(replace(item, start_cameras=cameras, result=result))
+    return replace(scene, objects=tuple(objects))
 
 
 def load_scene(path: str | Path, inside: Path | None = None) -> Scene:
@@ -283,9 +287,7 @@ def load_scene(path: str | Path, inside: Path | None = None) -> Scene:
         form: Any = file.decode(data, SceneJson, raw=("file", "mask"))
         require_whole(file, form)
         scene: Scene = form_of(Scene).decode(_with_files(form, find))
-        objects = tuple(_complete(scene, item) for item in scene.objects)
-        notes = tuple(dict.fromkeys(file.warnings))
-        return replace(scene, objects=objects, name=file.path.name, notes=notes)
+        return replace(scene, name=file.path.name, notes=tuple(dict.fromkeys(file.warnings)))
 
 
 def _with_files(form: Any, name: Named, name_inline: Named | None = None) -> Any:
@@ -437,8 +439,9 @@ def scene_of_pose(path: Path, record: PoseRecord) -> Scene:
         said_symmetry=NO_SYMMETRY if record.turns is None else record.turns.symmetry,
         result=None if result == SearchResultJson() else form_of(SearchResult).decode(result),
     )  # fmt: skip
-    scene = Scene(views=(view,), software=record.software, notes=record.warnings)
-    return replace(scene, objects=(_complete(scene, item),))
+    return _complete(
+        Scene(views=(view,), objects=(item,), software=record.software, notes=record.warnings)
+    )
 
 
 def _beside(path: Path, name: str | None) -> Path:
