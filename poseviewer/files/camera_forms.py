@@ -1,8 +1,7 @@
 """Cameras as the tools of the field write them: one table of forms.
 
-A file is a tree of mappings, whatever it is written in (YAML, XML, JSON, NumPy, CSV). Each mapping
-that has all keys of a form is a camera. A key that looks like a lens and belongs to no form is an
-error that names the key.
+A file is a tree of mappings; each that has all keys of a form is a camera. A key that looks like a
+lens and belongs to no form is an error that names the key.
 """
 
 import math
@@ -189,13 +188,7 @@ class _Fields:
         return (ordered if len(sides) == 2 else {}) | dict(fields.get("imagesize", ("", ()))[1])
 
     def size(self, cx: float = 0.0, cy: float = 0.0) -> tuple[int, int]:
-        """Return width and height in px, as said, or else those of the photo.
-
-        A list of two has either first: ``cx`` and ``cy`` (px), where given, lie near the middle.
-
-        Raises:
-            PoseViewerError: two keys say different sizes.
-        """
+        """Return width and height in px; ``cx`` and ``cy`` tell which number of a list is which."""
         sizes = {key: self._pair(key, value) for key, value in self.sizes.items()}
         for chosen in (sizes, {key: size for key, size in sizes.items() if "calib" in key.lower()}):
             if len({tuple(sorted(size)) for size in (chosen or sizes).values()}) < 2:

@@ -1,7 +1,4 @@
-"""Sets of photos whose cameras know their poses to one another.
-
-COLMAP's models, ``transforms.json`` of nerfstudio and NeRF, BOP scenes, and our scene files.
-"""
+"""Sets of photos whose cameras know their poses: of COLMAP, nerfstudio, NeRF, BOP, our own."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -61,10 +61,7 @@ def with_photo(view: View, path: Path, sha256: str | None = None) -> View:
 
 
 def open_view(view: View) -> tuple[View, tuple[str, ...]]:
-    """Read the photo of a view; also return notes for the user.
-
-    The photo may be of any size where the view is of 0x0 px.
-    """
+    """Read the photo of a view (of any size if the view is of 0x0 px); also return notes."""
     path = view.path
     if path is not None and not view.file.width:
         photo = load_photo(path)

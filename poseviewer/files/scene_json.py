@@ -257,11 +257,7 @@ def _complete(scene: Scene) -> Scene:
 
 
 def load_scene(path: str | Path, inside: Path | None = None) -> Scene:
-    """Load a scene whose photos and models are there, but not yet read.
-
-    Args:
-        path: scene file.
-        inside: folder in which all files have to lie.
+    """Load a scene whose files are there, ``inside`` a folder if one is given, but not yet read.
 
     Raises:
         PoseFileError: it is no scene, its parts do not fit together, or it names a file that is not

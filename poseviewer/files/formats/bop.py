@@ -1,7 +1,7 @@
 """BOP's scenes: ``scene_gt.json`` and ``scene_camera.json``, single poses or all images at once.
 
-As in the BOP toolkit's ``docs/bop_datasets_format.md``: translations in mm, rotations and K
-row-major, OpenCV axes, pixel centres at integers.
+``docs/bop_datasets_format.md`` of the BOP toolkit: translations in mm, rotations and K row-major,
+OpenCV axes, pixel centres at integers.
 """
 
 import json

@@ -1,8 +1,4 @@
-"""BOP's models and estimated poses: ``models_info.json``, and tables of results.
-
-As in the BOP toolkit's ``docs/bop_datasets_format.md`` and ``docs/bop_challenge_2019.md``; lengths
-in mm.
-"""
+"""BOP's ``models_info.json`` and tables of results, as the BOP toolkit's docs say; in mm."""
 
 import csv
 from dataclasses import dataclass

@@ -30,11 +30,11 @@ IDLE = ("library_animations", "library_cameras", "library_lights", "library_cont
 
 
 def read_dae(path: Path) -> p.ModelParts:
-    """A part for each group of polygons of each node of the scene, and notes.
+    """Read a part for each group of polygons of each node of the scene.
 
     Raises:
-        MeshFileError: The file has what is not read and changes the shape.
-        ValueError: The file is damaged.
+        MeshFileError: the file has what is not read and changes the shape.
+        ValueError: the file is damaged.
     """
     try:
         import collada

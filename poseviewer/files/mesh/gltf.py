@@ -39,8 +39,7 @@ SPARED = (
     "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression",
     "KHR_texture_basisu", "EXT_texture_avif",
 )  # fmt: skip
-"""Extensions that are not read, and without which a file that does not require them holds the same.
-"""
+"""Extensions that are not read, and that change nothing in a file that does not require them."""
 HARMLESS = ("KHR_materials_", "KHR_lights_", "KHR_xmp", "KHR_animation_", "EXT_lights_", "MSFT_lod")
 """Beginnings of extensions that change neither shape nor base colour."""
 TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}

@@ -8,13 +8,9 @@ TURNED = -1e-9
 
 
 def polygon_corners(counts: NDArray, points: NDArray) -> NDArray[np.int64]:
-    """Cut polygons into (T, 3) corners of triangles: fans, or ears where a fan leaves it.
+    """Cut polygons of ``counts`` (N,) corners at ``points`` (C, 3) into triangles' corners (T, 3).
 
-    Corners are numbered through all polygons; polygons of fewer than 3 corners give none.
-
-    Args:
-        counts: (N,) corners of each polygon.
-        points: (C, 3) positions of all corners.
+    They are fans, or ears where a fan leaves the polygon; corners count through all polygons.
     """
     counts = np.asarray(counts, dtype=np.int64)
     triangles, firsts = np.maximum(counts - 2, 0), np.cumsum(counts) - counts
