@@ -34,11 +34,9 @@ def load_cameras(
         is_turned: whether EXIF turns these by 90 degrees.
     """
     file = InputFile(Path(path), [], CalibrationFileError, KIND, numbers_as_text=True)
-    ending, head = file.path.suffix.lower(), b""
+    ending = file.path.suffix.lower()
     with file.naming_errors():
-        if ending == ".txt":
-            with file.open() as stream:
-                head = stream.read(MAX_HEAD_LETTERS)
+        head = file.load_bytes()[:MAX_HEAD_LETTERS] if ending == ".txt" else b""
         is_named = bool(head) and file.path.stem == "cameras"
         if ending == ".bin" or is_named or COLMAP_LIKE.search(head):
             cameras = _colmap_cameras(file)
@@ -151,7 +149,7 @@ def _choose_camera(
     number = str(int(stem)) if stem.isdecimal() else None
     named = [c for c in cameras if photo in c.photos] or [c for c in cameras if c.name == number]
     named = named or [c for c in cameras if (c.camera.width, c.camera.height) == size]
-    if 1 not in (len(cameras), len(named)):
+    if len(named) != 1:
         found = f"{len(cameras)} cameras, {known}, and none of them named after {photo}"
         raise file.error(found, "choose one by --calibration-camera NAME, Calibration's camera")
-    return cameras[0] if len(cameras) == 1 else named[0]
+    return named[0]
