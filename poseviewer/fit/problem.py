@@ -220,7 +220,7 @@ def hidings(scene: Scene, index: int, view: int = 0) -> dict[int, Hiding | None]
     """Pixels that other objects hide of one, those that stand firm, in each view that shows it;
     ``view`` comes first, and is there in any case.
     """
-    firm = [i for i, one in enumerate(scene.objects) if i != index and one.stands_firm]
+    firm = [i for i, one in enumerate(scene.objects) if i != index and one.is_occluder]
     hidden: dict[int, Hiding | None] = {}
     for number in sorted(range(len(scene.views)), key=lambda number: number != view):
         placed, is_wanted = scene.model_at(index, number), scene.in_view(index, number).is_compared

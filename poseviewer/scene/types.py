@@ -192,7 +192,7 @@ class SceneObject:
         return self.name.strip() or self.id
 
     @property
-    def stands_firm(self) -> bool:
+    def is_occluder(self) -> bool:
         """Whether the object's pose is trusted, so that it hides pixels of others."""
         if self.hidden or not self.is_placed:
             return False
