@@ -249,7 +249,7 @@ def _of_matrix(fields: _Fields, name: str = "matrix") -> Any:
 
 
 def _is_matlab(fields: _Fields) -> bool:
-    """Whether a camera is MATLAB's, which counts pixel centres from 1."""
+    """Tell whether a camera is MATLAB's, which counts pixel centres from 1."""
     return fields.entries.get("radial", ("",))[0] == "RadialDistortion"
 
 
@@ -574,7 +574,7 @@ def _entries_of(mapping: dict[str, Any]) -> dict[str, dict[str, tuple[str, Any]]
 
 
 def _lens_model(fields: _Fields, form: Form) -> tuple[bool, LensModel | None]:
-    """Whether the file says the model of a camera's lens, and which; None: it has to have none."""
+    """Tell whether the file says the model of a lens, and which; None: it has to have none."""
     marks = [f["isfisheye"] for f in (fields.entries, fields.above) if "isfisheye" in f]
     marks = [(key, mark) for key, mark in marks if not isinstance(mark, dict | list)]
     fields.used.update(dict.fromkeys(key for key, _ in marks))

@@ -86,7 +86,7 @@ def files_below(root: Path) -> tuple[Path, ...]:
 
 
 def is_of_system(name: str) -> bool:
-    """Whether a file or a folder of this name is one that systems leave behind."""
+    """Tell whether a file or a folder of this name is one that systems leave behind."""
     return name.startswith(".") or name.lower() in SYSTEM_NAMES
 
 

@@ -66,7 +66,7 @@ def orientation_of(path: str | Path) -> int:
 
 
 def was_taken_by_a_camera(path: str | Path) -> bool:
-    """Whether a picture's EXIF names camera or exposure, or it is HEIC, from cameras alone."""
+    """Tell whether a picture's EXIF names camera or exposure, or it is HEIC, of cameras alone."""
     is_heic = Path(path).suffix.lower() in (".heic", ".heif")
     return is_heic or not OF_CAMERAS.isdisjoint(_exif_tags(path))
 

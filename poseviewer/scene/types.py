@@ -97,7 +97,7 @@ class PlacedModel:
 
     @property
     def is_seen(self) -> bool:
-        """Whether the centre is in front of the camera, and some of the model in the picture."""
+        """True if the centre is in front of the camera, and some of the model in the picture."""
         points, camera = hull_in_photo(self.mesh, self.pose), self.pose.camera
         inside = np.all((points >= 0.0) & (points < [camera.width, camera.height]), axis=1)
         return bool(self.depth > 0.0 and inside.any())
@@ -193,7 +193,7 @@ class SceneObject:
 
     @property
     def is_occluder(self) -> bool:
-        """Whether the object's pose is trusted, so that it hides pixels of others."""
+        """True if the object's pose is trusted, so that it hides pixels of others."""
         if self.hidden or not self.is_placed:
             return False
         verdict = None if self.result is None else self.result.verdict

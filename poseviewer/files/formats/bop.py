@@ -179,7 +179,7 @@ def load_scene_file(path: Path) -> SceneFile:
 
 
 def same_intrinsics(one: Perspective, other: Perspective) -> bool:
-    """Whether two cameras are one, up to the rounding of files."""
+    """Tell whether two cameras are one, up to the rounding of files."""
     numbers = [[own.fx, own.fy, own.cx, own.cy] for own in (one, other)]
     return bool(np.allclose(*numbers, rtol=SAME, atol=SAME))
 

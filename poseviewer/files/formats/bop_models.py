@@ -30,7 +30,7 @@ class Axis(Struct, frozen=True):
 
     @property
     def unit(self) -> FloatArray:
-        """(3,), of length 1."""
+        """Direction (3,) of length 1."""
         return np.array(self.axis) / np.linalg.norm(self.axis)
 
 

@@ -87,7 +87,7 @@ def write_gltf_scene(
 
 
 def _origin(mesh: Mesh) -> FloatArray:
-    """(3,): what is added in a model's node, as its 32-bit floats are exact near 0 alone."""
+    """Return the offset (3,) of a node, as its 32-bit floats are exact near 0 alone."""
     is_far = np.abs(mesh.bounds).max() > FAR * mesh.diameter
     return mesh.centre if is_far else np.zeros(3)
 

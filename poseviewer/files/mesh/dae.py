@@ -90,7 +90,7 @@ def _part(primitive: Any, material: Any, textures: dict[str, NDArray], notes: li
     index = primitive.index.reshape(-1, primitive.nindices)
 
     def values(kind: str, wanted: str | None = None) -> Any:
-        """(C, k): values of the corners, those of the wanted set of several; None: none."""
+        """Return values (C, k) of the corners, those of the wanted set, or None."""
         inputs = primitive.sources.get(kind)
         if not inputs:
             return None

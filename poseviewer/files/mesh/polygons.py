@@ -32,7 +32,7 @@ def polygon_corners(counts: NDArray, points: NDArray) -> NDArray[np.int64]:
 
 
 def strip_corners(indices: NDArray) -> NDArray[np.int64]:
-    """(T, 3) triangles of strips with -1 between them; every second one is turned."""
+    """Return triangles (T, 3) of strips with -1 between them; every second one is turned."""
     indices = np.asarray(indices, np.int64)
     windows = np.stack([indices[:-2], indices[1:-1], indices[2:]], axis=1)
     ends = np.flatnonzero(indices < 0)
@@ -43,13 +43,13 @@ def strip_corners(indices: NDArray) -> NDArray[np.int64]:
 
 
 def _to_plane(points: NDArray, normal: NDArray) -> NDArray:
-    """(n, 2): a polygon in its own plane, counter-clockwise."""
+    """Project a polygon into its own plane (n, 2), counter-clockwise."""
     x = np.cross(np.eye(3)[np.argmin(np.abs(normal))], normal)
     return (points - points[0]) @ np.stack([x, np.cross(normal, x)], axis=1)
 
 
 def _ears(flat: NDArray) -> NDArray[np.int64]:
-    """(n - 2, 3): triangles of a simple polygon (Meisters 1975); of another, a fan at the end."""
+    """Cut ears off a simple polygon (Meisters 1975), (n - 2, 3); others end in a fan."""
     left = list(range(len(flat)))
     triangles = []
     at = 0

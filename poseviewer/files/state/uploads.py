@@ -130,7 +130,7 @@ def safe_path(name: str) -> PurePosixPath:
 
 
 def why_unfit(name: str, size: int, count: int = 1) -> str:
-    """Why ``count`` files of ``size`` bytes together are not taken; "" where they are."""
+    """Say why ``count`` files of ``size`` bytes together are not taken; "" where they are."""
     found = wanted = ""
     if count > MAX_FILES:
         found = f": more than {MAX_FILES:,} files"
@@ -142,7 +142,7 @@ def why_unfit(name: str, size: int, count: int = 1) -> str:
 
 
 def why_not_sent(name: str, trouble: Literal["unreadable", "empty", "cut off"]) -> str:
-    """Why a page sends nothing, or not all, of a folder or a file that was dropped on it."""
+    """Say why a page sends nothing, or not all, of what was dropped on it."""
     words = {
         "cut off": "the upload was cut off; nothing was changed, drop it again",
         "empty": "an empty folder; drop one that holds a photo, a model or a pose",
