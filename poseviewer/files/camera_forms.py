@@ -266,9 +266,7 @@ def _of_names(fields: _Fields) -> Any:
 
 def _metashape(fields: _Fields) -> Any:
     f = fields.number("f")
-    return _from_middle(
-        fields, f + fields.number("b1", 0.0), f, fields.number("cx"), fields.number("cy")
-    )
+    return _from_middle(fields, f + fields.number("b1", 0.0), f, *map(fields.number, ("cx", "cy")))
 
 
 def _meshroom(fields: _Fields) -> Any:

@@ -435,9 +435,8 @@ def scene_of_pose(path: Path, record: PoseRecord) -> Scene:
         said_symmetry=NO_SYMMETRY if record.turns is None else record.turns.symmetry,
         result=None if result == SearchResultJson() else form_of(SearchResult).decode(result),
     )  # fmt: skip
-    return _complete(
-        Scene(views=(view,), objects=(item,), software=record.software, notes=record.warnings)
-    )
+    notes = record.warnings
+    return _complete(Scene(views=(view,), objects=(item,), software=record.software, notes=notes))
 
 
 def _beside(path: Path, name: str | None) -> Path:

@@ -135,9 +135,8 @@ class _Document:
             if part is None:
                 continue
             if "skin" in node:
-                yield self._apply_skin(
-                    part, primitive["attributes"], self.data["skins"][node["skin"]]
-                )
+                skin = self.data["skins"][node["skin"]]
+                yield self._apply_skin(part, primitive["attributes"], skin)
             else:
                 yield from (part.transform(place) for place in places)
 

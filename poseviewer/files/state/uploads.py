@@ -117,10 +117,8 @@ def copy_out(path: Path, scene: Scene, private: Path) -> Scene:
 
     with writing_to(path.parent, f"{path.name}, with its photos and models", FileSetError):
         views = [replace(v, file=replace(v.file, path=copy(v.path))) for v in scene.views]
-        objects = [
-            replace(o, model=replace(o.model, path=copy(o.model.path))) for o in scene.objects
-        ]
-    return replace(scene, views=tuple(views), objects=tuple(objects))
+        items = [replace(o, model=replace(o.model, path=copy(o.model.path))) for o in scene.objects]
+    return replace(scene, views=tuple(views), objects=tuple(items))
 
 
 def safe_path(name: str) -> PurePosixPath:
