@@ -77,7 +77,7 @@ def _save_start(out: Path, image: BopImage, posed: BopObject, instance: int) -> 
     more = f"-{instance + 1}" if instance else ""
     path = out / STARTS / f"{image.number:06d}-{posed.object_id:06d}{more}.json"
     new = out / STARTS / ".new.json"
-    save_pose(new, PoseRecord.of(Pose(image.camera, posed.place)))
+    save_pose(new, PoseRecord.of(Pose(image.camera, posed.camera_from_model)))
     if path.is_file() and path.read_bytes() == new.read_bytes():
         new.unlink()
     else:

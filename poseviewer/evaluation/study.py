@@ -201,7 +201,7 @@ def bop_tasks(table: Path, folder: Path, settings: FitSettings) -> tuple[list[Tr
     models, tasks = load_bop_models(folder / "models" / MODELS_INFO), list[TrialTask]()
     targets = 0
     estimates = sorted(load_bop_estimates(table), key=lambda estimate: estimate.score)
-    best = {(e.scene, e.image, e.object_id): e.place for e in estimates}
+    best = {(e.scene, e.image, e.object_id): e.camera_from_model for e in estimates}
     for scene in sorted({key[0] for key in best}):
         source = folder / "test" / f"{scene:06d}"
         for image in load_bop_images(source):
@@ -227,7 +227,7 @@ def bop_tasks(table: Path, folder: Path, settings: FitSettings) -> tuple[list[Tr
                 name, mesh = f"object {number}", folder / "models" / MODEL_FILE.format(number)
                 case = Case(
                     f"{scene}/{image.number}/{number}", name, path, mesh,
-                    Pose(camera, target.place), bop=models[number],
+                    Pose(camera, target.camera_from_model), bop=models[number],
                 )  # fmt: skip
                 tasks.append(TrialTask(case, Pose(camera, start), settings))
     if not tasks:

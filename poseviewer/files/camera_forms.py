@@ -1,8 +1,7 @@
 """Cameras as the tools of the field write them: one table of forms.
 
-A file is a tree of mappings, whatever it is written in (YAML, XML, JSON, NumPy, CSV). Each mapping
-that has all keys of a form is a camera. A key that looks like a lens and belongs to no form is an
-error that names the key.
+A file is a tree of mappings; each that has all keys of a form is a camera. A key that looks like a
+lens and belongs to no form is an error that names the key.
 """
 
 import math
@@ -59,7 +58,7 @@ SIZE_LIKE = re.compile(
 """Names, in small letters without ``_``, of the pictures' width, height or both."""
 SIZED = re.compile("size|dim|res|shape|photo|picture|image|img|frame")
 """Words without which a key like that names something else."""
-SIDES = dict.fromkeys(("width", "cols", "columns", "w", "x"), "width")
+SIDES: dict[str, str] = dict.fromkeys(("width", "cols", "columns", "w", "x"), "width")
 SIDES |= dict.fromkeys(("height", "rows", "h", "y"), "height")
 """Sides by their names between the words of ``SIZE_LIKE``."""
 MAYBE_SIZE = re.compile(
@@ -93,7 +92,9 @@ LENS_NAMES: dict[LensModel | None, str] = {
 """OpenCV's model by the names of others; None: a pinhole, whose coefficients have to be 0."""
 PINHOLES = ("pinhole", "simplepinhole", "perspective", "frame", "standard")
 """Names of a projection or a mode, with which a lens of either model may come."""
-LENS_MODELS = {name: model for model, names in LENS_NAMES.items() for name in names.split()}
+LENS_MODELS: dict[str, LensModel | None] = {
+    name: model for model, names in LENS_NAMES.items() for name in names.split()
+}
 LENS_LIKE = re.compile(
     r"(?!num|estimate|.*(std|error|sigma|covar|model|type|distance|corner|intrinsic|limit))"
     r"(.*dist.*|.*coeff?(icient)?s?|kc|lens|kappa.*|(left|right)?d(left|right|\d*)|.*radial.*"
@@ -131,7 +132,7 @@ class FileCamera:
 
 
 @dataclass(frozen=True, slots=True)
-class _Said:
+class _Fields:
     """Fields of a camera that a mapping has: of each the key as written, and the value."""
 
     file: InputFile
@@ -187,13 +188,7 @@ class _Said:
         return (ordered if len(sides) == 2 else {}) | dict(fields.get("imagesize", ("", ()))[1])
 
     def size(self, cx: float = 0.0, cy: float = 0.0) -> tuple[int, int]:
-        """Return width and height in px, as said, or else those of the photo.
-
-        A list of two has either first: ``cx`` and ``cy`` (px), where given, lie near the middle.
-
-        Raises:
-            PoseViewerError: two keys say different sizes.
-        """
+        """Return width and height in px; ``cx`` and ``cy`` tell which number of a list is which."""
         sizes = {key: self._pair(key, value) for key, value in self.sizes.items()}
         for chosen in (sizes, {key: size for key, size in sizes.items() if "calib" in key.lower()}):
             if len({tuple(sorted(size)) for size in (chosen or sizes).values()}) < 2:
@@ -226,7 +221,7 @@ class Form:
     tools: str
     needs: tuple[str, ...]
     """Fields, all of which a camera of the form has."""
-    pinhole: Callable[[_Said], tuple[float, float, float, float]]
+    pinhole: Callable[[_Fields], tuple[float, float, float, float]]
     """fx, fy, cx, cy in px."""
     shift: float = HALF_PIXEL
     """px from its pixel coordinates to ours: half a pixel where centres are at integers."""
@@ -236,93 +231,93 @@ class Form:
     """Whether it takes pixels as stored, and a lens of no model for OpenCV's standard one."""
 
 
-def _from_middle(said: _Said, fx: float, fy: float, x: float, y: float) -> Any:
+def _from_middle(fields: _Fields, fx: float, fy: float, x: float, y: float) -> Any:
     """Return fx, fy, cx, cy of a principal point that counts from the picture's middle."""
-    return fx, fy, said.size()[0] / 2.0 + x, said.size()[1] / 2.0 + y
+    return fx, fy, fields.size()[0] / 2.0 + x, fields.size()[1] / 2.0 + y
 
 
-def _of_matrix(said: _Said, name: str = "matrix") -> Any:
-    key, value = said.entries[name][0], said.value(name)
-    matrix = _matrix_of(said.file, value, key)
+def _of_matrix(fields: _Fields, name: str = "matrix") -> Any:
+    key, value = fields.entries[name][0], fields.value(name)
+    matrix = _matrix_of(fields.file, value, key)
     may_be_columns = isinstance(value, list) and len(value) == 9
     may_be_columns |= key.replace("_", "").lower() == "intrinsicmatrix"
     if may_be_columns and np.array_equal(matrix[:, 2], [0, 0, 1]):
         matrix = matrix.T
-    camera = camera_of_matrix(said.file, matrix.ravel().tolist(), key)
-    shift = HALF_PIXEL + (key == "IntrinsicMatrix" or _is_matlab(said))
+    camera = camera_of_matrix(fields.file, matrix.ravel().tolist(), key)
+    shift = HALF_PIXEL + (key == "IntrinsicMatrix" or _is_matlab(fields))
     return camera.fx, camera.fy, camera.cx - shift, camera.cy - shift
 
 
-def _is_matlab(said: _Said) -> bool:
-    """Whether a camera is MATLAB's, which counts pixel centres from 1."""
-    return said.entries.get("radial", ("",))[0] == "RadialDistortion"
+def _is_matlab(fields: _Fields) -> bool:
+    """Tell whether a camera is MATLAB's, which counts pixel centres from 1."""
+    return fields.entries.get("radial", ("",))[0] == "RadialDistortion"
 
 
-def _kalibr(said: _Said) -> Any:
-    values = said.numbers("intrinsics")
-    return values if len(values) == 4 else _of_matrix(said, "intrinsics")
+def _kalibr(fields: _Fields) -> Any:
+    values = fields.numbers("intrinsics")
+    return values if len(values) == 4 else _of_matrix(fields, "intrinsics")
 
 
-def _of_names(said: _Said) -> Any:
-    prefix = "fl" if "flx" in said else "f"  # nerfstudio's second may be left out
-    x, y = said.number(f"{prefix}x"), said.number(f"{prefix}y", said.value(f"{prefix}x"))
-    return x, y, said.number("cx"), said.number("cy")
+def _of_names(fields: _Fields) -> Any:
+    prefix = "fl" if "flx" in fields else "f"  # nerfstudio's second may be left out
+    x, y = fields.number(f"{prefix}x"), fields.number(f"{prefix}y", fields.value(f"{prefix}x"))
+    return x, y, fields.number("cx"), fields.number("cy")
 
 
-def _metashape(said: _Said) -> Any:
-    f = said.number("f")
-    return _from_middle(said, f + said.number("b1", 0.0), f, said.number("cx"), said.number("cy"))
+def _metashape(fields: _Fields) -> Any:
+    f = fields.number("f")
+    return _from_middle(fields, f + fields.number("b1", 0.0), f, *map(fields.number, ("cx", "cy")))
 
 
-def _meshroom(said: _Said) -> Any:
+def _meshroom(fields: _Fields) -> Any:
     """AliceVision's ``loadIntrinsic``; the principal point is absolute before version 1.2.1."""
-    x, y = said.numbers("principalpoint", 2)
-    version = tuple(map(int, said.numbers("version"))) or (1, 2, 5)
+    x, y = fields.numbers("principalpoint", 2)
+    version = tuple(map(int, fields.numbers("version"))) or (1, 2, 5)
     if version < (1, 2, 1):
-        x, y = x - said.size()[0] / 2.0, y - said.size()[1] / 2.0
+        x, y = x - fields.size()[0] / 2.0, y - fields.size()[1] / 2.0
     if version < (1, 2, 2):
-        focals = said.numbers("pxfocallength")
-        return _from_middle(said, focals[0], focals[-1], x, y)
-    if said.number("pixelratio", 1.0) != 1.0:
-        raise said.file.error("pixelRatio is not 1", "calibrate with square pixels")
-    focal = said.number("focallength") / said.number("sensorwidth") * said.size()[0]
-    return _from_middle(said, focal, focal, x, y)
+        focals = fields.numbers("pxfocallength")
+        return _from_middle(fields, focals[0], focals[-1], x, y)
+    if fields.number("pixelratio", 1.0) != 1.0:
+        raise fields.file.error("pixelRatio is not 1", "calibrate with square pixels")
+    focal = fields.number("focallength") / fields.number("sensorwidth") * fields.size()[0]
+    return _from_middle(fields, focal, focal, x, y)
 
 
-def _fspy(said: _Said) -> Any:
-    half = max(said.size()) / 2.0
-    (x, y), focal = said.numbers("principalpoint", 2), said.number("relativefocallength") * half
-    return _from_middle(said, focal, focal, x * half, -y * half)
+def _fspy(fields: _Fields) -> Any:
+    half = max(fields.size()) / 2.0
+    (x, y), focal = fields.numbers("principalpoint", 2), fields.number("relativefocallength") * half
+    return _from_middle(fields, focal, focal, x * half, -y * half)
 
 
-def _reality_capture(said: _Said) -> Any:
+def _reality_capture(fields: _Fields) -> Any:
     """Lengths are those on 35-mm film, whose 36 mm are the longer side."""
-    px_per_mm = (max(said.size()) or 1) / 36.0
-    focal, x, y = (px_per_mm * said.number(name) for name in ("f", "px", "py"))
-    return _from_middle(said, focal, focal, x, y)
+    px_per_mm = (max(fields.size()) or 1) / 36.0
+    focal, x, y = (px_per_mm * fields.number(name) for name in ("f", "px", "py"))
+    return _from_middle(fields, focal, focal, x, y)
 
 
-def _nerf(said: _Said) -> Any:
+def _nerf(fields: _Fields) -> Any:
     focals, centre = [], []
-    for side, axis in zip(said.size(), "xy", strict=True):
+    for side, axis in zip(fields.size(), "xy", strict=True):
         name, middle = f"cameraangle{axis}", 0.5 * side
-        if name in said:
-            angle = said.file.positive(said.value(name), f"camera_angle_{axis}", math.pi)
+        if name in fields:
+            angle = fields.file.positive(fields.value(name), f"camera_angle_{axis}", math.pi)
             focals.append(middle / math.tan(0.5 * angle))
-        centre.append(said.number(f"c{axis}", middle))
+        centre.append(fields.number(f"c{axis}", middle))
     return focals[0], focals[-1], *centre
 
 
-def _opensfm(said: _Said) -> Any:
+def _opensfm(fields: _Fields) -> Any:
     """Lengths count in longer sides."""
-    f, unit = said.value("focal"), max(said.size())
+    f, unit = fields.value("focal"), max(fields.size())
     names = zip(("focalx", "focaly", "cx", "cy"), (f, f, 0.0, 0.0), strict=True)
-    return _from_middle(said, *(unit * said.number(name, default) for name, default in names))
+    return _from_middle(fields, *(unit * fields.number(name, default) for name, default in names))
 
 
-def _of_lists(said: _Said) -> Any:
-    focals, centre = said.numbers("focallength"), said.numbers("principalpoint", 2)
-    return focals[0], focals[-1], *(x - _is_matlab(said) for x in centre)
+def _of_lists(fields: _Fields) -> Any:
+    focals, centre = fields.numbers("focallength"), fields.numbers("principalpoint", 2)
+    return focals[0], focals[-1], *(x - _is_matlab(fields) for x in centre)
 
 
 FORMS = (
@@ -368,12 +363,9 @@ READ = (
 
 
 def cameras_in(
-    file: InputFile,
-    data: Any,
-    lens_model: LensModel | None = None,
-    photo: tuple[int, int] = (0, 0),
-    is_turned: bool = False,
-) -> list[FileCamera]:
+    file: InputFile, data: Any, lens_model: LensModel | None = None,
+    photo: tuple[int, int] = (0, 0), is_turned: bool = False,
+) -> list[FileCamera]:  # fmt: skip
     """Read all cameras in a tree.
 
     Args:
@@ -388,7 +380,7 @@ def cameras_in(
             that is not said, or is said by a key that no form has.
     """
     cameras = []
-    said = []
+    known = []
     used = set[str]()
     is_sized = True
     if isinstance(data, list):
@@ -398,9 +390,9 @@ def cameras_in(
         shared = of_number.get("", {}).copy()
         for name in ("matrix", "distortion"):
             shared.pop(name, None)
-        said += mapping.items()
+        known += mapping.items()
         for number, entries in of_number.items():
-            own = _Said(file, shared | entries if number else entries, photo, is_turned, above)
+            own = _Fields(file, shared | entries if number else entries, photo, is_turned, above)
             form = next((form for form in FORMS if all(name in own for name in form.needs)), None)
             if form is not None and (number == "" or "matrix" in entries):
                 name = "-".join(part for part in (path, number) if part)
@@ -419,7 +411,7 @@ def cameras_in(
         wanted += "; poseviewer info --calibration --help lists the keys"
         raise file.error(f"no camera in it (its keys: {keys[:80] or 'none'})", wanted)
     is_bare = len(cameras) == 1 and cameras[0].lens is None
-    for key, value in said:
+    for key, value in known:
         plain, is_list = _plain(key), _is_matrix(value)
         if not is_sized and key not in used and MAYBE_SIZE.fullmatch(plain) and _sides(value):
             found = f"{key!r} may be the size of its pictures, and is not known here"
@@ -458,7 +450,6 @@ def _nest_dotted(data: Any) -> Any:
 
 
 def _is_number(value: Any) -> bool:
-    """Whether there is a number other than 0."""
     if isinstance(value, dict | list):
         return any(map(_is_number, value.get("data", []) if isinstance(value, dict) else value))
     with suppress(TypeError, ValueError):
@@ -477,7 +468,6 @@ def _is_matrix(value: Any) -> bool:
 
 
 def _numbers_in(value: Any) -> list[float]:
-    """The numbers in a text, a list, or OpenCV's mapping of one."""
     value = value.get("data", "") if isinstance(value, dict) else value
     return [float(number) for number in re.findall(r"-?\d+(?:\.\d*)?(?:e[-+]?\d+)?", str(value))]
 
@@ -556,7 +546,6 @@ def _mappings(
 
 
 def _entries_of(mapping: dict[str, Any]) -> dict[str, dict[str, tuple[str, Any]]]:
-    """Fields of a mapping by the number of their camera ("": none)."""
     of_number: dict[str, dict[str, tuple[str, Any]]] = {}
     for key, value in mapping.items():
         plain = _plain(key)
@@ -582,74 +571,74 @@ def _entries_of(mapping: dict[str, Any]) -> dict[str, dict[str, tuple[str, Any]]
     return of_number
 
 
-def _lens_model(said: _Said, form: Form) -> tuple[bool, LensModel | None]:
-    """Whether the file says the model of a camera's lens, and which; None: it has to have none."""
-    marks = [f["isfisheye"] for f in (said.entries, said.above) if "isfisheye" in f]
+def _lens_model(fields: _Fields, form: Form) -> tuple[bool, LensModel | None]:
+    """Tell whether the file says the model of a lens, and which; None: it has to have none."""
+    marks = [f["isfisheye"] for f in (fields.entries, fields.above) if "isfisheye" in f]
     marks = [(key, mark) for key, mark in marks if not isinstance(mark, dict | list)]
-    said.used.update(dict.fromkeys(key for key, _ in marks))
+    fields.used.update(dict.fromkeys(key for key, _ in marks))
     if any(str(mark).lower().rstrip(".0") in ("1", "true") for _, mark in marks):
         return True, "fisheye"
     if form.tools == "DepthAI":
-        number = said.number("cameratype")
+        number = fields.number("cameratype")
         if number not in (0, 1):
             found = f"its cameraType is {number:g}"
-            raise said.file.error(found, "wanted 0, perspective, or 1, fisheye")
+            raise fields.file.error(found, "wanted 0, perspective, or 1, fisheye")
         return True, "fisheye" if number else "opencv"
-    for text, is_sure in said.model_words(form):
+    for text, is_sure in fields.model_words(form):
         plain = _plain(text).removeprefix("distortion.")
         if plain in LENS_MODELS and plain not in PINHOLES:
             if LENS_MODELS[plain] or is_sure:
                 return True, LENS_MODELS[plain]
         elif OTHER_LENS.fullmatch(plain) or (is_sure and plain not in PINHOLES):
             wanted = "wanted OpenCV's standard or fisheye model"
-            raise said.file.error(f"its lens model is {text[:40]!r}", wanted)
-    if "named" in said or "named" in said.above:
+            raise fields.file.error(f"its lens model is {text[:40]!r}", wanted)
+    if "named" in fields or "named" in fields.above:
         return True, "fisheye"
     return bool(marks), "opencv"
 
 
-def _lens(said: _Said, form: Form, asked: LensModel | None) -> Lens | None:
-    is_said, model = _lens_model(said, form)
+def _lens(fields: _Fields, form: Form, asked: LensModel | None) -> Lens | None:
+    is_said, model = _lens_model(fields, form)
     if asked not in (None, model) and is_said:
         found = f"its lens is said to be of the model {model or 'none'!r}"
-        raise said.file.error(found, f"lens model {asked!r} is for files that do not say it")
+        raise fields.file.error(found, f"lens model {asked!r} is for files that do not say it")
     is_said, model = (True, asked) if asked else (is_said, model)
-    if "distortion" in said:
-        values = said.numbers("distortion")
+    if "distortion" in fields:
+        values = fields.numbers("distortion")
         is_clear = len(values) != 4
         if form.tools == "Meshroom" and model == "opencv" and any(values):
             if len(values) not in (1, 3):
-                raise said.file.error("a lens of Meshroom's Brown model", "wanted radial3")
+                raise fields.file.error("a lens of Meshroom's Brown model", "wanted radial3")
             k1, k2, k3 = [*values, 0.0, 0.0][:3]
             values = [k1, k2, 0.0, 0.0, k3]
     elif form.tools == "OpenMVG":
-        names = (name for name in ("distok1", "distok3", "distot2") if name in said)
-        k1, k2, k3, t1, t2 = [*said.numbers(next(names, "")), *[0.0] * 5][:5]
+        names = (name for name in ("distok1", "distok3", "distot2") if name in fields)
+        k1, k2, k3, t1, t2 = [*fields.numbers(next(names, "")), *[0.0] * 5][:5]
         values, is_clear = [k1, k2, t1, t2, k3], True
-    elif "radial" in said:
-        k1, k2, *k3 = said.numbers("radial")
-        values, is_clear = [k1, k2, *(said.numbers("tangential") or [0.0, 0.0]), *k3], True
+    elif "radial" in fields:
+        k1, k2, *k3 = fields.numbers("radial")
+        values, is_clear = [k1, k2, *(fields.numbers("tangential") or [0.0, 0.0]), *k3], True
     else:
         order = ("k1 k2 k3 k4" if model == "fisheye" else form.lens).split()
-        values = [said.number(name, 0.0) for name in order]
+        values = [fields.number(name, 0.0) for name in order]
         count = next(count for count in (5, 8, 12) if not any(values[count:]))
-        values = values[:count] if any(name in said for name in order) else []
-        is_clear = "k4" not in said or any(name in said for name in NOT_STANDARD)
+        values = values[:count] if any(name in fields for name in order) else []
+        is_clear = "k4" not in fields or any(name in fields for name in NOT_STANDARD)
     if any(values) and not (is_said or is_clear or form.is_of_stored):
         found = "nothing says of which lens model its four distortion coefficients are"
-        raise said.file.error(found, ASK_MODEL)
+        raise fields.file.error(found, ASK_MODEL)
     if model == "fisheye" and not any(values[4:]):
         values = values[:4] or [0.0] * 4
     elif not any(values):
         return None
     if model is None:
-        text = next((text for text, is_sure in said.model_words(form) if is_sure), "none")
+        text = next((text for text, is_sure in fields.model_words(form) if is_sure), "none")
         found = f"a lens of the model {text!r} with coefficients other than 0"
-        raise said.file.error(found, "wanted OpenCV's standard or fisheye model")
+        raise fields.file.error(found, "wanted OpenCV's standard or fisheye model")
     if len(values) not in COEFFICIENTS[model]:
         known = "fisheye" if model == "fisheye" else "standard"
         wanted = f"OpenCV's {known} model has {', '.join(map(str, COEFFICIENTS[model]))}"
-        raise said.file.error(f"{len(values)} distortion coefficients", wanted)
+        raise fields.file.error(f"{len(values)} distortion coefficients", wanted)
     return Lens(model, tuple(values))
 
 

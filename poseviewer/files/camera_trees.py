@@ -50,10 +50,7 @@ def load_tree(file: InputFile) -> Any:
 
 
 def _of_text(file: InputFile) -> dict[str, Any]:
-    """Parse ``[sections]`` of ``key: numbers``, ``key = numbers``, or keys above numbers.
-
-    A text without keys is a matrix; KITTI's ``P0`` and Middlebury's ``cam0`` are cameras.
-    """
+    """Parse ``[sections]``, ``key: numbers``, ``key = numbers`` and keys above numbers."""
     tree: dict[str, dict[str, Any]] = {"": {}}
     entries, key = tree[""], ""
     for line in file.load_text().splitlines():

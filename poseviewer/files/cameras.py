@@ -22,11 +22,9 @@ MIN_FOCAL = 0.02
 
 
 def load_cameras(
-    path: str | Path,
-    lens_model: LensModel | None = None,
-    photo: tuple[int, int] = (0, 0),
+    path: str | Path, lens_model: LensModel | None = None, photo: tuple[int, int] = (0, 0),
     is_turned: bool = False,
-) -> list[FileCamera]:
+) -> list[FileCamera]:  # fmt: skip
     """Load all cameras in a file, as ``cameras_in``.
 
     Args:
@@ -36,11 +34,9 @@ def load_cameras(
         is_turned: whether EXIF turns these by 90 degrees.
     """
     file = InputFile(Path(path), [], CalibrationFileError, KIND, numbers_as_text=True)
-    ending, head = file.path.suffix.lower(), b""
+    ending = file.path.suffix.lower()
     with file.naming_errors():
-        if ending == ".txt":
-            with file.open() as stream:
-                head = stream.read(MAX_HEAD_LETTERS)
+        head = file.load_bytes()[:MAX_HEAD_LETTERS] if ending == ".txt" else b""
         is_named = bool(head) and file.path.stem == "cameras"
         if ending == ".bin" or is_named or COLMAP_LIKE.search(head):
             cameras = _colmap_cameras(file)
@@ -78,11 +74,7 @@ class Calibration:
 
 
 def load_calibration(
-    choice: Calibration,
-    photo: str,
-    width: int,
-    height: int,
-    orientation: int = UPRIGHT,
+    choice: Calibration, photo: str, width: int, height: int, orientation: int = UPRIGHT
 ) -> tuple[FileCamera, tuple[str, ...]]:
     """Load the camera of an upright photo, turned and scaled if need be; notes say so.
 
@@ -99,9 +91,9 @@ def load_calibration(
     file = InputFile(choice.path, error_type=CalibrationFileError)
     stored = (height, width) if orientation > 4 else (width, height)
     cameras = load_cameras(choice.path, choice.lens_model, stored, orientation > 4)
-    taken, notes = _choose_camera(file, choice, cameras, photo, stored), ()
-    chosen = taken if orientation == UPRIGHT else _upright(file, taken, orientation, stored)
+    chosen, notes = _choose_camera(file, choice, cameras, photo, stored), ()
     if orientation != UPRIGHT:
+        taken, chosen = chosen, _upright(file, chosen, orientation, stored)
         turned = "belongs to the stored pixels and was turned with it"
         said = "is taken to be that of the upright photo" if chosen is taken else turned
         notes = (f"{choice.path.name}: {photo} is stored turned (EXIF), its camera {said}.",)
@@ -126,7 +118,6 @@ def load_calibration(
 def _upright(
     file: InputFile, taken: FileCamera, orientation: int, stored: tuple[int, int]
 ) -> FileCamera:
-    """The camera of the upright photo; as it is where it is none of the stored pixels."""
     own, is_of_stored = taken.camera, taken.is_of_stored
     if orientation > 4 and own.width != own.height:
         is_of_stored = (own.width > own.height) == (stored[0] > stored[1])
@@ -141,12 +132,9 @@ def _upright(
 
 
 def _choose_camera(
-    file: InputFile,
-    choice: Calibration,
-    cameras: list[FileCamera],
-    photo: str,
+    file: InputFile, choice: Calibration, cameras: list[FileCamera], photo: str,
     size: tuple[int, int],
-) -> FileCamera:
+) -> FileCamera:  # fmt: skip
     names = [repr(camera.name) if camera.name else "one without a name" for camera in cameras]
     known = list_names(names)
     if choice.camera is not None:
@@ -161,7 +149,7 @@ def _choose_camera(
     number = str(int(stem)) if stem.isdecimal() else None
     named = [c for c in cameras if photo in c.photos] or [c for c in cameras if c.name == number]
     named = named or [c for c in cameras if (c.camera.width, c.camera.height) == size]
-    if 1 not in (len(cameras), len(named)):
+    if len(named) != 1:
         found = f"{len(cameras)} cameras, {known}, and none of them named after {photo}"
         raise file.error(found, "choose one by --calibration-camera NAME, Calibration's camera")
-    return cameras[0] if len(cameras) == 1 else named[0]
+    return named[0]

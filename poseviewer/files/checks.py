@@ -133,9 +133,8 @@ class InputFile:
             raise self.error(f"cannot be read ({reason})", "check the file") from error
         except Exception as error:
             _log.debug("reading %s", self.path, exc_info=error)
-            found = (
-                f"not a readable {self.kind} ({printable(str(error), 120) or type(error).__name__})"
-            )
+            reason = printable(str(error), 120) or type(error).__name__
+            found = f"not a readable {self.kind} ({reason})"
             raise self.error(found, "is it whole? Make it again") from error
 
     def load_bytes(self) -> bytes:
@@ -274,8 +273,8 @@ class InputFile:
 
     def size(self, value: Any, what: str) -> int | None:
         """Check a whole number above 0, or None."""
-        kind: Any = Pixels | None
-        return self.decode(value, kind, what)
+        kind: Any = Pixels
+        return None if value is None else self.decode(value, kind, what)
 
 
 def _words(types: re.Match[str]) -> str:

@@ -1,7 +1,4 @@
-"""Cameras and images of a COLMAP model, text or binary: https://colmap.github.io/format.html.
-
-Pixel centres are at i + 0.5, quaternions w first, axes OpenCV's.
-"""
+"""Cameras and images of a COLMAP model (https://colmap.github.io/format.html), text or binary."""
 
 import struct
 from dataclasses import replace
@@ -26,8 +23,7 @@ MODELS: dict[str, tuple[int, int, LensModel | None]] = {
     "SIMPLE_FISHEYE": (1, 0, "fisheye"), "FISHEYE": (2, 0, "fisheye"), "EUCM": (2, 2, None),
     "EQUIRECTANGULAR": (0, 0, None),
 }  # fmt: skip
-"""Camera models by number: counts of focal lengths and distortion parameters, and OpenCV's model,
-whose first coefficients these are (colmap/sensor/models.h)."""
+"""Counts of focal lengths and of OpenCV's first coefficients, by number (sensor/models.h)."""
 POINT_BYTES = 24
 """Size of an image's point: x, y, and the number of its point in space."""
 MAX_NAME_LETTERS = 4096
@@ -120,10 +116,8 @@ def _image_rows(file: InputFile) -> list[list[str]]:
 
 
 def _take(file: IO[bytes], form: str) -> tuple[Any, ...]:
-    """The next numbers of a binary file; struct.error where it is cut short."""
     return struct.unpack(form, file.read(struct.calcsize(form)))
 
 
 def _text(line: bytes) -> str:
-    """A line's words; "" of a comment."""
     return "" if line.startswith(b"#") else line.decode().strip()

@@ -1,7 +1,4 @@
-"""Files that came together (a drop, a zip, a folder), sorted by what they are.
-
-Names inside a model tell what belongs to it; nothing is guessed.
-"""
+"""Files that came together (a drop, a zip, a folder), sorted by what they are."""
 
 import os
 from collections import defaultdict
@@ -89,22 +86,17 @@ def files_below(root: Path) -> tuple[Path, ...]:
 
 
 def is_of_system(name: str) -> bool:
-    """Whether a file or a folder of this name is one that systems leave behind."""
+    """Tell whether a file or a folder of this name is one that systems leave behind."""
     return name.startswith(".") or name.lower() in SYSTEM_NAMES
 
 
 def sort_set(
     files: Sequence[Path], kind: Kind | None = None, at_hand: Path | None = None
 ) -> FileSet:
-    """Sort files by what they are: one photo or set of photos, models, one pose, one camera.
+    """Sort files, which the user calls of a ``kind``, by what they are.
 
     A picture that a model names is a texture. Beside such a model, another picture is the photo if
-    a camera has taken it.
-
-    Args:
-        files: paths of all that came.
-        kind: what the user calls them; each JSON file of the kind pose is a pose.
-        at_hand: open model, which may miss what is here.
+    a camera has taken it. ``at_hand``: open model, which may miss what is here.
 
     Raises:
         FileSetError: several of a kind, or nothing that can be opened.
@@ -238,7 +230,6 @@ def _json_of(path: Path) -> dict[str, object]:
 
 
 def _only(paths: Sequence[Path], what: str, instead: str = "") -> Path | None:
-    """The only path, or None where there is none; several of them raise a FileSetError."""
     if len(paths) > 1:
         found = f"{len(paths):,} {what}: {_list_paths(paths)}"
         raise FileSetError(f"{found}; wanted one{instead}, nothing was opened.")

@@ -35,10 +35,7 @@ class PointPairs:
 
 
 def load_pairs(path: str | Path) -> PointPairs:
-    """Load point pairs from a table: columns x, y, z, u, v, or as a header names them.
-
-    Tabs, semicolons, commas or spaces part the columns; decimal commas are points.
-    """
+    """Load point pairs from a table of x, y, z, u, v, with a header or not, and any separator."""
     file = _marks_file(path)
     with file.naming_errors():
         text = file.load_text()

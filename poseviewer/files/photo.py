@@ -44,10 +44,7 @@ MM_PER_RESOLUTION_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 
 
 def load_photo(path: str | Path) -> Photo:
-    """Load a photo: grey or RGB without transparency, 8 or 16 bits, upright.
-
-    A photo of more than 100 megapixels is refused before it is decoded.
-    """
+    """Load a photo of up to 100 megapixels, 8 or 16 bits, upright, without transparency."""
     file = _photo_input(path)
     with file.naming_errors(), quiet_libraries():
         data = file.load_bytes()
@@ -69,7 +66,7 @@ def orientation_of(path: str | Path) -> int:
 
 
 def was_taken_by_a_camera(path: str | Path) -> bool:
-    """Whether a picture's EXIF names camera or exposure, or it is HEIC, from cameras alone."""
+    """Tell whether a picture's EXIF names camera or exposure, or it is HEIC, of cameras alone."""
     is_heic = Path(path).suffix.lower() in (".heic", ".heif")
     return is_heic or not OF_CAMERAS.isdisjoint(_exif_tags(path))
 

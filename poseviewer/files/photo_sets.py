@@ -1,7 +1,4 @@
-"""Sets of photos whose cameras know their poses to one another.
-
-COLMAP's models, ``transforms.json`` of nerfstudio and NeRF, BOP scenes, and our scene files.
-"""
+"""Sets of photos whose cameras know their poses: of COLMAP, nerfstudio, NeRF, BOP, our own."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -150,7 +147,7 @@ def _of_bop(file: InputFile, choice: SetChoice) -> Iterator[View]:
             continue
         place, found = image.camera_from_world, f"image {image.number} has no {WORLD[0]}"
         if rig is not None:
-            poses = [pose.place for pose in image.objects if pose.object_id == rig]
+            poses = [pose.camera_from_model for pose in image.objects if pose.object_id == rig]
             if len(poses) != 1 and not choice.photos:
                 continue  # it is hidden there, or there are several
             place = poses[0] if len(poses) == 1 else None

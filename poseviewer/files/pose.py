@@ -33,7 +33,7 @@ class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
 
     format: Literal["poseviewer-pose"] = FORMAT
     version: Literal[1] = 1
-    place: s.Transform = field(name="camera_from_model")
+    camera_from_model: s.Transform
     photo: s.PhotoReference | None = None
     model: s.ModelReference | None = None
     loss: s.Number | None = None
@@ -57,17 +57,15 @@ class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
         camera, photo = pose.camera, photo or s.PhotoReference()
         photo = structs.replace(photo, width=camera.width or None, height=camera.height or None)
         return cls(
-            projection=s.projection_of(camera),
-            numbers=s.CameraNumbers.of(camera),
-            place=s.Transform.of(pose.camera_from_model),
-            photo=None if photo == s.PhotoReference() else photo,
-            **said,
-        )
+            projection=s.projection_of(camera), numbers=s.CameraNumbers.of(camera),
+            camera_from_model=s.Transform.of(pose.camera_from_model),
+            photo=None if photo == s.PhotoReference() else photo, **said,
+        )  # fmt: skip
 
     def with_pose(self, pose: Pose, **changes: Any) -> PoseRecord:
-        """The record with another pose, and other ``changes``."""
+        """Change the pose, and other fields."""
         made = self.of(pose, self.photo)
-        names = ("projection", "numbers", "place", "photo")
+        names = ("projection", "numbers", "camera_from_model", "photo")
         return structs.replace(self, **{n: getattr(made, n) for n in names}, **changes)
 
     @property
@@ -79,7 +77,7 @@ class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     @property
     def pose(self) -> Pose:
         """Camera (pixel centres at i + 0.5) and ``camera_from_model``, in the model's unit."""
-        return Pose(self.camera, self.place.rigid)
+        return Pose(self.camera, self.camera_from_model.rigid)
 
     @property
     def covariance(self) -> PoseCovariance | None:
@@ -117,7 +115,7 @@ def load_pose(path: str | Path, width: int | None = None, height: int | None = N
 def check_against(
     known: s.PhotoReference | s.ModelReference | None, sha: str | None
 ) -> tuple[str, ...]:
-    """A warning where a pose file names another photo or model than the one in use, or none."""
+    """Warn where a pose file names another photo or model than the one in use."""
     if known is None or not known.sha256 or known.sha256.lower() == sha:
         return ()
     what = "photo" if isinstance(known, s.PhotoReference) else "model"

@@ -23,13 +23,9 @@ from poseviewer.scene.types import View
 
 
 def view_of_file(
-    path: Path,
-    camera: Camera,
-    sha256: str | None = None,
-    lens: Lens | Undistortion | None = None,
-    camera_from_world: RigidTransform = WORLD,
-    mask: Mask | None = None,
-) -> View:
+    path: Path, camera: Camera, sha256: str | None = None, lens: Lens | Undistortion | None = None,
+    camera_from_world: RigidTransform = WORLD, mask: Mask | None = None,
+) -> View:  # fmt: skip
     """Make the view of a photo that is read when first asked for.
 
     Args:
@@ -65,10 +61,7 @@ def with_photo(view: View, path: Path, sha256: str | None = None) -> View:
 
 
 def open_view(view: View) -> tuple[View, tuple[str, ...]]:
-    """Read the photo of a view; also return notes for the user.
-
-    The photo may be of any size where the view is of 0x0 px.
-    """
+    """Read the photo of a view (of any size if the view is of 0x0 px); also return notes."""
     path = view.path
     if path is not None and not view.file.width:
         photo = load_photo(path)

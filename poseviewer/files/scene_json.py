@@ -89,9 +89,7 @@ class ViewJson(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     """
 
     photo: PhotoPath
-    place: s.Transform = msgspec.field(
-        name="camera_from_world", default=s.Transform.of(RigidTransform.identity())
-    )
+    camera_from_world: s.Transform = s.Transform.of(RigidTransform.identity())
 
     @classmethod
     def of(cls, view: View) -> "ViewJson":
@@ -101,14 +99,14 @@ class ViewJson(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
             photo=PhotoPath(str(file.path or file.name), file.width, file.height, file.sha256),
             projection=s.projection_of(view.camera), numbers=s.CameraNumbers.of(view.camera),
             distortion=undistortion and s.Distortion.of(undistortion),
-            place=s.Transform.of(view.camera_from_world), mask=mask_text(view.mask),
+            camera_from_world=s.Transform.of(view.camera_from_world), mask=mask_text(view.mask),
         )  # fmt: skip
 
     @property
     def view(self) -> View:
         """The view, its photo not yet read."""
         path, mask = Path(self.photo.file), None if self.mask is None else load_mask(self.mask)
-        where = self.undistortion, self.place.rigid, mask
+        where = self.undistortion, self.camera_from_world.rigid, mask
         return view_of_file(path, self.camera, self.photo.sha256, *where)
 
     @property
@@ -209,7 +207,6 @@ def form_of(kind: Any) -> JsonForm:
 
 
 def _form_of_fields(kind: Any) -> JsonForm:
-    """The form of a dataclass: a struct of the forms of its fields."""
     hints = get_type_hints(kind, include_extras=True)
     forms, made = {}, []
     for item in fields(kind):
@@ -228,7 +225,8 @@ def _form_of_fields(kind: Any) -> JsonForm:
         return struct(**{name: form.encode(getattr(value, name)) for name, form in forms.items()})
 
     def decode(value: Any) -> Any:
-        return kind(**{name: form.decode(getattr(value, name)) for name, form in forms.items()})
+        made = kind(**{name: form.decode(getattr(value, name)) for name, form in forms.items()})
+        return _complete(made) if kind is Scene else made
 
     return JsonForm(struct, encode, decode)
 
@@ -241,26 +239,25 @@ AS_IN_POSE = ("loss", "unexplained", "verdict", "settings", "notes")
 """Fields that results share with pose files, which are of one view."""
 
 
-def _complete(scene: Scene, item: SceneObject) -> SceneObject:
-    """Add to an object what follows from the scene's views."""
-    cameras = tuple(
-        replace(camera, width=view.file.width, height=view.file.height)
-        for camera, view in zip(item.start_cameras, scene.views, strict=False)
-    )
-    result = item.result
-    if result is not None and isinstance(result.covariance, s.Uncertainty):
-        at = min(result.view, len(scene.views) - 1)
-        covariance = result.covariance.about(scene.views[at].pose(item.world_from_model))
-        result = replace(result, view=at, covariance=covariance)
-    return replace(item, start_cameras=cameras, result=result)
+def _complete(scene: Scene) -> Scene:
+    """Add to objects what follows from the views: sizes of cameras, poses of covariances."""
+    objects = []
+    for item in scene.objects:
+        cameras = tuple(
+            replace(camera, width=view.file.width, height=view.file.height)
+            for camera, view in zip(item.start_cameras, scene.views, strict=False)
+        )
+        result = item.result
+        if result is not None and isinstance(result.covariance, s.Uncertainty):
+            at = min(result.view, len(scene.views) - 1)
+            covariance = result.covariance.about(scene.views[at].pose(item.world_from_model))
+            result = replace(result, view=at, covariance=covariance)
+        objects.append(replace(item, start_cameras=cameras, result=result))
+    return replace(scene, objects=tuple(objects))
 
 
 def load_scene(path: str | Path, inside: Path | None = None) -> Scene:
-    """Load a scene whose photos and models are there, but not yet read.
-
-    Args:
-        path: scene file.
-        inside: folder in which all files have to lie.
+    """Load a scene whose files are there, ``inside`` a folder if one is given, but not yet read.
 
     Raises:
         PoseFileError: it is no scene, its parts do not fit together, or it names a file that is not
@@ -286,9 +283,7 @@ def load_scene(path: str | Path, inside: Path | None = None) -> Scene:
         form: Any = file.decode(data, SceneJson, raw=("file", "mask"))
         require_whole(file, form)
         scene: Scene = form_of(Scene).decode(_with_files(form, find))
-        objects = tuple(_complete(scene, item) for item in scene.objects)
-        notes = tuple(dict.fromkeys(file.warnings))
-        return replace(scene, objects=objects, name=file.path.name, notes=notes)
+        return replace(scene, name=file.path.name, notes=tuple(dict.fromkeys(file.warnings)))
 
 
 def _with_files(form: Any, name: Named, name_inline: Named | None = None) -> Any:
@@ -440,12 +435,11 @@ def scene_of_pose(path: Path, record: PoseRecord) -> Scene:
         said_symmetry=NO_SYMMETRY if record.turns is None else record.turns.symmetry,
         result=None if result == SearchResultJson() else form_of(SearchResult).decode(result),
     )  # fmt: skip
-    scene = Scene(views=(view,), software=record.software, notes=record.warnings)
-    return replace(scene, objects=(_complete(scene, item),))
+    notes = record.warnings
+    return _complete(Scene(views=(view,), objects=(item,), software=record.software, notes=notes))
 
 
 def _beside(path: Path, name: str | None) -> Path:
-    """The file of a name in the folder of a pose; a name is no path."""
     return (path if path.is_dir() else path.parent) / bare_name(name) if name else Path()
 
 

@@ -50,9 +50,7 @@ class SymmetryTurns(Struct, frozen=True):
     @classmethod
     def of(cls, symmetry: Symmetry) -> SymmetryTurns | None:
         """A symmetry as files say it; None where there is none."""
-        turns = [
-            TurnsAbout(tuple(axis.tolist()), fold or ANY) for axis, fold in symmetry.symmetry_axes
-        ]
+        turns = [TurnsAbout(tuple(axis.tolist()), n or ANY) for axis, n in symmetry.symmetry_axes]
         return None if symmetry.is_none else cls(tuple(symmetry.centre.tolist()), tuple(turns))
 
 

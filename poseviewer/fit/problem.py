@@ -244,7 +244,7 @@ def occlusions(scene: Scene, object_index: int, view_index: int = 0) -> dict[int
 
     The view ``view_index`` comes first, and is there in any case.
     """
-    trusted = [i for i, one in enumerate(scene.objects) if i != object_index and one.stands_firm]
+    trusted = [i for i, one in enumerate(scene.objects) if i != object_index and one.is_occluder]
     by_view: dict[int, Occlusion | None] = {}
     for index in sorted(range(len(scene.views)), key=lambda index: index != view_index):
         placed = scene.model_at(object_index, index)

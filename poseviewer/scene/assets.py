@@ -81,15 +81,9 @@ class ModelFile:
 
     @classmethod
     def of(
-        cls,
-        mesh: Mesh,
-        path: Path | None = None,
-        sha256: str | None = None,
-        *,
-        name: str = "",
-        keypoints: VehicleKeypoints | None = None,
-        symmetry: Symmetry = NO_SYMMETRY,
-    ) -> "ModelFile":
+        cls, mesh: Mesh, path: Path | None = None, sha256: str | None = None, *, name: str = "",
+        keypoints: VehicleKeypoints | None = None, symmetry: Symmetry = NO_SYMMETRY,
+    ) -> "ModelFile":  # fmt: skip
         """Wrap a model that was read, or is in no file.
 
         Args:

@@ -97,7 +97,7 @@ class PlacedModel:
 
     @property
     def is_seen(self) -> bool:
-        """Whether the centre is in front of the camera, and some of the model in the picture."""
+        """True if the centre is in front of the camera, and some of the model in the picture."""
         points, camera = hull_in_photo(self.mesh, self.pose), self.pose.camera
         inside = np.all((points >= 0.0) & (points < [camera.width, camera.height]), axis=1)
         return bool(self.depth > 0.0 and inside.any())
@@ -192,8 +192,8 @@ class SceneObject:
         return self.name.strip() or self.id
 
     @property
-    def stands_firm(self) -> bool:
-        """Whether the object's pose is trusted, so that it hides pixels of others."""
+    def is_occluder(self) -> bool:
+        """True if the object's pose is trusted, so that it hides pixels of others."""
         if self.hidden or not self.is_placed:
             return False
         verdict = None if self.result is None else self.result.verdict
@@ -321,7 +321,6 @@ class Scene:
 
 
 def _is_own_scale(pose: Pose, view: View, objects: int) -> bool:
-    """Tell whether a parallel camera differs from the view's by the object's scale alone."""
     camera = view.camera
     if objects == 1 or not (isinstance(pose.camera, Parallel) and isinstance(camera, Parallel)):
         return False

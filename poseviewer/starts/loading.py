@@ -88,13 +88,10 @@ FindStart = Callable[[StartInputs], Start]
 
 
 def open_photo_scene(
-    photo: str | Path | Photo,
-    model: str | Path | ModelFile,
-    start: str | Path | Pose | FindStart,
-    settings: FitSettings | None = None,
-    calibration: Calibration | str | Path | None = None,
+    photo: str | Path | Photo, model: str | Path | ModelFile, start: str | Path | Pose | FindStart,
+    settings: FitSettings | None = None, calibration: Calibration | str | Path | None = None,
     mask: str | Path | Mask | None = None,
-) -> Scene:
+) -> Scene:  # fmt: skip
     """Open the scene of a model in a photo, undistorted where there is a lens.
 
     Args:
@@ -239,14 +236,10 @@ def open_scene_files(scene: str | Path | Scene, settings: FitSettings | None = N
 
 
 def open_views(
-    views: str | Path | LoadedViews,
-    model: str | Path | ModelFile,
-    start: str | Path | Pose,
-    settings: FitSettings | None = None,
-    view: str | None = None,
-    scale: float | None = None,
+    views: str | Path | LoadedViews, model: str | Path | ModelFile, start: str | Path | Pose,
+    settings: FitSettings | None = None, view: str | None = None, scale: float | None = None,
     choice: SetChoice | None = None,
-) -> Scene:
+) -> Scene:  # fmt: skip
     """Open the scene of a model in several views.
 
     Args:
@@ -353,7 +346,6 @@ def _known_parts(
 
 
 def _parts_of_objects(scene: Scene, without: Sequence[str]) -> dict[str, list[str]]:
-    """Return the parts to leave out of each object of a scene, by the objects' ids."""
     parts: dict[str, list[str]] = {item.id: [] for item in scene.objects}
     for text in without:
         owner = max((key for key in parts if text.startswith(f"{key}:")), key=len, default=None)
@@ -365,7 +357,6 @@ def _parts_of_objects(scene: Scene, without: Sequence[str]) -> dict[str, list[st
 
 
 def _require_one_unit(scene: Scene, models: Mapping[Path | None, ModelFile]) -> None:
-    """Refuse models in different units, whose poses do not tell which is in front."""
     known: dict[str, str] = {}
     for item in scene.objects:
         unit = item.model.unit or models.get(item.model.path, item.model).mesh.unit

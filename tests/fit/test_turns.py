@@ -63,7 +63,7 @@ def test_all_are_found_in_turn_the_one_seen_most_first():
     starts = [share_off(index, one.pose) for index, one in enumerate(STARTS)]
     assert all(end < 0.3 * start for end, start in zip(ends, starts, strict=True))
     assert max(ends) < 0.01
-    assert all(one.stands_firm for one in search.scene.objects[1:])  # the first is half hidden
+    assert all(one.is_occluder for one in search.scene.objects[1:])  # the first is half hidden
     order = [steps[0].object_index]
     for step in steps:
         if step.object_index != order[-1]:
@@ -145,7 +145,7 @@ def test_what_is_lost_or_stands_wholly_behind_another_is_left_and_hides_nothing(
     search = searched(scene_of(STARTS[0], wall, STARTS[2], settings=few), 0, 1, 2)
     *_, end = search.run()
     assert [end.progress_by_object[index].status for index in range(3)] == [Status.KEPT] * 3
-    assert not any(one.stands_firm for one in search.scene.objects)
+    assert not any(one.is_occluder for one in search.scene.objects)
     kept = search.scene.pose(0).project(MESHES[0].vertices)
     np.testing.assert_allclose(kept, STARTS[0].pose.project(MESHES[0].vertices), atol=1e-9)
 

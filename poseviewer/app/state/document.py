@@ -429,5 +429,5 @@ def reference_view(scene: Scene, index: int, view: int) -> int:
 def compared(scene: Scene, index: int) -> tuple[object, ...]:
     """Everything that the loss of an object about its pose depends on; equal for equal losses."""
     one, objects = scene.objects[index], enumerate(scene.objects)
-    firm = ((o.mesh, o.world_from_model) for i, o in objects if i != index and o.stands_firm)
+    firm = ((o.mesh, o.world_from_model) for i, o in objects if i != index and o.is_occluder)
     return scene.views, one.mesh, one.world_from_model, one.in_views, one.settings, *firm

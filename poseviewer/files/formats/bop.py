@@ -1,7 +1,7 @@
 """BOP's scenes: ``scene_gt.json`` and ``scene_camera.json``, single poses or all images at once.
 
-As in the BOP toolkit's ``docs/bop_datasets_format.md``: translations in mm, rotations and K
-row-major, OpenCV axes, pixel centres at integers.
+``docs/bop_datasets_format.md`` of the BOP toolkit: translations in mm, rotations and K row-major,
+OpenCV axes, pixel centres at integers.
 """
 
 import json
@@ -33,7 +33,6 @@ CAMERAS = "scene_camera.json"
 POSES = "scene_gt.json"
 WORLD = ("cam_R_w2c", "cam_t_w2c")
 """BOP's names of the camera from the scene's world; many scenes do not have it."""
-IN_CAMERA = ("cam_R_m2c", "cam_t_m2c")
 PHOTO_NAME = r"(\d+)\.\w+"
 MODEL_NAME = r"obj_(\d+)\.\w+"
 PHOTO_FOLDERS = ("gray", "rgb")
@@ -51,12 +50,13 @@ class BopObject:
     """An object in an image."""
 
     object_id: int
-    place: RigidTransform
-    """Camera from model, mm."""
+    camera_from_model: RigidTransform
+    """In mm."""
 
     def as_json(self) -> dict[str, Any]:
         """Return the pose for ``scene_gt.json``."""
-        rotation, shift = self.place.rotation.reshape(-1).tolist(), self.place.translation.tolist()
+        pose = self.camera_from_model
+        rotation, shift = pose.rotation.reshape(-1).tolist(), pose.translation.tolist()
         return {"cam_R_m2c": rotation, "cam_t_m2c": shift, "obj_id": self.object_id}
 
 
@@ -103,8 +103,7 @@ def write_bop(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.
 
 def read_bop(path: Path, request: c.ConvertOptions) -> Scene:
     """Read the objects of an image; ``request.model`` may be the folder of their models."""
-    file = InputFile(path / POSES)
-    asked = request.object_id
+    file, asked = InputFile(path / POSES), request.object_id
     stem = Path(request.image or "").stem
     posed = [(f"{item.number}", item) for item in load_bop_images(path, posed=True) if item.objects]
     by_number = replace(request, image=str(int(stem)) if stem.isdecimal() else request.image)
@@ -120,7 +119,8 @@ def read_bop(path: Path, request: c.ConvertOptions) -> Scene:
             counts[number] += 1
             name = f"{number}-{counts[number]}" if counts[number] > 1 else f"{number}"
             model = model_file(folder / MODEL_FILE.format(number), unit=unit)
-            place = replace(item.place, translation=item.place.translation * factor)
+            place = item.camera_from_model
+            place = replace(place, translation=place.translation * factor)
             objects.append(SceneObject(id=name, model=model, world_from_model=Similarity(place)))
     if not objects:
         found = f"image {image.number} has no pose of object {asked}"
@@ -145,7 +145,7 @@ def load_bop_images(folder: Path, posed: bool = False) -> tuple[BopImage, ...]:
         photo = photos.get(int(name), f"{PHOTO_FOLDERS[1]}/{int(name):06d}.png")
         there = _objects(objects, poses.get(name, []), name)
         is_in_world = all(key in entry for key in WORLD)
-        world = _transform(file, entry, WORLD, f"image {name}") if is_in_world else None
+        world = _transform(file, entry, "w2c", f"image {name}") if is_in_world else None
         images.append(BopImage(int(name), photo, camera, there, world))
     if not images:
         raise file.error("no image in it", "wanted a camera for each image")
@@ -163,7 +163,6 @@ def save_bop_images(
 
 
 def _scene_texts(folder: Path, cameras: SceneFile, poses: SceneFile) -> dict[Path, str]:
-    """A scene's two files."""
     return {folder / CAMERAS: scene_text(cameras), folder / POSES: scene_text(poses)}
 
 
@@ -180,7 +179,7 @@ def load_scene_file(path: Path) -> SceneFile:
 
 
 def same_intrinsics(one: Perspective, other: Perspective) -> bool:
-    """Whether two cameras are one, up to the rounding of files."""
+    """Tell whether two cameras are one, up to the rounding of files."""
     numbers = [[own.fx, own.fy, own.cx, own.cy] for own in (one, other)]
     return bool(np.allclose(*numbers, rtol=SAME, atol=SAME))
 
@@ -206,10 +205,9 @@ def _number(given: str | int | None, pattern: str, name: str, what: str, example
     said = name if given is None else str(given)
     if match := re.fullmatch(rf"{pattern}|(\d+)", said):
         return int(match[1] or match[2])
-    raise PoseFileError(
-        f"BOP wants the {what}'s number, and found {said or 'none'!r}; add --{what} NUMBER (a file "
-        f"called like {example} says it by its name)."
-    )
+    found = f"BOP wants the {what}'s number, and found {said or 'none'!r}"
+    wanted = f"add --{what} NUMBER (a file called like {example} says it by its name)"
+    raise PoseFileError(f"{found}; {wanted}.")
 
 
 def _photos(folder: Path) -> dict[int, str]:
@@ -228,19 +226,16 @@ def _objects(file: InputFile, entries: Any, image: str) -> tuple[BopObject, ...]
     for number, entry in enumerate(entries):
         what = f"pose {number} of image {image}"
         said = file.object(entry, what)
-        place = _transform(file, said, IN_CAMERA, what)
+        place = _transform(file, said, "m2c", what)
         objects.append(BopObject(int(file.positive(said.get("obj_id"), f"{what}.obj_id")), place))
     return tuple(objects)
 
 
-def _transform(
-    file: InputFile, said: dict[str, Any], keys: tuple[str, str], what: str
-) -> RigidTransform:
-    rotation, translation = (
-        np.array(file.flat_numbers(said.get(key), f"{what}.{key}", length))
-        for key, length in zip(keys, (9, 3), strict=True)
-    )
-    return RigidTransform(repair_rotation(file, rotation.reshape(3, 3)), translation)
+def _transform(file: InputFile, said: dict[str, Any], way: str, what: str) -> RigidTransform:
+    rotation, shift = (f"cam_{letter}_{way}" for letter in "Rt")
+    matrix = np.reshape(file.flat_numbers(said.get(rotation), f"{what}.{rotation}", 9), (3, 3))
+    translation = np.array(file.flat_numbers(said.get(shift), f"{what}.{shift}", 3))
+    return RigidTransform(repair_rotation(file, matrix), translation)
 
 
 BOP = c.Format(write_bop, read_bop, several_objects=True, appends=True, photos_in="rgb")

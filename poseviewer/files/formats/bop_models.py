@@ -1,8 +1,4 @@
-"""BOP's models and estimated poses: ``models_info.json``, and tables of results.
-
-As in the BOP toolkit's ``docs/bop_datasets_format.md`` and ``docs/bop_challenge_2019.md``; lengths
-in mm.
-"""
+"""BOP's ``models_info.json`` and tables of results, as the BOP toolkit's docs say; in mm."""
 
 import csv
 from dataclasses import dataclass
@@ -19,9 +15,8 @@ from poseviewer.geometry.transform import RigidTransform, nearest_rotation
 
 MODELS_INFO = "models_info.json"
 RESULTS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
-NO_ROTATION = 0.01
-"""By how much a rotation's product with its own transpose may differ from 1: files round, to two
-digits at worst."""
+MAX_ROUNDING = 0.01
+"""Difference of a rotation's product with its transpose from 1: files round to two digits."""
 
 
 class Axis(Struct, frozen=True):
@@ -35,7 +30,7 @@ class Axis(Struct, frozen=True):
 
     @property
     def unit(self) -> FloatArray:
-        """(3,), of length 1."""
+        """Direction (3,) of length 1."""
         return np.array(self.axis) / np.linalg.norm(self.axis)
 
 
@@ -57,7 +52,7 @@ class BopModel(Struct, frozen=True):
     def __post_init__(self) -> None:
         for number, matrix in enumerate(np.reshape(self.discrete, (-1, 4, 4))[:, :3, :3]):
             off = np.abs(matrix @ matrix.T - np.eye(3)).max()
-            if off > NO_ROTATION or np.linalg.det(matrix) < 0.0:
+            if off > MAX_ROUNDING or np.linalg.det(matrix) < 0.0:
                 found = f".symmetries_discrete[{number}] is no rotation and shift"
                 raise ValueError(f"{found}; wanted a 4x4 rigid transform")
         try:
@@ -82,7 +77,7 @@ class BopEstimate:
     image: int
     object_id: int
     score: float
-    place: RigidTransform
+    camera_from_model: RigidTransform
 
 
 def load_bop_models(path: Path) -> dict[int, BopModel]:

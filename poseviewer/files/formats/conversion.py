@@ -229,11 +229,7 @@ class Format:
 
 
 def turn_view(view: View, orientation: int) -> View:
-    """Turn a view by EXIF's orientation, with camera, lens and pose.
-
-    Raises:
-        PoseFileError: no camera sees that picture.
-    """
+    """Turn a view by EXIF's orientation; raises PoseFileError where no camera sees that picture."""
     file, known = view.file, view.file.undistortion
     place = view.camera_from_world
     try:

@@ -1,11 +1,8 @@
 """glTF: the model, the camera that sees it, and the photo on a plane behind the model (GLB).
 
-The model's frame is glTF's world. glTF cameras look through the middle of their picture: the view
-is widened until it holds the whole photo, and ``extras`` of the camera say the photo's size and
-principal point.
-
-Written here since trimesh keeps linear colours in 8 bits and knows neither orthographic cameras nor
-materials without light.
+glTF cameras look through the middle of their picture: the view is widened until it holds the whole
+photo, and ``extras`` say the photo's size and principal point. trimesh cannot write it: it keeps
+linear colours in 8 bits and knows neither orthographic cameras nor materials without light.
 """
 
 import json
@@ -90,7 +87,7 @@ def write_gltf_scene(
 
 
 def _origin(mesh: Mesh) -> FloatArray:
-    """(3,): what is added in a model's node, as its 32-bit floats are exact near 0 alone."""
+    """Return the offset (3,) of a node, as its 32-bit floats are exact near 0 alone."""
     is_far = np.abs(mesh.bounds).max() > FAR * mesh.diameter
     return mesh.centre if is_far else np.zeros(3)
 

@@ -46,9 +46,8 @@ def write_opencv(scene: Scene, out: Path, *_: object) -> dict[Path, str]:
     transform, camera, lens, k = next(c.cameras_as_taken(scene, "OpenCV", LENSES))[1:]
     ending = out.suffix.lower()
     if ending not in OPENCV_ENDINGS:
-        raise PoseFileError(
-            f"{out.name}: OpenCV files end in {', '.join(OPENCV_ENDINGS)}; name one so."
-        )
+        found = f"OpenCV files end in {', '.join(OPENCV_ENDINGS)}"
+        raise PoseFileError(f"{out.name}: {found}; name one so.")
     storage = cv2.FileStorage(f"m{ending}", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
     storage.write("image_width", camera.width)
     storage.write("image_height", camera.height)
@@ -125,7 +124,6 @@ def write_linemod(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -
 
 
 def _linemod_files(path: Path) -> list[Path]:
-    """The files of rotation and translation, of which one is named."""
     name = re.sub("^(rot|tra)", "", path.stem)
     is_prefixed = name != path.stem
     return [path.with_name(f"{end[1:] * is_prefixed}{name}{end}") for end in LINEMOD_ENDINGS]

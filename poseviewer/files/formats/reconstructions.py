@@ -1,8 +1,4 @@
-"""Cameras of programs of 3D reconstruction; the world is the model's frame.
-
-Pixel centres are at i + 0.5. nerfstudio's ``transforms.json``: camera to world, OpenGL axes
-(https://docs.nerf.studio/quickstart/data_conventions.html).
-"""
+"""Cameras of COLMAP and nerfstudio; the world is the model's frame, pixel centres at i + 0.5."""
 
 import json
 from dataclasses import astuple, replace

@@ -30,11 +30,11 @@ IDLE = ("library_animations", "library_cameras", "library_lights", "library_cont
 
 
 def read_dae(path: Path) -> p.ModelParts:
-    """A part for each group of polygons of each node of the scene, and notes.
+    """Read a part for each group of polygons of each node of the scene.
 
     Raises:
-        MeshFileError: The file has what is not read and changes the shape.
-        ValueError: The file is damaged.
+        MeshFileError: the file has what is not read and changes the shape.
+        ValueError: the file is damaged.
     """
     try:
         import collada
@@ -87,11 +87,10 @@ def _prune(root: Any, name: str) -> list[str]:
 
 
 def _part(primitive: Any, material: Any, textures: dict[str, NDArray], notes: list[str]) -> p.Part:
-    """The part of polygons with the material that is bound to them, or None."""
     index = primitive.index.reshape(-1, primitive.nindices)
 
     def values(kind: str, wanted: str | None = None) -> Any:
-        """(C, k): values of the corners, those of the wanted set of several; None: none."""
+        """Return values (C, k) of the corners, those of the wanted set, or None."""
         inputs = primitive.sources.get(kind)
         if not inputs:
             return None
@@ -120,5 +119,4 @@ def _part(primitive: Any, material: Any, textures: dict[str, NDArray], notes: li
 
 
 def _picture(look: Any) -> str:
-    """The file that a texture's map names, or ""."""
     return unquote(look.sampler.surface.image.path.strip()) if hasattr(look, "sampler") else ""

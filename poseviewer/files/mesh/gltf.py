@@ -39,8 +39,7 @@ SPARED = (
     "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression",
     "KHR_texture_basisu", "EXT_texture_avif",
 )  # fmt: skip
-"""Extensions that are not read, and without which a file that does not require them holds the same.
-"""
+"""Extensions that are not read, and that change nothing in a file that does not require them."""
 HARMLESS = ("KHR_materials_", "KHR_lights_", "KHR_xmp", "KHR_animation_", "EXT_lights_", "MSFT_lod")
 """Beginnings of extensions that change neither shape nor base colour."""
 TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -136,9 +135,8 @@ class _Document:
             if part is None:
                 continue
             if "skin" in node:
-                yield self._apply_skin(
-                    part, primitive["attributes"], self.data["skins"][node["skin"]]
-                )
+                skin = self.data["skins"][node["skin"]]
+                yield self._apply_skin(part, primitive["attributes"], skin)
             else:
                 yield from (part.transform(place) for place in places)
 
@@ -158,7 +156,10 @@ class _Document:
         order = np.arange(len(vertices))
         if "indices" in primitive:
             order = self.array(primitive["indices"]).reshape(-1).astype(np.int64)
-        part = Part(name, vertices, _triangles(order, mode), normals)
+        faces = strip_corners(order) if mode == STRIP else order
+        if mode == FAN:
+            faces = np.stack([np.full(len(order) - 2, order[0]), order[1:-1], order[2:]], axis=1)
+        part = Part(name, vertices, faces.reshape(-1, 3), normals)
         rgba, has_colours = np.ones(4), "COLOR_0" in attributes
         if has_colours:
             colours = self.array(attributes["COLOR_0"])
@@ -328,14 +329,6 @@ def _transform_uvs(uvs: NDArray, transform: dict[str, Any]) -> NDArray:
     c, s = (f(transform.get("rotation", 0.0)) for f in (np.cos, np.sin))
     scaled = uvs * np.array(transform.get("scale", (1.0, 1.0)))
     return scaled @ np.array([[c, -s], [s, c]]) + np.array(transform.get("offset", (0.0, 0.0)))
-
-
-def _triangles(order: NDArray, mode: int) -> NDArray:
-    if mode == STRIP:
-        return strip_corners(order)
-    if mode == FAN:
-        return np.stack([np.full(len(order) - 2, order[0]), order[1:-1], order[2:]], axis=1)
-    return order.reshape(-1, 3)
 
 
 def roots_of(nodes: list[dict[str, Any]]) -> list[int]:

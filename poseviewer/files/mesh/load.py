@@ -1,6 +1,7 @@
 """Load a model file as a Mesh."""
 
 import math
+import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,6 @@ from poseviewer.errors import MeshFileError, printable
 from poseviewer.files.checks import MAX_DATA_BYTES, InputFile, quiet_libraries
 from poseviewer.files.mesh.dae import read_dae
 from poseviewer.files.mesh.gltf import read_gltf
-from poseviewer.files.mesh.isolation import isolate
 from poseviewer.files.mesh.obj import read_obj
 from poseviewer.files.mesh.off import read_off
 from poseviewer.files.mesh.parts import ModelParts, Part, load_textures
@@ -23,7 +23,16 @@ from poseviewer.files.mesh.stl import read_stl
 from poseviewer.files.mesh.surface import as_mesh
 from poseviewer.files.mesh.three_mf import read_3mf
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.processes import call_in_subprocess
 
+DEADLINE_S = 20.0
+"""Time that a reader may take for a small file."""
+BYTES_PER_S = 250_000
+"""Bytes of a file that give its reader a second more."""
+MAX_MEMORY_BYTES = 4_000_000_000
+"""Memory that a reader may take for a small file."""
+MEMORY_PER_BYTE = 40
+"""Memory that a reader may take for each byte of the file besides."""
 FINE_ANGLE = 0.2
 """Largest angle (rad) between triangles of a curved face."""
 
@@ -52,6 +61,29 @@ def load_mesh(path: str | Path) -> Mesh:
             notes.append(f"Lengths in units of {metres:g} m were made lengths in m.")
             unit = "m"
         return replace(as_mesh(printable(path.name), parts, notes), unit=unit, y_up=y_up)
+
+
+def isolate(reader: Callable[[Path], ModelParts]) -> Callable[[Path], ModelParts]:
+    """Run a reader, whose library can end the process, in one of its own, with bounds."""
+
+    def read(path: Path) -> ModelParts:
+        size = path.stat().st_size
+        seconds, memory = DEADLINE_S + size / BYTES_PER_S, MAX_MEMORY_BYTES + MEMORY_PER_BYTE * size
+        try:
+            return call_in_subprocess(_read, reader, path, seconds=seconds, memory=memory)
+        except subprocess.TimeoutExpired:
+            found = f"its reader was not done after {seconds:.0f} s and was stopped"
+        except subprocess.CalledProcessError:
+            found = "its reader ended at it: damaged, or too large for the memory"
+        raise MeshFileError(f"{path.name}: {found}; export it again, or as GLB.") from None
+
+    return read
+
+
+def _read(reader: Callable[[Path], ModelParts], path: Path) -> ModelParts:
+    kind = f"{path.suffix[1:].upper()} file"
+    with InputFile(path, [], MeshFileError, kind).naming_errors(), quiet_libraries():
+        return reader(path)
 
 
 def _read_3ds(path: Path) -> ModelParts:

@@ -20,11 +20,7 @@ def plain_name(written: str) -> str:
 
 
 def find_named(folder: Path, written: str) -> Path | None:
-    """Find the file that a model in ``folder`` calls ``written``, or None.
-
-    The path is tried first, then the bare name beside the model, then any spelling in usual
-    folders.
-    """
+    """Find the file that a model calls ``written``: at its path, beside the model, or near it."""
     for spelling in spellings(written):
         if (found := _find(folder, spelling)) is not None:
             return found

@@ -100,7 +100,7 @@ def library_names(text: str) -> list[str]:
 
 
 def read_table(lines: list[str], columns: int) -> NDArray:
-    """(N, columns) of the first numbers of each line; raises ValueError where one has fewer."""
+    """Read the first numbers of each line (N, columns); raises ValueError where one has fewer."""
     if not lines:
         return np.zeros((0, columns))
     table = np.loadtxt(lines, usecols=range(columns), comments=None, ndmin=2)
@@ -147,14 +147,9 @@ def _read_faces(faces: list[str], relative: Relative) -> tuple[NDArray, NDArray]
 
 
 def _as_part(
-    name: str,
-    used: NDArray,
-    vertices: NDArray,
-    colours: NDArray | None,
-    uvs: NDArray,
-    normals: NDArray,
-    material: Material,
-) -> p.Part:
+    name: str, used: NDArray, vertices: NDArray, colours: NDArray | None, uvs: NDArray,
+    normals: NDArray, material: Material,
+) -> p.Part:  # fmt: skip
     """A part with one vertex for each distinct corner (v, vt, vn) of ``used`` (F, 3, 3)."""
     diffuse, texture = material
     flat = used.reshape(-1, 3)

@@ -125,9 +125,7 @@ def _read_table(
 
 def _walk(rows: int, data: memoryview, at: int, kinds: list[Kind]) -> tuple[list[Any], int]:
     """Columns of rows of any lengths; raises struct.error where the file ends before."""
-    plan = [
-        ([], [], Struct(count) if count else None, value, calcsize(value)) for count, value in kinds
-    ]
+    plan = [([], [], Struct(n) if n else None, kind, calcsize(kind)) for n, kind in kinds]
     for _ in range(rows):
         for counts, values, count, value, size in plan:
             length = 1

@@ -8,13 +8,9 @@ TURNED = -1e-9
 
 
 def polygon_corners(counts: NDArray, points: NDArray) -> NDArray[np.int64]:
-    """Cut polygons into (T, 3) corners of triangles: fans, or ears where a fan leaves it.
+    """Cut polygons of ``counts`` (N,) corners at ``points`` (C, 3) into triangles' corners (T, 3).
 
-    Corners are numbered through all polygons; polygons of fewer than 3 corners give none.
-
-    Args:
-        counts: (N,) corners of each polygon.
-        points: (C, 3) positions of all corners.
+    They are fans, or ears where a fan leaves the polygon; corners count through all polygons.
     """
     counts = np.asarray(counts, dtype=np.int64)
     triangles, firsts = np.maximum(counts - 2, 0), np.cumsum(counts) - counts
@@ -36,7 +32,7 @@ def polygon_corners(counts: NDArray, points: NDArray) -> NDArray[np.int64]:
 
 
 def strip_corners(indices: NDArray) -> NDArray[np.int64]:
-    """(T, 3) triangles of strips with -1 between them; every second one is turned."""
+    """Return triangles (T, 3) of strips with -1 between them; every second one is turned."""
     indices = np.asarray(indices, np.int64)
     windows = np.stack([indices[:-2], indices[1:-1], indices[2:]], axis=1)
     ends = np.flatnonzero(indices < 0)
@@ -47,13 +43,13 @@ def strip_corners(indices: NDArray) -> NDArray[np.int64]:
 
 
 def _to_plane(points: NDArray, normal: NDArray) -> NDArray:
-    """(n, 2): a polygon in its own plane, counter-clockwise."""
+    """Project a polygon into its own plane (n, 2), counter-clockwise."""
     x = np.cross(np.eye(3)[np.argmin(np.abs(normal))], normal)
     return (points - points[0]) @ np.stack([x, np.cross(normal, x)], axis=1)
 
 
 def _ears(flat: NDArray) -> NDArray[np.int64]:
-    """(n - 2, 3): triangles of a simple polygon (Meisters 1975); of another, a fan at the end."""
+    """Cut ears off a simple polygon (Meisters 1975), (n - 2, 3); others end in a fan."""
     left = list(range(len(flat)))
     triangles = []
     at = 0
@@ -79,7 +75,6 @@ def _side(a: NDArray, b: NDArray, points: NDArray) -> NDArray:
 
 
 def _holds(corners: NDArray, points: NDArray) -> bool:
-    """Whether a triangle holds one of the points, but for its own corners."""
     inside = np.ones(len(points), bool)
     for first, second in ((0, 1), (1, 2), (2, 0)):
         inside &= _side(corners[first], corners[second], points) >= 0.0

@@ -51,7 +51,6 @@ def _check(name: str, parts: list[Part]) -> None:
 
 
 def _merge(parts: list[Part], notes: list[str]) -> Mesh:
-    """All parts in one; its normals are 0 unless each part has some."""
     textures = {id(part.texture): part.texture for part in parts if part.texture is not None}
     numbers = {key: i for i, key in enumerate(textures)}
     names = {name: i for i, name in enumerate(dict.fromkeys(part.name for part in parts))}
@@ -65,15 +64,13 @@ def _merge(parts: list[Part], notes: list[str]) -> Mesh:
         vertices=np.concatenate([part.vertices for part in parts]),
         faces=np.concatenate([p.faces + o for p, o in zip(parts, offsets, strict=False)]),
         normals=np.nan_to_num(np.concatenate(normals), posinf=0.0, neginf=0.0),
-        colours=np.concatenate(colours),
-        uvs=np.concatenate(uvs),
+        colours=np.concatenate(colours), uvs=np.concatenate(uvs),
         face_texture=np.repeat([numbers.get(id(part.texture), -1) for part in parts], sizes),
         face_part=np.repeat([names[part.name] for part in parts], sizes),
-        textures=tuple(textures.values()),
-        part_names=tuple(names),
+        textures=tuple(textures.values()), part_names=tuple(names),
         has_reflectance=any(p.colours is not None or p.texture is not None for p in parts),
         notes=tuple(printable(note, MAX_NOTE_LETTERS) for note in dict.fromkeys(notes)),
-    )
+    )  # fmt: skip
 
 
 def _columns(values: Any, default: float, part: Part, width: int) -> NDArray[np.float32]:

@@ -62,9 +62,8 @@ def read_3mf(path: Path) -> ModelParts:
         loaded = load_3MF(file, postprocess=False)
     solid = (element for element in objects.values() if element.find("{*}mesh") is not None)
     elements, parts = dict(zip(loaded["geometry"], solid, strict=True)), []
-    groups = {
-        group.get("id"): _rgb(group) for group in root.iter("{*}basematerials", "{*}colorgroup")
-    }
+    materials = root.iter("{*}basematerials", "{*}colorgroup")
+    groups = {material.get("id"): _rgb(material) for material in materials}
     for place in loaded["graph"]:
         if (element := elements.get(place["geometry"])) is None:
             continue
@@ -80,7 +79,6 @@ def read_3mf(path: Path) -> ModelParts:
 
 
 def _rgb(group: Any) -> NDArray[np.float64]:
-    """RGB (n, 3) of a group of materials or colours."""
     values = [entry.get("displaycolor") or entry.get("color") for entry in group]
     return np.array([list(bytes.fromhex(value[1:7])) for value in values]).reshape(-1, 3) / 255.0
 

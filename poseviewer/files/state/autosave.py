@@ -78,11 +78,7 @@ class SessionFile:
 
 
 def load_autosave(path: Path) -> AutosavedSession:
-    """The session in a file, every number to its last digit.
-
-    Raises:
-        AutosaveError: there is no such file, or it is damaged.
-    """
+    """Load a session, every number to its last digit; raises AutosaveError if it is damaged."""
     file = InputFile(path, largest=MAX_DATA_BYTES)
     try:
         with file.naming_errors():

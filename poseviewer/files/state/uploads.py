@@ -116,12 +116,9 @@ def copy_out(path: Path, scene: Scene, private: Path) -> Scene:
         return pairs[0][1]
 
     with writing_to(path.parent, f"{path.name}, with its photos and models", FileSetError):
-        files = [replace(view.file, path=copy(view.path)) for view in scene.views]
-        models = [replace(item.model, path=copy(item.model.path)) for item in scene.objects]
-    views = [replace(view, file=file) for view, file in zip(scene.views, files, strict=True)]
-    pairs = zip(scene.objects, models, strict=True)
-    objects = tuple(replace(item, model=model) for item, model in pairs)
-    return replace(scene, views=tuple(views), objects=objects)
+        views = [replace(v, file=replace(v.file, path=copy(v.path))) for v in scene.views]
+        items = [replace(o, model=replace(o.model, path=copy(o.model.path))) for o in scene.objects]
+    return replace(scene, views=tuple(views), objects=tuple(items))
 
 
 def safe_path(name: str) -> PurePosixPath:
@@ -131,7 +128,7 @@ def safe_path(name: str) -> PurePosixPath:
 
 
 def why_unfit(name: str, size: int, count: int = 1) -> str:
-    """Why ``count`` files of ``size`` bytes together are not taken; "" where they are."""
+    """Say why ``count`` files of ``size`` bytes together are not taken; "" where they are."""
     found = wanted = ""
     if count > MAX_FILES:
         found = f": more than {MAX_FILES:,} files"
@@ -143,7 +140,7 @@ def why_unfit(name: str, size: int, count: int = 1) -> str:
 
 
 def why_not_sent(name: str, trouble: Literal["unreadable", "empty", "cut off"]) -> str:
-    """Why a page sends nothing, or not all, of a folder or a file that was dropped on it."""
+    """Say why a page sends nothing, or not all, of what was dropped on it."""
     words = {
         "cut off": "the upload was cut off; nothing was changed, drop it again",
         "empty": "an empty folder; drop one that holds a photo, a model or a pose",

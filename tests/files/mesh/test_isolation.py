@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.mesh.isolation import isolate
-from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.mesh.load import isolate, load_mesh
 from poseviewer.files.mesh.parts import ModelParts, Part
 
 
@@ -63,7 +62,7 @@ def test_what_it_reads_comes_back(path: Path) -> None:
 ])  # fmt: skip
 def test_what_it_does_to_its_process_is_a_sentence(path: Path, monkeypatch, reader, words):
     seconds = 600.0 if reader != hangs else 3
-    monkeypatch.setattr("poseviewer.files.mesh.isolation.DEADLINE_S", seconds)
+    monkeypatch.setattr("poseviewer.files.mesh.load.DEADLINE_S", seconds)
     with pytest.raises(MeshFileError, match=rf"^a\.3ds: .*{words}"):
         isolate(reader)(path)
 

@@ -15,20 +15,15 @@ import msgspec
 import numpy as np
 import pytest
 
+from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import AutosaveError
 from poseviewer.files.scene_assets import model_file, view_of_file
 from poseviewer.files.scene_json import form_of
-from poseviewer.files.state.autosave import (
-    AutosavedSession,
-    SessionFile,
-    discard,
-    files_of_sessions,
-    find_abandoned,
-    load_autosave,
-)
+from poseviewer.files.state import autosave
+from poseviewer.files.state.autosave import AutosavedSession, SessionFile, discard, load_autosave
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.scene.types import InView, Scene, SceneObject
+from poseviewer.scene.types import InView, Scene, SceneObject, SearchResult
 from tests.several import CAMERA, IDS, STARTS
 from tests.writing import edit
 
@@ -45,8 +40,11 @@ def session(**changes: Any) -> AutosavedSession:
         place = view.world_from_model(placed.pose)
         objects.append(SceneObject(id=str(number), model=model, world_from_model=place))
     own = InView(mask=mask, region=Rectangle(1.0, 2.0, 3.0, 4.5), is_compared=False)
-    started = {"start": objects[1].world_from_model, "start_cameras": (replace(CAMERA, fx=1.0),)}
-    objects[0] = replace(objects[0], in_views=(own,), locked=True, **started)
+    sure = PoseCovariance(STARTS[0].pose, np.zeros(3), np.eye(6), 0.5)
+    objects[0] = replace(
+        objects[0], in_views=(own,), locked=True, start=objects[1].world_from_model,
+        start_cameras=(replace(CAMERA, fx=1.0),), result=SearchResult(covariance=sure, seen=(0.5,)),
+    )  # fmt: skip
     scene = Scene(views=(view,), objects=tuple(objects))
     shown: Any = {"active_object": "1", "active_view": 0, "photo_names": ("three.png",)}
     return AutosavedSession(saved_at=1.7e9 + 1.0 / 3.0, scene=scene, **(shown | changes))
@@ -59,7 +57,7 @@ def as_json(kept: AutosavedSession) -> Any:
 
 def require_left(folder: Path) -> tuple[Path, Any]:
     """The newest file that was left behind, and what it says."""
-    path, kept = find_abandoned(folder) or pytest.fail("none was left behind")
+    path, kept = autosave.find_abandoned(folder) or pytest.fail("none was left behind")
     return path, as_json(kept)
 
 
@@ -73,10 +71,12 @@ def saved(folder: Path, session: AutosavedSession) -> Path:
 
 def test_sessions_come_back_to_the_last_digit(tmp_path: Path) -> None:
     whole = session(active_object="2")
-    assert as_json(load_autosave(saved(tmp_path, whole))) == as_json(whole)
+    again = load_autosave(saved(tmp_path, whole))
+    assert as_json(again) == as_json(whole)
+    assert again.scene.objects[0].start_cameras[0].width == CAMERA.width
     assert (whole.photo_name, whole.model_name) == ("three.png", "front.ply")
     models = {Path(f"/photos/three/{name}.ply") for name in IDS}
-    assert files_of_sessions(tmp_path) == {Path(ODD), *models}
+    assert autosave.files_of_sessions(tmp_path) == {Path(ODD), *models}
 
 
 CHILD = """
@@ -98,14 +98,14 @@ def test_a_killed_process_leaves_its_session_behind(tmp_path: Path) -> None:
     with subprocess.Popen(line, stdin=pipe, stdout=pipe, text=True) as child:
         path = Path(child.stdout.readline().strip())
         assert path.is_file()
-        assert find_abandoned(folder) is None
+        assert autosave.find_abandoned(folder) is None
         child.kill()
         child.wait(60)
     assert require_left(folder) == (path, as_json(session()))
     discard(path)
     discard(path)
     assert list(folder.iterdir()) == []
-    assert find_abandoned(folder) is find_abandoned(tmp_path / "nothing") is None
+    assert autosave.find_abandoned(folder) is autosave.find_abandoned(tmp_path / "nothing") is None
 
 
 def test_the_newest_is_the_one_left_behind(tmp_path: Path) -> None:
@@ -121,7 +121,7 @@ def test_a_session_is_saved_though_its_folder_was_removed(tmp_path: Path) -> Non
     file.save(session())
     shutil.rmtree(tmp_path)
     file.save(session(active_object="2"))
-    assert find_abandoned(tmp_path) is None
+    assert autosave.find_abandoned(tmp_path) is None
     file.close()
     assert require_left(tmp_path) == (file.path, as_json(session(active_object="2")))
 
@@ -155,7 +155,7 @@ def test_what_is_no_session_is_left_out(tmp_path: Path, data: bytes) -> None:
     bad = tmp_path / "session-1.json"
     bad.write_bytes(data)
     (tmp_path / "session-2.json").mkdir()
-    assert find_abandoned(tmp_path) is None
+    assert autosave.find_abandoned(tmp_path) is None
     with pytest.raises(AutosaveError, match=r"^session-1"):
         load_autosave(bad)
 
