@@ -40,6 +40,7 @@ from poseviewer.app.state.pose_edits import (
     set_parameter,
     view_from,
 )
+from poseviewer.app.state.proposal_edits import propose_starts
 from poseviewer.app.state.search_edits import alter_settings, find_focal_length, set_loss, take_end
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import CONVERTED
@@ -156,8 +157,8 @@ def _add_search(controls: Controls) -> None:
 def _add_ways(controls: Controls) -> None:
     """A pose from a box, from marks on the photo, or proposed ones."""
     controls.actions("Place by", "box", "pairs", "wheels", "propose")
-    stop = ACTIONS["propose"]
-    controls.button(stop.end, stop.request, visible=lambda s: s.is_proposing)
+    stop = ACTIONS["propose"].end
+    controls.button(stop, propose_starts(), visible=lambda s: s.is_proposing)
 
     def is_for_wheels(session: Session) -> bool:
         is_vehicle = session.document.model.keypoints is not None
@@ -250,8 +251,8 @@ def _add_camera(controls: Controls) -> None:
     )
 
     def set_intrinsic(index: int, value: float) -> Request:
-        now = _intrinsics(controls.session)
-        return set_camera(*now[:index], value, *now[index + 1 :])
+        fx, fy, cx, cy = np.where(np.arange(4) == index, value, _intrinsics(controls.session))
+        return set_camera(float(fx), float(fy), float(cx), float(cy))
 
     for index, name in enumerate(("fx", "fy", "cx", "cy")):
         controls.field(
