@@ -33,8 +33,14 @@ def serve_app(
     browser: bool,
     tell: Callable[[str], None],
 ) -> None:
-    """Serve the app on what ``open_first`` opens (in a review: its first row) until it is
-    interrupted; ``tell`` prints a line. The address is there before anything is read.
+    """Serve the app until it is interrupted. The address is there before anything is read.
+
+    Args:
+        open_first: opens what is shown first (in a review: its first row).
+        host: address to listen at.
+        port: port there; None: the first free one from 8080 on.
+        browser: whether a browser is opened.
+        tell: prints a line.
 
     Raises:
         PoseViewerError: the address is taken, or what is to be opened cannot be used.

@@ -44,6 +44,17 @@ LAST_LABEL = """() => {
     return at + chart.ctx.measureText(axis._values.at(-1)).width / 2 - chart.ctx.canvas.width;
 }"""
 """Width, px, by which the plot's last number lies outside of it."""
+BAR = """() => {
+    const name = ".mantine-ScrollArea-scrollbar[data-orientation=vertical]";
+    const bars = document.querySelectorAll(name);
+    const lefts = [...bars].map((bar) => bar.getBoundingClientRect()).filter((box) => box.width);
+    return lefts.length ? lefts[0].left : null;
+}"""
+"""Left border of the scroll bar, CSS px; null while it is not shown."""
+RIGHT_END = """Math.max(...[...document.querySelectorAll("button, input, .uplot")]
+    .filter((node) => node.checkVisibility()).map((node) => node.getBoundingClientRect().right)
+    .filter((right) => right < 300))"""
+"""Right border of what lies farthest right in the left panel."""
 SQUEEZED = """() => [...document.querySelectorAll("label, input, button")]
     .filter((node) => !["normal", "0px"].includes(getComputedStyle(node).letterSpacing))
     .map((node) => node.textContent || node.value)"""
@@ -124,6 +135,16 @@ def test_a_calibration_file_is_chosen_in_the_cameras_panel(page: AppPage, tmp_pa
     page.until(lambda: page.page.get_by_label("cx (px)").input_value() == "82.125")
     page.open_step(1)  # the notice goes, the note stays
     page.wait_for_text("search again")
+
+
+def test_the_scroll_bar_covers_nothing(page: AppPage) -> None:
+    page.page.set_viewport_size({"width": WINDOW[0], "height": 600})
+    page.open_step(3)
+    page.page.get_by_text("Settings", exact=True).wait_for()
+    page.page.mouse.move(150.0, 400.0)  # there the bar is shown
+    page.page.wait_for_function(f"({BAR})() !== null")
+    assert page.page.evaluate(f"({BAR})()") >= page.page.evaluate(RIGHT_END)
+    page.page.set_viewport_size({"width": WINDOW[0], "height": WINDOW[1]})
 
 
 def test_no_label_is_squeezed_and_the_plots_last_number_is_whole(page: AppPage) -> None:

@@ -183,18 +183,23 @@ def serve(
     label: str | None = None,
     token: str | None = None,
 ) -> GuardedServer:
-    """Start a viser server that answers only its own page, to whom knows the token (None: a new
-    one). Without a ``port`` the first free one from 8080 on is taken; 0 lets the system choose.
+    """Start a viser server that answers only its own page, to whom knows the token.
+
+    Args:
+        host: address to listen at.
+        port: port there; None: the first free one from 8080 on; 0: one that the system chooses.
+        label: title of viser's panel.
+        token: token; None: a new one.
 
     Raises:
         SettingsError: the port is taken or not allowed, or the host is no address of this machine.
     """
-    listening = _listen(host, port)
+    listening = _make_socket(host, port)
     policy = AccessPolicy(host, listening.getsockname()[1], token or secrets.token_urlsafe())
     wake_in_the_loop()
     try:
         # viser prints its address, without the token, to the standard output.
-        with _guarded_serve(listening, policy) as calls, redirect_stdout(io.StringIO()):
+        with _intercept_serve(listening, policy) as calls, redirect_stdout(io.StringIO()):
             # Where viser itself would listen, if it ever came past the guard.
             server = viser.ViserServer("127.0.0.1", 0, label, verbose=False)
     except BaseException:
@@ -214,27 +219,27 @@ def serve(
 
 
 @contextmanager
-def _guarded_serve(listening: socket.socket, policy: AccessPolicy) -> Iterator[list[str]]:
+def _intercept_serve(listening: socket.socket, policy: AccessPolicy) -> Iterator[list[str]]:
     """While open, viser's server listens on our socket and asks the policy; gives the calls."""
     calls: list[str] = []
     original = websockets.asyncio.server.serve
 
-    def guarded(handler: Any, *args: Any, **settings: Any) -> Any:
+    def serve_guarded(handler: Any, *args: Any, **settings: Any) -> Any:
         if getattr(handler, "__module__", "") != VISERS_OWN:
             return original(handler, *args, **settings)  # somebody else's server
         calls.append(handler.__qualname__)
-        settings["process_request"] = _checked(policy, settings["process_request"])
+        settings["process_request"] = _check_first(policy, settings["process_request"])
         settings |= {"logger": _log, "max_size": MAX_MESSAGE_BYTES}
         return original(handler, sock=listening, **settings)
 
-    websockets.asyncio.server.serve = guarded  # type: ignore[assignment,misc]
+    websockets.asyncio.server.serve = serve_guarded  # type: ignore[assignment,misc]
     try:
         yield calls
     finally:
         websockets.asyncio.server.serve = original  # type: ignore[misc]
 
 
-def _checked(policy: AccessPolicy, answer: Answer) -> Answer:
+def _check_first(policy: AccessPolicy, answer: Answer) -> Answer:
     """An answer to requests, HTTP and websocket alike, that asks the policy first."""
 
     def process_request(connection: ServerConnection, request: Request) -> Response | None:
@@ -259,7 +264,8 @@ def _checked(policy: AccessPolicy, answer: Answer) -> Answer:
 def _begin_page(response: Response) -> None:
     """Put ``first.html`` in place of the title of viser's page."""
     if response.headers.get("Content-Type", "").startswith("text/html"):
-        response.body = _with_head(response.body, response.headers["Content-Encoding"] == "gzip")
+        is_zipped = response.headers["Content-Encoding"] == "gzip"
+        response.body = _with_head(bytes(response.body), is_zipped)
         response.headers.pop("Content-Length")
         response.headers["Content-Length"] = str(len(response.body))
 
@@ -271,7 +277,7 @@ def _with_head(page: bytes, is_zipped: bool) -> bytes:
     return gzip.compress(page) if is_zipped else page
 
 
-def _listen(host: str, port: int | None) -> socket.socket:
+def _make_socket(host: str, port: int | None) -> socket.socket:
     """A listening socket. viser would silently take the next port where one is busy."""
     if port is not None and not 0 <= port <= 65535:
         raise SettingsError(f"Port {port}: wanted a number from 0 to 65535; choose another one.")

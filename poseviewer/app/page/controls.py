@@ -153,7 +153,16 @@ class Controls:
         hint: str | None = None,
         **options: Any,
     ) -> None:
-        """A choice between values by their ``texts``; ``read`` gives the session's own one."""
+        """A choice between values.
+
+        Args:
+            label: its text.
+            texts: text of each value.
+            make: gives the request of a value.
+            read: gives the session's value.
+            hint: tooltip.
+            options: further properties of the control, as of ``add``.
+        """
         values = {text: value for value, text in texts.items()}
         handle = self.gui.add_dropdown(label, tuple(values), hint=hint)
         own = {"value": lambda session: texts[read(session)]}
@@ -246,7 +255,7 @@ def _constants(options: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in options.items() if not callable(value)}
 
 
-def kept(key: Callable[[Session], tuple[object, ...]], read: Read) -> Read:
+def memoize(key: Callable[[Session], tuple[object, ...]], read: Read) -> Read:
     """Read anew only where ``key(session)`` has other objects."""
     known: list[Any] = [None, None]
 

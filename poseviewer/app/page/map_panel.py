@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from poseviewer.app.page.controls import Controls, data_url, kept, on_press, plain
+from poseviewer.app.page.controls import Controls, data_url, memoize, on_press, plain
 from poseviewer.app.page.handles import model_html
 from poseviewer.app.page.measuring import add_relative, measurement_html
 from poseviewer.app.page.result import result_html
@@ -233,17 +233,17 @@ def add_maps(controls: Controls) -> None:
     """The panel: the pose in numbers, the maps, or why there are none, and what they show."""
     gui = controls.gui
     alone = lambda s: (s.results.alone, s.marks_model, s.document.marks)  # noqa: E731
-    controls.html(kept(alone, model_html))
+    controls.html(memoize(alone, model_html))
     controls.html(measurement_html)
     controls.html(result_html)
     add_relative(controls)
     maps = gui.add_html("")
 
-    def shown(session: Session) -> tuple[object, ...]:
+    def maps_key(session: Session) -> tuple[object, ...]:
         landscapes, pose = session.results.landscapes, session.document.pose
         return landscapes, pose, session.own_progress, session.display.large_map
 
-    controls.add(maps, content=kept(shown, lambda s: maps_html(s, maps.content)))
+    controls.add(maps, content=memoize(maps_key, lambda s: maps_html(s, maps.content)))
     waiting = "Drawing the maps ..."
     controls.text(lambda s: plain(s.results.maps_note) or ("" if maps.content else waiting))
     mapped = attrgetter("display.mapped_loss")

@@ -64,7 +64,7 @@ class Page:
         gui.main_panel.dock_left()
         gui.main_panel.set_width(PANEL_PX)
         self.scene = PhotoScene(server)
-        self._script = ClientScript(server, PAGE_CONFIG, self._reported)
+        self._script = ClientScript(server, PAGE_CONFIG, self._on_report)
         self._controls = controls = Controls(gui, post, session, PANELS_S)
         add_preparing(controls)
         if review is not None:
@@ -116,7 +116,7 @@ class Page:
             self._is_open = is_open
             (self._map_panel.expand if is_open else self._map_panel.minimize)()
 
-    def _reported(self, report: object, client: viser.ClientHandle) -> None:
+    def _on_report(self, report: object, client: viser.ClientHandle) -> None:
         match meaning_of(report, client.client_id):
             case Theme(light, text):
                 choose_theme(client.gui, light)

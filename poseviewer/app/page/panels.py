@@ -11,7 +11,7 @@ import numpy as np
 from viser import uplot
 
 from poseviewer.app.page.above_steps import loss_bar, parts_left_out
-from poseviewer.app.page.controls import Controls, kept, plain
+from poseviewer.app.page.controls import Controls, memoize, plain
 from poseviewer.app.page.result import ABOUT, unit_of
 from poseviewer.app.page.strip import proposals_row
 from poseviewer.app.page.texts import (
@@ -40,6 +40,7 @@ from poseviewer.app.state.pose_edits import (
     set_parameter,
     view_from,
 )
+from poseviewer.app.state.proposal_edits import propose_starts
 from poseviewer.app.state.search_edits import alter_settings, find_focal_length, set_loss, take_end
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import CONVERTED
@@ -160,8 +161,8 @@ def _add_search(controls: Controls) -> None:
 def _add_ways(controls: Controls) -> None:
     """A pose from a box, from marks on the photo, or proposed ones."""
     controls.actions("Place by", "box", "pairs", "wheels", "propose")
-    stop = ACTIONS["propose"]
-    controls.button(stop.end, stop.request, visible=lambda s: s.is_proposing)
+    stop = ACTIONS["propose"].end
+    controls.button(stop, propose_starts(), visible=lambda s: s.is_proposing)
 
     def is_for_wheels(session: Session) -> bool:
         is_vehicle = session.document.model.keypoints is not None
@@ -182,7 +183,7 @@ def _add_ways(controls: Controls) -> None:
     controls.text(proposals_text)
     several = {"visible": lambda s: bool(s.proposals and s.proposals.starts[1:])}
     controls.actions("Proposal", "previous", "next", **several)
-    controls.html(kept(lambda s: (s.proposals, s.document.photo), proposals_row))
+    controls.html(memoize(lambda s: (s.proposals, s.document.photo), proposals_row))
 
 
 def _add_numbers(controls: Controls) -> None:
@@ -254,8 +255,8 @@ def _add_camera(controls: Controls) -> None:
     )
 
     def set_intrinsic(index: int, value: float) -> Request:
-        now = _intrinsics(controls.session)
-        return set_camera(*now[:index], value, *now[index + 1 :])
+        fx, fy, cx, cy = np.where(np.arange(4) == index, value, _intrinsics(controls.session))
+        return set_camera(float(fx), float(fy), float(cx), float(cy))
 
     for index, name in enumerate(("fx", "fy", "cx", "cy")):
         controls.field(
@@ -299,7 +300,7 @@ def add_fitting(controls: Controls) -> None:
     _add_hiding(controls)
     _add_curve(controls)
     controls.action("compare", icon="arrows-diff", disabled=lambda s: s.is_searching)
-    controls.text(kept(lambda s: (s.comparison,), lambda s: ends_table(s.comparison)))
+    controls.text(memoize(lambda s: (s.comparison,), lambda s: ends_table(s.comparison)))
     takes = {name.capitalize(): take_end(index) for index, name in enumerate(LOSSES)}
     controls.choices("Take", takes, visible=lambda s: s.comparison is not None)
     with controls.gui.add_folder("Settings", expand_by_default=False):
@@ -338,7 +339,7 @@ def _add_curve(controls: Controls) -> None:
         curve.data = curve_of(progress)
         return True
 
-    controls.add(curve, visible=kept(steps, draw))
+    controls.add(curve, visible=memoize(steps, draw))
 
 
 def _add_hiding(controls: Controls) -> None:
@@ -347,7 +348,7 @@ def _add_hiding(controls: Controls) -> None:
     def is_hiding(session: Session) -> bool:
         return session.tool in h.HIDING
 
-    def hidden(session: Session) -> tuple[Any, ...]:
+    def hiding_key(session: Session) -> tuple[Any, ...]:
         document = session.document
         ended = None if session.is_searching else session.search
         masks, choice = h.masks_of(session), document.settings.in_front
@@ -355,7 +356,7 @@ def _add_hiding(controls: Controls) -> None:
 
     in_front = attrgetter("document.settings.in_front")
     controls.dropdown("In front", IN_FRONT, partial(_set, "in_front"), in_front, IN_FRONT_HINT)
-    controls.text(kept(hidden, occlusion_text))
+    controls.text(memoize(hiding_key, occlusion_text))
     controls.action("hide", is_hiding, icon="brush")
     tools = {tool.capitalize(): set_tool(tool) for tool in h.HIDING}
     controls.choices("Tool", tools, lambda s: s.tool.capitalize(), visible=is_hiding)
@@ -364,7 +365,7 @@ def _add_hiding(controls: Controls) -> None:
     for_one = controls.gui.add_checkbox("For this object only", False)
     several = lambda s: s.tool in h.SHAPES and len(s.document.scene.objects) > 1  # noqa: E731
     controls.bind(for_one, "pen", "for_one", visible=several)
-    has_found = kept(hidden, lambda s: h.found_hidden(s) is not None)
+    has_found = memoize(hiding_key, lambda s: h.found_hidden(s) is not None)
     controls.action("hide found", visible=has_found)
     controls.action("unhide", visible=lambda s: is_hiding(s) and any(h.masks_of(s)))
     controls.html(lambda s: parts_left_out(s.document.mesh))

@@ -15,7 +15,7 @@ import viser
 from numpy.typing import NDArray
 
 from poseviewer.app.page.above_steps import object_colour
-from poseviewer.app.page.controls import kept, set_properties
+from poseviewer.app.page.controls import memoize, set_properties
 from poseviewer.app.state.document import stands
 from poseviewer.app.state.hiding import HIDING, found_hidden, masks_of
 from poseviewer.app.state.session import Session
@@ -88,11 +88,11 @@ class PhotoScene:
         self._shown: dict[str, Any] = {}
         """Content of each node, for the photo that is shown."""
         self._photo: Photo | None = None
-        self._pixels = kept(lambda s: (s.document.photo,), _photo_pixels)
-        self._painted = kept(
-            lambda s: (*masks_of(s), s.document.settings.in_front, s.tool in HIDING), _painted
+        self._pixels = memoize(lambda s: (s.document.photo,), _photo_pixels)
+        self._painted = memoize(
+            lambda s: (*masks_of(s), s.document.settings.in_front, s.tool in HIDING), _mask_tint
         )
-        self._found = kept(
+        self._found = memoize(
             lambda s: (not s.is_searching and s.search, s.document.object.result, s.document.at),
             lambda s: _tint(found_hidden(s), FOUND_COLOUR, HIDDEN_OPACITY),
         )
@@ -110,7 +110,7 @@ class PhotoScene:
                 set_properties(self._nodes[name], visible=False)
             for name, drawing in drawings.items():
                 if name not in self._nodes:
-                    self._nodes[name] = self._made(drawing)
+                    self._nodes[name] = self._make_node(drawing)
                 shown, content = self._shown.get(name), drawing.content
                 if shown is not content:
                     self._shown[name] = content
@@ -121,7 +121,7 @@ class PhotoScene:
             # viser gathers messages for a while before it sends them; a drag must not wait.
             self._server.flush()
 
-    def _made(self, drawing: Drawing) -> Any:
+    def _make_node(self, drawing: Drawing) -> Any:
         """A hidden node for a drawing."""
         scene, name = self._server.scene, drawing.name
         shown: dict[str, Any] = {"visible": False}
@@ -173,7 +173,7 @@ def _photo_pixels(session: Session) -> Picture:
     return photo.as_rgb8(*size_at_scale(*sides, factor)), Rectangle(0.0, 0.0, *sides)
 
 
-def _painted(session: Session) -> Picture:
+def _mask_tint(session: Session) -> Picture:
     """A tint over what is painted, stronger while it is."""
     mask, painting = session.document.mask, session.tool in HIDING
     opacity = HIDDEN_OPACITY_WHILE_PAINTED if painting else HIDDEN_OPACITY

@@ -46,8 +46,8 @@ TOOL_HINTS = {
 }
 """The line over the photo, by tool."""
 PLACE_HINT = (
-    "<b>press where the object is</b>, or drag the model there &nbsp;·&nbsp; "
-    "<b>Fit to box</b> proposes starting poses"
+    "<b>press where the object is</b>: the model goes there &nbsp;·&nbsp; <b>Fit to box</b> "
+    "proposes starting poses"
 )
 MODEL_HINT = "<b>now open the model of this photo</b>: Open, Model ..."
 LOOKING_HINT = (

@@ -32,21 +32,35 @@ def marks_in_photo(marks: Marks, tool: str) -> FloatArray:
 
 
 def mark_at(document: Document, tool: str, point: FloatArray, zoom: float) -> int | None:
-    """Index of the mark at ``point``; none while a pair waits for its place in the photo."""
+    """Index of a mark; none while a pair waits for its place in the photo.
+
+    Args:
+        document: what is open.
+        tool: a key of ``MARKING``.
+        point: (2,), px of the photo.
+        zoom: screen px per photo px.
+    """
     if tool == "pairs" and document.marks.waits_for_pixel:
         return None
     return nearest_place(marks_in_photo(document.marks, tool), point, zoom)
 
 
 def hold_mark(held: Document, tool: str, mark: int, start: FloatArray) -> Drag:
-    """Take hold of a mark at a point (2,); of point pairs the pose follows at once."""
+    """Take hold of a mark; of point pairs the pose follows at once.
+
+    Args:
+        held: the document when it is taken.
+        tool: a key of ``MARKING``.
+        mark: index of the mark.
+        start: (2,), px of the photo: where the pointer took it.
+    """
     places, name = marks_in_photo(held.marks, tool), MARKING[tool][0]
 
     def follow(document: Document, point: FloatArray) -> Document:
         moved = np.array(places)
         moved[mark] += point - start
         document = document.with_marks(**{name: tuple(moved)})
-        return document if tool == "wheels" else solved(document, tool)
+        return document if tool == "wheels" else solve_marks(document, tool)
 
     return Drag(follow)
 
@@ -75,7 +89,7 @@ def with_mark(document: Document, tool: str, point: FloatArray) -> Document:
             raise QuickStartError("Click a point of the model at the right first.")
         return _with_model_point(document, tool, point, document.pose)
     places = (*marks_in_photo(marks, tool), point)
-    return solved(document.with_marks(**{MARKING[tool][0]: places}), tool)
+    return solve_marks(document.with_marks(**{MARKING[tool][0]: places}), tool)
 
 
 def _with_model_point(document: Document, tool: str, point: FloatArray, pose: Pose) -> Document:
@@ -117,7 +131,7 @@ def remove_mark(session: Session, index: int | None = None) -> Session:
     for places in lists.values():
         del places[-1 if index is None else index]
     left = {name: tuple(places) for name, places in lists.items()}
-    return session.with_document(solved(document.with_marks(**left), tool))
+    return session.with_document(solve_marks(document.with_marks(**left), tool))
 
 
 @edit
@@ -134,7 +148,15 @@ def clear_marks(session: Session) -> Session:
 def lay_wheels(
     session: Session, sought: Document, rear: Ellipse, front: Ellipse, pose: Pose
 ) -> Session:
-    """Mark both rims by ellipses that were found in a document, and take the pose they give."""
+    """Mark both rims by ellipses that were found in a document, and take the pose they give.
+
+    Args:
+        session: the session before it.
+        sought: the document in which they were found.
+        rear: rim of the rear wheel, px.
+        front: rim of the front wheel, px.
+        pose: the pose that they give.
+    """
     document = session.document
     if document.shown != sought.shown:
         raise QuickStartError(
@@ -144,7 +166,7 @@ def lay_wheels(
     return session.with_document(document.with_marks(rims=rims, note="").at_pose(pose))
 
 
-def solved(document: Document, tool: str) -> Document:
+def solve_marks(document: Document, tool: str) -> Document:
     """Document with the pose that a tool's marks give; where they give none, with a note."""
     try:
         pose = _pose_of_wheels(document) if tool == "wheels" else _pose_of_pairs(document)

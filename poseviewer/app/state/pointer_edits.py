@@ -15,9 +15,16 @@ from poseviewer.app.state.dragging import (
 )
 from poseviewer.app.state.edits import Edit, Px, Zoom, drag_edit, edit
 from poseviewer.app.state.hiding import HIDING, leave_out
-from poseviewer.app.state.marking import MARKING, hold_mark, mark_at, remove_mark, solved, with_mark
+from poseviewer.app.state.marking import (
+    MARKING,
+    hold_mark,
+    mark_at,
+    remove_mark,
+    solve_marks,
+    with_mark,
+)
 from poseviewer.app.state.measuring import press_point
-from poseviewer.app.state.pose_edits import put
+from poseviewer.app.state.pose_edits import move_to
 from poseviewer.app.state.proposal_edits import propose_starts
 from poseviewer.app.state.session import Session, is_in_sight
 from poseviewer.errors import PoseViewerError, QuickStartError, SettingsError
@@ -81,7 +88,7 @@ def _place_at(session: Session, point: FloatArray) -> Session:
     """Session with the model's middle at a point (2,) of the photo."""
     document, centre = session.document, session.document.mesh.centre
     pose = shifted(document.pose, centre, point - document.pose.project(centre))
-    return session.with_document(put(document, pose))
+    return session.with_document(move_to(document, pose))
 
 
 @drag_edit
@@ -114,9 +121,9 @@ def release(session: Session) -> Session:
     session = replace(session, document=before)
     if tool == "box" and document.marks.box is not None:
         pose = fit_into_rectangle(document.pose, document.mesh, document.marks.box)
-        return propose_starts()(session.with_document(put(document, pose)))
+        return propose_starts()(session.with_document(move_to(document, pose)))
     if tool in MARKING:
-        document = solved(document, tool)
+        document = solve_marks(document, tool)
     return session.with_document(document) if is_in_sight(document) else session
 
 
@@ -130,7 +137,14 @@ def cancel_drag(session: Session) -> Session:
 
 @edit
 def double_press(session: Session, x: Px, y: Px, zoom: Zoom = 1.0) -> Session:
-    """Pin the surface point seen there, or take the pin (with a marking tool: the mark) away."""
+    """Pin the surface point seen there, or take the pin (with a marking tool: the mark) away.
+
+    Args:
+        session: the session before it.
+        x: px of the photo.
+        y: likewise.
+        zoom: screen px per photo px.
+    """
     document = session.document
     point = np.array([x, y])
     tool = session.tool

@@ -26,7 +26,7 @@ NUDGE_TURN = math.radians(1.0)
 NUDGE_SCALE = 1.01
 
 
-def put(document: Document, pose: Pose) -> Document:
+def move_to(document: Document, pose: Pose) -> Document:
     """Document at a new pose; among views of unknown scale, at the scale by which they see it."""
     scale = None
     if document.scene.free_scale:
@@ -38,7 +38,14 @@ def put(document: Document, pose: Pose) -> Document:
 
 @edit
 def nudge(session: Session, kind: NudgeKind, x: float = 0.0, y: float = 0.0) -> Session:
-    """Move the pose by small steps to the right and down; or turn, roll, scale it by ``x``."""
+    """Change the pose by small steps.
+
+    Args:
+        session: the session before it.
+        kind: what is changed.
+        x: steps to the right; of a roll and a scale, their number.
+        y: steps down.
+    """
     pose, centre = session.document.pose, session.document.mesh.centre
     match kind:
         case "move":
@@ -112,18 +119,33 @@ def set_parameter(session: Session, name: str, value: float) -> Session:
 
 @edit
 def pick_in_landscape(session: Session, first: int, second: int, u: float, v: float) -> Session:
-    """Go to a point (u, v) of a map, in [0, 1] from its lower left corner."""
+    """Go to a point of a map.
+
+    Args:
+        session: the session before it.
+        first: index of the map's first parameter.
+        second: index of its second parameter.
+        u: place from the left, in [0, 1].
+        v: place from below, in [0, 1].
+    """
     for landscape in session.results.landscapes:
         for piece in landscape.slices:
             if (piece.first, piece.second) == (first, second):
-                parameters = picked_parameters(piece, landscape.parameters, u, v)
+                parameters = parameters_at(piece, landscape.parameters, u, v)
                 picked = session.document.at_numbers(landscape.problem, parameters)
                 return session.with_document(picked)
     return session
 
 
-def picked_parameters(piece: Slice, centre: FloatArray, u: float, v: float) -> FloatArray:
-    """(d,): parameters at shares ``u``, ``v``, cut to [0, 1], of a map about ``centre`` (d,)."""
+def parameters_at(piece: Slice, centre: FloatArray, u: float, v: float) -> FloatArray:
+    """(d,): parameters at a place of a map.
+
+    Args:
+        piece: the map.
+        centre: (d,), the parameters that it is about.
+        u: place from the left, cut to [0, 1].
+        v: place from below, cut to [0, 1].
+    """
     parameters = np.array(centre, dtype=float)
     parameters[piece.first] = np.interp(u, [0.0, 1.0], piece.first_values[[0, -1]])
     parameters[piece.second] = np.interp(v, [0.0, 1.0], piece.second_values[[0, -1]])

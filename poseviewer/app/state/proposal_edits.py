@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from poseviewer.app.state.document import Document, compared
 from poseviewer.app.state.edits import drag_edit, edit
-from poseviewer.app.state.pose_edits import put
+from poseviewer.app.state.pose_edits import move_to
 from poseviewer.app.state.search_edits import with_progress, with_search
 from poseviewer.app.state.searches import ProposedStarts, SearchRequest
 from poseviewer.app.state.session import Session
@@ -42,7 +42,14 @@ def starts_proposed(
     starts: tuple[PoseHypothesis, ...],
     outlines: tuple[FloatArray, ...],
 ) -> Session:
-    """List the starts that were requested; take the likeliest for a model that is placed."""
+    """List the starts that were requested; take the likeliest for a model that is placed.
+
+    Args:
+        session: the session before it.
+        document: the document that they were requested at.
+        starts: the likeliest first.
+        outlines: (n, 2, 2) of each, px.
+    """
     proposals = session.proposals
     if proposals is None or proposals.document is not document or proposals.starts:
         return session
@@ -59,7 +66,15 @@ def start_fitted(
     progress: SearchProgress,
     index: int,
 ) -> Session:
-    """Put a model that was nowhere where a search from proposal ``index`` has found it."""
+    """Put a model that was nowhere where a search from a proposal has found it.
+
+    Args:
+        session: the session before it.
+        document: the document that proposals were requested at.
+        request: the search.
+        progress: its end.
+        index: index of the proposal.
+    """
     proposals, result = session.proposals, progress.results[document.active]
     if proposals is None or proposals.document is not document or proposals.is_over:
         return session
@@ -88,7 +103,7 @@ def take_start(session: Session, index: int) -> Session:
     proposals = session.proposals
     if proposals is None or not 0 <= index < len(proposals.starts):
         return session
-    document = put(session.document, proposals.starts[index].pose).started
+    document = move_to(session.document, proposals.starts[index].pose).started
     # One step back leads to before all proposals.
     session = session.with_document(document, proposals.document)
     return session.with_proposals(replace(proposals, index=index, is_over=True))

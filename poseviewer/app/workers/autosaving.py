@@ -13,7 +13,7 @@ from poseviewer.app.state.display_edits import report_error
 from poseviewer.app.state.document import Document, is_alone
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.exporting import filed_view, saved_scene, stem_of
+from poseviewer.app.workers.exporting import scene_to_save, stem_of, view_to_save
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.keypoints import load_keypoints, save_keypoints
@@ -114,7 +114,7 @@ class Autosaver:
 
         Raises ``PoseViewerError``: it cannot be written there, or photo or models are no files.
         """
-        own, scene = session.document, saved_scene(session)
+        own, scene = session.document, scene_to_save(session)
         path, kept = self._path(own), list[Path]()
         if beside:
             path = self._named[self._usual_path(own)] = _next_free(self._usual_path(own))
@@ -143,7 +143,7 @@ class Autosaver:
 
     def _usual_path(self, document: Document) -> Path:
         """Beside the photo; for uploads and the demo in the working directory."""
-        view, ending = filed_view(document), "pose.json" if is_alone(document) else "scene.json"
+        view, ending = view_to_save(document), "pose.json" if is_alone(document) else "scene.json"
         path = document.scene.views[view].path
         folder = Path.cwd() if path is None else path.resolve().parent
         is_ours = folder.name in ("demo_files", "assets") or self._uploads in folder.parents

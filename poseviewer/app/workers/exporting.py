@@ -42,7 +42,7 @@ MAX_STEM_LETTERS = 90
 """Bytes of a photo's and a model's name each: file systems take 255 in all."""
 
 
-def saved_scene(session: Session) -> Scene:
+def scene_to_save(session: Session) -> Scene:
     """The scene, an unsearched active object with its loss, if it is known, and its numbers."""
     own, losses = session.document, session.results.losses
     if own.object.result is not None:
@@ -60,7 +60,7 @@ def saved_scene(session: Session) -> Scene:
     return own.scene.with_object(own.active, result=result)
 
 
-def filed_view(document: Document) -> int:
+def view_to_save(document: Document) -> int:
     """The view that the pose file is of: where the search was, or else the large one."""
     return document.at if document.object.result is None else document.object.result.view
 
@@ -95,12 +95,12 @@ def export(what: Export, session: Session, unit: str = "") -> dict[str, bytes]:
     if what == RELATIVE:
         return _relative_poses(own)
     if what in CONVERTED:
-        return _converted(what, session, unit if unit in METRES else None)
-    view = filed_view(own) if what == "pose" else own.at
+        return _convert(what, session, unit if unit in METRES else None)
+    view = view_to_save(own) if what == "pose" else own.at
     photo = own.scene.views[view].photo
     stem = _export_stem(own, view)
     if what == "pose":
-        name, scene = f"{stem}.pose.json", saved_scene(session)
+        name, scene = f"{stem}.pose.json", scene_to_save(session)
         record, mask = pose_json(as_saved(scene), own.active, view), scene.mask(own.active, view)
         beside = mask_path(name).name
         record = structs.replace(record, mask=None if mask is None else beside)
@@ -124,9 +124,9 @@ def export(what: Export, session: Session, unit: str = "") -> dict[str, bytes]:
     }
 
 
-def _converted(what: str, session: Session, unit: str | None) -> dict[str, bytes]:
+def _convert(what: str, session: Session, unit: str | None) -> dict[str, bytes]:
     """One file of another tool, or a zip of several; of all objects where it holds several."""
-    own, scene = session.document, as_saved(saved_scene(session))
+    own, scene = session.document, as_saved(scene_to_save(session))
     of_all = what not in FORMATS or FORMATS[what].several_objects
     stem = _export_stem(own, own.at, of_all)
     with TemporaryDirectory() as folder:

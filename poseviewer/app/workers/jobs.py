@@ -12,7 +12,7 @@ import numpy as np
 
 from poseviewer.app.state.document import Document, reference_view
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.pose_edits import put
+from poseviewer.app.state.pose_edits import move_to
 from poseviewer.app.state.proposal_edits import start_fitted, starts_proposed, stop_proposing
 from poseviewer.app.state.results import Preparation
 from poseviewer.app.state.search_edits import preparation_advanced, search_advanced, search_failed
@@ -154,7 +154,7 @@ def proposed(document: Document, watch: Callable[[], None]) -> Iterator[Edit]:
         if document.object.is_placed:
             return
         best = best_start(query, starts, renderer, watch).pose
-        begun = put(document, best).started
+        begun = move_to(document, best).started
         request = SearchRequest(begun, (begun.settings,), (begun.active,))
         for progress in run_search(request):  # noqa: B007 - the last one is wanted
             watch()

@@ -7,7 +7,7 @@ from pathlib import Path
 from poseviewer.app.state.camera_change import with_camera
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.objects import with_added
-from poseviewer.app.state.pose_edits import put
+from poseviewer.app.state.pose_edits import move_to
 from poseviewer.errors import PoseFileError, QuickStartError
 from poseviewer.files.cameras import Calibration, load_calibration
 from poseviewer.files.demo import PLACES
@@ -38,10 +38,18 @@ def open_files(
     without: Sequence[str] = (),
     objects: Sequence[Path] = (),
 ) -> Document:
-    """Photo and model from their files, with a start pose from one, or seen from a corner;
-    ``without``: parts that are left out; ``objects``: models that the photo shows as well.
+    """Photo and model from their files.
+
+    Args:
+        photo: file of the photo.
+        model: file of the model.
+        pose: file of the start; None: the model is nowhere yet.
+        calibration: camera of the photo.
+        mask: file of the photo's mask.
+        without: names of parts that are left out.
+        objects: files of models that the photo shows as well.
     """
-    parts, start = FitSettings(without=tuple(without)), pose or _seen_from_corner
+    parts, start = FitSettings(without=tuple(without)), pose or _look_from_corner
     scene = loading.open_photo_scene(photo, model, start, parts, calibration, mask)
     scene = scene.with_object(0, is_placed=pose is not None, settings=FitSettings())
     document = Document.of(scene)
@@ -57,8 +65,16 @@ def open_set(
     scale: float | None = None,
     without: Sequence[str] = (),
 ) -> Document:
-    """Several photos and a model, with a start pose in one of them from a file, else seen from a
-    corner in the first; ``view`` and ``scale`` as of ``loading.open_views``.
+    """Several photos and a model.
+
+    Args:
+        path: the set, as ``load_views`` takes it.
+        model: file of the model.
+        pose: file of the start in one of the photos; None: the model is nowhere yet.
+        choice: photos of the set that are taken.
+        view: name of the photo that the start is a pose in.
+        scale: lengths of the model's unit in one of the set's.
+        without: names of parts that are left out.
     """
     views, loaded = load_views(path, choice), load_model(model)
     start = pose
@@ -77,9 +93,15 @@ def open_file_set(
     inside: Path | None = None,
     lens_model: LensModel | None = None,
 ) -> Document:
-    """Files that came together, on what is at hand. The first of ``models`` (with all that they
-    name) becomes the model, the others further objects; ``inside``: a folder in which all files of
-    a scene have to lie; ``lens_model``: as of ``files.cameras.Calibration``.
+    """Files that came together, on what is at hand.
+
+    Args:
+        now: the document at hand.
+        files: the files by what they are.
+        models: models with all that they name: the first replaces the model at hand, the others
+            are further objects.
+        inside: folder in which all files of a scene have to lie.
+        lens_model: as of ``files.cameras.Calibration``.
     """
     if files.scene is not None:
         return open_scene(files.scene, inside=inside)
@@ -100,7 +122,7 @@ def open_file_set(
             document = with_notes(document, [_camera_note(document, calibration)])
     if models:
         known = files.models[0].path == now.model.path
-        document = (completed if known else open_model)(document, models[0])
+        document = (complete_model if known else open_model)(document, models[0])
     if files.pose is not None:
         document = open_pose(document, files.pose)
     return with_models(document, models[1:])
@@ -180,7 +202,7 @@ def has_demo_model(document: Document) -> bool:
     return [path is not None and path.parent in PLACES for path in files] == [True, False]
 
 
-def completed(now: Document, path: Path) -> Document:
+def complete_model(now: Document, path: Path) -> Document:
     """The model at hand with files that it missed; its pose and all marks on it stay."""
     model = load_model(path)
     left_out = [name for name in now.mesh.left_out if name in model.mesh.part_names]
@@ -198,7 +220,7 @@ def open_model(now: Document, path: Path) -> Document:
     changes = {"model": model, "settings": settings, "name": "", "hidden": False, "locked": False}
     changes |= {"without": ()}
     document = now.with_object(**changes).with_state(pins=(), marks={}).at_pose(pose, scale=scale)
-    document = put(document, pose).started.with_object(is_placed=False)
+    document = move_to(document, pose).started.with_object(is_placed=False)
     return with_notes(document, notes_of(model))
 
 
@@ -239,7 +261,7 @@ def open_pose(now: Document, path: Path) -> Document:
     return with_notes(document, [note for note in opened.notes if note not in of_files])
 
 
-def _seen_from_corner(inputs: StartInputs) -> Start:
+def _look_from_corner(inputs: StartInputs) -> Start:
     return Start(_corner_view(inputs, inputs.photo.default_camera()), ())
 
 

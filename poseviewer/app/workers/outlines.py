@@ -50,18 +50,18 @@ class OutlineRequest:
         """The outlines that are to be drawn by now."""
         own, scene = session.document, session.document.scene
 
-        def placed(index: int, view: int) -> tuple[Mesh, Pose]:
+        def place_of(index: int, view: int) -> tuple[Mesh, Pose]:
             return scene.objects[index].mesh, scene.pose(index, view)
 
         numbers = [int(one.id) for one in scene.objects]
-        large = {numbers[index]: placed(index, own.at) for index in own.others}
+        large = {numbers[index]: place_of(index, own.at) for index in own.others}
         is_at_rest = large and not session.is_moving and stands(own.object)
         shown = [index for index, one in enumerate(scene.objects) if stands(one)]
         views = range(len(scene.views)) if len(scene.views) > 1 else ()
         return cls(
             large,
-            (placed(own.active, own.at),) if is_at_rest else (),
-            tuple({numbers[i]: placed(i, view) for i in shown} for view in views),
+            (place_of(own.active, own.at),) if is_at_rest else (),
+            tuple({numbers[i]: place_of(i, view) for i in shown} for view in views),
         )
 
 

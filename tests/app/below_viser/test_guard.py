@@ -273,7 +273,7 @@ def test_nothing_is_printed_and_the_port_is_given_back(capfd: pytest.CaptureFixt
 def test_messages_are_sent_at_once() -> None:
     # With Nagle's algorithm the second half of a message waits for the page's next one.
     with (
-        guard._listen("127.0.0.1", 0) as listening,
+        guard._make_socket("127.0.0.1", 0) as listening,
         socket.create_connection(listening.getsockname()),
         listening.accept()[0] as accepted,
     ):

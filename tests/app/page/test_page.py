@@ -4,6 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 
+from poseviewer.app.page.controls import plain
+from poseviewer.app.page.texts import notes_text
 from poseviewer.app.state.document_edits import open_document
 from poseviewer.app.state.search_edits import revert_search
 from poseviewer.app.workers.opening import open_files
@@ -53,3 +55,7 @@ def test_all_notes_on_a_model_are_one_notice(running: RunningApp) -> None:
         running.app._mailbox.post(upload("model", "m.obj", pack([("m.obj", NOTED)])))
         (notice,) = page.wait_until(lambda: [text for text in page.notices() if "gone" in text])
         assert len(notice.splitlines()) == 3
+        shown = page.all_of("NotificationShowMessage")
+        (told,) = (one["props"] for one in shown if one["props"]["body"] == notice)
+        assert told["auto_close_seconds"] <= 6.0  # it lies over the photo
+        assert all(plain(line) in notes_text(running.app.session) for line in notice.splitlines())

@@ -30,10 +30,11 @@ from poseviewer.app.page.texts import (
 )
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state.results import LossReading, Results
-from poseviewer.app.workers.exporting import saved_scene
+from poseviewer.app.workers.exporting import scene_to_save
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.fit.loss import LossScale, Unexplained
+from poseviewer.scene.settings import settings_as_json
 from poseviewer.scene.types import SearchResult
 from tests.app.state import edits as c
 from tests.app.state.documents import PERSPECTIVE, after, held, make_photo, make_session
@@ -45,7 +46,7 @@ def test_a_focal_length_that_is_a_guess_is_said_in_the_panel_and_in_the_file():
     for camera, guessed in ((assumed, True), (PERSPECTIVE, False)):
         session = make_session(camera)
         assert ("is assumed" in focal_note(session)) == guessed
-        notes = pose_json(as_saved(saved_scene(session))).notes
+        notes = pose_json(as_saved(scene_to_save(session))).notes
         assert any("is assumed" in note for note in notes) == guessed
 
 
@@ -105,6 +106,21 @@ def test_what_is_said_of_a_pose_that_moves_is_said_to_be_coarse():
     for moved in (held(rests), after(rests, c.nudge("move", 1.0))):
         moved = replace(moved, results=rests.results)
         assert search_text(moved) == "**unexplained about 1.000** at this pose"
+
+
+def test_a_pose_that_a_search_found_keeps_the_searchs_value():
+    """What is compared about the pose is not what the search compared about its start."""
+    session = make_session()
+    scale = LossScale(3, 3, True)
+    read = Results(losses=LossReading(session, Unexplained(scale, scale.worst)))
+    settings = settings_as_json(session.document.settings)
+    result = SearchResult(loss=0.9 * scale.worst, unexplained=0.5, settings=settings)
+    document = session.document.with_object(result=result)
+    session = replace(session, document=document)
+    session = replace(session, results=Results(losses=LossReading(session, read.losses.mean)))
+    assert scale.text(0.9 * scale.worst) in search_text(session)
+    other = after(session, c.alter_settings(lambda now: replace(now, grey=True)))
+    assert scale.text(scale.worst).split()[1] in search_text(replace(other, results=read))
 
 
 def test_what_this_is_and_what_to_do_first_is_said_until_something_is_done():
