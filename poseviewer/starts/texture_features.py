@@ -111,14 +111,11 @@ def poses_from_features(
 @lru_cache(maxsize=4)
 def model_features(mesh: Mesh) -> tuple[TextureFeatures, ...]:
     """Return the features of each view that has enough of them."""
-    return tuple(view for view in _view_features(mesh) if len(view.at) >= MIN_MATCHES)
-
-
-def _view_features(mesh: Mesh) -> Iterator[TextureFeatures]:
-    renderer = make_renderer(mesh)
+    renderer, views = make_renderer(mesh), list[TextureFeatures]()
     for rotation in sample_rotations(VIEWS):
         sizes = [_view(mesh, renderer, rotation, size) for size in VIEW_SIZES_PX]
-        yield TextureFeatures(*map(np.concatenate, zip(*sizes, strict=True)))
+        views.append(TextureFeatures(*map(np.concatenate, zip(*sizes, strict=True))))
+    return tuple(view for view in views if len(view.at) >= MIN_MATCHES)
 
 
 def _view(mesh: Mesh, renderer: Renderer, rotation: FloatArray, size: int) -> TextureFeatures:
