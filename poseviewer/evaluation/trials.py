@@ -208,7 +208,7 @@ def symmetric_distances(
         vertices: (V, 3), of the model.
         pose: the estimate.
         truth: the true pose.
-        symmetry: of the model.
+        symmetry: symmetry of the model.
     """
     points, pixels = pose.camera_from_model.apply(vertices), pose.project(vertices)
     off = []

@@ -49,10 +49,10 @@ def make_landscape_sheet(
     """Draw the known part of slices on a sheet.
 
     Args:
-        slices: at most one of each pair of parameters.
-        names: of all parameters.
-        pose: (d,), where a cross is drawn.
-        title: of the sheet.
+        slices: slices, at most one of each pair of parameters.
+        names: names of all parameters.
+        pose: (d,): parameters at which a cross is drawn.
+        title: title of the sheet.
         what: label of the colours.
     """
     parameters = sorted({i for piece in slices for i in (piece.first, piece.second)})
@@ -88,7 +88,7 @@ def draw_map(axes: Axes, piece: Slice, pose: FloatArray, scale: Normalize) -> No
     """Draw a slice with the marks of its minimum and of a pose (d,), by colours of a range.
 
     Args:
-        axes: where it is drawn.
+        axes: axes to draw on.
         piece: the slice.
         pose: parameters of the pose.
         scale: range of the losses.

@@ -81,8 +81,8 @@ def poses_from_features(
 
     Args:
         inputs: photo and model.
-        camera: of the photo.
-        region: of the photo.
+        camera: camera of the photo.
+        region: region of the photo.
         watch: called between views; it may raise to stop the search.
     """
     if not isinstance(camera, Perspective):

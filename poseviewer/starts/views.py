@@ -82,7 +82,7 @@ def poses_filling(
         rotations: (n, 3, 3).
         points: (k, 3), the model's outermost.
         centre: (3,), of the model.
-        camera: of the photo.
+        camera: camera of the photo.
     """
     if isinstance(camera, Perspective):
         to_ray = Rotation.align_vectors([camera.rays(box.centre)], [(0.0, 0.0, 1.0)])[0]

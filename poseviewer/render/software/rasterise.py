@@ -125,7 +125,7 @@ def rasterise(drawn, surface, camera, width, workspace, picture):
         surface: (vertices (3, V) float32, faces (F, 3) int32, normals (F + 1, 9) float32 at their
             corners).
         camera: (CAMERA,) float64: camera_from_model, intrinsics and near plane.
-        width: of the picture; its arrays have whole BLOCKs of columns.
+        width: width of the picture; its arrays have whole BLOCKs of columns.
         workspace: (screen (2, V) int32, depths (V,) float32, large (F,) int32, planes (F + 1,
             PLANE) float32, shading), with shading = (kinds (F,) uint8, attributes of corners (F +
             1, VARYING) float32, texel areas (F,) float64, count of texture levels, varyings (F + 1,
