@@ -58,7 +58,7 @@ TOLERANCES = nelder_mead.NelderMeadOptions(x_tolerance=1e-3, f_tolerance=1e-4)
 """Tolerances of descents."""
 TRIAL = Limits(400)
 """Limits of the fit from each hypothesis that decides which is taken."""
-VIEWS = 2400
+ROTATIONS = 2400
 """Views spread over all rotations: 19 degrees apart. About half have the rectangle's shape."""
 ASPECT_THRESHOLD = 0.35
 """Logarithm of the factor by which the aspect ratio of a view that is tried may be off."""
@@ -83,7 +83,7 @@ EVEN_LEAD = 0.09
 """``lead ** LEAD_POWER`` of a hypothesis that is as likely right as wrong."""
 OTHERS_SHARE = 0.07
 """Share of each other hypothesis in the probability that the first is wrong."""
-MIN_DISTANCE = 0.1
+MIN_HYPOTHESIS_DISTANCE = 0.1
 """Smallest mean distance of hypotheses in the photo, as a share of the rectangle's diagonal."""
 
 BeginThread = Callable[[], None]
@@ -129,7 +129,7 @@ class StartQuery:
         """Return ``count`` or all poses that fill the box, a vehicle's on level ground."""
         keypoints, centre = self.inputs.keypoints, self.inputs.mesh.centre
         if keypoints is None:
-            rotations = sample_rotations(count or VIEWS)
+            rotations = sample_rotations(count or ROTATIONS)
         else:
             rotations = ground_views(keypoints)[:count]
         return poses_filling(self.box, rotations, self.points, centre, self.camera)
@@ -312,7 +312,7 @@ class _ViewSearch:
 
     def _distinct(self, hypotheses: Sequence[PoseHypothesis], most: int) -> list[PoseHypothesis]:
         """Return the best whose pictures of the model differ."""
-        reach = MIN_DISTANCE * float(np.hypot(*self.rectangle[2:]))
+        reach = MIN_HYPOTHESIS_DISTANCE * float(np.hypot(*self.rectangle[2:]))
         ordered = sorted(hypotheses, key=lambda hypothesis: hypothesis.loss)
         pictures = ((h, h.pose.project(self.query.points)) for h in ordered)
         kept = non_maximum_suppression(

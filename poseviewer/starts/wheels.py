@@ -58,11 +58,11 @@ STEPS = 150
 """Evaluations that improve an ellipse."""
 LONGER_FOCALS = (1.6, 2.6, 4.2)
 """Factors of a guessed focal length that are tried, too: the guess is that of a wide lens."""
-MARGIN = 0.2
+REGION_MARGIN = 0.2
 """Share of a rectangle's sides that is compared beyond each of them."""
 MAX_PAIRS = 10
 """Pairs of ellipses from which poses are computed."""
-MIN_SIDE_PX = 16
+MIN_CAR_SIDE_PX = 16
 """Smallest side of a rectangle about a car."""
 
 FieldImage = NDArray[np.complex64]
@@ -215,11 +215,11 @@ def find_wheel_pairs(
     left, top, width, height = (int(value) for value in rectangle)
     x, y = max(left, 0), max(top, 0)
     inside = grey[y : max(top + height, 0), x : max(left + width, 0)]
-    if min(inside.shape) < MIN_SIDE_PX:
+    if min(inside.shape) < MIN_CAR_SIDE_PX:
         raise QuickStartError(
-            f"The rectangle {left},{top},{width},{height} has no {MIN_SIDE_PX}x{MIN_SIDE_PX} px "
-            f"in the photo of {grey.shape[1]}x{grey.shape[0]} px; give left,top,width,height "
-            "around the car."
+            f"The rectangle {left},{top},{width},{height} has no {MIN_CAR_SIDE_PX}x"
+            f"{MIN_CAR_SIDE_PX} px in the photo of {grey.shape[1]}x{grey.shape[0]} px; give "
+            "left,top,width,height around the car."
         )
     scored: list[tuple[float, tuple[Ellipse, Ellipse]]] = []
     for pair in combinations(find_ellipses(inside), 2):
@@ -315,7 +315,7 @@ def likely_wheels(
         )
     pairs = [pair for pair in pairs if pair.fit.from_above] or pairs
     left, top, width, height = rectangle
-    across, down = round(MARGIN * width), round(MARGIN * height)
+    across, down = round(REGION_MARGIN * width), round(REGION_MARGIN * height)
     region = Rectangle(left - across, top - down, width + 2 * across, height + 2 * down)
     settings = FitSettings(pixels="whole", region=region)
     losses = map(registration_loss, _moments(inputs, [pair.fit for pair in pairs], settings))
