@@ -15,10 +15,9 @@ from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.starts.automatic import StartQuery, outermost_points, propose
+from poseviewer.starts.automatic import StartQuery, outermost_points, outline_box, propose
 from poseviewer.starts.loading import StartInputs
 from tests.measure.real import careless_box, is_right
-from tests.meshes import box_of
 from tests.scene import Scene
 
 SIZE = (160, 120)
@@ -45,7 +44,7 @@ def test_the_right_pose_is_among_five_that_differ(scene: Scene):
     first, *others = (one.probability for one in found)
     assert sum(others) < first <= 1.0 - sum(others)
     corners = outermost_points(asked.inputs.mesh)
-    box = box_of(truth, corners)
+    box = outline_box(truth, corners)
     for index, one in enumerate(found):
         for other in found[:index]:
             away = pose_error(asked.inputs.mesh, one.pose, other.pose)
@@ -69,7 +68,7 @@ def test_wheels_tell_a_focal_length_that_is_a_guess(shared_data: Path):
     """It is 1.9 times as long; by the guess the car is turned by 23 degrees."""
     (case,) = load_cases(shared_data, "bmw-1")
     photo, model = load_photo(case.photo), load_model(case.mesh)
-    box = box_of(case.truth, model.mesh.vertices)
+    box = outline_box(case.truth, model.mesh.vertices)
     inputs = StartInputs(photo, model.mesh, model.keypoints)
     found = propose(StartQuery(inputs, photo.default_camera(), box))
     assert pose_error(model.mesh, found[0].pose, case.truth).rotation_deg < 12.0
