@@ -6,9 +6,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.rectangle import Rectangle
 
 
 def make_mesh(vertices, faces, normals=None, colours=None, **more) -> Mesh:
@@ -114,9 +112,3 @@ def make_soup(seed: int, triangles=300, spread=1.0, size=0.5) -> Mesh:
     vertices = (centres + size * random.normal(size=(triangles, 3, 3))).reshape(-1, 3)
     colours = random.uniform(size=(len(vertices), 3))
     return make_mesh(vertices, np.arange(len(vertices)).reshape(-1, 3), colours=colours)
-
-
-def box_of(pose: Pose, points: np.ndarray) -> Rectangle:
-    """The rectangle about ``points`` (k, 3) of the model in the photo, px."""
-    seen = pose.project(points)
-    return Rectangle.from_corners(seen.min(axis=0).tolist(), seen.max(axis=0).tolist())

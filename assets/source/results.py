@@ -17,6 +17,10 @@ from textwrap import fill
 
 import msgspec
 import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 from PIL import Image
 
 from poseviewer.api import make_registration
@@ -37,7 +41,7 @@ from poseviewer.evaluation.report import (
 )
 from poseviewer.evaluation.speed import PATHS, SpeedReport
 from poseviewer.evaluation.trials import KEY, Trial, TrialTask
-from poseviewer.figures.landscape_sheet import figure_bytes, make_landscape_row
+from poseviewer.figures import landscape_sheet as sheet
 from poseviewer.figures.map_archive import LossMaps
 from poseviewer.figures.study_sheet import Panel, make_study_sheet
 from poseviewer.figures.text_table import Table
@@ -70,6 +74,8 @@ MIN_COUNT = 10
 """Fits that a point in a figure needs."""
 WIDEST = 12
 """Characters of a line below an axis."""
+ROW_INCHES = (3.9, 3.6)
+"""Width of each of several maps side by side, and height of their sheet."""
 PALETTE = 128
 """Colours of a picture."""
 SEEN_FROM = (0.0, 0.5, 0.75, 0.9, 0.98)
@@ -150,6 +156,26 @@ def landscapes(folder: Path, size: int) -> dict[str, LossMaps]:
             registration = make_registration(*task.open(), 0)
             maps[f"{LABELS[kind]}, {settings.pixels}"] = registration.landscape(size=size)
     return maps
+
+
+def landscape_row(maps: Mapping[str, LossMaps], share: float) -> Figure:
+    """Draw maps side by side by their titles; a rectangle shows parameters off by a ``share``."""
+    figure = Figure((ROW_INCHES[0] * len(maps), ROW_INCHES[1]), layout="constrained")
+    all_axes = figure.subplots(1, len(maps), squeeze=False)[0]
+    for axes, (title, of) in zip(all_axes, maps.items(), strict=True):
+        piece = of.slices[0]
+        scale, at = sheet.loss_range([piece.losses]), of.centre[[piece.first, piece.second]]
+        sheet.draw_map(axes, piece, of.centre, scale)
+        low, size = (1.0 - share) * at, 2.0 * share * at
+        axes.add_patch(Rectangle(tuple(low), *size, fill=False, ls="--", ec=sheet.POSE_COLOUR))
+        x, y = (sheet.readable(of.names[index]) for index in (piece.first, piece.second))
+        axes.set(title=title, xlabel=x, ylabel=y)
+        figure.colorbar(ScalarMappable(scale, sheet.COLOURS), ax=axes)
+    kinds = {**sheet.POSE_MARK, "label": "truth"}, sheet.MINIMUM_MARK
+    marks = [Line2D([], [], ls="none", **kind) for kind in kinds]
+    marks.append(Line2D([], [], label=f"{share:.0%} off", ls="--", c=sheet.POSE_COLOUR))
+    figure.legend(handles=marks, loc="outside lower center", ncols=len(marks), frameon=False)
+    return figure
 
 
 def missed_table(trials: Iterable[Trial], maps: Mapping[str, LossMaps]) -> Table:
@@ -282,8 +308,6 @@ def write_page(folder: Path, page: Path, readme: Path, options: str, size: int =
     texts = {"measured": f"Measured until {day} by {command} on {machine}."}
     texts["searches"] = search_table(studies).as_markdown()
     maps = landscapes(folder, size)
-    names = next(iter(maps.values())).names
-    pieces = {name: (of.slices[0], of.centre) for name, of in maps.items()}
     parts = {
         "reliability": (
             study_table(studies["paper"]),
@@ -293,7 +317,7 @@ def write_page(folder: Path, page: Path, readme: Path, options: str, size: int =
         "landscapes": (
             missed_table(studies["paper"], maps),
             "The paper's losses about the truth, by the rear wheel's place",
-            make_landscape_row(pieces, names, FAR),
+            landscape_row(maps, FAR),
         ),
         "errors": (
             error_table(studies),
@@ -311,9 +335,9 @@ def write_page(folder: Path, page: Path, readme: Path, options: str, size: int =
             make_study_sheet([speed_panels(speed, studies["paper"])]),
         ),
     }
-    for name, (table, words, sheet) in parts.items():
+    for name, (table, words, figure) in parts.items():
         path = page.parent / "pictures" / f"results_{name}.png"
-        picture = Image.open(BytesIO(figure_bytes(sheet))).convert("RGB")
+        picture = Image.open(BytesIO(sheet.figure_bytes(figure))).convert("RGB")
         picture.quantize(PALETTE).save(path, optimize=True)  # a third of the bytes
         texts[name] = f"![{words}](pictures/{path.name})\n\n{table.as_markdown()}"
     fill_in(page, texts)

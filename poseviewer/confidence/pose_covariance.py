@@ -92,8 +92,8 @@ class PoseCovariance:
 
         Args:
             mesh: the model.
-            pose: about which the distribution is.
-            chart: of the parameters.
+            pose: mean of the distribution.
+            chart: chart of the parameters.
             covariance: (n, n), of the parameters.
         """
         at = chart.from_pose(pose)
@@ -260,8 +260,8 @@ def joint_covariance(
     camera where that was free, else the model's size; a principal point is that camera's, too.
 
     Args:
-        charts: of each view.
-        covariances: of the pose in each view.
+        charts: charts of each view.
+        covariances: covariances of the pose in each view.
         parameters: (d,), of the pose in ``charts``.
         mesh: the model.
     """

@@ -122,7 +122,7 @@ def percent_right(label: str, probability: float) -> int:
 def judge(features: Features | None) -> Verdict:
     """Judge a pose by logistic regression on its features; None: the model is not visible."""
     if features is None:
-        return Verdict("lost", 0.0, ("Hardly anything of the model is to be seen there.",))
+        return Verdict("lost", 0.0, ("Hardly anything of the model is visible there.",))
     score = OFFSET
     for name, (mean, deviation, weight) in FEATURES.items():
         z = (compress_feature(name, getattr(features, name)) - mean) / deviation

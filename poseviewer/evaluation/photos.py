@@ -111,12 +111,12 @@ def draw_start(
     """Draw a pose of the same side, each vehicle parameter off by up to a share.
 
     Args:
-        keypoints: of the vehicle.
+        keypoints: key points of the vehicle.
         truth: the true pose.
         free_focal: whether the focal length is a parameter.
         reading: what the share is of.
         share: largest deviation.
-        seed: of the random numbers.
+        seed: seed of the random numbers.
     """
     chart = VehicleChart.near(keypoints, truth, free_focal)
     true = chart.from_pose(truth)
@@ -143,9 +143,9 @@ def random_view(
 
     Args:
         mesh: the vehicle.
-        keypoints: of the vehicle.
+        keypoints: key points of the vehicle.
         size: (width, height) of the photo, px.
-        random: gives the random numbers.
+        random: generator of random numbers.
     """
     side = math.pi * int(random.integers(2))
     azimuth = side + math.radians(random.uniform(-MAX_AZIMUTH_DEG, MAX_AZIMUTH_DEG))

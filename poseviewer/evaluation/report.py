@@ -133,15 +133,11 @@ def calibration_table(trials: Iterable[Trial]) -> Table:
     sure = [t for t in judged if is_called_found(t) and FOCAL_DEVIATIONS in t.evidence]
     reach = region_reach(1)
     for name, some in group_by(sure, lambda trial: LABELS.get(trial.set, trial.set)).items():
-        right = Share.of(some, lambda t: float(_evidence(t)[FOCAL_DEVIATIONS]) <= reach)
+        right = Share.of(some, lambda t: t.evidence_by_name[FOCAL_DEVIATIONS] <= reach)
         name = f"{name}: focal length within {reach:.2f} stated deviations"
         rows.append((name, str(len(some)), f"{100.0 * REGION:.0f}", str(right), NONE, NONE))
     columns = "stratum", "fits", "stated", "right", "called found", "of these right"
     return Table("Stated probability of a right end, and true share, %", columns, tuple(rows))
-
-
-def _evidence(trial: Trial) -> dict[str, str]:
-    return dict(part.split("=", 1) for part in trial.evidence.split())
 
 
 def bop_table(trials: Sequence[Trial], targets: int) -> Table:

@@ -33,7 +33,7 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.attributes import PhotoAttributes, Renderer
 from poseviewer.render.opengl import opengl_renderer_name
-from poseviewer.render.pool import CHUNK, RendererPool, processors
+from poseviewer.render.pool import ITEMS_PER_CHUNK, RendererPool, processors
 from poseviewer.render.pyramid.simplified import simplify
 from poseviewer.render.renderers import RendererName, make_renderer
 from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -202,7 +202,7 @@ def time_paths(work: Workload, letters: str, rounds: int) -> list[Timing]:
         for letter in letters:
             renderer = make_renderer(work.mesh, PATHS[letter][0])
             pool = stack.enter_context(RendererPool(renderer, 1 if letter == "d" else None))
-            count, device = CHUNK * pool.threads, getattr(renderer, "device", None)
+            count, device = ITEMS_PER_CHUNK * pool.threads, getattr(renderer, "device", None)
             if device is not None:
                 count = 1 if device.is_software else GPU_POSES
             paths[letter] = pool, count
@@ -238,7 +238,7 @@ def time_maps(demo: Demo, size: int) -> Timing:
     problem, _ = make_problem(scene)
     with RendererPool(SoftwareRenderer(scene.objects[0].mesh)) as pool:
         # A thread's first picture of a size takes its buffers.
-        count = 2 * CHUNK * pool.threads
+        count = 2 * ITEMS_PER_CHUNK * pool.threads
         list(pool.map(lambda own, _: own.moments(truth, problem.photo), range(count)))
         began = perf_counter()
         pieces = list(landscape(problem, pool, problem.start, size=size, smooth=True))

@@ -51,8 +51,8 @@ FOCAL_OFF = 1.1, 1.0 / 1.1
 """Factors of the starts' focal lengths, where these are searched for."""
 EXPLAINED = (
     "Found, and right: within 1 px where OpenGL drew the photo, else within the accuracy of the "
-    "truth + 1 % of the model's size in the photo, as which errors at start and end (medians) are "
-    "given. Called found: by the verdict. Intervals hold the true share with 95 %."
+    "truth + 1 %. Errors at start and end are medians, in % of the model's size in the photo. "
+    "Called found: by the verdict. Intervals hold the true share with 95 %."
 )
 """Legend of the tables."""
 

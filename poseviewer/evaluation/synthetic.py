@@ -67,9 +67,9 @@ def cut_out(
     highlights of Blinn and Phong, clamped, in display-encoded values.
 
     Args:
-        renderer: of the model.
-        pose: of the model.
-        lighting: of the scene.
+        renderer: renderer of the model.
+        pose: pose of the model.
+        lighting: lighting of the scene.
         highlights: factor of the highlights.
     """
     camera, fine = pose.camera, pose.rescale(SUPERSAMPLING)
@@ -111,13 +111,13 @@ def photograph(
 
     Args:
         mesh: the model.
-        pose: of the model.
-        lighting: of the scene.
+        pose: pose of the model.
+        lighting: lighting of the scene.
         background: RGB in [0, 1], one or a picture (h, w, 3) of them.
         highlights: factor of the highlights.
         blur_px: standard deviation of the lens's blur.
         noise: standard deviation of the sensor's noise, grey levels of 255.
-        seed: of the noise.
+        seed: seed of the noise.
     """
     renderer = OpenGLRenderer(mesh)
     try:

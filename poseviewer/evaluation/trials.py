@@ -87,6 +87,12 @@ class Trial:
     """The features that the verdict comes from, and the error of a focal length that was searched
     for, in its stated deviations: ``name=value``, with blanks between them."""
 
+    @property
+    def evidence_by_name(self) -> dict[str, float]:
+        """Values of the evidence."""
+        parts = (part.split("=", 1) for part in self.evidence.split())
+        return {name: float(value) for name, value in parts}
+
 
 KEY = ("case", "method", "pixels", "reading", "percent", "degrees", "draw")
 """Columns that tell a trial from all others of a table."""
@@ -202,7 +208,7 @@ def symmetric_distances(
         vertices: (V, 3), of the model.
         pose: the estimate.
         truth: the true pose.
-        symmetry: of the model.
+        symmetry: symmetry of the model.
     """
     points, pixels = pose.camera_from_model.apply(vertices), pose.project(vertices)
     off = []

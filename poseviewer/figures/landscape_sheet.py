@@ -1,6 +1,6 @@
 """Loss landscapes on one sheet: a map for every two parameters, in a triangle as a corner plot."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from io import BytesIO
 
 import numpy as np
@@ -10,7 +10,6 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from poseviewer.fit.slices import Slice
@@ -29,15 +28,14 @@ MIN_SHEET_INCHES = 3.6
 """Smallest side of all maps together, in inches."""
 DOTS_PER_INCH = 150
 """Resolution of pictures."""
-ROW_INCHES = (3.9, 3.6)
-"""Width of each of several maps side by side, and height of their sheet."""
 POSE_COLOUR = "#e4002b"
 """Colour of the pose's cross."""
-
-_MINIMUM = {"marker": "o", "markersize": 4.5, "markerfacecolor": "#ffffff"}
-_MINIMUM |= {"markeredgecolor": "black", "markeredgewidth": 0.7, "label": "least of the map"}
-_POSE = {"marker": "x", "markersize": 7, "markeredgecolor": POSE_COLOUR}
-_POSE |= {"markeredgewidth": 1.6, "label": "current pose"}
+MINIMUM_MARK = {"marker": "o", "markersize": 4.5, "markerfacecolor": "#ffffff"}
+MINIMUM_MARK |= {"markeredgecolor": "black", "markeredgewidth": 0.7, "label": "least of the map"}
+"""Matplotlib's properties of the mark of the least loss."""
+POSE_MARK = {"marker": "x", "markersize": 7, "markeredgecolor": POSE_COLOUR}
+POSE_MARK |= {"markeredgewidth": 1.6, "label": "current pose"}
+"""Matplotlib's properties of the pose's cross."""
 
 
 def make_landscape_sheet(
@@ -51,10 +49,10 @@ def make_landscape_sheet(
     """Draw the known part of slices on a sheet.
 
     Args:
-        slices: at most one of each pair of parameters.
-        names: of all parameters.
-        pose: (d,), where a cross is drawn.
-        title: of the sheet.
+        slices: slices, at most one of each pair of parameters.
+        names: names of all parameters.
+        pose: (d,): parameters at which a cross is drawn.
+        title: title of the sheet.
         what: label of the colours.
     """
     parameters = sorted({i for piece in slices for i in (piece.first, piece.second)})
@@ -68,49 +66,33 @@ def make_landscape_sheet(
         len(rows), len(columns), left=0.95 / width, right=1.0 - 0.25 / width,
         bottom=0.75 / height, top=1.0 - above / height, wspace=0.09, hspace=0.09,
     )  # fmt: skip
-    scale = _range([piece.losses for piece in slices])
+    scale = loss_range([piece.losses for piece in slices])
     for piece in slices:
         row, column = rows.index(piece.second), columns.index(piece.first)
         axes = figure.add_subplot(grid[row, column])
-        _draw_map(axes, piece, pose, scale)
+        draw_map(axes, piece, pose, scale)
         _name_axes(axes, piece, names, side / len(rows), (column == 0, row == len(rows) - 1))
     _add_key(figure, scale, what)
     figure.suptitle(title, x=0.95 / width, ha="left", fontsize=12, color=INK)
     return figure
 
 
-def make_landscape_row(
-    maps: Mapping[str, tuple[Slice, FloatArray]], names: Sequence[str], share: float
-) -> Figure:
-    """Draw maps of several losses, each with the true pose (d,), side by side by their titles.
-
-    A rectangle in each shows parameters that are off by a ``share``.
-    """
-    figure = Figure((ROW_INCHES[0] * len(maps), ROW_INCHES[1]), layout="constrained")
-    all_axes = figure.subplots(1, len(maps), squeeze=False)[0]
-    for axes, (title, (piece, pose)) in zip(all_axes, maps.items(), strict=True):
-        scale, at = _range([piece.losses]), pose[[piece.first, piece.second]]
-        _draw_map(axes, piece, pose, scale)
-        low, size = (1.0 - share) * at, 2.0 * share * at
-        axes.add_patch(Rectangle(tuple(low), *size, fill=False, ls="--", ec=POSE_COLOUR))
-        x, y = readable(names[piece.first]), readable(names[piece.second])
-        axes.set(title=title, xlabel=x, ylabel=y)
-        figure.colorbar(ScalarMappable(scale, COLOURS), ax=axes)
-    kinds = {**_POSE, "label": "truth"}, _MINIMUM
-    marks = [Line2D([], [], ls="none", **kind) for kind in kinds]
-    marks.append(Line2D([], [], label=f"{share:.0%} off", ls="--", c=POSE_COLOUR))
-    figure.legend(handles=marks, loc="outside lower center", ncols=len(marks), frameon=False)
-    return figure
-
-
-def _range(losses: Sequence[FloatArray]) -> Normalize:
+def loss_range(losses: Sequence[FloatArray]) -> Normalize:
     """Return the range of the known losses; never empty."""
     known = np.concatenate([a[np.isfinite(a)] for a in losses])
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     return Normalize(low, max(high, low + 1e-6))
 
 
-def _draw_map(axes: Axes, piece: Slice, pose: FloatArray, scale: Normalize) -> None:
+def draw_map(axes: Axes, piece: Slice, pose: FloatArray, scale: Normalize) -> None:
+    """Draw a slice with the marks of its minimum and of a pose (d,), by colours of a range.
+
+    Args:
+        axes: axes to draw on.
+        piece: the slice.
+        pose: parameters of the pose.
+        scale: range of the losses.
+    """
     x, y = piece.first_values, piece.second_values
     losses = piece.fill_gaps()
     levels = np.linspace(float(scale.vmin or 0.0), float(scale.vmax or 1.0), LEVELS + 1)
@@ -120,8 +102,8 @@ def _draw_map(axes: Axes, piece: Slice, pose: FloatArray, scale: Normalize) -> N
             axes.contour(x, y, losses, levels[1:-1], colors="white", linewidths=0.35, alpha=0.55)
     least = piece.minimum
     if least is not None:
-        axes.plot(*least[:2], linestyle="none", **_MINIMUM)
-    axes.plot(pose[piece.first], pose[piece.second], linestyle="none", **_POSE)
+        axes.plot(*least[:2], linestyle="none", **MINIMUM_MARK)
+    axes.plot(pose[piece.first], pose[piece.second], linestyle="none", **POSE_MARK)
     axes.set_xlim(x[0], x[-1])
     axes.set_ylim(y[0], y[-1])
 
@@ -167,7 +149,7 @@ def _add_key(figure: Figure, scale: Normalize, what: str) -> None:
     bar.ax.tick_params(labelsize=7, length=2.5, width=0.6, color=INK, labelcolor=INK)
     bar.ax.xaxis.set_major_locator(MaxNLocator(4))
     bar.outline.set(linewidth=0.6)  # pyright: ignore[reportCallIssue]
-    marks = [Line2D([], [], linestyle="none", **kind) for kind in (_POSE, _MINIMUM)]
+    marks = [Line2D([], [], linestyle="none", **kind) for kind in (POSE_MARK, MINIMUM_MARK)]
     figure.legend(
         handles=marks, loc="upper right", bbox_to_anchor=(right, top - 0.62 / height),
         fontsize=8, frameon=False, labelcolor=INK, borderaxespad=0.0,

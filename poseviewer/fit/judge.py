@@ -24,7 +24,7 @@ from poseviewer.render.pyramid.levels import model_mask, visible_fraction
 
 ALIKE_DISTANCE = 0.1
 """Distance of attributes, normal (unit) and reflectance in [0, 1], up to which they are alike."""
-MIN_PIXELS = 50
+MIN_VISIBLE_PIXELS = 50
 """Pixels of the model below which it counts as invisible."""
 WRONG_POSES = 48
 """Number of wrong poses that the pose is compared with."""
@@ -108,7 +108,8 @@ def gather_features(probe: Probe) -> Features | None:
     pose = probe.chart.start
     drawn = model_mask(photo, renderer, pose)
     here = float(probe.losses(np.zeros((1, len(probe.motions))))[0])
-    if np.count_nonzero(drawn & (photo.weights > 0.0)) < MIN_PIXELS or not math.isfinite(here):
+    seen = np.count_nonzero(drawn & (photo.weights > 0.0))
+    if seen < MIN_VISIBLE_PIXELS or not math.isfinite(here):
         return None
     losses, turned = (
         all_losses[np.isfinite(all_losses)]

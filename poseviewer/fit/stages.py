@@ -30,10 +30,10 @@ from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, coarsest_level, lighter_level, with_structure
 from poseviewer.vehicle.chart import VehicleChart
 
-MIN_PIXELS = 5000
+MIN_LEVEL_PIXELS = 5000
 """Pixels of the model at the start on the coarsest level: coarser levels have side valleys."""
 MIN_STRUCTURE_PIXELS = 2000
-"""``MIN_PIXELS`` with classes and edges, whose valleys are wider than those of shades."""
+"""``MIN_LEVEL_PIXELS`` with classes and edges, whose valleys are wider than those of shades."""
 COARSE_POPULATION = CmaOptions(min_sigma=0.04)
 """CMA-ES on the coarsest level; ends early, as the minimum is up to 5 % beside the photo's."""
 FINE_POPULATION = CmaOptions(sigma=0.06, population=16, generations=24, min_sigma=2e-3)
@@ -99,7 +99,7 @@ def make_stages(
     if _is_by_papers_simplex(problem):
         return (Stage(full, simplex_restarts.minimise, problem.settings.options),)
     is_structured = problem.is_structured
-    min_pixels = MIN_STRUCTURE_PIXELS if is_structured else MIN_PIXELS
+    min_pixels = MIN_STRUCTURE_PIXELS if is_structured else MIN_LEVEL_PIXELS
     coarse = tuple(coarsest_level(*pose, min_pixels) for pose in poses)
     light = tuple(lighter_level(*pose) for pose in poses)
     least = tuple(c if c.factor > 1 else own for c, own in zip(coarse, light, strict=True))

@@ -8,12 +8,10 @@ from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import freeze_array
 from poseviewer.geometry.camera import DEFAULT_FIELD_OF_VIEW_DEG, Camera, Parallel, Perspective
-from poseviewer.geometry.lens import Undistortion
+from poseviewer.geometry.lens import STRIP_PIXELS, Undistortion
 
 GREY_WEIGHTS = freeze_array([0.299, 0.587, 0.114], (3,))
 """RGB to grey (ITU-R BT.601), display-encoded, for photo and reflectance alike."""
-STRIP_PIXELS = 1 << 20
-"""Pixels of a photo that are floats at a time: all of a large one would take gigabytes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,23 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Camera, Perspective
-from poseviewer.geometry.frames import camera_as_integer_centres
+from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.frames import AnyCamera, camera_as_integer_centres
 
-AnyCamera = TypeVar("AnyCamera", bound=Camera)
 LensModel = Literal["opencv", "fisheye"]
 COEFFICIENTS: dict[LensModel, tuple[int, ...]] = {"opencv": (4, 5, 8, 12, 14), "fisheye": (4,)}
 """Counts of coefficients by model: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]]; or the
 fisheye's k1 k2 k3 k4."""
 STRIP_PIXELS = 1 << 20
-"""Pixels that are mapped at a time: the maps of a large photo take eight bytes a pixel."""
+"""Pixels that are processed at a time: floats of all of a large photo would take gigabytes."""
 MAX_SIDE_PX = 32766
 """Largest side of a photo: OpenCV's ``remap`` counts pixels in 16 bits."""
 FIELD_SAMPLES = 4096

@@ -31,7 +31,7 @@ def pose_error(
         mesh: the model.
         estimate: the pose, in place of which the equal one nearest in rotation is taken.
         truth: the true pose.
-        symmetry: of the model.
+        symmetry: symmetry of the model.
     """
     estimate = symmetry.nearest_pose(estimate, truth)
     vertices = np.unique(mesh.vertices, axis=0)

@@ -49,12 +49,10 @@ def solve_scaled_orthographic(
 
 
 def _solve_plane(about: FloatArray, shown: FloatArray, axes: FloatArray) -> list[ScaledRotation]:
-    """Return both solutions for the points as if they lay in the plane of their first two axes.
-
-    With the plane's axes E (2, 3) the photo gives B = s R_2 E^T (2, 2). The column c that B lacks,
-    for the normal, must make the rows of (B, c) perpendicular and of length s: c c^T = s^2 1 - B
-    B^T has rank one, so that s^2 is the larger eigenvalue of B B^T. The sign of c is open.
-    """
+    """Return both solutions for the points as if they lay in the plane of their first two axes."""
+    # With the plane's axes E (2, 3) the photo gives B = s R_2 E^T (2, 2). B lacks a column c, for
+    # the normal, by which the rows of (B, c) are perpendicular and of length s: c c^T = s^2 1 - B
+    # B^T has rank one, so that s^2 is the larger eigenvalue of B B^T. The sign of c is open.
     plane = axes[:2]
     b = np.linalg.lstsq(about @ plane.T, shown, rcond=None)[0].T
     values, vectors = np.linalg.eigh(b @ b.T)

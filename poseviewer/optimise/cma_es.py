@@ -37,11 +37,11 @@ def minimise(
     its standard deviation.
 
     Args:
-        objective: gives the losses of points.
+        objective: function that returns the losses of points.
         x0: (d,), the start.
         scale: (d, d), whose columns are the directions and units of the options' lengths.
-        options: of the population.
-        seed: of the random numbers.
+        options: options of the population.
+        seed: seed of the random numbers.
     """
     distribution = _Distribution(len(x0), options, np.random.default_rng(seed))
     state: State | None = None

@@ -41,7 +41,7 @@ def minimise(
     """Descend from the simplex of a point and d edges.
 
     Args:
-        objective: gives the losses of points.
+        objective: function that returns the losses of points.
         x0: (d,), the first vertex.
         scale: (d, d), whose columns are the edges.
         options: tolerances.

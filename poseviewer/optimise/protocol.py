@@ -31,11 +31,11 @@ class Minimiser(Protocol[Options]):
         """Search about a point.
 
         Args:
-            objective: gives the losses of points.
+            objective: function that returns the losses of points.
             x0: (d,), the start.
             scale: (d, d), whose columns are the directions and units of the options' lengths.
-            options: of the minimiser.
-            seed: of the random numbers.
+            options: options of the minimiser.
+            seed: seed of the random numbers.
         """
         ...
 

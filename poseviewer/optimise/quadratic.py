@@ -54,11 +54,11 @@ def minimise(
     The best point of the last state is the one to take: not always that of the least loss.
 
     Args:
-        objective: gives the losses of points.
+        objective: function that returns the losses of points.
         x0: (d,), the start.
         scale: (d, d), whose columns are the directions and units of the sampling radius.
-        options: of the samples.
-        seed: of the random numbers.
+        options: options of the samples.
+        seed: seed of the random numbers.
     """
     random = np.random.default_rng(seed)
     size = len(x0)

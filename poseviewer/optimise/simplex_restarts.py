@@ -21,11 +21,11 @@ def minimise(
     best ends of the short descents, if enough, span the first that follows: they lie in the valley.
 
     Args:
-        objective: gives the losses of points.
+        objective: function that returns the losses of points.
         x0: (d,), the start.
         scale: (d, d), whose columns are the directions and units of the edges.
-        options: of the descents.
-        seed: of the random directions.
+        options: options of the descents.
+        seed: seed of the random directions.
     """
     random = np.random.default_rng(seed)
     x0 = np.array(x0, dtype=float)

@@ -23,7 +23,7 @@ from poseviewer.render.texture import TexturePyramid, double_areas, mip_levels
 
 NEAR_PER_DIAMETER = 1e-3
 """Depth of the near plane, in the model's diameter, as in the software renderer."""
-ADVICE = "install EGL (Debian: libegl1 libgl1-mesa-dri), or use the software renderer"
+OPENGL_ADVICE = "install EGL (Debian: libegl1 libgl1-mesa-dri), or use the software renderer"
 """End of messages where OpenGL cannot be used."""
 MAX_FACES = (1 << 24) - 1
 """Largest index of a face that a float32 holds exactly."""
@@ -83,7 +83,8 @@ def opengl() -> Any:
                 _context = pyrender.OffscreenRenderer(1, 1)
         except Exception as error:
             raise RendererUnavailableError(
-                f"OpenGL by {platform} gave no context ({type(error).__name__}: {error}); {ADVICE}."
+                f"OpenGL by {platform} gave no context ({type(error).__name__}: {error}); "
+                f"{OPENGL_ADVICE}."
             ) from error
         _thread = threading.get_ident()
     if _thread != threading.get_ident():

@@ -13,7 +13,7 @@ from poseviewer.render.attributes import Renderer
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-CHUNK = 8
+ITEMS_PER_CHUNK = 8
 """Items that a thread takes at a time: stopping waits some ten milliseconds at most."""
 
 
@@ -47,7 +47,10 @@ class RendererPool:
             self._executor = ThreadPoolExecutor(self.threads, "renderer", initializer=begin)
 
     def map(
-        self, function: Callable[[Any, Item], Result], items: Sequence[Item], at_a_time: int = CHUNK
+        self,
+        function: Callable[[Any, Item], Result],
+        items: Sequence[Item],
+        at_a_time: int = ITEMS_PER_CHUNK,
     ) -> Iterator[Result]:
         """Yield ``function(renderer, item)`` of all items in their order; raises its first error.
 

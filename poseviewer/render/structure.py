@@ -21,7 +21,7 @@ from poseviewer.geometry.arrays import FloatArray
 
 CLASSES = 16
 """Number of colour classes: fewer merge things of different colours, more change nothing."""
-MAX_SAMPLES = 20_000
+MAX_COLOUR_SAMPLES = 20_000
 """Pixels from which the classes are found, at most: more take longer and change nothing."""
 FEW_SAMPLES = 200
 """Samples that are first searched for more colours than classes: sorting all takes long."""
@@ -98,7 +98,7 @@ def make_structure(
     count = int(labels.max(initial=0)) + 1
     class_weights = np.bincount(labels.ravel(), weights.ravel(), count).astype(float)
     field = np.zeros((*weights.shape, 2), np.float32)
-    field[rows, columns] = _blur(orientation_field(light, PHOTO_NOISE, SMOOTHING_PX))
+    field[rows, columns] = _blur_field(orientation_field(light, PHOTO_NOISE, SMOOTHING_PX))
     length = float(np.sqrt(np.einsum("vu,vuk,vuk->", weights, field, field, dtype=float)))
     if length > 0.0:
         field /= np.float32(length)
@@ -151,7 +151,7 @@ def edge_agreement(
     The model's ``field`` is not yet blurred, and 0 beside this part of the photo. Without edges the
     cosine is 0.
     """
-    field = _blur(field)
+    field = _blur_field(field)
     weighted = field * weights[..., None]
     length = float(np.vdot(weighted, field))
     if length <= 0.0:
@@ -159,7 +159,7 @@ def edge_agreement(
     return float(np.vdot(weighted, photo_field)) / length**0.5
 
 
-def _blur(field: NDArray[np.float32]) -> NDArray[np.float32]:
+def _blur_field(field: NDArray[np.float32]) -> NDArray[np.float32]:
     blurred = cv2.GaussianBlur(field, (0, 0), REACH_PX, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(blurred, np.float32)
 
@@ -176,7 +176,7 @@ def _classes(lab: NDArray[np.float32], counts: NDArray[np.bool_]) -> NDArray[np.
     colours = lab[counts]
     if not len(colours):
         return labels
-    step = -(-len(colours) // MAX_SAMPLES)
+    step = -(-len(colours) // MAX_COLOUR_SAMPLES)
     samples = colours[::step].astype(float)
     every = max(len(samples) // FEW_SAMPLES, 1)
     few = len(np.unique(samples[::every], axis=0)) <= CLASSES

@@ -45,11 +45,11 @@ MARGIN = 0.35
 MIN_SIDE_PX = 8
 """Smallest side of a rectangle about the object."""
 HULL_POINTS = 120
-"""Directions in which the model's outermost vertices stand for its outline, to a per cent."""
+"""Directions whose outermost vertices stand for the model's outline, to a per cent."""
 COVERED = 0.6
-"""Share of its rectangle that a model covers, about."""
+"""Typical fraction of its rectangle that a model covers."""
 BEHIND_CAMERA = 4.0
-"""Distance from its rectangle of a pose that is partly behind the camera: all four sides."""
+"""Rectangle error of a pose partly behind the camera: each side is off by the side's length."""
 WHEEL_POSES = 4
 """Hypotheses that a vehicle's wheels add."""
 WHEEL_DISTANCE = 0.7
@@ -58,7 +58,7 @@ TOLERANCES = nelder_mead.NelderMeadOptions(x_tolerance=1e-3, f_tolerance=1e-4)
 """Tolerances of descents."""
 TRIAL = Limits(400)
 """Limits of the fit from each hypothesis that decides which is taken."""
-VIEWS = 2400
+ROTATIONS = 2400
 """Views spread over all rotations: 19 degrees apart. About half have the rectangle's shape."""
 ASPECT_THRESHOLD = 0.35
 """Logarithm of the factor by which the aspect ratio of a view that is tried may be off."""
@@ -74,16 +74,16 @@ simplex, radians and shares of the radius; side of the rectangle on the level, p
 MAX_HYPOTHESES = 5
 """Hypotheses for a user to choose from."""
 INLIER_POWER = 4
-"""Power of the inliers in the odds of a pose by texture features."""
+"""Exponent of the number of inliers in the odds of a pose by texture features."""
 EVEN_INLIERS = 7**4
-"""Power of the inliers of such a pose that is right or wrong alike."""
+"""``inliers ** INLIER_POWER`` of a pose that is as likely right as wrong."""
 LEAD_POWER = 0.95
-"""Power of the first hypothesis's lead in its odds, fitted to photos with known poses."""
+"""Exponent of the first hypothesis's lead in its odds, fitted to photos with known poses."""
 EVEN_LEAD = 0.09
-"""Power of the lead of a hypothesis that is right or wrong alike."""
+"""``lead ** LEAD_POWER`` of a hypothesis that is as likely right as wrong."""
 OTHERS_SHARE = 0.07
 """Share of each other hypothesis in the probability that the first is wrong."""
-MIN_DISTANCE = 0.1
+MIN_HYPOTHESIS_DISTANCE = 0.1
 """Smallest mean distance of hypotheses in the photo, as a share of the rectangle's diagonal."""
 
 BeginThread = Callable[[], None]
@@ -129,7 +129,7 @@ class StartQuery:
         """Return ``count`` or all poses that fill the box, a vehicle's on level ground."""
         keypoints, centre = self.inputs.keypoints, self.inputs.mesh.centre
         if keypoints is None:
-            rotations = sample_rotations(count or VIEWS)
+            rotations = sample_rotations(count or ROTATIONS)
         else:
             rotations = ground_views(keypoints)[:count]
         return poses_filling(self.box, rotations, self.points, centre, self.camera)
@@ -183,7 +183,7 @@ def propose(
 
     Args:
         query: the photo, the model and where to search.
-        renderer: of the model; by default a new one.
+        renderer: renderer of the model; by default a new one.
         begin: called by each thread first.
         watch: called in each step; it may raise to stop the search.
 
@@ -245,7 +245,7 @@ class _ViewSearch:
         return self._distinct(hypotheses, MAX_HYPOTHESES)
 
     def rank(self, poses: Sequence[Pose], side_px: float) -> list[PoseHypothesis]:
-        """Score poses of several searches over this one's region; returns those that differ."""
+        """Score poses of any searches over this one's region; returns those that differ."""
         return self._distinct(self._score(poses, self._level(side_px), 1), MAX_HYPOTHESES)
 
     def _level(self, side_px: float) -> Level:
@@ -312,7 +312,7 @@ class _ViewSearch:
 
     def _distinct(self, hypotheses: Sequence[PoseHypothesis], most: int) -> list[PoseHypothesis]:
         """Return the best whose pictures of the model differ."""
-        reach = MIN_DISTANCE * float(np.hypot(*self.rectangle[2:]))
+        reach = MIN_HYPOTHESIS_DISTANCE * float(np.hypot(*self.rectangle[2:]))
         ordered = sorted(hypotheses, key=lambda hypothesis: hypothesis.loss)
         pictures = ((h, h.pose.project(self.query.points)) for h in ordered)
         kept = non_maximum_suppression(
@@ -360,8 +360,8 @@ def best_start(
 
     Args:
         query: the photo, the model and where it was searched for.
-        hypotheses: at least one.
-        renderer: of the model.
+        hypotheses: poses to choose from, at least one.
+        renderer: renderer of the model.
         watch: called in each evaluation; it may raise to stop.
     """
     settings = replace(query.settings, loss="default", search="auto", lock=(), limits=TRIAL)

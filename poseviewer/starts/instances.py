@@ -33,7 +33,7 @@ def propose_beside(
     Args:
         query: the photo, the model and where to search.
         placed: instances with their poses.
-        renderer: of the model.
+        renderer: renderer of the model.
         begin: called by each thread first.
         watch: called in each step; it may raise to stop the search.
     """

@@ -19,7 +19,7 @@ FILLED = 0.6
 FRAMINGS = 12
 """Rounds of ``fit_into_rectangle``: in perspective the box changes its shape on the way."""
 FLAT = np.cos(np.radians(3.0))
-"""Cosine of the angle within which faces of the hull carry the model together."""
+"""Cosine of the largest angle between faces of the hull that carry the model together."""
 PREFERENCE = 2.0
 """Factor by which another axis must be likelier than z to be upwards: z is in most files."""
 
@@ -41,8 +41,8 @@ def look_from(side: str, mesh: Mesh, keypoints: VehicleKeypoints | None, camera:
     Args:
         side: a key of ``SIDES``.
         mesh: the model.
-        keypoints: of a vehicle, whose sides are meant; None: the model is none.
-        camera: of the photo.
+        keypoints: key points of a vehicle; None: the model is none.
+        camera: camera of the photo.
     """
     if side not in SIDES:
         raise SettingsError(f"no side {side!r} to look from; wanted one of {', '.join(SIDES)}")
@@ -88,10 +88,10 @@ def with_point_at(
     """Translate the model until a point is seen at a pixel.
 
     Args:
-        pose: of the model.
+        pose: pose of the model.
         point: (3,), of the model.
         pixel: (2,), of the photo.
-        depth: of the point; None: the same as before.
+        depth: depth of the point; None: the same as before.
     """
     camera, rotation = pose.camera, pose.camera_from_model.rotation
     far = float(pose.camera_from_model.apply(point)[2]) if depth is None else depth

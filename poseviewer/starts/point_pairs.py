@@ -44,7 +44,7 @@ PLANE_SPREAD = 0.001
 MANY_PAIRS = 6
 """Pairs from which on SQPnP's answer alone is refined."""
 SAME_ROTATION = 1e-3
-"""Difference of two rotations, in any entry, below which their answers are one but for rounding."""
+"""Largest difference between entries of rotations that are equal but for rounding."""
 AS_GOOD = 1.5
 """Factor of the best answer's error within which another is as good."""
 AS_GOOD_PX = 1.0
@@ -56,7 +56,7 @@ MIN_ERROR_PX = 1.0
 MAX_FOCAL_DEVIATION = 0.3
 """Standard deviation of the logarithm of a focal length that is still an answer: 30 per cent."""
 HIDDEN_BEHIND = 0.02
-"""Share of the model's diameter by which a surface lies before a point that it hides."""
+"""Least distance, by the model's diameter, from a point to a surface that occludes it."""
 
 
 def start_from_pairs(inputs: StartInputs, pairs: PointPairs, known: StartCamera) -> Start:
@@ -253,7 +253,7 @@ def likeliest(
     """Return the pose that shows most points, of equals the one least rotated.
 
     Args:
-        fits: at least one.
+        fits: poses to choose from, at least one.
         points: (n, 3), of the model.
         mesh: the model.
         near: the pose from which rotations count; None: none does.

@@ -25,7 +25,7 @@ from poseviewer.scene.types import PlacedModel
 from poseviewer.starts.loading import StartInputs
 from poseviewer.starts.views import sample_rotations
 
-VIEWS = 42
+MODEL_VIEWS = 42
 """Rotations of the model that are rendered."""
 VIEW_SIZES_PX = (320, 160)
 """Diameters of the model in its views."""
@@ -39,7 +39,7 @@ MAX_FEATURES_PER_VIEW = 800
 """Features of one view: more take longer."""
 MAX_FEATURES_IN_PHOTO = 10_000
 """Features of the photo: more take longer."""
-PHOTO_SIDE_PX = 1920
+MAX_PHOTO_SIDE_PX = 1920
 """Longer side to which a photo is scaled."""
 MAX_ENLARGEMENT = 2.0
 """Factor by which a small photo is enlarged at most."""
@@ -81,8 +81,8 @@ def poses_from_features(
 
     Args:
         inputs: photo and model.
-        camera: of the photo.
-        region: of the photo.
+        camera: camera of the photo.
+        region: region of the photo.
         watch: called between views; it may raise to stop the search.
     """
     if not isinstance(camera, Perspective):
@@ -111,14 +111,11 @@ def poses_from_features(
 @lru_cache(maxsize=4)
 def model_features(mesh: Mesh) -> tuple[TextureFeatures, ...]:
     """Return the features of each view that has enough of them."""
-    return tuple(view for view in _view_features(mesh) if len(view.at) >= MIN_MATCHES)
-
-
-def _view_features(mesh: Mesh) -> Iterator[TextureFeatures]:
-    renderer = make_renderer(mesh)
-    for rotation in sample_rotations(VIEWS):
+    renderer, views = make_renderer(mesh), list[TextureFeatures]()
+    for rotation in sample_rotations(MODEL_VIEWS):
         sizes = [_view(mesh, renderer, rotation, size) for size in VIEW_SIZES_PX]
-        yield TextureFeatures(*map(np.concatenate, zip(*sizes, strict=True)))
+        views.append(TextureFeatures(*map(np.concatenate, zip(*sizes, strict=True))))
+    return tuple(view for view in views if len(view.at) >= MIN_MATCHES)
 
 
 def _view(mesh: Mesh, renderer: Renderer, rotation: FloatArray, size: int) -> TextureFeatures:
@@ -143,7 +140,7 @@ def _photo_features(inputs: StartInputs, region: Rectangle) -> tuple[TextureFeat
     inside = region.intersection(Rectangle(0, 0, photo.width, photo.height))
     left, top = int(inside.left), int(inside.top)
     part = photo.grey()[top : int(inside.bottom) + 1, left : int(inside.right) + 1]
-    scale = min(PHOTO_SIDE_PX / max(part.shape), MAX_ENLARGEMENT)
+    scale = min(MAX_PHOTO_SIDE_PX / max(part.shape), MAX_ENLARGEMENT)
     size = [max(round(side * scale), 1) for side in part.shape[::-1]]
     how = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
     scaled = cv2.resize(part, size, interpolation=how)

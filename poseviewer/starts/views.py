@@ -21,7 +21,7 @@ ROLLS_DEG = (-6.0, 0.0, 6.0)
 """Rolls of a camera that is held nearly level."""
 CORRECTIONS = 3
 """Rounds after a guess that takes the model for flat: each leaves a tenth of the error."""
-MIN_DISTANCE = 0.55
+MIN_CAMERA_DISTANCE = 0.55
 """Smallest distance of the camera from the model's centre, in diameters."""
 
 
@@ -82,7 +82,7 @@ def poses_filling(
         rotations: (n, 3, 3).
         points: (k, 3), the model's outermost.
         centre: (3,), of the model.
-        camera: of the photo.
+        camera: camera of the photo.
     """
     if isinstance(camera, Perspective):
         to_ray = Rotation.align_vectors([camera.rays(box.centre)], [(0.0, 0.0, 1.0)])[0]
@@ -105,7 +105,7 @@ def _fill(box: Rectangle, about: FloatArray, camera: Camera) -> tuple[FloatArray
         at = (target - [camera.cx, camera.cy]) / scale[:, None] - middle
         return np.column_stack([at, scale]), flat * scale[:, None]
     focal = np.array([camera.fx, camera.fy])
-    nearest = 2.0 * MIN_DISTANCE * np.linalg.norm(about, axis=2).max(axis=1)
+    nearest = 2.0 * MIN_CAMERA_DISTANCE * np.linalg.norm(about, axis=2).max(axis=1)
     depth = np.maximum(np.sqrt(focal.prod()) / scale, nearest)
     pixel = target - middle * focal / depth[:, None]
     for _ in range(CORRECTIONS):

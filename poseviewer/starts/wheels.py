@@ -49,7 +49,7 @@ MAX_TRIED = 40
 MAX_KEPT = 24
 """Ellipses that are paired."""
 CLEAR_EDGES = 0.7
-"""Share of all pixels that an edge is steeper than where it is half as clear as can be."""
+"""Quantile of the gradient's power at which an edge is half as clear as can be."""
 OUTLINE_POINTS = 80
 """Points of an outline while an ellipse is improved."""
 MIN_OUTLINE_POINTS = 8
@@ -57,12 +57,12 @@ MIN_OUTLINE_POINTS = 8
 STEPS = 150
 """Evaluations that improve an ellipse."""
 LONGER_FOCALS = (1.6, 2.6, 4.2)
-"""Factors of a guessed focal length, which is a wide lens's, that are tried beside it."""
-MARGIN = 0.2
+"""Factors of a guessed focal length that are tried, too: the guess is that of a wide lens."""
+REGION_MARGIN = 0.2
 """Share of a rectangle's sides that is compared beyond each of them."""
 MAX_PAIRS = 10
 """Pairs of ellipses from which poses are computed."""
-MIN_SIDE_PX = 16
+MIN_CAR_SIDE_PX = 16
 """Smallest side of a rectangle about a car."""
 
 FieldImage = NDArray[np.complex64]
@@ -215,10 +215,11 @@ def find_wheel_pairs(
     left, top, width, height = (int(value) for value in rectangle)
     x, y = max(left, 0), max(top, 0)
     inside = grey[y : max(top + height, 0), x : max(left + width, 0)]
-    if min(inside.shape) < MIN_SIDE_PX:
+    if min(inside.shape) < MIN_CAR_SIDE_PX:
         raise QuickStartError(
-            f"The rectangle {left},{top},{width},{height} has no 16x16 px in the photo of "
-            f"{grey.shape[1]}x{grey.shape[0]} px; give left,top,width,height around the car."
+            f"The rectangle {left},{top},{width},{height} has no {MIN_CAR_SIDE_PX}x"
+            f"{MIN_CAR_SIDE_PX} px in the photo of {grey.shape[1]}x{grey.shape[0]} px; give "
+            "left,top,width,height around the car."
         )
     scored: list[tuple[float, tuple[Ellipse, Ellipse]]] = []
     for pair in combinations(find_ellipses(inside), 2):
@@ -287,8 +288,8 @@ def likely_wheels(
 
     Args:
         inputs: photo and model.
-        rectangle: of the photo, px.
-        camera: of the photo.
+        rectangle: rectangle of the photo, px.
+        camera: camera of the photo.
         is_guess: whether longer focal lengths are tried, too.
         watch: called for each pair; it may raise to stop the search.
 
@@ -314,7 +315,7 @@ def likely_wheels(
         )
     pairs = [pair for pair in pairs if pair.fit.from_above] or pairs
     left, top, width, height = rectangle
-    across, down = round(MARGIN * width), round(MARGIN * height)
+    across, down = round(REGION_MARGIN * width), round(REGION_MARGIN * height)
     region = Rectangle(left - across, top - down, width + 2 * across, height + 2 * down)
     settings = FitSettings(pixels="whole", region=region)
     losses = map(registration_loss, _moments(inputs, [pair.fit for pair in pairs], settings))

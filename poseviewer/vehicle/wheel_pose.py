@@ -45,7 +45,7 @@ AS_GOOD = 1.5
 AS_GOOD_PX = 0.5
 """px beyond the best answer's error within which another is as good."""
 SAME_ROTATION = 0.02
-"""Difference of two rotations, in any entry, below which their answers are one."""
+"""Largest difference between entries of rotations that count as equal."""
 OUTSIDE_ERROR_PX = 1e4
 """Error of parameters that are no pose: larger than any photo."""
 

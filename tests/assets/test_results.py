@@ -5,16 +5,21 @@ import re
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from matplotlib.patches import Rectangle
 
 from assets.source import results
 from poseviewer.cli import main as cli
 from poseviewer.errors import SettingsError
 from poseviewer.evaluation.speed import SpeedReport, Timing
 from poseviewer.evaluation.trials import Trial
+from poseviewer.figures.map_archive import LossMaps
 from poseviewer.files.photo import load_photo
 from poseviewer.files.table import append_row
 from poseviewer.files.writing import write_json
+from poseviewer.fit.loss import LossScale
+from tests.figures.test_landscape_sheet import NAMES, limits_of, make_slices, maps_of, place_of
 
 TRIAL = Trial(
     case="a", set="hope", visible=1.0, traits="model with colours", method="default", pixels="near",
@@ -122,3 +127,18 @@ def test_what_the_page_is_measured_by_are_commands(
     assert lines[-1][-1] == str(shared_data / "lmo_bop")
     estimates = (tmp_path / "symmetric.csv").read_text()
     assert {line.split(",")[2] for line in estimates.splitlines()[1:]} == {"10", "11"}
+
+
+def test_maps_side_by_side_have_their_own_scales_and_marks():
+    piece, pose = make_slices(2)[0], np.array([0.0, 1.0])
+    steep = replace(piece, losses=3.0 * piece.losses)
+    flat = LossMaps([piece], NAMES[:2], pose, np.ones(2), LossScale(1, 1, False))
+    figure = results.landscape_row({"flat": flat, "steep": replace(flat, slices=[steep])}, 0.1)
+    first, second = maps_of(figure)
+    assert (first.get_title(), second.get_title()) == ("flat", "steep")
+    assert limits_of(second) == pytest.approx(3.0 * np.array(limits_of(first)))
+    (box,) = first.patches
+    assert isinstance(box, Rectangle)
+    assert box.get_bbox().extents == pytest.approx([0.0, 0.9, 0.0, 1.1])
+    marks = np.array([place_of(mark) for mark in first.lines])
+    assert marks == pytest.approx(np.array([[0.05, 0.9], pose]))

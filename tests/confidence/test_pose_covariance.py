@@ -28,6 +28,10 @@ def pose_by(camera: Perspective | Parallel) -> Pose:
     return Pose(camera, RigidTransform.from_rotation_vector([0.4, 0.9, -0.2], [0.7, 0.3, 9.0]))
 
 
+def distribution(pose: Pose, covariance: np.ndarray) -> PoseCovariance:
+    return PoseCovariance.from_chart(MESH, pose, FreeBodyChart.near(MESH, pose), covariance)
+
+
 def random_covariance(size: int, spread: float = 1e-3) -> np.ndarray:
     factor = spread * np.random.default_rng(3).normal(size=(size, size))
     return factor @ factor.T
@@ -82,9 +86,7 @@ def test_the_size_of_a_model_in_its_set_goes_with_its_pose() -> None:
 
 def test_it_is_what_a_sample_of_poses_spreads_by() -> None:
     pose = pose_by(PERSPECTIVE)
-    sure = PoseCovariance.from_chart(
-        MESH, pose, FreeBodyChart.near(MESH, pose), random_covariance(6)
-    )
+    sure = distribution(pose, random_covariance(6))
     draws = np.random.default_rng(0).multivariate_normal(np.zeros(6), sure.matrix, 4000)
     poses = [sure.pose_at(draw) for draw in draws]
     centres = np.array([one.camera_from_model.apply(MESH.centre) for one in poses])
@@ -99,9 +101,7 @@ def test_it_is_what_a_sample_of_poses_spreads_by() -> None:
 
 def test_the_ellipse_of_two_numbers_holds_nine_tenths_of_the_poses() -> None:
     pose = pose_by(PERSPECTIVE)
-    sure = PoseCovariance.from_chart(
-        MESH, pose, FreeBodyChart.near(MESH, pose), random_covariance(6)
-    )
+    sure = distribution(pose, random_covariance(6))
     chart = VehicleChart.near(WHEELS, pose)
     draws = np.random.default_rng(1).multivariate_normal(np.zeros(6), sure.matrix, 3000)
     at = chart.from_pose(pose)
@@ -118,9 +118,7 @@ def test_the_ellipse_of_two_numbers_holds_nine_tenths_of_the_poses() -> None:
 
 def test_a_parallel_projection_tells_its_scale() -> None:
     pose = pose_by(PARALLEL)
-    sure = PoseCovariance.from_chart(
-        MESH, pose, FreeBodyChart.near(MESH, pose), np.diag([0, 0, 0, 0, 0, 4e-4])
-    )
+    sure = distribution(pose, np.diag([0, 0, 0, 0, 0, 4e-4]))
     assert "depth" not in sure.deviations
     assert sure.deviations["scale_percent"] == pytest.approx(2.0)
     assert sure.words("m").startswith("scale ±2.0 %, the rest ±0")

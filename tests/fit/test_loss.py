@@ -57,7 +57,7 @@ def test_loss_is_the_least_squares_residual_in_the_mahalanobis_norm(seed, channe
 
 
 @given(SEEDS, CHANNELS)
-def test_loss_is_unchanged_by_regular_affine_changes(seed, channels):
+def test_loss_is_symmetric_and_unchanged_by_regular_affine_changes(seed, channels):
     n, m = channels
     random, photo, model = make_samples(seed, n, m)
     loss = lighting_loss(make_moments(photo, model))
@@ -67,14 +67,7 @@ def test_loss_is_unchanged_by_regular_affine_changes(seed, channels):
     assert lighting_loss(make_moments(other_photo, model)) == pytest.approx(loss, abs=1e-8)
     assert lighting_loss(make_moments(photo, other_model)) == pytest.approx(loss, abs=1e-8)
     assert lighting_loss(make_moments(-photo, model)) == pytest.approx(loss, abs=1e-8)
-
-
-@given(SEEDS, CHANNELS)
-def test_loss_is_symmetric_in_photo_and_model(seed, channels):
-    n, m = channels
-    _, photo, model = make_samples(seed, n, m)
-    forward = lighting_loss(make_moments(photo, model))
-    assert lighting_loss(make_moments(model, photo)) == pytest.approx(forward, abs=1e-9)
+    assert lighting_loss(make_moments(model, photo)) == pytest.approx(loss, abs=1e-9)
 
 
 @pytest.mark.parametrize("n", [1, 3])

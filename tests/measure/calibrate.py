@@ -88,9 +88,8 @@ def load_judged(
     """Trials with features of studies' tables; ``accuracies``, %: truths' errors by their sets."""
     trials, known = [], dict(accuracies or {})
     for row in (row for path in tables for row in load_rows(path, Trial) if row.evidence):
-        features = dict(part.split("=", 1) for part in row.evidence.split())
         limit = known.get(row.set, row.accuracy_percent) + BEYOND_TRUTH_PERCENT
-        weighed = tuple(compress_feature(name, float(features[name])) for name in NAMES)
+        weighed = tuple(compress_feature(name, row.evidence_by_name[name]) for name in NAMES)
         trials.append(JudgedTrial(row.case, row.set, row.error_percent_end < limit, weighed))
     sets = sorted({trial.set for trial in trials})
     if unknown := set(known) - set(sets):

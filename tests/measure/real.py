@@ -43,10 +43,10 @@ from poseviewer.starts.automatic import (
     StartQuery,
     best_start,
     outermost_points,
+    outline_box,
     propose,
 )
 from poseviewer.starts.loading import StartInputs
-from tests.meshes import box_of
 
 DATA = Path(os.environ.get("POSEVIEWER_DATA") or Path(__file__).parents[3] / "shared" / "data")
 START_DEG, START_PERCENT = 15.0, 15.0
@@ -133,7 +133,7 @@ def is_right(error: PoseError) -> bool:
 
 def careless_box(name: str, mesh: Mesh, truth: Pose) -> Rectangle:
     """Rectangle about the object as a careless person draws it, the same for a name, px."""
-    box = box_of(truth, outermost_points(mesh))
+    box = outline_box(truth, outermost_points(mesh))
     seed = int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "big")
     left, top, right, bottom = np.random.default_rng(seed).uniform(0.0, MARGIN, 4)
     wide = (

@@ -8,7 +8,7 @@ import pytest
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.attributes import PhotoAttributes
-from poseviewer.render.pool import CHUNK, RendererPool
+from poseviewer.render.pool import ITEMS_PER_CHUNK, RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from tests.meshes import make_bumpy
 
@@ -30,7 +30,7 @@ def make_photo() -> PhotoAttributes:
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])
-@pytest.mark.parametrize("count", [0, 1, CHUNK, 61])
+@pytest.mark.parametrize("count", [0, 1, ITEMS_PER_CHUNK, 61])
 def test_moments_are_those_of_one_renderer_in_order(threads, count):
     poses, photo = make_poses(count), make_photo()
     with RendererPool(RENDERER, threads) as pool:
@@ -79,7 +79,7 @@ def test_who_stops_asking_stops_the_work():
         results = pool.map(lambda _, item: done.append(item), range(10_000))
         next(results)
         results.close()  # pyright: ignore[reportAttributeAccessIssue] - it is a generator
-    assert len(done) <= 5 * CHUNK
+    assert len(done) <= 5 * ITEMS_PER_CHUNK
 
 
 def test_each_thread_begins_as_told():

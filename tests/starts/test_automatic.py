@@ -7,7 +7,7 @@ import pytest
 from poseviewer import api
 from poseviewer.cli import main as cli
 from poseviewer.errors import QuickStartError
-from poseviewer.evaluation.cases import load_cases
+from poseviewer.evaluation.cases import Case, load_cases
 from poseviewer.files.demo import demo_case
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
@@ -15,10 +15,9 @@ from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.starts.automatic import StartQuery, outermost_points, propose
+from poseviewer.starts.automatic import StartQuery, outermost_points, outline_box, propose
 from poseviewer.starts.loading import StartInputs
 from tests.measure.real import careless_box, is_right
-from tests.meshes import box_of
 from tests.scene import Scene
 
 SIZE = (160, 120)
@@ -28,6 +27,11 @@ def wanted(scene: Scene, box, **more) -> StartQuery:
     camera = load_pose(scene.truth, *SIZE).pose.camera
     inputs = StartInputs(load_photo(scene.photo), load_mesh(scene.model), None)
     return StartQuery(inputs, camera, box, **more)
+
+
+def inputs_of(case: Case) -> StartInputs:
+    model = load_model(case.mesh)
+    return StartInputs(load_photo(case.photo), model.mesh, model.keypoints)
 
 
 def box_about(scene: Scene) -> Rectangle:
@@ -45,7 +49,7 @@ def test_the_right_pose_is_among_five_that_differ(scene: Scene):
     first, *others = (one.probability for one in found)
     assert sum(others) < first <= 1.0 - sum(others)
     corners = outermost_points(asked.inputs.mesh)
-    box = box_of(truth, corners)
+    box = outline_box(truth, corners)
     for index, one in enumerate(found):
         for other in found[:index]:
             away = pose_error(asked.inputs.mesh, one.pose, other.pose)
@@ -56,23 +60,20 @@ def test_the_right_pose_is_among_five_that_differ(scene: Scene):
 def test_a_repainted_car_is_not_turned_round(shared_data: Path):
     """By the views alone all five are, on this photo."""
     (case,) = load_cases(shared_data, "bmw-6")
-    photo, model = load_photo(case.photo), load_model(case.mesh)
-    box = careless_box(case.name, model.mesh, case.truth)
-    found = propose(
-        StartQuery(StartInputs(photo, model.mesh, model.keypoints), case.truth.camera, box)
-    )
-    assert is_right(pose_error(model.mesh, found[0].pose, case.truth))
+    inputs = inputs_of(case)
+    box = careless_box(case.name, inputs.mesh, case.truth)
+    found = propose(StartQuery(inputs, case.truth.camera, box))
+    assert is_right(pose_error(inputs.mesh, found[0].pose, case.truth))
 
 
 @pytest.mark.slow
 def test_wheels_tell_a_focal_length_that_is_a_guess(shared_data: Path):
     """It is 1.9 times as long; by the guess the car is turned by 23 degrees."""
     (case,) = load_cases(shared_data, "bmw-1")
-    photo, model = load_photo(case.photo), load_model(case.mesh)
-    box = box_of(case.truth, model.mesh.vertices)
-    inputs = StartInputs(photo, model.mesh, model.keypoints)
-    found = propose(StartQuery(inputs, photo.default_camera(), box))
-    assert pose_error(model.mesh, found[0].pose, case.truth).rotation_deg < 12.0
+    inputs = inputs_of(case)
+    box = outline_box(case.truth, inputs.mesh.vertices)
+    found = propose(StartQuery(inputs, inputs.photo.default_camera(), box))
+    assert pose_error(inputs.mesh, found[0].pose, case.truth).rotation_deg < 12.0
 
 
 @pytest.mark.slow
@@ -94,13 +95,10 @@ def test_fit_and_library_go_on_from_the_best(scene: Scene, tmp_path: Path, capsy
 def test_printed_models_are_found_anywhere(shared_data: Path):
     """Two bottles, of which one is much nearer the light."""
     cases = load_cases(shared_data, "hope-0000-light0-bbq_sauce*")
-    case = cases[0]
-    photo = load_photo(cases[0].photo)
-    model = load_model(cases[0].mesh)
-    query = StartQuery(StartInputs(photo, model.mesh, None), case.truth.camera)
-    found = propose(query)
+    inputs = inputs_of(cases[0])
+    found = propose(StartQuery(inputs, cases[0].truth.camera))
     for case in cases:
-        errors = [pose_error(model.mesh, one.pose, case.truth) for one in found]
+        errors = [pose_error(inputs.mesh, one.pose, case.truth) for one in found]
         assert min(error.percent for error in errors) < 3.0
     assert all(one.probability > 0.9 for one in found)
 

@@ -6,9 +6,10 @@ from scipy.spatial.transform import Rotation
 
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.starts.automatic import outline_box
 from poseviewer.starts.views import ground_views, poses_filling, sample_rotations
 from tests.app.state.documents import make_keypoints
-from tests.meshes import box_of, make_box
+from tests.meshes import make_box
 
 CAR = make_box((4.0, 1.7, 1.3))
 BOX = Rectangle(20.0, 70.0, 60.0, 35.0)
@@ -20,7 +21,7 @@ def test_outlines_have_the_middle_and_the_size_of_the_rectangle(camera):
     fits = poses_filling(BOX, sample_rotations(60), CAR.vertices, CAR.centre, camera)
     assert len(fits.poses) == 60
     for pose, misshapen in zip(fits.poses, fits.aspect_errors, strict=True):
-        seen = box_of(pose, CAR.vertices)
+        seen = outline_box(pose, CAR.vertices)
         np.testing.assert_allclose(seen.centre, BOX.centre, atol=0.5)
         assert seen.width * seen.height == pytest.approx(BOX.width * BOX.height, rel=0.04)
         aspect = np.log(seen.width / seen.height) - np.log(BOX.width / BOX.height)

@@ -24,7 +24,7 @@ ADAPTER_KINDS = ("DiscreteGPU", "IntegratedGPU", "VirtualGPU", "Unknown", "CPU")
 """Kinds of adapters, the best first."""
 BACKENDS = ("Vulkan", "Metal", "DX12")
 """Backends with compute shaders; OpenGL lacks them on some machines."""
-ADVICE = 'use renderer="software", or "auto"'
+GPU_ADVICE = 'use renderer="software", or "auto"'
 """End of messages where the GPU cannot be used."""
 WORKGROUP_FACES = 64
 """Faces that a workgroup draws, as in ``moments.wgsl``."""
@@ -61,7 +61,7 @@ def find_adapter(software: bool) -> Any:
         from wgpu.backends.wgpu_native.extras import set_instance_extras
     except ImportError as error:
         raise RendererUnavailableError(
-            f"The package wgpu is not installed; pip install 'poseviewer[gpu]', or {ADVICE}."
+            f"The package wgpu is not installed; pip install 'poseviewer[gpu]', or {GPU_ADVICE}."
         ) from error
     with suppress(RuntimeError):  # the program that imports poseviewer may have set up wgpu
         # OpenGL is not initialised: a process has one context, which ``render.opengl`` needs.
@@ -71,13 +71,13 @@ def find_adapter(software: bool) -> Any:
     if not adapters:
         raise RendererUnavailableError(
             "No GPU here (Vulkan, Metal and Direct3D 12 tried); install the GPU's driver, or "
-            f"{ADVICE}."
+            f"{GPU_ADVICE}."
         )
     best = min(adapters, key=lambda adapter: ADAPTER_KINDS.index(adapter.info["adapter_type"]))
     if best.info["adapter_type"] == "CPU" and not software:
         raise RendererUnavailableError(
             f"The only adapter here, {best.info['device']}, is the processor itself, on which the "
-            f"software renderer is much faster; {ADVICE}."
+            f"software renderer is much faster; {GPU_ADVICE}."
         )
     return best
 
@@ -102,7 +102,7 @@ class Device:
             self._layout, self._pipelines = _compile_shader(self._device)
         except (wgpu.GPUError, wgpu.GPUPipelineError, RuntimeError) as error:
             raise RendererUnavailableError(
-                f"The GPU {self.name} cannot run the shader ({str(error)[:200]}); {ADVICE}."
+                f"The GPU {self.name} cannot run the shader ({str(error)[:200]}); {GPU_ADVICE}."
             ) from error
         self._lock = threading.Lock()
         self._work: dict[str, Any] = {}

@@ -11,7 +11,7 @@ from poseviewer.geometry.mesh import Mesh, hull_in_photo
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.overlay.window import Window, model_window
 
-TOLERANCE = 0.2
+LINE_TOLERANCE = 0.2
 """Distance, in samples, up to which a simplified line leaves out points: invisible."""
 SMOOTHING = 0.7
 """Standard deviation, in samples, of the blur that removes the stairs of the mask."""
@@ -53,7 +53,7 @@ def silhouette(covered: NDArray[np.bool_], window: Window) -> FloatArray:
         is_hole = cv2.contourArea(points, oriented=True) < 0.0
         if is_hole and np.ptp(points, axis=0).max(initial=0.0) < min_hole:
             continue
-        corners = cv2.approxPolyDP(points[:-1, None], TOLERANCE, closed=True)[:, 0]
+        corners = cv2.approxPolyDP(points[:-1, None], LINE_TOLERANCE, closed=True)[:, 0]
         pieces.append(np.stack([corners, np.roll(corners, -1, axis=0)], axis=1).astype(float))
     samples = np.concatenate(pieces) - 0.5  # the rim, and centres at i + 0.5
     return samples / window.samples + np.array([window.left, window.top])

@@ -39,11 +39,11 @@ CROWDED_FRACTION = 0.22
 """Fraction of that square covered by edges, from which on edges fade."""
 MIN_OPACITY = 0.5
 """Opacity below which crowded edges are left out as segments."""
-TOLERANCE = 0.6
+SEGMENT_TOLERANCE = 0.6
 """Distance between a segment and its edge, in samples, at most."""
 MAX_SAMPLES_PER_PX = 3
 """Samples along a photo pixel's side, at most: more are not visible."""
-MAX_SAMPLES = 4_000_000
+MAX_FACE_ID_SAMPLES = 4_000_000
 """Samples in the picture of face ids, at most: they take two seconds."""
 
 
@@ -77,7 +77,7 @@ class LineDrawing:
         pieces = [np.zeros((0, 2, 2))]
         # The contour of a line one sample wide runs along it, and back.
         for line in cv2.findContours(thin, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]:
-            corners = cv2.approxPolyDP(line, TOLERANCE, closed=True)[:, 0]
+            corners = cv2.approxPolyDP(line, SEGMENT_TOLERANCE, closed=True)[:, 0]
             pieces.append(np.stack([corners, np.roll(corners, -1, axis=0)], axis=1).astype(float))
         window = self.window
         return (np.concatenate(pieces) + 0.75) / window.samples + [window.left, window.top]
@@ -99,7 +99,7 @@ def find_lines(mesh: Mesh, renderer: Renderer, pose: Pose, scale: float) -> Line
         The lines; None if the model is not in sight.
     """
     finest = max(1, round(MAX_SAMPLES_PER_PX / scale))
-    window = model_window(mesh, pose, math.ceil(5.0 * scale), finest, MAX_SAMPLES)
+    window = model_window(mesh, pose, math.ceil(5.0 * scale), finest, MAX_FACE_ID_SAMPLES)
     if window is None:
         return None
     close = window.pose(pose)

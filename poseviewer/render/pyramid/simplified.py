@@ -18,7 +18,7 @@ MIN_TRIANGLES = 200
 """Triangles of a decimated model, at least: fewer lose its shape."""
 MAX_TRIANGLES_IN_PROCESS = 200_000
 """Triangles up to which decimation runs in this process, whose threads it stops for a second."""
-MAX_SAMPLES = 300_000
+MAX_SURFACE_SAMPLES = 300_000
 """Samples on the original surface, at most, beside one for each of its faces."""
 NEIGHBOURS = 24
 """Nearest samples from which a vertex takes its attributes: within reach there are fewer."""
@@ -109,7 +109,7 @@ def _with_area(vertices: FloatArray, triangles: NDArray) -> NDArray[np.int32]:
 def _sample_surface(mesh: Mesh, new_area: float) -> SurfaceSamples:
     """Samples of a mesh whose new faces have the mean area ``new_area``."""
     flat, areas = face_normals_and_areas(mesh.vertices, mesh.faces)
-    count = min(max(2 * len(mesh.faces), 20_000), MAX_SAMPLES)
+    count = min(max(2 * len(mesh.faces), 20_000), MAX_SURFACE_SAMPLES)
     each = np.maximum(np.ceil(areas * (count / areas.sum())), 1.0).astype(np.int64)
     faces = np.repeat(np.arange(len(each)), each)
     step = np.arange(len(faces)) - np.repeat(np.cumsum(each) - each, each)

@@ -67,10 +67,7 @@ def sources_hash() -> str:
 
 
 class _Locator(_CacheLocator):
-    """Cache of a kernel's machine code by the sources of all kernels, as they call each other.
-
-    numba's own locators go by the place of the kernel's file, and by its content alone.
-    """
+    """Cache of machine code by the sources of all kernels, which call each other; not by one's."""
 
     def __init__(self, function: Any) -> None:
         self._line = function.__code__.co_firstlineno

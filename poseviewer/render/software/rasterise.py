@@ -125,7 +125,7 @@ def rasterise(drawn, surface, camera, width, workspace, picture):
         surface: (vertices (3, V) float32, faces (F, 3) int32, normals (F + 1, 9) float32 at their
             corners).
         camera: (CAMERA,) float64: camera_from_model, intrinsics and near plane.
-        width: of the picture; its arrays have whole BLOCKs of columns.
+        width: width of the picture; its arrays have whole BLOCKs of columns.
         workspace: (screen (2, V) int32, depths (V,) float32, large (F,) int32, planes (F + 1,
             PLANE) float32, shading), with shading = (kinds (F,) uint8, attributes of corners (F +
             1, VARYING) float32, texel areas (F,) float64, count of texture levels, varyings (F + 1,
@@ -291,11 +291,9 @@ def _find_boxes(size, width, height, corners, boxes):
 
 @_jit
 def _set_up(size, corners, boxes, values):
-    """Set each face's STATE, first COLUMN and depth ``values`` there, on the first row of its box.
-
-    A face two pixels wide and high at most is drawn only if it holds the centre of one of the four.
-    No branches and 32 bits alone, here and below, so that it is done in vectors.
-    """
+    """Set each face's STATE, first COLUMN and depth there, on the first row of its box."""
+    # A face two pixels wide and high at most is drawn only if it holds the centre of one of them.
+    # No branches and 32 bits alone, here and below, so that it is done in vectors.
     x0, y0 = corners[0, :size], corners[3, :size]
     x1, y1 = corners[1, :size], corners[4, :size]
     x2, y2 = corners[2, :size], corners[5, :size]
@@ -379,10 +377,7 @@ def _list_drawn(size, boxes):
 
 @_jit
 def _cut(large, shape, vertices, camera, planes, shading):
-    """Cut ``large`` faces into triangles; sets their plane equations and varyings.
-
-    Returns their faces (T,), corners (T, 3, 2) in 1/256 px, and depth values there (T, 3).
-    """
+    """Cut ``large`` faces to faces (T,), corners (T, 3, 2) in 1/256 px, depths there (T, 3)."""
     faces, screen, depths, normals = shape
     kinds, attributes, texel_areas, count_of_levels, varyings, levels = shading
     size = MAX_PIECES * large.shape[0]
@@ -437,10 +432,8 @@ def _set_homogeneous(vertices, vertex, camera, out):
 
 @_jit
 def _set_plane(face, polygon, corners, planes):
-    """Set a face's plane equations from homogeneous corners, which hold behind the camera too.
-
-    Olano and Greer, *Triangle scan conversion using 2D homogeneous coordinates*, 1997.
-    """
+    """Set a face's plane equations from homogeneous corners, which hold behind the camera too."""
+    # Olano and Greer, Triangle scan conversion using 2D homogeneous coordinates, 1997.
     weights, largest = np.empty((3, 3)), 1e-300
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3

@@ -91,7 +91,7 @@ def span(ids, row, left, right):
 
     Args:
         ids: (height, width) int32 of the picture.
-        row: of the picture.
+        row: row of the picture.
         left: first column of the box.
         right: end of the box.
     """
@@ -142,7 +142,7 @@ def fill_row(row, first, faces, of_faces, textures, workspace, at):
     """Write normals (of any length, in the model's frame) and reflectance of a row's pixels.
 
     Args:
-        row: of the picture.
+        row: row of the picture.
         first: column of the first pixel.
         faces: (n,) int32, of the pixels.
         of_faces: see the module.

@@ -72,11 +72,9 @@ def moments(box, ids, of_faces, textures, photo, photo_origin, model, region, ro
 
 @_jit
 def _accumulate(box, ids, of_faces, textures, photo, origin, model, first, second):
-    """Add up ``w``, ``w x`` and the lower half of ``w x x^T``; returns pixels and their weight.
-
-    x = (F, M) - ``origin`` (n + m,), which is given for F and set for M; products of F with F are
-    left out where P is not the model's.
-    """
+    """Add up ``w``, ``w x`` and the lower half of ``w x x^T``; returns pixels and their weight."""
+    # x = (F, M) - ``origin`` (n + m,), which is given for F and set for M; products of F with F are
+    # left out where P is not the model's.
     planar, weights = photo
     n, weighted = planar.shape[0], np.empty(ids.shape[1])
     of_row = normals, run, _ = make_row(ids.shape[1], n + 6)
@@ -149,10 +147,7 @@ def _fill_products(size, normals, run, at_model):
 
 @_jit_sums
 def _centre(size, weight, n, run, origin):
-    """Take model attributes about their means over the first row, whose ``weight`` is above 0.
-
-    Sums about these keep their digits.
-    """
+    """Take model attributes about the first row's means, so that sums of them keep their digits."""
     used = run[0, :size]
     for j in range(n, n + 4):
         row, total = run[1 + j, :size], np.float32(0.0)
@@ -216,10 +211,7 @@ def _from_sums(n, weight, first, second, origin, rotation):
 
 @_jit
 def _add_surroundings(n, weight, first, second, origin, region_first, region_second):
-    """Extend sums over the model's pixels to the region around it, where M is 0 and the origin too.
-
-    F alone adds ``region_first`` (n,) and ``region_second`` (n, n).
-    """
+    """Extend sums over the model's pixels to the region around, where M is 0 and the origin too."""
     size = first.shape[0]
     for i in range(n, size):
         for j in range(i + 1):

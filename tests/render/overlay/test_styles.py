@@ -18,6 +18,8 @@ from poseviewer.render.software.software_renderer import SoftwareRenderer
 from tests.meshes import make_box, make_mesh, make_sphere, merged
 
 SIZE = 240
+CUBE = make_box((2.0, 2.0, 2.0))
+CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 
 
 def make_view(mesh, pose, relight=None, level=90) -> ModelInPhoto:
@@ -37,10 +39,9 @@ def cyan(picture) -> np.ndarray:
 
 
 def test_of_a_cube_nine_edges_are_drawn_and_three_are_hidden():
-    mesh, pose = make_box((2.0, 2.0, 2.0)), cube_pose()
-    drawn = cyan(draw_style("edges", make_view(mesh, pose)))
-    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-    edges = [(a, b) for a, b in itertools.combinations(corners, 2) if np.abs(a - b).sum() == 2]
+    pose = cube_pose()
+    drawn = cyan(draw_style("edges", make_view(CUBE, pose)))
+    edges = [(a, b) for a, b in itertools.combinations(CORNERS, 2) if np.abs(a - b).sum() == 2]
     strengths = []
     for a, b in edges:
         # Away from the ends, where other edges begin; the widest of the neighbours catches
@@ -56,12 +57,11 @@ def test_of_a_cube_nine_edges_are_drawn_and_three_are_hidden():
 
 
 def test_segments_of_a_cubes_edges_run_along_them_and_back():
-    mesh, pose = make_box((2.0, 2.0, 2.0)), cube_pose()
-    lines = find_lines(mesh, SoftwareRenderer(mesh), pose, 1.0)
+    pose = cube_pose()
+    lines = find_lines(CUBE, SoftwareRenderer(CUBE), pose, 1.0)
     assert lines is not None
     segments = lines.edge_segments()
-    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-    near = corners[np.argmin(pose.camera_from_model.apply(corners)[:, 2])]
+    near = CORNERS[np.argmin(pose.camera_from_model.apply(CORNERS)[:, 2])]
     ends = pose.project(near - 2.0 * np.diag(near))  # of the three edges that meet there
     begin = pose.project(near)
     along = (ends - begin) / np.linalg.norm(ends - begin, axis=1, keepdims=True)
@@ -125,7 +125,7 @@ def test_relit_shows_the_relit_model_and_the_photo_beside_it():
     def relight(image: AttributeImage):
         return image.reflectance @ GREY_WEIGHTS[:, None] * 5.0
 
-    view = make_view(make_box((2.0, 2.0, 2.0)), cube_pose(), relight)
+    view = make_view(CUBE, cube_pose(), relight)
     mask = view.renderer.render(view.pose).mask
     picture = draw_style("relit", view)
     assert np.all(picture[mask] == 255)
@@ -134,9 +134,7 @@ def test_relit_shows_the_relit_model_and_the_photo_beside_it():
 
 @pytest.mark.parametrize("look", RENDER_STYLES)
 def test_photo_is_untouched_away_from_the_model(look):
-    view = make_view(
-        make_box((2.0, 2.0, 2.0)), cube_pose(), lambda image: np.zeros((*image.mask.shape, 3))
-    )
+    view = make_view(CUBE, cube_pose(), lambda image: np.zeros((*image.mask.shape, 3)))
     before = view.photo.copy()
     picture = draw_style(look, view)
     assert picture.shape == view.photo.shape
@@ -149,7 +147,7 @@ def test_photo_is_untouched_away_from_the_model(look):
 def test_the_photo_s_border_is_not_an_outline():
     camera = Perspective(300, 300, 0, SIZE / 2, SIZE, SIZE)
     pose = Pose(camera, RigidTransform.from_rotation_vector([0, 0, 0], [0, 0, 5]))
-    drawn = cyan(draw_style("outline", make_view(make_box((2.0, 2.0, 2.0)), pose)))
+    drawn = cyan(draw_style("outline", make_view(CUBE, pose)))
     top, bottom = pose.project([[0.0, -1.0, -1.0], [0.0, 1.0, -1.0]])[:, 1].round().astype(int)
     assert drawn[top + 5 : bottom - 5, :4].max() == 0.0
     assert drawn[top - 2 : top + 2, 0].max() > 0.5
@@ -164,8 +162,6 @@ def test_the_photo_s_border_is_not_an_outline():
 def test_any_pose_and_any_small_photo_can_be_drawn(position, size):
     camera = Perspective.from_field_of_view(50.0, size[0], size[1])
     pose = Pose(camera, RigidTransform.from_rotation_vector([0.3, 0.4, 0.0], position))
-    view = make_view(
-        make_box((2.0, 2.0, 2.0)), pose, lambda image: np.zeros((*image.mask.shape, 1))
-    )
+    view = make_view(CUBE, pose, lambda image: np.zeros((*image.mask.shape, 1)))
     for look in RENDER_STYLES:
         assert draw_style(look, view).shape == (size[1], size[0], 3)
