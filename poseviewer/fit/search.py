@@ -5,7 +5,8 @@ point move far. It continues without the pixels on which something else stands i
 (``fit.occlusion``), and ends with a verdict on its pose. A pose that is not trusted is searched
 on: from where it is, and at last turned about a principal axis of the model. The verdict decides
 whether the new pose is accepted. The model's proportions are checked on a pose that is found
-(``fit.proportions``). A start that is an estimate is restored where the end is not sure to be better.
+(``fit.proportions``). A start that is an estimate is restored where the end is not sure to be
+better.
 
 Objects occlude one another by all their poses, so their searches take turns. The most visible
 object goes first, and each is compared on the pixels that trusted objects do not occlude. An object

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from html import escape
 
-from poseviewer.app.page.controls import Controls, kept
+from poseviewer.app.page.controls import Controls, memoize
 from poseviewer.app.page.result import with_deviation
 from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import label_of
@@ -32,7 +32,7 @@ def _measure(session: Session) -> tuple[MeasuredPoint, ...]:
     return tuple(filter(None, (measure_point(scene, pixel, view) for pixel in pixels)))
 
 
-measured_points = kept(lambda s: (s.document, s.measured, s.tool, s.is_moving), _measure)
+measured_points = memoize(lambda s: (s.document, s.measured, s.tool, s.is_moving), _measure)
 """Points at the measured pixels, where a model is seen; none while one moves."""
 
 
@@ -88,7 +88,7 @@ def add_relative(controls: Controls) -> None:
         ),
         visible=lambda s: bool(other_frames(s)),
     )
-    controls.html(kept(lambda s: (s.document, s.display), relative_html))
+    controls.html(memoize(lambda s: (s.document, s.display), relative_html))
 
 
 def other_frames(session: Session) -> dict[str, int]:
