@@ -21,7 +21,7 @@ from msgspec import Meta, Struct, defstruct, structs
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import PoseFileError, printable
 from poseviewer.files import structs as s
-from poseviewer.files.checks import InputFile, is_there, kind_of
+from poseviewer.files.checks import InputFile, is_there
 from poseviewer.files.masks import INLINE, load_mask, mask_text
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.pose import PoseRecord
@@ -277,9 +277,7 @@ def load_scene(path: str | Path, inside: Path | None = None) -> Scene:
 
     with file.naming_errors():
         data = file.load_object()
-        if data.get("format") != s.SCENE:
-            raise file.error(f"format is {kind_of(data.get('format'))}", f"wanted {s.SCENE!r}")
-        file.require_format(data, s.SCENE, VERSION)
+        file.require_format({"format": None, **data}, s.SCENE, VERSION)
         form: Any = file.decode(data, SceneJson, raw=("file", "mask"))
         require_whole(file, form)
         scene: Scene = form_of(Scene).decode(_with_files(form, find))

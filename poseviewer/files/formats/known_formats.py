@@ -20,13 +20,11 @@ from poseviewer.scene.types import Scene
 
 def write_own(scene: Scene, out: Path, *_: object) -> dict[Path, bytes]:
     """Write a pose file of our own, and its mask beside it."""
-    mask = scene.views[0].mask
-    record = pose_json(scene)
-    contents = {}
-    if mask is not None:
-        contents[mask_path(out)] = mask_as_png(mask)
-        record = structs.replace(record, mask=mask_path(out).name)
-    return {**contents, out: pose_bytes(out, record)}
+    mask, record = scene.views[0].mask, pose_json(scene)
+    if mask is None:
+        return {out: pose_bytes(out, record)}
+    record = structs.replace(record, mask=mask_path(out).name)
+    return {mask_path(out): mask_as_png(mask), out: pose_bytes(out, record)}
 
 
 def read_own(path: Path, request: ConvertOptions) -> Scene:

@@ -79,15 +79,22 @@ class SessionFile:
 
 def load_autosave(path: Path) -> AutosavedSession:
     """Load a session, every number to its last digit; raises AutosaveError if it is damaged."""
-    file = InputFile(path, largest=MAX_DATA_BYTES)
+    file, of_session = InputFile(path, largest=MAX_DATA_BYTES), s.form_of(AutosavedSession)
     try:
         with file.naming_errors():
-            return _from_json(file, file.load_object())
+            data = file.load_object()
+            file.require_format(data, FORMAT, VERSION)
+            form: Any = file.decode(data, of_session.kind, raw=("file", "mask"))
+            s.require_whole(file, form.scene)
+            session: AutosavedSession = of_session.decode(form)
+            session.scene.index(session.active_object)
+            if not 0 <= session.active_view < len(session.scene.views):
+                raise file.error(f"active_view is {session.active_view}", "wanted one of the views")
+            return session
     except PoseViewerError as error:
-        found = str(error).removeprefix(f"{path.name}: ").rstrip(".")
-        raise AutosaveError(
-            f"{path.name}: the autosaved session cannot be used ({found}); it is left out."
-        ) from error
+        reason = str(error).removeprefix(f"{path.name}: ").rstrip(".")
+        found = f"the autosaved session cannot be used ({reason})"
+        raise AutosaveError(f"{path.name}: {found}; it is left out.") from error
 
 
 def find_abandoned(folder: Path) -> tuple[Path, AutosavedSession] | None:
@@ -134,14 +141,3 @@ def discard(path: Path) -> None:
 
 def _lock_path(path: Path) -> Path:
     return path.with_suffix(".lock")
-
-
-def _from_json(file: InputFile, data: dict[str, Any]) -> AutosavedSession:
-    file.require_format(data, FORMAT, VERSION)
-    form: Any = file.decode(data, s.form_of(AutosavedSession).kind, raw=("file", "mask"))
-    s.require_whole(file, form.scene)
-    session: AutosavedSession = s.form_of(AutosavedSession).decode(form)
-    session.scene.index(session.active_object)
-    if not 0 <= session.active_view < len(session.scene.views):
-        raise file.error(f"active_view is {session.active_view}", "wanted one of the views")
-    return session
