@@ -219,7 +219,7 @@ def open_scene(scene: str | Path | Scene, settings: FitSettings | None = None) -
             not such an object or part; the models are in different units.
     """
     scene = scene if isinstance(scene, Scene) else load_scene(scene)
-    if settings is not None and settings.frees_camera:
+    if settings is not None and settings.has_free_camera:
         raise SettingsError(
             "a free focal length or principal point with a scene, whose objects share one camera; "
             "leave it out, and find it with one of them alone."
