@@ -100,7 +100,7 @@ class FitSettings:
                 object.__setattr__(self, name, value)
 
     @property
-    def frees_camera(self) -> bool:
+    def has_free_camera(self) -> bool:
         """Whether the camera is searched for, too."""
         return self.free_focal or self.free_principal_point
 

@@ -65,7 +65,7 @@ class AutoStart:
     def __call__(self, inputs: StartInputs) -> Start:
         """Find starts of the instances, the likeliest first; raises ``PoseViewerError``: none."""
         settings = inputs.settings
-        if self.instances > 1 and settings.frees_camera:
+        if self.instances > 1 and settings.has_free_camera:
             raise SettingsError(
                 f"instances={self.instances} with a free focal length or principal point, and one "
                 "camera shows all of them; leave one of the two out."

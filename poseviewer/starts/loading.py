@@ -200,7 +200,7 @@ def open_scene_files(scene: str | Path | Scene, settings: FitSettings | None = N
             not such an object or part; the models are in different units.
     """
     scene = scene if isinstance(scene, Scene) else load_scene(scene)
-    if settings is not None and settings.frees_camera:
+    if settings is not None and settings.has_free_camera:
         found = "a free focal length or principal point with objects that share one camera"
         raise SettingsError(f"{found}; leave it out, and find it with one of them alone.")
     if not scene.objects:

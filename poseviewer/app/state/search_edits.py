@@ -60,7 +60,7 @@ def search_all(session: Session) -> Session:
     free = {i: item for i, item in objects if stands(item) and not item.locked}
     if not free:
         raise SettingsError("all objects are locked, hidden or not placed: nothing to search")
-    if len(free) > 1 and any(item.settings.frees_camera for item in free.values()):
+    if len(free) > 1 and any(item.settings.has_free_camera for item in free.values()):
         raise SettingsError(
             "focal length and principal point are one for all objects: find them with one of the "
             "objects alone, then search all without them"
