@@ -2,12 +2,14 @@
 
 import hashlib
 import json
+import os
 import re
 import shutil
 import tempfile
 import time
 import zipfile
 from collections.abc import Iterable, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from io import BytesIO
 from itertools import accumulate, count
@@ -30,6 +32,11 @@ from poseviewer.scene.types import Scene
 MAX_UPLOAD_BYTES = 200_000_000
 """Bytes: viser holds an upload in memory."""
 MAX_UNPACKED_BYTES = 1_000_000_000
+MAX_DIRECTORY_BYTES = 4_000_000
+"""Bytes of a zip's directory: twice ``MAX_FILES`` entries with names of 150 bytes have fewer."""
+MAX_END_BYTES = 65_535 + 22 + 20 + 56
+"""Bytes at the end of a zip that say where its directory is, with the longest comment."""
+UNPACK = "unpack it yourself and start poseviewer with the path of what is needed"
 MIN_UPLOADS = 20
 """Number of the newest uploads that stay at any age."""
 OLD_S = 3600.0
@@ -172,13 +179,14 @@ def _unpack(data: bytes) -> list[tuple[str, memoryview]]:
 
 def _unzip(packed: Path | BytesIO, name: str, place: Path, room: int) -> int:
     file = InputFile(Path(name), error_type=FileSetError, kind="zip")
+    with file.naming_errors():
+        _check_directory(file, packed)
     with file.naming_errors(), zipfile.ZipFile(packed) as archive:
         entries = [entry for entry in archive.infolist() if _is_wanted(entry)]
         size = sum(entry.file_size for entry in entries)
         if size > room or len(entries) > MAX_FILES:
             found = f"unpacks to more than {MAX_UNPACKED_BYTES:,} bytes or {MAX_FILES:,} files"
-            wanted = "unpack it yourself and start poseviewer with the path of what is needed"
-            raise file.error(found, wanted)
+            raise file.error(found, UNPACK)
         for entry in entries:
             path = place / safe_path(entry.filename)
             with archive.open(entry) as source, writing_to(place, name, FileSetError):
@@ -186,6 +194,20 @@ def _unzip(packed: Path | BytesIO, name: str, place: Path, room: int) -> int:
                 with path.open("wb") as target:
                     shutil.copyfileobj(source, target)
     return size
+
+
+def _check_directory(file: InputFile, packed: Path | BytesIO) -> None:
+    """Raise where a zip's directory is very large: it is read before the first entry is seen."""
+    with packed.open("rb") if isinstance(packed, Path) else nullcontext(packed) as source:
+        source.seek(max(0, source.seek(0, os.SEEK_END) - MAX_END_BYTES))
+        end = source.read()
+    sizes = [0]
+    for start, place, length in ((b"PK\5\6", 12, 4), (b"PK\6\6", 40, 8)):
+        if (at := end.rfind(start)) >= 0:
+            sizes.append(int.from_bytes(end[at + place : at + place + length], "little"))
+    largest = max(size for size in sizes if size != 0xFFFFFFFF)  # then the other one says it
+    if largest > MAX_DIRECTORY_BYTES:
+        raise file.error(f"a directory of {largest:,} bytes", UNPACK)
 
 
 def _is_wanted(entry: zipfile.ZipInfo) -> bool:

@@ -2,6 +2,7 @@
 
 import os
 import stat
+import struct
 import zipfile
 from collections.abc import Mapping
 from dataclasses import replace
@@ -187,3 +188,18 @@ def test_a_folder_that_cannot_be_made_gives_a_sentence(tmp_path: Path) -> None:
     (tmp_path / "uploads").write_text("a file is in the way")
     with pytest.raises(FileSetError, match=r"^a\.json: cannot be written to .*yours to write to"):
         keep(tmp_path / "uploads", {"a.json": b"{}"})
+
+
+@pytest.mark.parametrize("is_large", [False, True])
+def test_a_zip_of_a_huge_directory_is_refused_before_it_is_read(tmp_path, is_large):
+    count = 100_000
+    entry = struct.pack("<I6H3I5H2I", 0x02014B50, *[0] * 9, 9, *[0] * 6) + b"__MACOSX/"
+    size, end = len(entry) * count, b""
+    if is_large:
+        end = struct.pack("<IQHHIIQQQQ", 0x06064B50, 44, 45, 45, 0, 0, count, count, size, 0)
+        end += struct.pack("<IIQI", 0x07064B50, 0, size, 1)
+    shown = (0xFFFF, 0xFFFF, 0xFFFFFFFF) if is_large else (0, 0, size)
+    end += struct.pack("<IHHHHIIH", 0x06054B50, 0, 0, *shown, 0, 0)
+    (tmp_path / "a.zip").write_bytes(entry * count + end)
+    with pytest.raises(FileSetError, match=r"a\.zip: a directory of 5,500,000 bytes"):
+        keep_zip(tmp_path / "uploads", tmp_path / "a.zip")
