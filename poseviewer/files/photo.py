@@ -1,6 +1,7 @@
 """Photos from files, undistorted where the camera is calibrated; pictures into files."""
 
 import hashlib
+import re
 from contextlib import suppress
 from dataclasses import replace
 from io import BytesIO
@@ -36,6 +37,10 @@ REDUCED = 1
 MAX_MEGAPIXELS = 100.0
 ROWS = 256
 """Rows of pixels that are turned from BGR to RGB at a time."""
+MAX_SCANS = 100
+"""Progressive JPEGs have some ten."""
+MARKER = re.compile(rb"\xff([^\x00\x01\xd0-\xd7\xff])", re.DOTALL)
+"""A JPEG's marker before a segment with its length, or its end (ITU-T T.81, B.1.1.3)."""
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 """Brands in the file type box (ISO/IEC 23008-12): HEVC pictures, and pictures of any codec."""
 OF_CAMERAS = {Tag.Make, Tag.ExposureTime, Tag.FocalLength}
@@ -99,6 +104,8 @@ def _photo_input(path: str | Path) -> InputFile:
 
 def _decode(file: InputFile, data: bytes) -> tuple[NDArray, float | None, bool]:
     """Pixels (h, w, 1 or 3), 35-mm focal length, and whether there was transparency."""
+    if (scans := _scans(data)) > MAX_SCANS:
+        raise file.error(f"a JPEG of {scans:,} scans or more", "save it again")
     raw = file.error("a raw photo", "develop it to JPEG, PNG or TIFF first")
     if file.path.suffix.lower() in RAW_ENDINGS:
         raise raw
@@ -140,6 +147,17 @@ def _decode(file: InputFile, data: bytes) -> tuple[NDArray, float | None, bool]:
     for top in range(0, len(picture), ROWS):  # in place: the whole is up to 0.6 GB
         picture[top : top + ROWS] = picture[top : top + ROWS, :, ::-1]
     return picture, focal, is_transparent
+
+
+def _scans(data: bytes) -> int:
+    """Number of a JPEG's scans, each of which is decoded over the whole picture; 0 for others."""
+    at, count = 2, 0
+    while data.startswith(b"\xff\xd8") and (marker := MARKER.search(data, at)):
+        count += marker[1] == b"\xda"
+        if marker[1] == b"\xd9" or count > MAX_SCANS:
+            break
+        at = marker.end() + int.from_bytes(data[marker.end() : marker.end() + 2], "big")
+    return count
 
 
 def _refuse_size(file: InputFile, width: int, height: int) -> None:

@@ -222,6 +222,21 @@ def test_16_bits_in_planes_are_refused(tmp_path: Path) -> None:
         load_photo(path)
 
 
+def test_a_jpeg_of_very_many_scans_is_refused_at_once(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8)
+    path = tmp_path / "scans.jpg"
+    # An embedded preview holds markers of its own, in a segment that is passed over.
+    Image.fromarray(noise).save(path, progressive=True, comment=b"\xff\xda" * 200)
+    whole = path.read_bytes()
+    assert load_photo(path).width == 64
+    at = whole.rindex(b"\xff\xda")
+    path.write_bytes(whole[:-2] + whole[at : at + 20] * 3000 + b"\xff\xd9")
+    with pytest.raises(PhotoFileError, match="a JPEG of 101 scans or more"):
+        load_photo(path)
+    path.write_bytes(whole + b"\xff\xda" * 3000)  # behind its end cameras put films
+    assert load_photo(path).width == 64
+
+
 def test_libraries_print_nothing_about_a_damaged_photo(tmp_path: Path, capfd) -> None:
     path = tmp_path / "a.jpg"
     Image.fromarray(np.random.default_rng(0).integers(0, 255, (60, 80, 3), np.uint8)).save(path)
