@@ -24,6 +24,8 @@ KINDS = ("v", "vt", "vn", "f", "mtllib", "#MRGB")
 """Words of lines that are read; ``#MRGB`` is ZBrush's: mask, red, green and blue of vertices."""
 IDLE = ("", "s", "mg", "lod", "bevel", "c_interp", "d_interp", "usemap", "maplib", "shadow_obj")
 """Words that say nothing of shape and colour."""
+MAX_LIBRARIES = 1000
+"""Material files of a model: each that is missing is sought in several folders."""
 OPTIONS = re.compile(r"(-\S* ((-?(\d+\.?\d*|\.\d+)|on|off)? )*)*")
 """Options before a picture's name, which may hold spaces: ``-s 1 1 1`` or ``-clamp on``."""
 NOT_NEUTRAL = re.compile(r" -?(?![01](\.0*)? )[\d.]+ ")
@@ -171,7 +173,9 @@ def _as_part(
 def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[str, Material]:
     """Read the materials in MTL files; a texture replaces Kd, as in Blender."""
     materials: dict[str, Material] = {}
-    for library in dict.fromkeys(libraries):
+    if len(libraries) > MAX_LIBRARIES:
+        notes.append(f"Material files left out: all but {MAX_LIBRARIES} of {len(libraries):,}.")
+    for library in list(dict.fromkeys(libraries))[:MAX_LIBRARIES]:
         mtl = find_named(path.parent, library)
         if mtl is None or not mtl.stat().st_size:
             why = "is not there" if mtl is None else "is empty"

@@ -89,6 +89,15 @@ def test_a_damaged_picture_in_a_glb_is_noted(tmp_path: Path, damage: str) -> Non
     assert [note[:17] for note in mesh.notes] == (["Texture left out:"] if damage else [])
 
 
+def test_very_many_material_files_are_not_all_sought(tmp_path: Path) -> None:
+    path = write_obj(tmp_path, PICTURE)
+    many = "".join(f"mtllib {number}.mtl\n" for number in range(20_000))
+    path.write_text(many + path.read_text())
+    notes = load_mesh(path).notes
+    assert "Material files left out: all but 1000 of 20,001." in notes
+    assert len(notes) < 1010
+
+
 def test_missing_materials_are_noted(folder: Path) -> None:
     path = write_obj(folder, PICTURE)
     (folder / "quad.mtl").write_text("newmtl other\nKd 1 0 0\n")
