@@ -179,7 +179,11 @@ class PosedScene:
     )
 
     def __getitem__(self, object_id: str) -> Self:
-        """Give the part about one object; raises ``SettingsError``: there is none of that id."""
+        """Give the part about one object.
+
+        Raises:
+            SettingsError: there is none of that id.
+        """
         return replace(self, object_index=self.scene.index(object_id))
 
     @property
@@ -201,7 +205,11 @@ class PosedScene:
 
     @property
     def object(self) -> SceneObject:
-        """The object that it is about; raises ``SettingsError``: there are several."""
+        """The object that it is about.
+
+        Raises:
+            SettingsError: there are several.
+        """
         return self.objects[self._index]
 
     @property

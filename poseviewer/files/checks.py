@@ -115,7 +115,11 @@ class InputFile:
             keep(self.path)
 
     def open(self) -> IO[bytes]:
-        """Open the file once its size is checked; raises OSError as well."""
+        """Open the file once its size is checked.
+
+        Raises:
+            PoseViewerError, OSError: the file cannot be read, or is too large.
+        """
         self.check_size()
         return self.path.open("rb")
 

@@ -34,7 +34,11 @@ def load_keypoints(mesh_path: str | Path, mesh: Mesh) -> VehicleKeypoints | None
 
 
 def save_keypoints(mesh_path: str | Path, keypoints: VehicleKeypoints, unit: str | None) -> None:
-    """Write key points beside a model, for ``load_keypoints``; raises MeshFileError."""
+    """Write key points beside a model, for ``load_keypoints``.
+
+    Raises:
+        MeshFileError: the file cannot be written.
+    """
     data: dict[str, Any] = {"format": FORMAT, "version": 1} | ({"unit": unit} if unit else {})
     for key in ("left", "right"):
         side = getattr(keypoints, key)

@@ -213,7 +213,11 @@ def load_calibrated_photo(path: str | Path, calibration: Calibration | None = No
 
 
 def undistort_photo(photo: Photo, undistortion: Undistortion) -> Photo:
-    """The undistorted photo of one as taken; raises where it is too large or shows nothing."""
+    """Undistort a photo as taken.
+
+    Raises:
+        PhotoFileError: the result is too large or shows nothing.
+    """
     if max(photo.width, photo.height) > MAX_SIDE_PX:
         wanted = f"undistorted up to {MAX_SIDE_PX} px a side, make it smaller first"
         raise PhotoFileError(f"{photo.name}: {photo.width}x{photo.height} px; {wanted}.")

@@ -129,6 +129,10 @@ def save_pose(path: str | Path, record: PoseRecord) -> None:
 
 
 def pose_bytes(path: Path, record: PoseRecord) -> bytes:
-    """Return the content of a pose file; raises PoseFileError where a number is not finite."""
+    """Return the content of a pose file.
+
+    Raises:
+        PoseFileError: a number is not finite.
+    """
     data = structs.replace(record, warnings=())
     return json_bytes(path, data, PoseFileError, format=FORMAT, version=record.version)

@@ -356,7 +356,11 @@ def save_scene(path: str | Path, scene: Scene) -> None:
 
 
 def scene_contents(path: Path, scene: Scene) -> dict[Path, bytes]:
-    """The files that ``save_scene`` writes; raises as that does."""
+    """Return the files that ``save_scene`` writes.
+
+    Raises:
+        PoseFileError: what ``save_scene`` refuses.
+    """
     file = InputFile(path, kind=KIND)
     contents = dict[Path, bytes]()
     form = form_of(Scene).encode(scene)

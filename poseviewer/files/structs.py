@@ -87,7 +87,11 @@ class CameraNumbers(Struct, frozen=True, omit_defaults=True, kw_only=True):
         return cls(**{name: float(getattr(shifted, name)) for name in (*names, "cx", "cy")})
 
     def camera(self, projection: Projection, size: tuple[int, int], where: str = "camera") -> Any:
-        """Return the camera, pixel centres at i + 0.5; raises ValueError if a number is missing."""
+        """Return the camera, pixel centres at i + 0.5.
+
+        Raises:
+            ValueError: a number is missing.
+        """
         numbers = {name: getattr(self, name) for name in (*NEEDED[projection], "cx", "cy")}
         if missing := [name for name, number in numbers.items() if number is None]:
             raise ValueError(f".{where}.{missing[0]} is missing; wanted a number above 0")
@@ -221,7 +225,11 @@ class Uncertainty(Struct, frozen=True, kw_only=True):
 
 
 def check_camera(file: InputFile, camera: AnyCamera) -> AnyCamera:
-    """The camera, whose numbers a picture can hold; raises the file's error where it cannot."""
+    """Return the camera, whose numbers a picture can hold.
+
+    Raises:
+        PoseViewerError: a picture cannot hold them; the file's kind of error.
+    """
     file.decode(msgspec.to_builtins(CameraNumbers.of(camera)), CameraNumbers, "camera")
     return camera
 

@@ -31,7 +31,11 @@ def load_rows(path: Path, row_type: type[Row]) -> list[Row]:
 
 
 def append_row(path: Path, row: Any) -> None:
-    """Add a dataclass as a row to a table that ``load_rows`` has read; raises ``OSError``."""
+    """Add a dataclass as a row to a table that ``load_rows`` has read.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
     values = asdict(row)
     with TextIOWrapper(open_to_append(path), encoding="utf-8", newline="") as file:
         table = csv.DictWriter(file, values, lineterminator="\n")

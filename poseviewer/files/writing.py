@@ -135,7 +135,11 @@ def json_bytes(
 
 
 def open_to_append(path: Path) -> IO[bytes]:
-    """Open a file to append to, through no link and without waiting at a pipe; raises OSError."""
+    """Open a file to append to, through no link and without waiting at a pipe.
+
+    Raises:
+        OSError: that cannot be.
+    """
     flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT
     for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"):
         flags |= getattr(os, name, 0)
@@ -143,7 +147,11 @@ def open_to_append(path: Path) -> IO[bytes]:
 
 
 def lock_file(path: Path) -> IO[bytes] | None:
-    """Open ``path``, locked while open; None where another process has it. Raises OSError."""
+    """Open ``path``, locked while open; None where another process has it.
+
+    Raises:
+        OSError: it cannot be opened.
+    """
     file = open_to_append(path)
     try:
         if sys.platform == "win32":
@@ -174,6 +182,10 @@ def make_folder(
 
 
 def sha256_of(path: str | Path) -> str:
-    """The SHA-256 of a file's bytes in hexadecimal, read piece by piece; raises OSError."""
+    """Return the SHA-256 of a file's bytes in hexadecimal, read piece by piece.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -58,7 +58,11 @@ class ModelContent:
     _parts: dict[frozenset[str], Mesh] = field(default_factory=dict, init=False, repr=False)
 
     def mesh_without(self, parts: tuple[str, ...]) -> Mesh:
-        """Leave out parts, with the same result each time; raises as ``Mesh.without``."""
+        """Leave out parts, with the same result each time.
+
+        Raises:
+            SettingsError: there is no such part, or nothing would be left.
+        """
         names = frozenset(parts)
         if names not in self._parts:
             self._parts[names] = self.mesh.without(parts)

@@ -85,7 +85,11 @@ class FitSettings:
     """Give the start back where the search ends in a pose that is not sure to be better."""
 
     def __post_init__(self) -> None:
-        """Raises ``SettingsError`` where there is no such choice or seed."""
+        """Check choices and seed.
+
+        Raises:
+            SettingsError: there is no such choice or seed.
+        """
         for name, choices in CHOICES.items():
             if (value := getattr(self, name)) not in choices:
                 found = f"{name}={value!r}: there is no such choice"
@@ -136,7 +140,11 @@ def settings_as_json(settings: FitSettings) -> dict[str, Any]:
 
 
 def settings_from_json(data: Mapping[str, Any]) -> FitSettings:
-    """Read the settings, without unknown names; raises SettingsError where one makes no sense."""
+    """Read the settings, without unknown names.
+
+    Raises:
+        SettingsError: one makes no sense.
+    """
     try:
         return msgspec.convert(data, FitSettings)
     except msgspec.ValidationError as error:

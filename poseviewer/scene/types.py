@@ -216,7 +216,11 @@ class Scene:
     notes: tuple[str, ...] = field(default=(), metadata=NOT_IN_FILES)
 
     def __post_init__(self) -> None:
-        """Raises ``SettingsError``: ids repeat, sizes differ, or the scale is free of several."""
+        """Check views and objects.
+
+        Raises:
+            SettingsError: ids repeat, sizes differ, or the scale is free of several.
+        """
         ids = [one.id for one in self.objects]
         if twice := [one for one in ids if ids.count(one) > 1]:
             raise SettingsError(f"two objects have the id {twice[0]!r}; give each its own.")
@@ -238,7 +242,11 @@ class Scene:
                     raise SettingsError(f"the mask {found}; make the mask in the photo's size.")
 
     def index(self, object_id: str) -> int:
-        """Return the index of the object that has an id; raises SettingsError where none has."""
+        """Return the index of the object that has an id.
+
+        Raises:
+            SettingsError: none has it.
+        """
         ids = [one.id for one in self.objects]
         if object_id not in ids:
             found = f"There is no object {object_id!r} in the scene"

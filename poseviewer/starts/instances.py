@@ -56,14 +56,22 @@ class AutoStart:
     """Called after every evaluation; an exception in it ends the search."""
 
     def __post_init__(self) -> None:
-        """Raises ``SettingsError``: the box has not four numbers, or there are no instances."""
+        """Check box and number.
+
+        Raises:
+            SettingsError: the box has not four numbers, or there are no instances.
+        """
         if self.box is not None and len(self.box) != 4:
             raise SettingsError(f"box={self.box}: wanted (left, top, width, height), in px.")
         if self.instances < 1:
             raise SettingsError(f"instances={self.instances}: wanted a whole number of 1 or more.")
 
     def __call__(self, inputs: StartInputs) -> Start:
-        """Find starts of the instances, the likeliest first; raises ``PoseViewerError``: none."""
+        """Find starts of the instances, the likeliest first.
+
+        Raises:
+            PoseViewerError: there are none.
+        """
         settings = inputs.settings
         if self.instances > 1 and settings.has_free_camera:
             raise SettingsError(

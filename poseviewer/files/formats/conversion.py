@@ -78,7 +78,11 @@ class ConvertOptions:
         return self.unit or next((o.model.unit for o in scene.objects if o.model.unit), None)
 
     def lengths_in(self, unit: str, scene: Scene, tool: str) -> float:
-        """Return the tool's ``unit`` in the models'; raises PoseFileError if that is unknown."""
+        """Return the tool's ``unit`` in the models'.
+
+        Raises:
+            PoseFileError: that is unknown.
+        """
         own = self.unit_of(scene)
         if own is None:
             found = f"{tool} wants {unit}, and the model's unit is not known"
@@ -229,7 +233,11 @@ class Format:
 
 
 def turn_view(view: View, orientation: int) -> View:
-    """Turn a view by EXIF's orientation; raises PoseFileError where no camera sees that picture."""
+    """Turn a view by EXIF's orientation.
+
+    Raises:
+        PoseFileError: no camera sees that picture.
+    """
     file, known = view.file, view.file.undistortion
     place = view.camera_from_world
     try:
@@ -324,7 +332,11 @@ def require_file(path: Path, what: str, tool: str) -> Path:
 
 
 def metres_per_unit(unit: str) -> float:
-    """The size of a length unit; raises PoseFileError where it is none of ``METRES``."""
+    """Return the size of a length unit.
+
+    Raises:
+        PoseFileError: it is none of ``METRES``.
+    """
     if unit not in METRES:
         wanted = f"wanted one of {', '.join(METRES)}, say it with --unit"
         raise PoseFileError(f"The model's unit is {unit!r}; {wanted}.")

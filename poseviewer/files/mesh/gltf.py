@@ -59,7 +59,11 @@ Matrix = NDArray[np.float64]
 
 
 def gltf_header(path: Path) -> Any:
-    """The JSON of a glTF or GLB file; raises ValueError where it is none."""
+    """Return the JSON of a glTF or GLB file.
+
+    Raises:
+        ValueError: there is none.
+    """
     with path.open("rb") as file:
         head = file.read(GLB_HEADER)
         if path.suffix.lower() == ".gltf":

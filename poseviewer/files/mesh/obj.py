@@ -102,7 +102,11 @@ def library_names(text: str) -> list[str]:
 
 
 def read_table(lines: list[str], columns: int) -> NDArray:
-    """Read the first numbers of each line (N, columns); raises ValueError where one has fewer."""
+    """Read the first numbers of each line (N, columns).
+
+    Raises:
+        ValueError: a line has fewer.
+    """
     if not lines:
         return np.zeros((0, columns))
     table = np.loadtxt(lines, usecols=range(columns), comments=None, ndmin=2)

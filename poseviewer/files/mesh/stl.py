@@ -15,7 +15,11 @@ VERTEX = re.compile(r"^[ \t]*vertex\b[^\n]*", re.MULTILINE | re.IGNORECASE)
 
 
 def read_stl(path: Path) -> ModelParts:
-    """Read the one part of an STL file; raises ValueError where less is there than promised."""
+    """Read the one part of an STL file.
+
+    Raises:
+        ValueError: less is there than promised.
+    """
     import trimesh
 
     data = path.read_bytes()

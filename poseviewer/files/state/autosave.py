@@ -78,7 +78,11 @@ class SessionFile:
 
 
 def load_autosave(path: Path) -> AutosavedSession:
-    """Load a session, every number to its last digit; raises AutosaveError if it is damaged."""
+    """Load a session, every number to its last digit.
+
+    Raises:
+        AutosaveError: it is damaged.
+    """
     file, of_session = InputFile(path, largest=MAX_DATA_BYTES), s.form_of(AutosavedSession)
     try:
         with file.naming_errors():
