@@ -128,23 +128,23 @@ class Search:
         for _ in range(MAX_ROUNDS):
             due, was_searched = set(self._object_indices), False
             while due:
-                index = self._most_visible(due)
-                due.remove(index)
-                occluded = occlusions(self.scene, index, self._view_index)
-                before = self._progress_by_object.get(index)
+                object_index = self._most_visible(due)
+                due.remove(object_index)
+                occluded = occlusions(self.scene, object_index, self._view_index)
+                before = self._progress_by_object.get(object_index)
                 is_total = all(own is not None and own.is_total for own in occluded.values())
                 if is_total or (
-                    before is not None and not _differ(self._last_problems[index], occluded)
+                    before is not None and not _differ(self._last_problems[object_index], occluded)
                 ):
                     continue
                 if before is None and len(self._object_indices) == 1:
                     occluded = {view: _all_in_front(own) for view, own in occluded.items()}
-                self._object_index = index
+                self._object_index = object_index
                 self._began = time.perf_counter()
                 was_searched = True
                 yield from self._search_object(occluded)
-                self._last_problems[index] = self._progress_by_object[index].problem
-                if before is not None and is_worse(self._progress_by_object[index], before):
+                self._last_problems[object_index] = self._progress_by_object[object_index].problem
+                if before is not None and is_worse(self._progress_by_object[object_index], before):
                     yield self._publish(before)
             if not was_searched:
                 return
@@ -188,9 +188,9 @@ class Search:
         if len(due) == 1:
             return next(iter(due))
         standing = [i for i, one in enumerate(self.scene.objects) if i in due or not one.hidden]
-        shown = visibility([self.scene.placed(index, self._view_index) for index in standing])
+        shown = visibility([self.scene.placed(i, self._view_index) for i in standing])
         visible = dict(zip(standing, shown.visible_fractions, strict=True))
-        return max(sorted(due), key=lambda index: visible[index])
+        return max(sorted(due), key=lambda i: visible[i])
 
     def _search_object(self, occluded: Occlusions) -> Steps[None]:
         """Search for the current object, of which others occlude some pixels."""
@@ -259,8 +259,8 @@ class Search:
         now = occlusions(scene, self._object_index, problem.views[0].view_index)
         known = {view.view_index: view.occlusion for view in problem.views}
         return {
-            index: old if (new := now.get(index)) is None or new.is_total else new
-            for index, old in known.items()
+            view_index: old if (new := now.get(view_index)) is None or new.is_total else new
+            for view_index, old in known.items()
         }
 
     def _rescore(self, problem: FitProblem, best: FitProgress) -> FitProgress:
