@@ -256,7 +256,7 @@ def occlusions(scene: Scene, object_index: int, view_index: int = 0) -> dict[int
 
 
 def _view_charts(scene: Scene, object_index: int, view_indices: Sequence[int]) -> list[ViewChart]:
-    """The chart of each of several views, about the start in the first."""
+    """Make the chart of each of several views, about the start in the first."""
     one, first = scene.objects[object_index], scene.views[view_indices[0]]
     if one.settings.chart == "vehicle":
         raise SettingsError('chart="vehicle" with several photos; leave it out.')

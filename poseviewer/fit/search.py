@@ -184,7 +184,7 @@ class Search:
         return replace(judged, seconds=time.perf_counter() - self._began)
 
     def _most_visible(self, due: set[int]) -> int:
-        """The object of which all others occlude the smallest fraction."""
+        """Return the object of which all others occlude the smallest fraction."""
         if len(due) == 1:
             return next(iter(due))
         standing = [i for i, one in enumerate(self.scene.objects) if i in due or not one.hidden]
@@ -390,7 +390,7 @@ def make_search_result(scene: Scene, object_index: int, progress: FitProgress) -
 
 
 def _differ(problem: FitProblem, now: Occlusions) -> bool:
-    """Whether the occlusion of an object differs from that in a ``problem``."""
+    """Tell whether the occlusion of an object differs from that in a ``problem``."""
     for view in problem.views:
         pair = [view.occlusion, now.get(view.view_index, view.occlusion)]
         known = [occlusion for occlusion in pair if occlusion is not None]
@@ -413,7 +413,7 @@ def _all_in_front(own: Occlusion | None) -> Occlusion | None:
 
 
 def _is_same(known: ViewResidual, mask: OcclusionMask, whole: ViewResidual) -> bool:
-    """Whether ``mask`` is known but for a few of the pixels that count."""
+    """Tell whether ``mask`` is known but for a few of the pixels that count."""
     if known.occluded is None or mask is None:
         return known.occluded is mask
     counted = whole.photo.weights > 0.0
@@ -422,7 +422,7 @@ def _is_same(known: ViewResidual, mask: OcclusionMask, whole: ViewResidual) -> b
 
 
 def is_sure(end: FitProgress) -> bool:
-    """Whether a pose is probable enough to be trusted; an occluded one needs less."""
+    """Tell whether a pose is probable enough to be trusted; an occluded one needs less."""
     if end.verdict is None:
         return False
     is_occluded = end.verdict.features.get("seen", 1.0) < WHOLE_FROM
@@ -431,7 +431,7 @@ def is_sure(end: FitProgress) -> bool:
 
 
 def is_restarted(best: FitProgress, is_turned: bool) -> bool:
-    """Whether another run follows from the ``best`` pose, or from it turned."""
+    """Tell whether another run follows from the ``best`` pose, or from it turned."""
     if not (best.may_continue and best.problem.is_structured) or best.verdict is None:
         return False
     is_found = best.verdict.label == "found"
@@ -439,7 +439,7 @@ def is_restarted(best: FitProgress, is_turned: bool) -> bool:
 
 
 def is_accepted(after: FitProgress, before: FitProgress, is_turned: bool) -> bool:
-    """Whether the pose of a further search replaces the one ``before``.
+    """Tell whether the pose of a further search replaces the one ``before``.
 
     It needs less loss and enough probability: a wrong pose can have less loss than the right one.
     """
@@ -452,7 +452,7 @@ def is_accepted(after: FitProgress, before: FitProgress, is_turned: bool) -> boo
 
 
 def is_worse(after: FitProgress, before: FitProgress) -> bool:
-    """Whether a further round has spoiled an object, as by an occluder at a wrong pose."""
+    """Tell whether a further round has spoiled an object, as by an occluder at a wrong pose."""
     if after.verdict is None or before.verdict is None:
         return False
     is_spoiled = before.verdict.label == "found" != after.verdict.label
@@ -461,7 +461,7 @@ def is_worse(after: FitProgress, before: FitProgress) -> bool:
 
 
 def is_focal_moved(before: Pose, end: FitProgress) -> bool:
-    """Whether a run from a pose has moved the focal length by more than its standard deviation.
+    """Tell whether a run from a pose moved the focal length by more than its standard deviation.
 
     Before a verdict, ``FOCAL_THRESHOLD`` stands for it. By the paper's method it is never moved.
     """
