@@ -97,24 +97,19 @@ def _fields(thing: type) -> list[str]:
     assert isinstance(body, ast.ClassDef)
     rows = []
     for index, node in enumerate(body.body):
-        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-            name = node.target.id
-            kind = ast.unparse(node.annotation)
-            value = node.value
-        elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
-            name = node.targets[0].id
-            kind = ""
-            value = node.value
-        else:
+        if not isinstance(node, ast.AnnAssign | ast.Assign):
             continue
+        is_typed = isinstance(node, ast.AnnAssign)
+        name = ast.unparse(node.target if is_typed else node.targets[0])
+        kind = f": {ast.unparse(node.annotation)}" if is_typed else ""
         if name.startswith("_") or isinstance(vars(thing).get(name), property):
             continue
         below = body.body[index + 1] if index + 1 < len(body.body) else None
         said = ""
         if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
             said = f": {_flat(str(below.value.value))}"
-        default = "" if value is None else f" = {ast.unparse(value)}"
-        rows.append(f"`{name}{f': {kind}' if kind else ''}{default}`{said}")
+        default = "" if node.value is None else f" = {ast.unparse(node.value)}"
+        rows.append(f"`{name}{kind}{default}`{said}")
     return rows
 
 

@@ -6,7 +6,7 @@ the bundled demo by the library, the command line, or the real app in chromium.
 
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -133,14 +133,9 @@ def press(tab: AppPage, button: str) -> None:
 def make_search(_folder: Path) -> None:
     """The README's animation: the outline wherever the search finds a better pose."""
     registration = load(DEMO.photo, DEMO.model, DEMO.start)
-    frames = []
-    best = np.inf
-    for step in registration.search():
-        progress = step.progress
-        if progress.loss < best:
-            best = progress.loss
-            picture = registration.at(progress.pose).picture()
-            frames.append(Image.fromarray(picture).resize((800, 600)))
+    *_, end = registration.search()
+    pictures = (registration.at(better.pose).picture() for better in end.improvements)
+    frames = [Image.fromarray(picture).resize((800, 600)) for picture in pictures]
     frames[0].save(
         README / "search.webp",
         save_all=True,
@@ -342,22 +337,13 @@ def make_two(folder: Path) -> None:
         save_page(DOCS / "two.jpg", tab)
 
 
-PICTURES = {
-    "search": make_search,
-    "demo": make_demo,
-    "app": make_app,
-    "lens": make_lens,
-    "export": make_export,
-    "pairs": make_pairs,
-    "report": make_report,
-    "wheels": make_wheels,
-    "box": make_box,
-    "methods": make_methods,
-    "sure": partial(make_searched, "sure"),
-    "views": partial(make_searched, "views"),
-    "hide": make_hide,
-    "objects": make_objects,
-    "two": make_two,
+MAKERS = (
+    make_search, make_demo, make_app, make_lens, make_export, make_pairs, make_report, make_wheels,
+    make_box, make_methods, make_hide, make_objects, make_two,
+)  # fmt: skip
+PICTURES: dict[str, Callable[[Path], None]] = {
+    **{make.__name__.removeprefix("make_"): make for make in MAKERS},
+    **{name: partial(make_searched, name) for name in ("sure", "views")},
 }
 
 

@@ -79,8 +79,9 @@ def _write_masks(scene: Scene, out: Path, request: ConvertOptions) -> list[str]:
     infos = load_scene_file(out / INFO)
     poses = load_scene_file(out / POSES)
     notes = []
-    for index, view in enumerate(scene.views[:1] if len(scene.objects) > 1 else scene.views):
-        number = image_number(scene, request, index)
+    views = scene.views[:1] if len(scene.objects) > 1 else scene.views
+    for view_index, view in enumerate(views):
+        number = image_number(scene, request, view_index)
         pictures = pictures_of_objects(replace(scene, views=(view,)), number, masks_alone=True)
         new = json.loads(pictures.pop(INFO))
         is_there = str(number) in infos or any((out / name).exists() for name in pictures)

@@ -72,8 +72,8 @@ def without_lost(result: FitResult, wanted: int) -> FitResult:
     """Hide lost instances unless all are lost; print how many are left."""
     ends, scene = result.progress_by_object, result.scene
     lost = [i for i, end in ends.items() if end.verdict and end.verdict.label == "lost"]
-    for index in lost if len(lost) < len(ends) else ():
-        scene = scene.with_object(index, hidden=True)
+    for object_index in lost if len(lost) < len(ends) else ():
+        scene = scene.with_object(object_index, hidden=True)
     if len(ends) - len(lost) < wanted:
         say(f"{len(ends) - len(lost)} of {wanted} instances are found or doubtful")
     return replace(result, scene=scene)
@@ -98,12 +98,12 @@ def search(registration: Registration, quiet: bool) -> FitResult:
 
         result = registration.fit(watch=watch, threads=processors(), interruptible=True)
     visible = result.visibility.visible_fractions if len(result.objects) > 1 else ()
-    for index, each in enumerate(result.objects):
-        if index not in result.indices:
+    for object_index, each in enumerate(result.objects):
+        if object_index not in result.indices:
             continue
         if len(visible):
-            say(f"{each.label} (seen to {visible[index]:.0%})")
-        if index in result.progress_by_object:
+            say(f"{each.label} (seen to {visible[object_index]:.0%})")
+        if object_index in result.progress_by_object:
             _print_end(result[each.id])
         else:
             say("Not searched for: it stands wholly behind others; its pose is as it was.")

@@ -137,8 +137,8 @@ def _print_scene(path: Path) -> None:
     for own in scene.views:
         size = f"{own.file.width} x {own.file.height} px"
         _print(scene=path.name, photo=f"{own.name}, {size}")
-    for index, item in enumerate(scene.objects):
-        place, result = scene.pose(index).camera_from_model, item.result
+    for object_index, item in enumerate(scene.objects):
+        place, result = scene.pose(object_index).camera_from_model, item.result
         word = "not judged" if not result or result.verdict is None else result.verdict.label
         at = f"{item.model.name} at {_vector(place.translation)}, {word}"
         _print(object=f"{item.id}: {at}" + (f" ({item.name})" if item.name else ""))

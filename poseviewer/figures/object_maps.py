@@ -65,12 +65,14 @@ def pictures_of_objects(
     infos = {}
     unit = next((item.model.unit for item in scene.objects if item.model.unit), None)
     mm = 1.0 if unit is None else 1000.0 * metres_per_unit(unit)
-    for number, view in enumerate(scene.views, first):
-        models = [scene.model_at(index, number - first) for index in range(len(scene.objects))]
+    for view_index, view in enumerate(scene.views):
+        number = first + view_index
+        models = [scene.model_at(index, view_index) for index in range(len(scene.objects))]
         depths = [depth_image(model) for model in models]
         shown = visibility_of_depths(depths)
-        for index, (model, depth) in enumerate(zip(models, depths, strict=True)):
-            masks = {"mask": shown.silhouettes[index], "mask_visib": shown.mask(index)}
+        for object_index, (model, depth) in enumerate(zip(models, depths, strict=True)):
+            visible = shown.mask(object_index)
+            masks = {"mask": shown.silhouettes[object_index], "mask_visib": visible}
             infos.setdefault(str(number), []).append(_info(model, *masks.values()))
             pictures = {kind: np.where(m, 255, 0).astype(np.uint8) for kind, m in masks.items()}
             if not masks_alone:
@@ -78,7 +80,7 @@ def pictures_of_objects(
                 maps = {"normal": 0.5 * (normals + 1.0), "nocs": object_coordinates(model, depth)}
                 pictures |= {kind: _in_16_bits(m, masks["mask"]) for kind, m in maps.items()}
             for kind, picture in pictures.items():
-                contents[f"{kind}/{number:06d}_{index:06d}.png"] = _png(picture)
+                contents[f"{kind}/{number:06d}_{object_index:06d}.png"] = _png(picture)
         if masks_alone:
             continue
         nearest = mm * np.minimum.reduce(depths).astype(float)

@@ -184,7 +184,7 @@ def _weights(
 
 
 def _has_colour(photo: Photo, weights: NDArray[np.float32]) -> bool:
-    """Whether the colours of the pixels that count leave a line in RGB by more than noise."""
+    """Tell whether the colours of the pixels that count leave a line in RGB by more than noise."""
     counts = weights > 0.0
     if photo.pixels.shape[2] == 1 or np.count_nonzero(counts) < 2:
         return False

@@ -92,7 +92,7 @@ def registration_loss(moments: Moments) -> float:
 
 
 def _count(moments: Moments) -> int:
-    """min(n, m), the number of canonical correlations."""
+    """Return min(n, m), the number of canonical correlations."""
     return min(moments.photo_channels, len(moments.mean) - moments.photo_channels)
 
 

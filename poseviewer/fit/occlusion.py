@@ -159,7 +159,7 @@ def _pieces(mask: NDArray[np.bool_], covered: NDArray[np.bool_]) -> list[NDArray
 def _is_occluder(
     photo: PhotoAttributes, piece: NDArray[np.bool_], model: NDArray[np.bool_]
 ) -> bool:
-    """Whether the photo has edges about a ``piece``, but none where it crosses the outline."""
+    """Tell whether the photo has edges about a ``piece``, but none where it crosses the outline."""
     square = np.ones((3, 3), np.uint8)
     outline = model & (cv2.erode(model.astype(np.uint8), square) == 0)
     if np.count_nonzero(piece & outline) < MIN_CROSSING * np.count_nonzero(piece) ** 0.5:

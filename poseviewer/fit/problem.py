@@ -174,8 +174,8 @@ def make_problem(
     item = scene.objects[object_index]
     settings = item.settings
     occluded = occlusions(scene, object_index, view_index) if occluded is None else occluded
-    order = [index for index, own in occluded.items() if own is None or not own.is_total]
-    if not order:
+    view_indices = [index for index, own in occluded.items() if own is None or not own.is_total]
+    if not view_indices:
         raise SettingsError(
             "the model stands wholly behind other objects of the photo, so that nothing of it can "
             "be compared: move it or them, or leave these out"
@@ -183,28 +183,29 @@ def make_problem(
     notes = [
         f"{view.name} does not see the model where it starts, and is left out."
         for index, view in enumerate(scene.views)
-        if index not in order and scene.in_view(object_index, index).is_compared
+        if index not in view_indices and scene.in_view(object_index, index).is_compared
     ]
-    if len(order) == 1:
+    if len(view_indices) == 1:
         if scene.free_scale:
             raise SettingsError(
-                f"{scene.name}: of {len(scene.views)} photos, {scene.views[order[0]].name} alone "
-                "sees the model where it starts; bring the start nearer, or check the set's scale."
+                f"{scene.name}: of {len(scene.views)} photos, "
+                f"{scene.views[view_indices[0]].name} alone sees the model where it "
+                "starts; bring the start nearer, or check the set's scale."
             )
-        pose, keypoints = scene.pose(object_index, order[0]), item.model.keypoints
+        pose, keypoints = scene.pose(object_index, view_indices[0]), item.model.keypoints
         free = settings.free_focal, settings.free_principal_point
         chart, note = choose_chart(settings.chart, item.mesh, keypoints, pose, *free)
         charts, start = [chart], chart.from_pose(pose)
         notes += [f"the free-body chart is used: {note}."] if note else []
     else:
-        charts = _view_charts(scene, object_index, order)
+        charts = _view_charts(scene, object_index, view_indices)
         start = np.zeros(len(charts[0].names))
     for chosen in (settings, replace(settings, grey=True)):  # if one photo is grey, then all are
         views = tuple(
             make_view_term(
-                scene, object_index, index, chosen, chart, occluded[index], len(order) == 1
+                scene, object_index, index, chosen, chart, occluded[index], len(view_indices) == 1
             )
-            for index, chart in zip(order, charts, strict=True)
+            for index, chart in zip(view_indices, charts, strict=True)
         )
         if len({LossScale.of(view.photo) for view in views}) == 1:
             break
@@ -255,27 +256,27 @@ def occlusions(scene: Scene, object_index: int, view_index: int = 0) -> dict[int
     return by_view
 
 
-def _view_charts(scene: Scene, object_index: int, order: Sequence[int]) -> list[ViewChart]:
-    """The chart of each of several views, about the start in the first."""
-    one, first = scene.objects[object_index], scene.views[order[0]]
+def _view_charts(scene: Scene, object_index: int, view_indices: Sequence[int]) -> list[ViewChart]:
+    """Make the chart of each of several views, about the start in the first."""
+    one, first = scene.objects[object_index], scene.views[view_indices[0]]
     if one.settings.chart == "vehicle":
         raise SettingsError('chart="vehicle" with several photos; leave it out.')
     if one.settings.pixels == "clip" and one.settings.loss == "default":
         raise SettingsError(
             'pixels="clip" with several photos; take near or whole, or leave it out.'
         )
-    reference = FreeBodyChart.near(one.mesh, scene.pose(object_index, order[0]))
+    reference = FreeBodyChart.near(one.mesh, scene.pose(object_index, view_indices[0]))
     scale, charts = 1.0 / one.world_from_model.scale, []
-    cameras = list(dict.fromkeys(scene.views[index].camera for index in order))
+    cameras = list(dict.fromkeys(scene.views[index].camera for index in view_indices))
     focals = len(cameras) if one.settings.free_focal else 0
     principals = len(cameras) if one.settings.free_principal_point else 0
-    for index in order:
+    for index in view_indices:
         view, view_from_first = scene.views[index], RigidTransform.identity()
         if not isinstance(view.camera, Perspective):
             raise SettingsError(
                 f"{view.name}: parallel projection with several photos; wanted perspective cameras."
             )
-        if index != order[0]:
+        if index != view_indices[0]:
             motion = view.camera_from_world @ first.camera_from_world.inverse()
             view_from_first = RigidTransform(motion.rotation, scale * motion.translation)
         known = scene.free_scale, scale, focals, cameras.index(view.camera), principals

@@ -130,23 +130,23 @@ class Search:
         for _ in range(MAX_ROUNDS):
             due, was_searched = set(self._object_indices), False
             while due:
-                index = self._most_visible(due)
-                due.remove(index)
-                occluded = occlusions(self.scene, index, self._view_index)
-                before = self._progress_by_object.get(index)
+                object_index = self._most_visible(due)
+                due.remove(object_index)
+                occluded = occlusions(self.scene, object_index, self._view_index)
+                before = self._progress_by_object.get(object_index)
                 is_total = all(own is not None and own.is_total for own in occluded.values())
                 if is_total or (
-                    before is not None and not _differ(self._last_problems[index], occluded)
+                    before is not None and not _differ(self._last_problems[object_index], occluded)
                 ):
                     continue
                 if before is None and len(self._object_indices) == 1:
                     occluded = {view: _all_in_front(own) for view, own in occluded.items()}
-                self._object_index = index
+                self._object_index = object_index
                 self._began = time.perf_counter()
                 was_searched = True
                 yield from self._search_object(occluded)
-                self._last_problems[index] = self._progress_by_object[index].problem
-                if before is not None and is_worse(self._progress_by_object[index], before):
+                self._last_problems[object_index] = self._progress_by_object[object_index].problem
+                if before is not None and is_worse(self._progress_by_object[object_index], before):
                     yield self._publish(before)
             if not was_searched:
                 return
@@ -186,13 +186,13 @@ class Search:
         return replace(judged, seconds=time.perf_counter() - self._began)
 
     def _most_visible(self, due: set[int]) -> int:
-        """The object of which all others occlude the smallest fraction."""
+        """Return the object of which all others occlude the smallest fraction."""
         if len(due) == 1:
             return next(iter(due))
         standing = [i for i, one in enumerate(self.scene.objects) if i in due or not one.hidden]
-        shown = visibility([self.scene.model_at(index, self._view_index) for index in standing])
+        shown = visibility([self.scene.model_at(i, self._view_index) for i in standing])
         visible = dict(zip(standing, shown.visible_fractions, strict=True))
-        return max(sorted(due), key=lambda index: visible[index])
+        return max(sorted(due), key=lambda i: visible[i])
 
     def _search_object(self, occluded: Occlusions) -> Steps[None]:
         """Search for the current object, of which others occlude some pixels."""
@@ -261,8 +261,8 @@ class Search:
         now = occlusions(scene, self._object_index, problem.views[0].view_index)
         known = {view.view_index: view.occlusion for view in problem.views}
         return {
-            index: old if (new := now.get(index)) is None or new.is_total else new
-            for index, old in known.items()
+            view_index: old if (new := now.get(view_index)) is None or new.is_total else new
+            for view_index, old in known.items()
         }
 
     def _rescore(self, problem: FitProblem, best: FitProgress) -> FitProgress:
@@ -396,7 +396,7 @@ def make_search_result(scene: Scene, object_index: int, progress: FitProgress) -
 
 
 def _differ(problem: FitProblem, now: Occlusions) -> bool:
-    """Whether the occlusion of an object differs from that in a ``problem``."""
+    """Tell whether the occlusion of an object differs from that in a ``problem``."""
     for view in problem.views:
         pair = [view.occlusion, now.get(view.view_index, view.occlusion)]
         known = [occlusion for occlusion in pair if occlusion is not None]
@@ -419,7 +419,7 @@ def _all_in_front(own: Occlusion | None) -> Occlusion | None:
 
 
 def _is_same(known: ViewResidual, mask: OcclusionMask, whole: ViewResidual) -> bool:
-    """Whether ``mask`` is known but for a few of the pixels that count."""
+    """Tell whether ``mask`` is known but for a few of the pixels that count."""
     if known.occluded is None or mask is None:
         return known.occluded is mask
     counted = whole.photo.weights > 0.0
@@ -428,7 +428,7 @@ def _is_same(known: ViewResidual, mask: OcclusionMask, whole: ViewResidual) -> b
 
 
 def is_sure(end: FitProgress) -> bool:
-    """Whether a pose is probable enough to be trusted; an occluded one needs less."""
+    """Tell whether a pose is probable enough to be trusted; an occluded one needs less."""
     if end.verdict is None:
         return False
     is_occluded = end.verdict.features.get("seen", 1.0) < WHOLE_FROM
@@ -437,7 +437,7 @@ def is_sure(end: FitProgress) -> bool:
 
 
 def is_restarted(best: FitProgress, is_turned: bool) -> bool:
-    """Whether another run follows from the ``best`` pose, or from it turned."""
+    """Tell whether another run follows from the ``best`` pose, or from it turned."""
     if not (best.may_continue and best.problem.is_structured) or best.verdict is None:
         return False
     is_found = best.verdict.label == "found"
@@ -445,7 +445,7 @@ def is_restarted(best: FitProgress, is_turned: bool) -> bool:
 
 
 def is_accepted(after: FitProgress, before: FitProgress, is_turned: bool) -> bool:
-    """Whether the pose of a further search replaces the one ``before``.
+    """Tell whether the pose of a further search replaces the one ``before``.
 
     It needs less loss and enough probability: a wrong pose can have less loss than the right one.
     """
@@ -458,7 +458,7 @@ def is_accepted(after: FitProgress, before: FitProgress, is_turned: bool) -> boo
 
 
 def is_worse(after: FitProgress, before: FitProgress) -> bool:
-    """Whether a further round has spoiled an object, as by an occluder at a wrong pose."""
+    """Tell whether a further round has spoiled an object, as by an occluder at a wrong pose."""
     if after.verdict is None or before.verdict is None:
         return False
     is_spoiled = before.verdict.label == "found" != after.verdict.label
@@ -467,7 +467,7 @@ def is_worse(after: FitProgress, before: FitProgress) -> bool:
 
 
 def is_focal_moved(before: Pose, end: FitProgress) -> bool:
-    """Whether a run has moved focal length or principal point by more than its standard deviation.
+    """Tell whether a run moved focal length or principal point by more than its deviation.
 
     Before a verdict, ``FOCAL_THRESHOLD`` stands for it. By the paper's method it is never moved.
     """

@@ -248,7 +248,7 @@ class _Run:
         pool: RendererPool,
         points: Sequence[FloatArray],
     ) -> Iterator[float]:
-        """The losses of points on a stage's level."""
+        """Compute the losses of points on a stage's level."""
         loss, wanted = partial(pose_loss, problem), [problem.complete(point) for point in points]
         single = len(wanted) == 1
         for value in [loss(renderers, wanted[0])] if single else pool.map(loss, wanted):
@@ -265,7 +265,7 @@ class _Run:
         return renderers
 
     def _on_level(self, stage: Stage) -> FitProblem:
-        """The problem on a stage's level of each photo."""
+        """Return the problem on a stage's level of each photo."""
         photos = [level.photo for level in stage.levels]
         if photos[0].structure is None and self._problem.photo.structure is not None:
             # Structure of the fine photo is made while the stage before runs.

@@ -38,8 +38,12 @@ from tests.scene import Scene, make_scene, make_scene_of
 from tests.view_sets import write_views
 
 ROUND_ACTS, ROUND_SECONDS = 80, 25.0
-PAST_STEPS, ROUND_PHOTOS, RUN_MODELS = 150, 3, 2
-"""What undo surely reaches back: it keeps 200 steps, four photos, four models."""
+PAST_STEPS = 150
+"""Steps of a round that undo reaches back: it keeps 200."""
+ROUND_PHOTOS = 3
+"""Photos opened in a round: undo keeps four."""
+RUN_MODELS = 2
+"""Models opened in a run: undo keeps four."""
 ACT_MS = 5_000
 LOAD_MS = 60_000
 AGREEMENT_SECONDS = 60.0

@@ -52,8 +52,12 @@ from tests.app.state.documents import BUMPY, CAR, make_session
 from tests.writing import write
 
 CORPUS = Path(__file__).with_name("fuzz_corpus.zip")
-MAX_SECONDS, STALL_SECONDS, MAX_BYTES = 2, 60, 1 << 30
-"""Processor time and time of one mutant, and memory beyond what the process has at first."""
+MAX_SECONDS = 2
+"""Processor time of a mutant, in s."""
+STALL_SECONDS = 60
+"""Time of a mutant, in s."""
+MAX_BYTES = 1 << 30
+"""Memory beyond what the process has at first."""
 PHOTO_SIZE = 160, 120
 NUMBER = re.compile(rb"-?\d+(\.\d*)?([eE][-+]?\d+)?")
 ODD_NUMBERS = (

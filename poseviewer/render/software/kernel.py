@@ -32,6 +32,13 @@ def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     return decorate
 
 
+jit: Any = kernel()
+"""Decorator of kernels whose operations keep their order."""
+jit_sums: Any = kernel(fastmath={"reassoc", "contract", "nsz", "nnan"})
+"""Decorator of kernels that may sum in another order, in lanes of a vector: rows are short, so that
+it costs no accuracy."""
+
+
 def is_compiled(kernel: Any) -> bool:
     """Tell whether machine code of a kernel is kept for this machine."""
     cache, machine = kernel._cache, kernel.targetctx.codegen().magic_tuple()

@@ -35,7 +35,7 @@ from poseviewer.render.software.blocks import (
     WEIGHTS,
     draw_blocks,
 )
-from poseviewer.render.software.kernel import kernel
+from poseviewer.render.software.kernel import jit, kernel
 
 SUBPIXELS = 256
 """Steps of a pixel to which vertices are snapped."""
@@ -109,14 +109,13 @@ _HALF = np.float32(0.5)
 _ONE = np.float32(1.0)
 _ZERO = np.float32(0.0)
 
-_jit: Any = kernel()
 # For what is done for every face: a call costs more than it does.
 _jit_inline: Any = kernel(forceinline=True)
 # For loops over finite numbers: they vectorise. Sums keep their order, and nothing is contracted.
 _jit_lanes: Any = kernel(fastmath={"nsz", "nnan"})
 
 
-@_jit
+@jit
 def rasterise(drawn, surface, camera, width, workspace, picture):
     """Draw a model; sets the plane equations and varyings of the faces that show.
 
@@ -198,7 +197,7 @@ def _snap(axis, vertices, camera, depths, out):
     return least, greatest, off
 
 
-@_jit
+@jit
 def _draw_small(shape, weighs, planes, shading, width, large, picture):
     """Draw faces with corners' weights ``weighs`` x depth (negative: 1); lists the large ones."""
     (faces, screen, depths, normals), (depth, ids) = shape, picture
@@ -247,7 +246,7 @@ def _combine(corners, values, i, face, size, out):
             out[face, 4 * step + k] = a * first + b * second + c * third
 
 
-@_jit
+@jit
 def _texture_level(texels, pixels, count):
     """Return the mip level of a face: half the log2 of texels per pixel, rounded."""
     if texels <= pixels:
@@ -257,7 +256,7 @@ def _texture_level(texels, pixels, count):
     return min(int(0.5 * math.log2(texels / pixels) + 0.5), count - 1)
 
 
-@_jit
+@jit
 def _gather(begin, size, faces, screen, depths, corners, values):
     """Set corners and depth values of the faces from ``begin`` on."""
     for i in range(size):
@@ -276,7 +275,7 @@ def _edge_at(xa, ya, xb, yb, px, py, sign):
     return e, excluded, _i32(-ey * _SUB), _i32(ex * _SUB)
 
 
-@_jit
+@jit
 def _find_boxes(size, width, height, corners, boxes):
     """Set the pixels whose centres the faces' boxes hold: first and last columns and rows."""
     for axis, length in enumerate((width, height)):
@@ -289,7 +288,7 @@ def _find_boxes(size, width, height, corners, boxes):
             last[i] = min(_i32(_i32(max(a[i], b[i], c[i]) - _HALF_SUB) >> _BITS), end)
 
 
-@_jit
+@jit
 def _set_up(size, corners, boxes, values):
     """Set each face's STATE, first COLUMN and depth there, on the first row of its box."""
     # A face two pixels wide and high at most is drawn only if it holds the centre of one of them.
@@ -341,7 +340,7 @@ def _set_up(size, corners, boxes, values):
         state[i] = LARGE if is_large else (DRAWN if is_drawn else HIDDEN)
 
 
-@_jit
+@jit
 def _set_edge(size, k, weighs, corners, boxes, steps, values):
     """Set the edge function opposite corner ``k`` in ``steps`` and, weighed, in ``values``."""
     a, b = (k + 1) % 3, (k + 2) % 3
@@ -364,7 +363,7 @@ def _set_edge(size, k, weighs, corners, boxes, steps, values):
         along[i] = np.float32(d) * weight
 
 
-@_jit
+@jit
 def _list_drawn(size, boxes):
     """List the columns of the faces that are drawn in row LISTED; returns their count."""
     state, listed = boxes[STATE], boxes[LISTED]
@@ -375,7 +374,7 @@ def _list_drawn(size, boxes):
     return count
 
 
-@_jit
+@jit
 def _cut(large, shape, vertices, camera, planes, shading):
     """Cut ``large`` faces to faces (T,), corners (T, 3, 2) in 1/256 px, depths there (T, 3)."""
     faces, screen, depths, normals = shape
@@ -416,7 +415,7 @@ def _cut(large, shape, vertices, camera, planes, shading):
     return owners[:pieces], corners[:pieces], values[:pieces]
 
 
-@_jit
+@jit
 def _set_homogeneous(vertices, vertex, camera, out):
     """Set ``out`` (4,): (X, Y, W, d) with u = X / W, v = Y / W; W is z or 1, d is -z."""
     a, b = vertices[0, vertex], vertices[1, vertex]
@@ -430,7 +429,7 @@ def _set_homogeneous(vertices, vertex, camera, out):
     out[2], out[3] = w, -z
 
 
-@_jit
+@jit
 def _set_plane(face, polygon, corners, planes):
     """Set a face's plane equations from homogeneous corners, which hold behind the camera too."""
     # Olano and Greer, Triangle scan conversion using 2D homogeneous coordinates, 1997.
@@ -454,7 +453,7 @@ def _set_plane(face, polygon, corners, planes):
             planes[face, 4 * step + axis] = total
 
 
-@_jit
+@jit
 def _pixel_area(polygon):
     """Return twice a triangle's area in the picture, px; infinite if it is partly behind."""
     if min(polygon[0, 2], polygon[1, 2], polygon[2, 2]) <= 0.0:
@@ -465,7 +464,7 @@ def _pixel_area(polygon):
     return abs(ax * by - bx * ay)
 
 
-@_jit
+@jit
 def _clip(polygon, other, near):
     """Clip a triangle at near plane and guard band (Sutherland and Hodgman)."""
     count, first = 3, 0 if near > 0.0 else 1
@@ -498,7 +497,7 @@ def _clip(polygon, other, near):
     return polygon, count
 
 
-@_jit
+@jit
 def _draw_piece(corners, values, face, width, depth, ids):
     """Draw one triangle of any size, row by row in spans."""
     x0, y0 = corners[0, 0], corners[0, 1]
@@ -535,7 +534,7 @@ def _draw_piece(corners, values, face, width, depth, ids):
         e2 = e2 + down2
 
 
-@_jit
+@jit
 def _wide_edge_at(xa, ya, xb, yb, px, py, sign):
     """Compute ``_edge_at`` in 64 bits."""
     ex, ey = sign * (xb - xa), sign * (yb - ya)
@@ -543,7 +542,7 @@ def _wide_edge_at(xa, ya, xb, yb, px, py, sign):
     return ex * (py - ya) - ey * (px - xa), excluded, -ey * SUBPIXELS, ex * SUBPIXELS
 
 
-@_jit
+@jit
 def _span(first, last, e, right):
     """Return the part of columns ``first`` to ``last`` where ``e`` + k ``right`` is >= 0."""
     if right > 0:
@@ -553,7 +552,7 @@ def _span(first, last, e, right):
     return first, min(last, e // -right) if right < 0 else last
 
 
-@_jit
+@jit
 def _draw_span(depths, faces, d, slope, face):
     """Draw ``face`` along a row's pixels, where it is not behind what is there."""
     for k in range(depths.shape[0]):

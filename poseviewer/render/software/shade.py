@@ -9,12 +9,11 @@ texels and table of a ``TexturePyramid``); ``workspace`` is made by ``make_row``
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
 from poseviewer.geometry.image import GREY_WEIGHTS
-from poseviewer.render.software.kernel import kernel
+from poseviewer.render.software.kernel import jit, jit_sums
 from poseviewer.render.software.rasterise import COLUMN_OF, GREY, MAPPED, ROW_OF
 
 NO_WEIGHT = np.float32(1e-20)
@@ -35,19 +34,15 @@ _MAPPED = np.float32(-MAPPED)
 _ZERO = np.float32(0.0)
 _RED, _GREEN, _BLUE = (np.float32(weight) for weight in GREY_WEIGHTS)
 
-_jit: Any = kernel()
-# Sums alone may be taken in another order (lanes of a vector); rows are short, so it costs nothing.
-_jit_sums: Any = kernel(fastmath={"reassoc", "contract", "nsz", "nnan"})
 
-
-@_jit
+@jit
 def make_row(width, rows):
     """Make the workspace for a row of pixels: normals (3, width), sums (rows, width), varyings."""
     normals, varying = np.empty((3, width), np.float32), np.empty((3, width), np.float32)
     return normals, np.empty((rows, width), np.float32), varying
 
 
-@_jit
+@jit
 def _sample(texels, offset, width, height, u, v):
     """Sample RGB bilinearly, wrapped around, v upwards; texel centres at (i + 0.5) / size."""
     x = (u - math.floor(u)) * width - 0.5
@@ -70,7 +65,7 @@ def _sample(texels, offset, width, height, u, v):
     )
 
 
-@_jit
+@jit
 def _sample_face(face, level, u, v, textures):
     """Return RGB of a MAPPED face at a point of its texture."""
     tints, face_texture, texels, table = textures
@@ -79,13 +74,13 @@ def _sample_face(face, level, u, v, textures):
     return r * tints[face, 0], g * tints[face, 1], b * tints[face, 2]
 
 
-@_jit
+@jit
 def _clamp(value):
     """Clamp to [0, 1]: varyings of a face seen edge-on, which snapping made visible, are not."""
     return min(max(value, np.float32(0.0)), np.float32(1.0))
 
 
-@_jit
+@jit
 def span(ids, row, left, right):
     """Return the columns of a row that hold all visible pixels; ends excluded.
 
@@ -102,7 +97,7 @@ def span(ids, row, left, right):
     return left, right
 
 
-@_jit
+@jit
 def shade(box, ids, of_faces, textures, rotation, reflectance, normals):
     """Write the attributes of all pixels inside a box.
 
@@ -137,7 +132,7 @@ def shade(box, ids, of_faces, textures, rotation, reflectance, normals):
                 reflectance[row, begin + k, axis] = run[axis, k]
 
 
-@_jit
+@jit
 def fill_row(row, first, faces, of_faces, textures, workspace, at):
     """Write normals (of any length, in the model's frame) and reflectance of a row's pixels.
 
@@ -172,7 +167,7 @@ def fill_row(row, first, faces, of_faces, textures, workspace, at):
         _fill_varying(row, first, faces, of_faces, textures, workspace, at)
 
 
-@_jit
+@jit
 def _fill_varying(row, first, faces, of_faces, textures, workspace, at):
     """Write a row's reflectance where it varies within a face, whose kind is there, negative."""
     planes, _, _, varyings, levels = of_faces
@@ -209,7 +204,7 @@ def _fill_varying(row, first, faces, of_faces, textures, workspace, at):
             run[2, k] = z[k]
 
 
-@_jit
+@jit
 def fill_planes(box, ids, of_faces, textures, spans, out):
     """Write the attributes of all visible pixels as planes, normals in the model's frame.
 
@@ -236,7 +231,7 @@ def fill_planes(box, ids, of_faces, textures, spans, out):
             _write_planes(row + 1, begin + 1, faces, nx, ny, nz, run, out)
 
 
-@_jit_sums
+@jit_sums
 def _write_planes(row, begin, faces, x, y, z, run, out):
     size, none = faces.shape[0], np.float32(0.0)
     end = begin + size

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from poseviewer.render.software.kernel import kernel
+from poseviewer.render.software.kernel import jit, jit_sums, kernel
 from poseviewer.render.software.shade import (
     COVERAGE,
     GREY_REFLECTANCE,
@@ -29,13 +29,10 @@ from poseviewer.render.software.shade import (
 EDGE_PLANES = 5
 """Planes in which edges are found: normal, grey reflectance and coverage."""
 
-_jit: Any = kernel()
-# Sums alone may be taken in another order (lanes of a vector); rows are short, so it costs nothing.
-_jit_sums: Any = kernel(fastmath={"reassoc", "contract", "nsz", "nnan"})
 _jit_fast: Any = kernel(fastmath=True)
 
 
-@_jit
+@jit
 def moments(box, ids, of_faces, textures, photo, photo_origin, model, region, rotation):
     """Compute the moments of photo and model.
 
@@ -70,7 +67,7 @@ def moments(box, ids, of_faces, textures, photo, photo_origin, model, region, ro
     return pixels, weight, mean, covariance
 
 
-@_jit
+@jit
 def _accumulate(box, ids, of_faces, textures, photo, origin, model, first, second):
     """Add up ``w``, ``w x`` and the lower half of ``w x x^T``; returns pixels and their weight."""
     # x = (F, M) - ``origin`` (n + m,), which is given for F and set for M; products of F with F are
@@ -106,7 +103,7 @@ def _accumulate(box, ids, of_faces, textures, photo, origin, model, first, secon
     return pixels, total
 
 
-@_jit_sums
+@jit_sums
 def _gather_photo(faces, weights, planar, row, first, origin, run):
     """Write a row's weights and F, 0 where none counts; returns their number and weight."""
     zero, length = np.float32(0.0), faces.shape[0]
@@ -128,7 +125,7 @@ def _gather_photo(faces, weights, planar, row, first, origin, run):
     return pixels, total
 
 
-@_jit_sums
+@jit_sums
 def _fill_products(size, normals, run, at_model):
     """Write one over the normals' lengths, and reflectance times unit normals."""
     scale = run[at_model + 4, :size]
@@ -145,7 +142,7 @@ def _fill_products(size, normals, run, at_model):
         kz[p] = k[p] * (scale[p] * z[p])
 
 
-@_jit_sums
+@jit_sums
 def _centre(size, weight, n, run, origin):
     """Take model attributes about the first row's means, so that sums of them keep their digits."""
     used = run[0, :size]
@@ -160,7 +157,7 @@ def _centre(size, weight, n, run, origin):
             row[p] -= mean
 
 
-@_jit_sums
+@jit_sums
 def _add_row(length, n, whole, weighted, run, first, second):
     """Add the sums over a row of pixels, in float64: near-singular covariances need the digits."""
     weights, weighted = run[0, :length], weighted[:length]
@@ -179,7 +176,7 @@ def _add_row(length, n, whole, weighted, run, first, second):
             second[i, j] += product
 
 
-@_jit
+@jit
 def _rotate(rotation, vector):
     """Multiply ``rotation`` (3, 3) by ``vector`` (3,), in place."""
     x, y = vector[0], vector[1]
@@ -188,7 +185,7 @@ def _rotate(rotation, vector):
         vector[i] = rotation[i, 0] * x + rotation[i, 1] * y + rotation[i, 2] * z
 
 
-@_jit
+@jit
 def _from_sums(n, weight, first, second, origin, rotation):
     """Compute mean and covariance from sums about ``origin``, with rotated normals."""
     size = first.shape[0]
@@ -209,7 +206,7 @@ def _from_sums(n, weight, first, second, origin, rotation):
     return mean, second
 
 
-@_jit
+@jit
 def _add_surroundings(n, weight, first, second, origin, region_first, region_second):
     """Extend sums over the model's pixels to the region around, where M is 0 and the origin too."""
     size = first.shape[0]
@@ -226,7 +223,7 @@ def _add_surroundings(n, weight, first, second, origin, region_first, region_sec
             second[i, j] = region_second[i, j]
 
 
-@_jit
+@jit
 def structure_sums(box, ids, of_faces, textures, photo, target, rotation, noise, taps, workspace):
     """Compute sums where classes and edges are compared.
 
@@ -259,7 +256,7 @@ def structure_sums(box, ids, of_faces, textures, photo, target, rotation, noise,
     return pixels, joint, second, dot, square
 
 
-@_jit
+@jit
 def _class_sums(spans, planes, weights, photo, labels, rotation, joint, second):
     """Add up ``F M^T`` and ``M M^T``; returns how many pixels count."""
     channels, size = photo.shape[0], second.shape[0]
@@ -284,7 +281,7 @@ def _class_sums(spans, planes, weights, photo, labels, rotation, joint, second):
     return pixels
 
 
-@_jit_sums
+@jit_sums
 def _fill_products_row(row, begin, end, planes, weights, photo, attributes, run):
     """Write M, m rows, its last the weight, then F weighted, n rows; 0 without weight."""
     size, ones = end - begin, run[attributes - 1, : end - begin]
@@ -310,7 +307,7 @@ def _fill_products_row(row, begin, end, planes, weights, photo, attributes, run)
     return pixels
 
 
-@_jit_sums
+@jit_sums
 def _add_products(length, channels, size, run, joint, second):
     ones = run[size - 1, :length]
     weighted = run[size + channels, :length]
@@ -339,7 +336,7 @@ def _add_products(length, channels, size, run, joint, second):
             joint[channel, i] += product
 
 
-@_jit
+@jit
 def _add_classes(labels, channels, size, run, joint):
     for p in range(labels.shape[0]):
         label, weight = np.uint64(channels + np.int64(labels[p])), run[size - 1, p]
@@ -348,7 +345,7 @@ def _add_classes(labels, channels, size, run, joint):
         joint[label, size - 1] += weight
 
 
-@_jit
+@jit
 def _edge_sums(spans, planes, noise, taps, weights, target, across):
     """Sum ``e target`` and ``w e^2`` over P, of the model's orientation field e, blurred."""
     height, width = weights.shape
@@ -377,7 +374,7 @@ def _edge_sums(spans, planes, noise, taps, weights, target, across):
     return dot, length
 
 
-@_jit
+@jit
 def _span_of_all(spans, width):
     first, last = spans.shape[0], 0
     left, right = width, 0
@@ -388,7 +385,7 @@ def _span_of_all(spans, width):
     return first, last, left, right
 
 
-@_jit
+@jit
 def _span_about(row, spans, width):
     """Return the columns of a row that have the model within a pixel; ends excluded."""
     begin, end = width, 0
