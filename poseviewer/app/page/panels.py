@@ -53,10 +53,10 @@ from poseviewer.starts.placing import SIDES
 
 MAX_PARAMETERS = 8
 """Most parameters of any chart: six, focal length and size; further locks are hidden."""
-NUMBER_STEPS = (
-    dict.fromkeys("XYZ", 0.01) | {f"turn {axis}": 0.1 for axis in "xyz"} | {"scale": 0.01}
-)
-"""Numbers of a pose that have a field, and what its arrows add."""
+NUMBERS = "X", "Y", "Z", "turn x", "turn y", "turn z", "scale"
+"""Numbers of a pose that have a field."""
+NUMBER_STEPS = {name: 0.1 if "turn" in name else 0.01 for name in NUMBERS}
+"""What the arrows of each add."""
 LOG_SIZE = "log_size"
 """Parameter of the model's size, in charts of photos whose scale is not known."""
 CURVE_POINTS = 300
