@@ -43,6 +43,7 @@ QUALITY = 82
 WIDTH = 640
 GAP = 6
 """px: width of each picture of a sheet, and gap between two of them."""
+SMALL = (1120, 640)
 WINDOW, LARGE = (1280, 720), (1440, 900)
 """CSS px of the app's window; the large one has room for the maps of two losses."""
 SETTLED_S = 12
@@ -71,6 +72,8 @@ PIN = """() => {
     return [e, f];
 }"""
 """Place of the front wheel's pin, px of the photo."""
+NOT_PLACED = "is not placed yet"
+"""Text of a page whose model is nowhere yet."""
 NEAR = "xpath=//*[text()='Range ± %']/following::input[not(@type='hidden')][1]"
 LENS = Lens("opencv", (-0.28, 0.09, 0.0004, -0.0002, -0.01))
 SPOTS = ((180.0, 420.0), (420.0, 300.0), (780.0, 380.0), (540.0, 460.0))
@@ -100,13 +103,16 @@ def save_sheet(path: Path, *pictures: np.ndarray) -> None:
 
 @contextmanager
 def open_app(
-    folder: Path, *arguments: str | Path, size: tuple[int, int] = WINDOW
+    folder: Path,
+    *arguments: str | Path,
+    size: tuple[int, int] = WINDOW,
+    first: str = "at this pose",
 ) -> Iterator[AppPage]:
-    """Open the app's page, dark, and wait for the first loss."""
+    """Open the app's page, dark, and wait for its ``first`` text, by default the loss."""
     with open_browser() as browser, AppProcess(folder, *arguments) as app:
         tab = AppPage(browser, app.url, size, color_scheme="dark")
         tab.page.set_default_timeout(1000 * MAX_WAIT_S)
-        tab.wait_for_text("at this pose")
+        tab.wait_for_text(first)
         yield tab
 
 
@@ -184,6 +190,27 @@ def make_app(folder: Path) -> None:
         save_page(README / "app_large_map.jpg", tab)
 
 
+def make_first(folder: Path) -> None:
+    """The first minute: the demo, a photo and a model without a pose, its search, its camera."""
+    with open_app(folder, size=SMALL) as tab:
+        save_page(DOCS / "first_demo.jpg", tab)
+    with open_app(folder, DEMO.photo, DEMO.model, size=SMALL, first=NOT_PLACED) as tab:
+        tab.settled_picture()
+        save_page(DOCS / "first_looking.jpg", tab, settled=False)
+        tab.page.locator(".pv-starts button").first.wait_for()
+        tab.settled_picture()
+        save_page(DOCS / "first_proposal.jpg", tab, settled=False)
+        tab.page.locator(".pv-starts button").first.click()
+        press(tab, "Search (space)")
+        tab.wait_for_text("Verdict:")
+        save_page(DOCS / "first_verdict.jpg", tab)
+        press(tab, "Keep it")
+        tab.open_step(2)
+        tab.page.get_by_text("Camera", exact=True).click()
+        tab.page.get_by_label("cy (px)").scroll_into_view_if_needed()
+        save_page(DOCS / "first_camera.jpg", tab)
+
+
 def make_lens(folder: Path) -> None:
     """The demo's photo as a longer lens with distortion takes it, and that photo undistorted."""
     photo = load_photo(DEMO.photo)
@@ -244,7 +271,7 @@ def make_report(folder: Path) -> None:
 
 def make_wheels(folder: Path) -> None:
     """Wheels that the app found in a region."""
-    with open_app(folder, DEMO.photo, DEMO.model) as tab:
+    with open_app(folder, DEMO.photo, DEMO.model, first=NOT_PLACED) as tab:
         press(tab, "Wheels")
         press(tab, "Find wheels: draw a region")
         tab.wait_for_text("drag a rectangle on the photo")
@@ -256,7 +283,7 @@ def make_wheels(folder: Path) -> None:
 
 def make_box(folder: Path) -> None:
     """The first proposal in a rectangle about the demo's car."""
-    with open_app(folder, DEMO.photo, DEMO.model) as tab:
+    with open_app(folder, DEMO.photo, DEMO.model, first=NOT_PLACED) as tab:
         press(tab, "Fit to box")
         tab.wait_for_text("drag a rectangle about the object")
         tab.drag(*REGION, PHOTO)
@@ -326,7 +353,7 @@ def make_two(folder: Path) -> None:
     """Two things in three photos, each placed in the first and fitted in all."""
     cameras, ball, box = write_two(folder)
     size = CAMERA.width, CAMERA.height
-    with open_app(folder, "--views", cameras, ball, size=LARGE) as tab:
+    with open_app(folder, "--views", cameras, ball, size=LARGE, first=NOT_PLACED) as tab:
         tab.fit_to_box(TRUTH[0].project(MESH.vertices), size)
         tab.add_object(box)
         tab.wait_for_text("not placed")
@@ -338,8 +365,8 @@ def make_two(folder: Path) -> None:
 
 
 MAKERS = (
-    make_search, make_demo, make_app, make_lens, make_export, make_pairs, make_report, make_wheels,
-    make_box, make_methods, make_hide, make_objects, make_two,
+    make_search, make_demo, make_app, make_first, make_lens, make_export, make_pairs, make_report,
+    make_wheels, make_box, make_methods, make_hide, make_objects, make_two,
 )  # fmt: skip
 PICTURES: dict[str, Callable[[Path], None]] = {
     **{make.__name__.removeprefix("make_"): make for make in MAKERS},

@@ -115,7 +115,7 @@ def test_two_things_in_three_photos_are_placed_in_one_fitted_in_all_saved_and_op
 ):
     cameras, ball, box = write_two(tmp_path)
     with AppProcess(tmp_path, "--views", cameras, ball) as app, AppPage(browser, app.url) as tab:
-        tab.wait_for_text("mean of")
+        tab.wait_for_text("is not placed yet")
         tab.fit_to_box(TRUTH[0].project(MESH.vertices), SIZE)
         tab.add_object(box)
         tab.until(lambda: tab.verdicts().get("box.ply") == "not placed")

@@ -34,12 +34,7 @@ from poseviewer.app.state.keys_and_buttons import ACTIONS, STYLES
 from poseviewer.app.state.marking import MARKING
 from poseviewer.app.state.objects import alter_object
 from poseviewer.app.state.pointer_edits import set_tool
-from poseviewer.app.state.pose_edits import (
-    pose_numbers,
-    set_number,
-    set_parameter,
-    view_from,
-)
+from poseviewer.app.state.pose_edits import pose_numbers, set_number, set_parameter, view_from
 from poseviewer.app.state.proposal_edits import propose_starts
 from poseviewer.app.state.search_edits import alter_settings, find_focal_length, set_loss, take_end
 from poseviewer.app.state.session import Session
@@ -57,14 +52,11 @@ from poseviewer.scene.settings import LOSSES, SEARCHES
 from poseviewer.starts.placing import SIDES
 
 MAX_PARAMETERS = 10
-"""Most parameters of any chart: six, focal length, principal point and size;
-further locks are hidden."""
-NUMBER_STEPS = {
-    **dict.fromkeys("XYZ", 0.01),
-    **{f"turn {axis}": 0.1 for axis in "xyz"},
-    "scale": 0.01,
-}
-"""Numbers of a pose that have a field, and what its arrows add."""
+"""Most parameters of any chart: six, focal length, principal point, size; others are hidden."""
+NUMBERS = "X", "Y", "Z", "turn x", "turn y", "turn z", "scale"
+"""Numbers of a pose that have a field."""
+NUMBER_STEPS = {name: 0.1 if "turn" in name else 0.01 for name in NUMBERS}
+"""What the arrows of each add."""
 LOG_SIZE = "log_size"
 """Parameter of the model's size, in charts of photos whose scale is not known."""
 CURVE_POINTS = 300
@@ -237,8 +229,7 @@ def _add_lock(controls: Controls, index: int) -> None:
 def _add_camera(controls: Controls) -> None:
     """A calibration's file; projection, field of view, and intrinsics in px as OpenCV has them."""
     gui = controls.gui
-    ending = ",".join(TREES)
-    controls.upload("Calibration file ...", None, "camera-up", accepted=ending)
+    controls.upload("Calibration file ...", None, "camera-up", accepted=",".join(TREES))
     hint = "OpenCV's model of the lens, for a calibration file that does not say it"
     model = gui.add_dropdown("Lens model", ("as it says", *COEFFICIENTS), hint=hint)
     controls.lens_model = lambda: model.value if model.value in COEFFICIENTS else None

@@ -147,9 +147,10 @@ class Session:
         result, losses = self.document.object.result, self.results.losses
         if losses is None or losses.mean is None:
             return None
-        if result is None or result.settings != settings_as_json(self.document.settings):
-            return losses.mean.loss
-        return losses.mean.loss if result.loss is None else result.loss
+        known = {} if result is None or result.settings is None else result.settings
+        is_same = settings_as_json(self.document.settings).items() <= known.items()
+        loss = result.loss if result is not None and is_same else None
+        return losses.mean.loss if loss is None else loss
 
     @property
     def other_outlines(self) -> tuple[FloatArray, ...]:

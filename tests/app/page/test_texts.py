@@ -113,7 +113,7 @@ def test_a_pose_that_a_search_found_keeps_the_searchs_value():
     session = make_session()
     scale = LossScale(3, 3, True)
     read = Results(losses=LossReading(session, Unexplained(scale, scale.worst)))
-    settings = settings_as_json(session.document.settings)
+    settings = {**settings_as_json(session.document.settings), "photo_channels": 3}
     result = SearchResult(loss=0.9 * scale.worst, unexplained=0.5, settings=settings)
     document = session.document.with_object(result=result)
     session = replace(session, document=document)
