@@ -38,7 +38,7 @@ from tests.view_sets import BOX, BOX_TRUTH, CAMERA, MESH, TRUTH, write_two, writ
 ASSETS = Path(__file__).resolve().parent.parent
 README, DOCS = ASSETS / "readme", ASSETS / "docs" / "pictures"
 DEMO, PHOTO = demo_case(), (960, 720)
-QUALITY = 82
+QUALITY = 74
 """Quality of a JPEG."""
 WIDTH = 640
 GAP = 6
