@@ -162,7 +162,11 @@ def worst_first(rows: Sequence[Row]) -> list[Row]:
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """Lock the folder of results; raises ``BatchError`` while another batch runs in it."""
+    """Lock the folder of results.
+
+    Raises:
+        BatchError: another batch runs in it.
+    """
     with ExitStack() as stack:
         with suppress(OSError):  # writing the first file will say what is wrong
             lock = lock_file(folder / LOCK)

@@ -221,12 +221,20 @@ def symmetric_distances(
 
 @lru_cache(maxsize=MODELS_KEPT)
 def fetch_model(path: Path) -> tuple[ModelFile, Renderer]:
-    """Load a model and make its renderer, once for each path; raises as ``load_model``."""
+    """Load a model and make its renderer, once for each path.
+
+    Raises:
+        MeshFileError: the file cannot be used.
+    """
     model = load_model(path)
     return model, make_renderer(model.mesh)
 
 
 @lru_cache(maxsize=2)
 def fetch_photo(path: Path) -> Photo:
-    """Load a photo, once for each path; raises as ``load_photo``."""
+    """Load a photo, once for each path.
+
+    Raises:
+        PhotoFileError: the file cannot be used.
+    """
     return load_photo(path)
