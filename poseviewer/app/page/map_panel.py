@@ -273,14 +273,14 @@ def grid_of(session: Session, latest: Landscape) -> LossGrid:
     covariance = None
     trail = None
     candidates = None
-    sure, search = session.covariance_in(first.index), session.own_progress
+    sure, search = session.covariance_in(first.view_index), session.own_progress
     with suppress(PoseViewerError, OutsideChartError):
         pose = document.numbers_in(problem)
     with suppress(PoseViewerError, OutsideChartError):
         covariance = None if sure is None else sure.in_chart(first.chart)
     if session.search and search and search.problem.chart.names == chart.names:
         start = session.search.start
-        if start.scene.pose(start.active, first.index) is latest.start:  # else another chart
+        if start.scene.pose(start.active, first.view_index) is latest.start:  # else another chart
             trail = np.array([step.parameters for step in search.improvements])
             candidates = search.progress.candidates if session.is_searching else None
     is_moving = session.is_searching or session.drag is not None
