@@ -108,7 +108,7 @@ def by_wheels(hand: Hand) -> None:
     hand.press("Wheels", "Find wheels: draw a region")
     hand.drag(*hand.box())
     hand.press("Find wheels in the region")
-    hand.tab.wait_for_text("10 of 10 points")
+    hand.tab.wait_for_text("space: search from here")
     hand.search_and_save("Keep it")
 
 
