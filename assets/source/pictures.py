@@ -277,7 +277,7 @@ def make_wheels(folder: Path) -> None:
         tab.wait_for_text("drag a rectangle on the photo")
         tab.drag(*REGION, PHOTO)
         press(tab, "Find wheels in the region")
-        tab.wait_for_text("10 of 10 points on the rims")
+        tab.wait_for_text("space: search from here")
         save_page(DOCS / "quick_start_wheels.jpg", tab)
 
 

@@ -7,6 +7,7 @@ size in the photo), verdicts. Exit code 1 where a job took more clicks, or came 
 """
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -107,7 +108,7 @@ def by_wheels(hand: Hand) -> None:
     hand.press("Wheels", "Find wheels: draw a region")
     hand.drag(*hand.box())
     hand.press("Find wheels in the region")
-    hand.tab.wait_for_text("10 of 10 points")
+    hand.tab.wait_for_text("space: search from here")
     hand.search_and_save("Keep it")
 
 
@@ -274,7 +275,8 @@ def do(name: str, browser: Browser) -> bool:
         with AppProcess(folder, *words) as app, AppPage(browser, app.url, WINDOW) as tab:
             hand = Hand(tab, cases, photos)
             try:
-                tab.wait_for_text("mean of" if name == "photos" else "at this pose")
+                begin = tab.page.get_by_text(re.compile("is not placed yet|at this pose"))
+                begin.filter(visible=True).first.wait_for()
                 work(hand)
                 saved = folder / "out" / "poses" if name == "review" else photos
                 percent, verdicts = ends_in(saved, cases[: 1 if name == "photos" else None])

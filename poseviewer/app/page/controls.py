@@ -195,7 +195,9 @@ class Controls:
         """The buttons of actions in one line."""
         chosen: list[Any] = [ACTIONS[name] for name in names]
         hint = "; ".join(f"{own.name}: {own.tooltip}" for own in chosen if own.tooltip) or None
-        self.choices(label, {own.label(): own.request for own in chosen}, hint=hint, **options)
+        self.choices(
+            label, {own.label(): own.request for own in chosen}, **{"hint": hint, **options}
+        )
 
     def choices(
         self, label: str, of: Mapping[str, Request], selected: Read | None = None, **options: Any

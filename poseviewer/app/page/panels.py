@@ -152,7 +152,8 @@ def _add_search(controls: Controls) -> None:
 
 def _add_ways(controls: Controls) -> None:
     """A pose from a box, from marks on the photo, or proposed ones."""
-    controls.actions("Place by", "box", "pairs", "wheels", "propose")
+    hint = "A rectangle, points in model and photo, a car's rims, or what is found without a hand"
+    controls.actions("Place by", "box", "pairs", "wheels", "propose", hint=hint)
     stop = ACTIONS["propose"].end
     controls.button(stop, propose_starts(), visible=lambda s: s.is_proposing)
 
