@@ -20,7 +20,7 @@ def run_on_cluster(
     function: Callable[[Item], Result], items: Mapping[str, Item], address: str
 ) -> Iterator[tuple[Item, Result | None]]:
     """Call a function on named items; yield each with its result, None if workers died at it."""
-    with _connected(address) as client:
+    with _connect(address) as client:
         from distributed import (  # pyright: ignore[reportMissingImports] - an extra
             CancelledError,
             KilledWorker,
@@ -51,8 +51,8 @@ def run_on_cluster(
                 client.cancel(running)
 
 
-def _connected(address: str) -> Any:
-    """A client of the scheduler."""
+def _connect(address: str) -> Any:
+    """Connect a client to the scheduler."""
     try:
         from distributed import Client, Security  # pyright: ignore[reportMissingImports] - an extra
         from distributed.comm.addressing import (  # pyright: ignore[reportMissingImports]

@@ -53,7 +53,8 @@ class Probe:
     ) -> None:
         """Prepare to probe a pose, on the photo itself (``is_fine``) or its coarsest level.
 
-        Raises ``PoseViewerError``: a chart has no parameters at the pose.
+        Raises:
+            PoseViewerError: a chart has no parameters at the pose.
         """
         self.mesh = problem.mesh
         self.symmetry = problem.symmetry
@@ -80,7 +81,11 @@ class Probe:
         self.close = self._pool.close
 
     def pose(self, step: FloatArray) -> Pose:
-        """Return the pose at a step; raises ``OutsideChartError`` where there is none."""
+        """Return the pose at a step.
+
+        Raises:
+            OutsideChartError: there is none.
+        """
         return self.chart.to_pose(step @ self.motions)
 
     def losses(self, steps: Sequence[FloatArray] | FloatArray) -> FloatArray:

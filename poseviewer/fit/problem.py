@@ -46,7 +46,11 @@ class FitProblem:
     """The indices of the parameters that the search may change."""
 
     def __post_init__(self) -> None:
-        """Raises ``SettingsError``: the settings lock an unknown parameter, or all of them."""
+        """Check the locks.
+
+        Raises:
+            SettingsError: the settings lock an unknown parameter, or all of them.
+        """
         names, lock = self.chart.names, self.settings.lock
         if unknown := sorted(set(lock) - set(names)):
             raise SettingsError(
@@ -100,7 +104,11 @@ class FitProblem:
         return LossScale.of(self.photo)
 
     def poses(self, parameters: FloatArray) -> tuple[Pose, ...]:
-        """Return the pose in each view at ``parameters`` (d,); raises as the charts."""
+        """Return the pose in each view at ``parameters`` (d,).
+
+        Raises:
+            OutsideChartError: they stand for no pose.
+        """
         return tuple(view.chart.to_pose(parameters) for view in self.views)
 
     def complete(self, free_parameters: FloatArray) -> FloatArray:
@@ -213,9 +221,12 @@ def make_problem(
 
 
 def pose_to_params(chart: Chart, pose: Pose, scale: float = 1.0) -> FloatArray:
-    """(d,): the parameters of a pose in a chart; raises as the chart.
+    """Return the parameters (d,) of a pose in a chart.
 
     ``scale`` is the length of the model's unit in the world's.
+
+    Raises:
+        SingularChartError: the chart has none there.
     """
     is_of_view = isinstance(chart, ViewChart)
     return chart.parameters_at(pose, 1.0 / scale) if is_of_view else chart.from_pose(pose)

@@ -471,7 +471,8 @@ def is_focal_moved(before: Pose, end: FitProgress) -> bool:
 
     Before a verdict, ``FOCAL_THRESHOLD`` stands for it. By the paper's method it is never moved.
     """
-    was, now, known = before.camera, end.pose.camera, end.covariance
+    was, now = before.camera, end.pose.camera
+    known = end.covariance
     is_searched = end.problem.settings.loss != "paper"
     if not (is_searched and isinstance(was, Perspective) and isinstance(now, Perspective)):
         return False

@@ -68,6 +68,12 @@ class FreeBodyChart(Chart):
     ) -> FreeBodyChart:
         """Make the chart about a pose.
 
+        Args:
+            mesh: the model.
+            pose: the start, at which all parameters are 0.
+            free_focal: whether the focal length is a parameter.
+            free_principal_point: whether the principal point adds two.
+
         Raises:
             SingularChartError: the pose does not show the model.
             SettingsError: a focal length is wanted under parallel projection.

@@ -71,16 +71,28 @@ class ViewChart(Chart):
         return scales
 
     def distance_factor(self, parameters: FloatArray) -> float:
-        """Return the distance of all cameras over that at the start; raises as ``to_pose``."""
+        """Return the distance of all cameras over that at the start.
+
+        Raises:
+            OutsideChartError: it is out of all proportion.
+        """
         log_size = float(parameters[-1]) if self.free_size else 0.0
         return _exp(-log_size)
 
     def scale_at(self, parameters: FloatArray) -> float:
-        """Return the scale of the set by these parameters; raises as ``to_pose``."""
+        """Return the scale of the set by these parameters.
+
+        Raises:
+            OutsideChartError: it is out of all proportion.
+        """
         return self.scale * self.distance_factor(parameters)
 
     def parameters_at(self, pose: Pose, scale: float) -> FloatArray:
-        """Return the parameters of a pose at a scale of the set; raises as ``from_pose``."""
+        """Return the parameters of a pose at a scale of the set.
+
+        Raises:
+            SingularChartError: there are none.
+        """
         factor, transform = scale / self.scale, pose.camera_from_model
         centre = transform.apply(self.reference.centre) / factor
         translation = centre - transform.rotation @ self.reference.centre

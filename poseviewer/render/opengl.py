@@ -107,7 +107,11 @@ class OpenGLRenderer(Renderer):
     """Renderer of a mesh by OpenGL, with textures sampled by NumPy; for one thread alone."""
 
     def __init__(self, mesh: Mesh) -> None:
-        """Upload nothing yet; raises ``RendererUnavailableError`` without an OpenGL context."""
+        """Upload nothing yet.
+
+        Raises:
+            RendererUnavailableError: there is no OpenGL context.
+        """
         opengl()
         if len(mesh.faces) > MAX_FACES:
             raise ValueError(f"{len(mesh.faces)} faces; OpenGL here numbers at most {MAX_FACES}")

@@ -23,7 +23,8 @@ def require_renderer(name: RendererName) -> None:
 def make_renderer(mesh: Mesh, name: RendererName = "auto") -> Renderer:
     """Make the renderer called ``name``; ``auto`` is the software renderer, compiled at first use.
 
-    Raises ``RendererUnavailableError`` for ``gpu`` or ``opengl`` on a machine without it.
+    Raises:
+        RendererUnavailableError: this machine has no ``gpu`` or ``opengl``.
     """
     if name == "opengl":
         from poseviewer.render.opengl import OpenGLRenderer

@@ -73,7 +73,8 @@ def measure_distance(
     Raises:
         SettingsError: they are on two objects under parallel projection.
     """
-    objects, scales, part = [first.object_index], [1.0, 1.0], slice(0, 3)
+    objects, part = [first.object_index], slice(0, 3)
+    scales = [1.0, 1.0]
     if second.object_index not in objects:
         objects.append(second.object_index)
         scene.relative_pose(*objects)  # refuses a parallel projection

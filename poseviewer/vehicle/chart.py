@@ -80,6 +80,12 @@ class VehicleChart(Chart):
     ) -> VehicleChart:
         """Make the chart of the side that the camera sees.
 
+        Args:
+            keypoints: the wheels of both sides.
+            pose: a pose near those that are looked for.
+            free_focal: whether the focal length is a parameter.
+            free_principal_point: whether the principal point adds two.
+
         Raises:
             SingularChartError: the vehicle is seen head-on.
         """

@@ -47,7 +47,11 @@ def _device(software: bool) -> Device:
 
 
 def gpu_device() -> Device:
-    """Return the process's device, made once; raises ``RendererUnavailableError`` without a GPU."""
+    """Return the process's device, made once.
+
+    Raises:
+        RendererUnavailableError: there is no GPU.
+    """
     with _device_lock:
         return _device(os.environ.get(ADAPTER_VARIABLE) == "software")
 
@@ -86,7 +90,11 @@ class Device:
     """A device with the compiled shader and buffers that batches share; safe for threads."""
 
     def __init__(self, adapter: Any) -> None:
-        """Compile the shader; raises ``RendererUnavailableError`` if the adapter cannot run it."""
+        """Compile the shader.
+
+        Raises:
+            RendererUnavailableError: the adapter cannot run it.
+        """
         import wgpu
 
         self.name: str = adapter.info["device"]

@@ -59,7 +59,11 @@ class GpuRenderer(SoftwareRenderer):
     """
 
     def __init__(self, mesh: Mesh) -> None:
-        """Upload the model; raises ``RendererUnavailableError`` where there is no GPU."""
+        """Upload the model.
+
+        Raises:
+            RendererUnavailableError: there is no GPU.
+        """
         self.device = gpu_device()
         super().__init__(mesh)
         self._buffers = () if self.device.lost else self._upload_model()
