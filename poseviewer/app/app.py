@@ -99,7 +99,7 @@ class App:
         """Take what has come, start what is wanted, show what is new."""
         busy = self._searcher.busy or self._mapper.busy
         for request in newest_drags(self._mailbox.take(BUSY_S if busy else IDLE_S)):
-            with self._told():
+            with self._report_errors():
                 self._handle(request)
         try:
             self._work()
@@ -114,7 +114,7 @@ class App:
             self._failed = True
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
+    def _report_errors(self) -> Iterator[None]:
         """Tell errors: the session goes on, and nothing of the user's is lost."""
         try:
             yield
@@ -138,7 +138,7 @@ class App:
             case ShowHelp(client):
                 self._page.show_help(client)
             case ReviewRow() if self._review is not None:
-                self._tasks.add(self._review.requested(request))
+                self._tasks.add(self._review.make_task(request))
             case Restore(wanted):
                 kept = self._autosaver.take_offer(wanted)
                 self._page.close_offer()
@@ -153,7 +153,7 @@ class App:
             self._tasks.add(self._review.decide("accepted", goes_on=False))
             return
         self._page.close_question()
-        taken = self._autosaver.taken(self.session.document)
+        taken = self._autosaver.file_to_replace(self.session.document)
         if taken is not None and on_taken == "ask":
             self._page.ask_to_replace(taken)
             return
@@ -165,14 +165,14 @@ class App:
 
     def _work(self) -> None:
         """Take what the workers have found out, and let them begin what is asked for by now."""
-        with self._told():
+        with self._report_errors():
             for result in self._tasks.take():
                 self._finish(result)
         ready = has_renderer(self.session.document.mesh)
         if ready is not (self.session.preparation is None):
             self._edit(preparation_advanced(None if ready else Preparation()))
         for worker in self._workers:
-            with self._told():
+            with self._report_errors():
                 for edit in worker.take():
                     self._edit(edit)
         # By what the user waits for: a drag, what was asked for, a search, maps.
@@ -188,7 +188,7 @@ class App:
         self._page.working("")
         self._edit(forget_strokes())
         for edit in result.edits:
-            with self._told():
+            with self._report_errors():
                 self._edit(edit)
         self._page.tell("Note", *result.notes)
         self._page.send(result)

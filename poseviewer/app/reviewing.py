@@ -10,7 +10,7 @@ from poseviewer.app.state.document import Document
 from poseviewer.app.state.document_edits import open_document
 from poseviewer.app.state.edits import Edit, ReviewRow
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.exporting import picture_of, saved_scene
+from poseviewer.app.workers.exporting import picture_of, scene_to_save
 from poseviewer.app.workers.opening import open_files, with_notes
 from poseviewer.app.workers.tasks import QueuedTask, TaskResult
 from poseviewer.app.workers.worker import Worker
@@ -63,7 +63,7 @@ class Reviewer:
         self.job.close()
         save_summaries(self.queue.batch)
 
-    def requested(self, request: ReviewRow) -> QueuedTask:
+    def make_task(self, request: ReviewRow) -> QueuedTask:
         """The task of a request."""
         match request.what:
             case int(index):
@@ -107,8 +107,10 @@ class Reviewer:
             if at is None:
                 raise BatchError("What is open is no row's; press a row in the list to open it.")
             if review == ACCEPTED and now.is_unsaved:
-                mask = document.scene.mask(document.active, document.at)
-                record = pose_json(as_saved(saved_scene(now)), document.active, document.at)
+                mask = document.scene.mask(document.active, document.view_index)
+                record = pose_json(
+                    as_saved(scene_to_save(now)), document.active, document.view_index
+                )
                 picture = picture_of(document)
                 self.queue = r.save_corrected(self.queue, at, record, picture, mask)
                 done = (set_fields(saved=document),)

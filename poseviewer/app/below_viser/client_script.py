@@ -35,9 +35,9 @@ class ClientScript:
         ``on_report(report, client)`` is called in viser's thread; a page may report anything.
         """
         self._server = server
-        self._told: dict[str, tuple[Any, ...]] = {}
+        self._last_calls: dict[str, tuple[Any, ...]] = {}
         # A page that connects is told everything before it is told of a change.
-        self._telling = Lock()
+        self._lock = Lock()
         # Pages report through a text field that nobody sees; viser has no other public way back.
         channel = server.gui.add_text("report", "", visible=False)
         icon = f"data:image/svg+xml;base64,{base64.b64encode(_ICON.read_bytes()).decode()}"
@@ -54,15 +54,15 @@ class ClientScript:
 
     def show(self, function: str, *arguments: Any) -> None:
         """Call a function of all pages, and of later ones, unless its last call was the same."""
-        with self._telling:
-            if self._told.get(function) != arguments:
-                self._told[function] = arguments
+        with self._lock:
+            if self._last_calls.get(function) != arguments:
+                self._last_calls[function] = arguments
                 for client in self._server.get_clients().values():
                     _run_on(client, _call(function, arguments))
 
     async def _greet(self, client: viser.ClientHandle) -> None:
-        with self._telling:
-            calls = map(_call, self._told, self._told.values())
+        with self._lock:
+            calls = map(_call, self._last_calls, self._report_errors.values())
             _run_on(client, "\n".join([self._source, *calls]))
 
 

@@ -194,7 +194,7 @@ def serve(
     wake_in_the_loop()
     try:
         # viser prints its address, without the token, to the standard output.
-        with _guarded_serve(listening, policy) as calls, redirect_stdout(io.StringIO()):
+        with _intercept_serve(listening, policy) as calls, redirect_stdout(io.StringIO()):
             # Where viser itself would listen, if it ever came past the guard.
             server = viser.ViserServer("127.0.0.1", 0, label, verbose=False)
     except BaseException:
@@ -214,27 +214,27 @@ def serve(
 
 
 @contextmanager
-def _guarded_serve(listening: socket.socket, policy: AccessPolicy) -> Iterator[list[str]]:
+def _intercept_serve(listening: socket.socket, policy: AccessPolicy) -> Iterator[list[str]]:
     """While open, viser's server listens on our socket and asks the policy; gives the calls."""
     calls: list[str] = []
     original = websockets.asyncio.server.serve
 
-    def guarded(handler: Any, *args: Any, **settings: Any) -> Any:
+    def serve_by_policy(handler: Any, *args: Any, **settings: Any) -> Any:
         if getattr(handler, "__module__", "") != VISERS_OWN:
             return original(handler, *args, **settings)  # somebody else's server
         calls.append(handler.__qualname__)
-        settings["process_request"] = _checked(policy, settings["process_request"])
+        settings["process_request"] = _check_requests(policy, settings["process_request"])
         settings |= {"logger": _log, "max_size": MAX_MESSAGE_BYTES}
         return original(handler, sock=listening, **settings)
 
-    websockets.asyncio.server.serve = guarded  # type: ignore[assignment,misc]
+    websockets.asyncio.server.serve = serve_by_policy  # type: ignore[assignment,misc]
     try:
         yield calls
     finally:
         websockets.asyncio.server.serve = original  # type: ignore[misc]
 
 
-def _checked(policy: AccessPolicy, answer: Answer) -> Answer:
+def _check_requests(policy: AccessPolicy, answer: Answer) -> Answer:
     """An answer to requests, HTTP and websocket alike, that asks the policy first."""
 
     def process_request(connection: ServerConnection, request: Request) -> Response | None:

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from poseviewer.app.page.above_steps import object_colour
 from poseviewer.app.page.controls import kept, set_properties
-from poseviewer.app.state.document import stands
-from poseviewer.app.state.hiding import HIDING, found_hidden, masks_of
+from poseviewer.app.state.document import is_shown
+from poseviewer.app.state.hiding import HIDING, masks_of, occluded_pixels
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import size_at_scale
@@ -93,8 +93,12 @@ class PhotoScene:
             lambda s: (*masks_of(s), s.document.settings.in_front, s.tool in HIDING), _painted
         )
         self._found = kept(
-            lambda s: (not s.is_searching and s.search, s.document.object.result, s.document.at),
-            lambda s: _tint(found_hidden(s), FOUND_COLOUR, HIDDEN_OPACITY),
+            lambda s: (
+                not s.is_searching and s.search,
+                s.document.object.result,
+                s.document.view_index,
+            ),
+            lambda s: _tint(occluded_pixels(s), FOUND_COLOUR, HIDDEN_OPACITY),
         )
 
     def show(self, session: Session) -> None:
@@ -141,7 +145,7 @@ class PhotoScene:
             yield Drawing("/hidden/painted", TINT, *self._painted(session))
         yield Drawing("/hidden/found", TINT, *self._found(session))
         yield from _other_objects(session)
-        if stands(session.document.object):
+        if is_shown(session.document.object):
             yield from _model(session)
 
 

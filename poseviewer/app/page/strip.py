@@ -53,7 +53,7 @@ def _cell(session: Session, index: int) -> str:
     """HTML of a photo in the strip; a press makes it the large one."""
     document = session.document
     view, is_compared = document.scene.views[index], document.object.in_views[index].is_compared
-    at = " pv-at" if index == document.at else ""
+    at = " pv-at" if index == document.view_index else ""
     hint = "do not compare it" if is_compared else "compare it again"
     said = " · ".join(
         filter(None, (_loss_text(session, index), _verdict_text(document.object, index)))

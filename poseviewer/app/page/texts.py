@@ -242,7 +242,7 @@ def verdict_text(session: Session) -> str:
     reasons = "\n".join(
         f"- {plain(reason)}" for reason in (*verdict.reasons, focal_note(session)) if reason
     )
-    covariance, sure = session.covariance_in(session.document.at), ""
+    covariance, sure = session.covariance_in(session.document.view_index), ""
     if covariance is not None:
         words = plain(covariance.words(session.document.mesh.unit))
         sure = f"\n\n**How sure, if right:** {words} (standard deviations)."
@@ -251,7 +251,7 @@ def verdict_text(session: Session) -> str:
 
 def occlusion_text(session: Session) -> str:
     """Say how much of the photo is hidden (markdown); "" where nothing is."""
-    mask, occluders = session.document.mask, h.found_hidden(session)
+    mask, occluders = session.document.mask, h.occluded_pixels(session)
     lines = []
     if mask is not None:
         lines.append(f"**{percent(1.0 - float(np.mean(mask.weights)), 1)}** of the photo is hidden")

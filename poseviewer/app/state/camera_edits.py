@@ -23,13 +23,15 @@ def set_projection(session: Session, projection: Literal["perspective", "paralle
         start = document.start.camera
         start = start if isinstance(start, Perspective) else document.photo.default_camera()
         other = replace(start, cx=camera.cx, cy=camera.cy)
-    return _seen_by(session, other)
+    return _change_camera(session, other)
 
 
 @edit
 def set_camera(session: Session, fx: float, fy: float, cx: float, cy: float) -> Session:
     """Set intrinsics in px, as OpenCV has them (pixel centres at integers)."""
-    return _seen_by(session, camera_from_numbers(fx, fy, cx, cy, session.document.pose.camera))
+    return _change_camera(
+        session, camera_from_numbers(fx, fy, cx, cy, session.document.pose.camera)
+    )
 
 
 @edit
@@ -40,7 +42,7 @@ def set_field_of_view(session: Session, degrees: float) -> Session:
     return set_camera(camera.fx, camera.fy, now.cx, now.cy)(session)
 
 
-def _seen_by(session: Session, camera: Camera) -> Session:
+def _change_camera(session: Session, camera: Camera) -> Session:
     """Session with the active object seen by another camera."""
     document = session.document
     if len(document.scene.views) > 1:

@@ -57,8 +57,8 @@ def hold_model(held: Document, start: FloatArray, kind: str) -> Drag:
             radius = max(radius_in_photo(pose, mesh), 1.0)
             return document.at_pose(trackball(pose, mesh.centre, radius, start, point))
         if kind == "roll":
-            return document.at_pose(rolled_and_scaled(pose, mesh.centre, start, point))
-        return document.at_pose(shifted(pose, mesh.centre, point - start))
+            return document.at_pose(roll_and_scale(pose, mesh.centre, start, point))
+        return document.at_pose(translate(pose, mesh.centre, point - start))
 
     return Drag(follow, start)
 
@@ -73,7 +73,7 @@ def hold_pin(held: Document, pin: int, offset: FloatArray) -> Drag:
             return document.at_pose(chart.to_pose(parameters))
         pixels = pose.project(pins)
         pixels[pin] = point + offset
-        return document.at_pose(pinned(held.mesh, pose, pins, pixels))
+        return document.at_pose(fit_pins(held.mesh, pose, pins, pixels))
 
     return Drag(follow)
 
@@ -118,7 +118,7 @@ def nearest_object(document: Document, point: FloatArray) -> int:
     objects = document.scene.objects
     indices = (document.active, *document.others)
     free = [i for i in indices if not (objects[i].hidden or objects[i].locked)]
-    depths = [_depth_at(document.scene.model_at(i, document.at), point) for i in free]
+    depths = [_depth_at(document.scene.model_at(i, document.view_index), point) for i in free]
     nearest = min(depths, default=math.inf)
     return free[depths.index(nearest)] if nearest < math.inf else document.active
 
@@ -141,12 +141,12 @@ def pins_in_photo(document: Document) -> FloatArray:
     return np.zeros((0, 2))
 
 
-def shifted(pose: Pose, centre: ArrayLike, delta: ArrayLike) -> Pose:
+def translate(pose: Pose, centre: ArrayLike, delta: ArrayLike) -> Pose:
     """The pose whose model ``centre`` (3,) lies ``delta`` (2,) px further, at the same depth."""
     return with_point_at(pose, centre, pose.project(centre) + np.asarray(delta, dtype=float))
 
 
-def turned(pose: Pose, centre: ArrayLike, rotation_vector: ArrayLike) -> Pose:
+def rotate(pose: Pose, centre: ArrayLike, rotation_vector: ArrayLike) -> Pose:
     """The pose rotated about ``centre`` (3,) by an axis times an angle (3,), in camera axes."""
     turn = Rotation.from_rotvec(np.array(rotation_vector, dtype=float)).as_matrix()
     rotation = turn @ pose.camera_from_model.rotation
@@ -165,7 +165,7 @@ def trackball(
     sine = float(np.linalg.norm(axis))
     if sine < 1e-12:
         return pose
-    return turned(pose, centre, axis / sine * math.atan2(sine, float(first @ second)))
+    return rotate(pose, centre, axis / sine * math.atan2(sine, float(first @ second)))
 
 
 def _on_trackball(point: FloatArray) -> FloatArray:
@@ -176,7 +176,7 @@ def _on_trackball(point: FloatArray) -> FloatArray:
     return vector / np.linalg.norm(vector)
 
 
-def rolled_and_scaled(pose: Pose, centre: ArrayLike, start: ArrayLike, end: ArrayLike) -> Pose:
+def roll_and_scale(pose: Pose, centre: ArrayLike, start: ArrayLike, end: ArrayLike) -> Pose:
     """Rolled about the line of sight, and scaled, so that ``start`` is seen at ``end``."""
     middle = pose.project(centre)
     before, after = np.asarray(start) - middle, np.asarray(end) - middle
@@ -185,18 +185,18 @@ def rolled_and_scaled(pose: Pose, centre: ArrayLike, start: ArrayLike, end: Arra
     if float(np.linalg.norm(before)) < MIN_LEVER:
         angle = 0.0  # no direction to speak of
     zoom = min(max(reach / lever, 1.0 / MAX_ZOOM), MAX_ZOOM)
-    return scaled_about(rolled(pose, centre, angle), centre, zoom)
+    return scale_about(roll(pose, centre, angle), centre, zoom)
 
 
-def rolled(pose: Pose, centre: ArrayLike, angle: float) -> Pose:
+def roll(pose: Pose, centre: ArrayLike, angle: float) -> Pose:
     """Rolled by ``angle`` (rad), clockwise in the photo, about the line of sight of ``centre``."""
     sight = np.array([0.0, 0.0, 1.0])
     if not isinstance(pose.camera, Parallel):
         sight = pose.camera_from_model.apply(centre)
-    return turned(pose, centre, angle * sight / np.linalg.norm(sight))
+    return rotate(pose, centre, angle * sight / np.linalg.norm(sight))
 
 
-def scaled_about(pose: Pose, centre: ArrayLike, zoom: float) -> Pose:
+def scale_about(pose: Pose, centre: ArrayLike, zoom: float) -> Pose:
     """``zoom`` times as large in the photo, about the image of ``centre``: by scale, or depth."""
     camera, pixel = pose.camera, pose.project(centre)
     if isinstance(camera, Parallel):
@@ -212,7 +212,7 @@ def radius_in_photo(pose: Pose, mesh: Mesh) -> float:
     return float(np.linalg.norm(pose.camera.project(rim) - pose.camera.project(at)))
 
 
-def pinned(mesh: Mesh, pose: Pose, points: ArrayLike, pixels: ArrayLike) -> Pose:
+def fit_pins(mesh: Mesh, pose: Pose, points: ArrayLike, pixels: ArrayLike) -> Pose:
     """The pose nearest to ``pose`` that shows model ``points`` (k, 3) at ``pixels`` (k, 2)."""
     points, pixels = np.atleast_2d(points), np.atleast_2d(pixels)
     if len(points) == 1:

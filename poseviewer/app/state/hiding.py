@@ -136,10 +136,10 @@ def bring_back(session: Session, index: int) -> Session:
 @edit
 def hide_found(session: Session) -> Session:
     """Hide what the search took for something in front, to be corrected."""
-    in_front, document = found_hidden(session), session.document
+    in_front, document = occluded_pixels(session), session.document
     if in_front is None:
         return session
-    result, at = document.object.result, document.at
+    result, at = document.object.result, document.view_index
     if result is not None:  # the same pixels were compared
         hidden = (*result.hidden[:at], None, *result.hidden[at + 1 :])
         document = document.with_object(result=replace(result, hidden=hidden))
@@ -158,15 +158,15 @@ def masks_of(session: Session) -> tuple[Mask | None, Mask | None]:
     return session.document.view.mask, session.document.own.mask
 
 
-def found_hidden(session: Session) -> NDArray[np.bool_] | None:
+def occluded_pixels(session: Session) -> NDArray[np.bool_] | None:
     """(height, width): what the search that led to the pose at hand took for something in front."""
     own, progress = session.document, session.own_progress
     if own.object.result is not None:
-        return own.object.result.hidden[own.at] if own.object.result.hidden else None
+        return own.object.result.hidden[own.view_index] if own.object.result.hidden else None
     if progress is None or session.is_searching:
         return None
     # The search was stopped.
-    view = next(view for view in progress.problem.views if view.view_index == own.at)
+    view = next(view for view in progress.problem.views if view.view_index == own.view_index)
     if view.occluded is None:
         return None
     return enlarge_mask(view.occluded, view.photo.factor, own.photo.width, own.photo.height)

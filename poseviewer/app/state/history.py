@@ -26,7 +26,7 @@ class History:
     ) -> History:
         """Add a step, and forget what was undone; steps in a row with one ``key`` are one."""
         is_same = key is not None and self.last_step == (key, before) and not self.future
-        past = self.past if is_same else _bounded((*self.past, before))
+        past = self.past if is_same else _drop_oldest((*self.past, before))
         return History(past, last_step=(key, after))
 
     def undo(self, now: Document) -> tuple[History, Document]:
@@ -39,10 +39,10 @@ class History:
         """Go one step on again, if there is one."""
         if not self.future:
             return self, now
-        return History(_bounded((*self.past, now)), self.future[1:]), self.future[0]
+        return History(_drop_oldest((*self.past, now)), self.future[1:]), self.future[0]
 
 
-def _bounded(past: tuple[Document, ...]) -> tuple[Document, ...]:
+def _drop_oldest(past: tuple[Document, ...]) -> tuple[Document, ...]:
     """The last steps, over no more than the allowed number of photos and of models."""
     past = past[-MAX_STEPS:]
     photos, meshes = set(), set()

@@ -46,7 +46,7 @@ def hold_mark(held: Document, tool: str, mark: int, start: FloatArray) -> Drag:
         moved = np.array(places)
         moved[mark] += point - start
         document = document.with_marks(**{name: tuple(moved)})
-        return document if tool == "wheels" else solved(document, tool)
+        return document if tool == "wheels" else solve_pose(document, tool)
 
     return Drag(follow)
 
@@ -75,7 +75,7 @@ def with_mark(document: Document, tool: str, point: FloatArray) -> Document:
             raise QuickStartError("Click a point of the model at the right first.")
         return _with_model_point(document, tool, point, document.pose)
     places = (*marks_in_photo(marks, tool), point)
-    return solved(document.with_marks(**{MARKING[tool][0]: places}), tool)
+    return solve_pose(document.with_marks(**{MARKING[tool][0]: places}), tool)
 
 
 def _with_model_point(document: Document, tool: str, point: FloatArray, pose: Pose) -> Document:
@@ -117,7 +117,7 @@ def remove_mark(session: Session, index: int | None = None) -> Session:
     for places in lists.values():
         del places[-1 if index is None else index]
     left = {name: tuple(places) for name, places in lists.items()}
-    return session.with_document(solved(document.with_marks(**left), tool))
+    return session.with_document(solve_pose(document.with_marks(**left), tool))
 
 
 @edit
@@ -144,7 +144,7 @@ def lay_wheels(
     return session.with_document(document.with_marks(rims=rims, note="").at_pose(pose))
 
 
-def solved(document: Document, tool: str) -> Document:
+def solve_pose(document: Document, tool: str) -> Document:
     """Document with the pose that a tool's marks give; where they give none, with a note."""
     try:
         pose = _pose_of_wheels(document) if tool == "wheels" else _pose_of_pairs(document)

@@ -21,14 +21,14 @@ def toggle_measuring(session: Session) -> Session:
 def press_point(session: Session, x: Px, y: Px) -> Session:
     """Measure the surface at a point of the photo, and its distance from the point before."""
     document, pixel = session.document, np.array([x, y])
-    if measure_point(document.scene, pixel, document.at) is None:
+    if measure_point(document.scene, pixel, document.view_index) is None:
         raise QuickStartError("There is no model there to measure; press a point of one.")
-    before = measured_pixels(session)
+    before = measurement_pixels(session)
     pixels = (*before, pixel) if len(before) == 1 else (pixel,)
     return replace(session, measured=tuple((document.photo, own) for own in pixels))
 
 
-def measured_pixels(session: Session) -> tuple[FloatArray, ...]:
+def measurement_pixels(session: Session) -> tuple[FloatArray, ...]:
     """Pixels (2,) of the large photo that are measured, while the tool is in use."""
     if session.tool != "measure":
         return ()

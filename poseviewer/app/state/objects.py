@@ -91,9 +91,9 @@ def alter_object(session: Session, number: int, **changes: Any) -> Session:
 @edit
 def show_view(session: Session, index: int) -> Session:
     """Show another view large. No step: undo leads to what was done before; a search goes on."""
-    if index == session.document.at or not 0 <= index < len(session.document.scene.views):
+    if index == session.document.view_index or not 0 <= index < len(session.document.scene.views):
         return session
-    document, anchor = session.document.with_view(index), session.compared
+    document, anchor = session.document.with_view(index), session.compared_scene
     if not is_in_sight(document):
         name = document.view.name
         raise SettingsError(f"{name} does not show the model where it is now")
@@ -111,7 +111,7 @@ def compare_view(session: Session, index: int, on: bool) -> Session:
         raise SettingsError("one photo at least is compared: switch another one on first")
     # What a search said was said by other photos.
     changed = document.with_view(index).with_own(is_compared=on)
-    return session.with_document(changed.with_object(result=None).with_view(document.at))
+    return session.with_document(changed.with_object(result=None).with_view(document.view_index))
 
 
 def symmetry_text(item: SceneObject) -> str:

@@ -10,12 +10,19 @@ from poseviewer.app.state.dragging import (
     nearest_object,
     nearest_place,
     pins_in_photo,
-    shifted,
     take_hold,
+    translate,
 )
 from poseviewer.app.state.edits import Edit, Px, Zoom, drag_edit, edit
 from poseviewer.app.state.hiding import HIDING, leave_out
-from poseviewer.app.state.marking import MARKING, hold_mark, mark_at, remove_mark, solved, with_mark
+from poseviewer.app.state.marking import (
+    MARKING,
+    hold_mark,
+    mark_at,
+    remove_mark,
+    solve_pose,
+    with_mark,
+)
 from poseviewer.app.state.measuring import press_point
 from poseviewer.app.state.pose_edits import put
 from poseviewer.app.state.proposal_edits import propose_starts
@@ -80,7 +87,7 @@ def press(
 def _place_at(session: Session, point: FloatArray) -> Session:
     """Session with the model's middle at a point (2,) of the photo."""
     document, centre = session.document, session.document.mesh.centre
-    pose = shifted(document.pose, centre, point - document.pose.project(centre))
+    pose = translate(document.pose, centre, point - document.pose.project(centre))
     return session.with_document(put(document, pose))
 
 
@@ -93,7 +100,7 @@ def drag_to(session: Session, x: Px, y: Px) -> Session:
     document = drag.follow(session.document, np.array([x, y]))
     if drag.before is None:
         drag = replace(drag, before=session.document)
-        session = replace(session.without_search(session.compared), drag=drag)
+        session = replace(session.without_search(session.compared_scene), drag=drag)
     return replace(session, document=document)
 
 
@@ -116,7 +123,7 @@ def release(session: Session) -> Session:
         pose = fit_into_rectangle(document.pose, document.mesh, document.marks.box)
         return propose_starts()(session.with_document(put(document, pose)))
     if tool in MARKING:
-        document = solved(document, tool)
+        document = solve_pose(document, tool)
     return session.with_document(document) if is_in_sight(document) else session
 
 

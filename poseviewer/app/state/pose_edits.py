@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poseviewer.app.state.document import Document, scale_at
-from poseviewer.app.state.dragging import rolled, scaled_about, shifted, turned
+from poseviewer.app.state.dragging import roll, rotate, scale_about, translate
 from poseviewer.app.state.edits import edit
 from poseviewer.app.state.session import Session
 from poseviewer.errors import SettingsError
@@ -32,7 +32,7 @@ def put(document: Document, pose: Pose) -> Document:
     if document.scene.free_scale:
         with suppress(SettingsError):
             views, name = document.scene.views, document.scene.name
-            scale = 1.0 / scale_by_rays(views, document.at, document.mesh, pose, name)
+            scale = 1.0 / scale_by_rays(views, document.view_index, document.mesh, pose, name)
     return document.at_pose(pose, scale=scale)
 
 
@@ -42,14 +42,14 @@ def nudge(session: Session, kind: NudgeKind, x: float = 0.0, y: float = 0.0) -> 
     pose, centre = session.document.pose, session.document.mesh.centre
     match kind:
         case "move":
-            pose = shifted(pose, centre, NUDGE_MOVE_PX * np.array([x, y]))
+            pose = translate(pose, centre, NUDGE_MOVE_PX * np.array([x, y]))
         case "turn":
             # To the right: about the downward axis, so that the near side follows.
-            pose = turned(pose, centre, NUDGE_TURN * np.array([y, -x, 0.0]))
+            pose = rotate(pose, centre, NUDGE_TURN * np.array([y, -x, 0.0]))
         case "roll":
-            pose = rolled(pose, centre, NUDGE_TURN * x)
+            pose = roll(pose, centre, NUDGE_TURN * x)
         case "scale":
-            pose = scaled_about(pose, centre, NUDGE_SCALE**x)
+            pose = scale_about(pose, centre, NUDGE_SCALE**x)
     return session.with_pose(pose)
 
 
@@ -116,13 +116,13 @@ def pick_in_landscape(session: Session, first: int, second: int, u: float, v: fl
     for landscape in session.results.landscapes:
         for piece in landscape.slices:
             if (piece.first, piece.second) == (first, second):
-                parameters = picked_parameters(piece, landscape.parameters, u, v)
-                picked = session.document.at_numbers(landscape.problem, parameters)
+                parameters = parameters_at(piece, landscape.parameters, u, v)
+                picked = session.document.at_params(landscape.problem, parameters)
                 return session.with_document(picked)
     return session
 
 
-def picked_parameters(piece: Slice, centre: FloatArray, u: float, v: float) -> FloatArray:
+def parameters_at(piece: Slice, centre: FloatArray, u: float, v: float) -> FloatArray:
     """(d,): parameters at shares ``u``, ``v``, cut to [0, 1], of a map about ``centre`` (d,)."""
     parameters = np.array(centre, dtype=float)
     parameters[piece.first] = np.interp(u, [0.0, 1.0], piece.first_values[[0, -1]])
@@ -147,10 +147,10 @@ def view_from(session: Session, side: str) -> Session:
 @edit
 def reset_to_start(session: Session) -> Session:
     """Go back to the start pose."""
-    return session.with_document(session.document.reset)
+    return session.with_document(session.document.at_start)
 
 
 @edit
 def make_start(session: Session) -> Session:
     """Make the pose at hand the start pose."""
-    return session.with_document(session.document.started)
+    return session.with_document(session.document.with_start_here)

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from poseviewer.app.state.document import Document, compared
+from poseviewer.app.state.document import Document, loss_inputs
 from poseviewer.app.state.edits import drag_edit, edit
 from poseviewer.app.state.pose_edits import put
 from poseviewer.app.state.search_edits import with_progress, with_search
@@ -64,7 +64,7 @@ def start_fitted(
     if proposals is None or proposals.document is not document or proposals.is_over:
         return session
     verdict, at = result and result.verdict, document.active
-    is_same = compared(session.document.scene, at) == compared(document.scene, at)
+    is_same = loss_inputs(session.document.scene, at) == loss_inputs(document.scene, at)
     if not (is_same and verdict and verdict.label == "found"):
         return session.stop_proposing()
     session = take_start(index)(session)
@@ -88,7 +88,7 @@ def take_start(session: Session, index: int) -> Session:
     proposals = session.proposals
     if proposals is None or not 0 <= index < len(proposals.starts):
         return session
-    document = put(session.document, proposals.starts[index].pose).started
+    document = put(session.document, proposals.starts[index].pose).with_start_here
     # One step back leads to before all proposals.
     session = session.with_document(document, proposals.document)
     return session.with_proposals(replace(proposals, index=index, is_over=True))

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from poseviewer.app.state.document import UNLOCK, Document, label_of, stands
+from poseviewer.app.state.document import UNLOCK, Document, is_shown, label_of
 from poseviewer.app.state.document_edits import undo
 from poseviewer.app.state.edits import drag_edit, edit
 from poseviewer.app.state.results import Preparation
@@ -57,7 +57,7 @@ def search_all(session: Session) -> Session:
     """Search for all objects that are not locked, in turn, until none improves."""
     document = session.document
     objects = enumerate(document.scene.objects)
-    free = {i: item for i, item in objects if stands(item) and not item.locked}
+    free = {i: item for i, item in objects if is_shown(item) and not item.locked}
     if not free:
         raise SettingsError("all objects are locked, hidden or not placed: nothing to search")
     if len(free) > 1 and any(item.settings.free_focal for item in free.values()):
@@ -74,7 +74,7 @@ def compare_losses(session: Session) -> Session:
     document = session.document
     losses = sorted(LOSSES, key=lambda loss: loss == document.settings.loss)
     settings = tuple(map(session.settings_by, losses))
-    return _begun(session, document.reset, settings, (document.active,))
+    return _begun(session, document.at_start, settings, (document.active,))
 
 
 def _begun(
@@ -102,7 +102,7 @@ def take_end(session: Session, index: int) -> Session:
     taken = session.with_document(with_progress(before, end).with_object(settings=end.settings))
     if end.settings.loss != before.settings.loss:
         taken = replace(taken, other_settings=before.settings)
-    request = SearchRequest(before.reset, (end.settings,), (before.active,))
+    request = SearchRequest(before.at_start, (end.settings,), (before.active,))
     return with_search(taken, request, end)
 
 
@@ -154,7 +154,7 @@ def with_progress(document: Document, progress: SearchProgress) -> Document:
     """Document where a search is, or has ended."""
     results = progress.results
     for index, fit in progress.progress_by_object.items():
-        document = document.at_numbers(fit.problem, fit.parameters, index)
+        document = document.at_params(fit.problem, fit.parameters, index)
         document = document.with_object(index, result=results[index])
     is_seen = is_in_sight(document)
     return document if is_seen else document.with_view(progress.problem.views[0].view_index)

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from poseviewer.app.state.camera_change import with_camera
-from poseviewer.app.state.document import UNLOCK, Document, compared, label_of
+from poseviewer.app.state.document import UNLOCK, Document, label_of, loss_inputs
 from poseviewer.app.state.dragging import Drag, radius_in_photo
 from poseviewer.app.state.history import History
 from poseviewer.app.state.results import Preparation, Results
@@ -92,7 +92,7 @@ class Session:
     """None: all is ready. Until then a search waits, and outlines are sketched."""
 
     @property
-    def compared(self) -> Scene:
+    def compared_scene(self) -> Scene:
         """The scene about which pixels are compared."""
         return self.anchor or self.document.scene
 
@@ -104,7 +104,7 @@ class Session:
     @property
     def pixels(self) -> tuple[object, ...]:
         """Values that are equal where the same pixels are compared by the same loss."""
-        return *self.document.shown, *compared(self.compared, self.document.active)
+        return *self.document.shown, *loss_inputs(self.compared_scene, self.document.active)
 
     @property
     def at_pose(self) -> tuple[object, ...]:
@@ -139,7 +139,7 @@ class Session:
         progress, own = self.search_progress, self.document
         if progress is None or progress.object_index != own.active:
             return None
-        return progress if progress.problem.views[0].view_index == own.at else None
+        return progress if progress.problem.views[0].view_index == own.view_index else None
 
     @property
     def loss(self) -> float | None:

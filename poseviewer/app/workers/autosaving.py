@@ -13,7 +13,7 @@ from poseviewer.app.state.display_edits import report_error
 from poseviewer.app.state.document import Document, is_alone
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.exporting import filed_view, saved_scene, stem_of
+from poseviewer.app.workers.exporting import pose_file_view, scene_to_save, stem_of
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.keypoints import load_keypoints, save_keypoints
@@ -83,13 +83,13 @@ class Autosaver:
             except PoseViewerError as error:
                 if not attempt:
                     yield report_error(f"{error} Until then a crash would lose what is not saved.")
-            self.job.require_asked(wanted, RETRY_S)
+            self.job.require_current(wanted, RETRY_S)
 
     def _keep(self, wanted: Kept) -> None:
         if wanted == self._kept:
             return
         if isinstance(wanted, Document):
-            self._file.save(kept_of(wanted))
+            self._file.save(make_autosave(wanted))
             if self._is_adopted:
                 self._discard_offered()
         else:
@@ -101,7 +101,7 @@ class Autosaver:
         """The file's name, as it is shown; its folder is told when it is written."""
         return self._path(session.document).name
 
-    def taken(self, document: Document) -> Path | None:
+    def file_to_replace(self, document: Document) -> Path | None:
         """The file that saving would replace, if this session did not write it."""
         path = self._path(document)
         is_own = self._own.get(path) == _mark(path, document)
@@ -114,11 +114,11 @@ class Autosaver:
 
         Raises ``PoseViewerError``: it cannot be written there, or photo or models are no files.
         """
-        own, scene = session.document, saved_scene(session)
+        own, scene = session.document, scene_to_save(session)
         path, kept = self._path(own), list[Path]()
         if beside:
             path = self._named[self._usual_path(own)] = _next_free(self._usual_path(own))
-        elif self.taken(own):
+        elif self.file_to_replace(own):
             kept = [one for one in (path, mask_path(path)) if one.exists()]
         for one in kept:
             one.replace(one.with_suffix(f"{one.suffix}.bak"))
@@ -143,7 +143,7 @@ class Autosaver:
 
     def _usual_path(self, document: Document) -> Path:
         """Beside the photo; for uploads and the demo in the working directory."""
-        view, ending = filed_view(document), "pose.json" if is_alone(document) else "scene.json"
+        view, ending = pose_file_view(document), "pose.json" if is_alone(document) else "scene.json"
         path = document.scene.views[view].path
         folder = Path.cwd() if path is None else path.resolve().parent
         is_ours = folder.name in ("demo_files", "assets") or self._uploads in folder.parents
@@ -187,25 +187,25 @@ def _next_free(path: Path) -> Path:
     return next(one for one in numbered if not any(_on_disk(one)))
 
 
-def kept_of(document: Document) -> AutosavedSession:
+def make_autosave(document: Document) -> AutosavedSession:
     """All that is kept of a document."""
     scene, saved = document.scene, as_saved(document.scene, canonical=False)
     cameras, objects = tuple(view.camera for view in scene.views), []
     for one, known in zip(saved.objects, scene.objects, strict=True):
-        start = {"start": known.start, "model": _resolved(one.model)}
+        start = {"start": known.start, "model": _with_absolute_path(one.model)}
         if known.start_cameras != cameras:
             start["start_cameras"] = known.start_cameras
         objects.append(replace(one, **start))
-    views = tuple(replace(view, file=_resolved(view.file)) for view in scene.views)
+    views = tuple(replace(view, file=_with_absolute_path(view.file)) for view in scene.views)
     return AutosavedSession(
         saved_at=time.time(),
         active_object=document.object.id,
-        active_view=document.at,
+        active_view=document.view_index,
         photo_names=tuple(view.photo.name for view in scene.views),
         scene=replace(saved, views=views, objects=tuple(objects)),
     )
 
 
-def _resolved(file: Asset) -> Asset:
+def _with_absolute_path(file: Asset) -> Asset:
     """A photo or a model by its absolute path."""
     return replace(file, path=file.path and file.path.resolve())

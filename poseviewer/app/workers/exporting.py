@@ -12,7 +12,7 @@ import numpy as np
 from msgspec import structs
 
 from poseviewer import api
-from poseviewer.app.state.document import Document, label_of, stands
+from poseviewer.app.state.document import Document, is_shown, label_of
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.errors import SettingsError
@@ -42,7 +42,7 @@ MAX_STEM_LETTERS = 90
 """Bytes of a photo's and a model's name each: file systems take 255 in all."""
 
 
-def saved_scene(session: Session) -> Scene:
+def scene_to_save(session: Session) -> Scene:
     """The scene, an unsearched active object with its loss, if it is known, and its numbers."""
     own, losses = session.document, session.results.losses
     if own.object.result is not None:
@@ -55,14 +55,14 @@ def saved_scene(session: Session) -> Scene:
         chart=ChartParameters(chart.name, chart.names, tuple(own.parameters.tolist())),
         settings=settings_as_json(own.settings),
         notes=tuple(filter(None, (own.photo.focal_note(own.pose.camera),))),
-        view=own.at,
+        view=own.view_index,
     )
     return own.scene.with_object(own.active, result=result)
 
 
-def filed_view(document: Document) -> int:
+def pose_file_view(document: Document) -> int:
     """The view that the pose file is of: where the search was, or else the large one."""
-    return document.at if document.object.result is None else document.object.result.view
+    return document.view_index if document.object.result is None else document.object.result.view
 
 
 def stem_of(document: Document, view: int) -> str:
@@ -95,12 +95,12 @@ def export(what: Export, session: Session, unit: str = "") -> dict[str, bytes]:
     if what == RELATIVE:
         return _relative_poses(own)
     if what in CONVERTED:
-        return _converted(what, session, unit if unit in METRES else None)
-    view = filed_view(own) if what == "pose" else own.at
+        return _convert(what, session, unit if unit in METRES else None)
+    view = pose_file_view(own) if what == "pose" else own.view_index
     photo = own.scene.views[view].photo
     stem = _export_stem(own, view)
     if what == "pose":
-        name, scene = f"{stem}.pose.json", saved_scene(session)
+        name, scene = f"{stem}.pose.json", scene_to_save(session)
         record, mask = pose_json(as_saved(scene), own.active, view), scene.mask(own.active, view)
         beside = mask_path(name).name
         record = structs.replace(record, mask=None if mask is None else beside)
@@ -124,11 +124,11 @@ def export(what: Export, session: Session, unit: str = "") -> dict[str, bytes]:
     }
 
 
-def _converted(what: str, session: Session, unit: str | None) -> dict[str, bytes]:
+def _convert(what: str, session: Session, unit: str | None) -> dict[str, bytes]:
     """One file of another tool, or a zip of several; of all objects where it holds several."""
-    own, scene = session.document, as_saved(saved_scene(session))
+    own, scene = session.document, as_saved(scene_to_save(session))
     of_all = what not in FORMATS or FORMATS[what].several_objects
-    stem = _export_stem(own, own.at, of_all)
+    stem = _export_stem(own, own.view_index, of_all)
     with TemporaryDirectory() as folder:
         out = Path(folder, f"{stem}{CONVERTED[what]}")
         if what in FORMATS:
@@ -173,12 +173,12 @@ def picture_of(
 ) -> Picture:
     """(height, width, 3) RGB: the photo with the active object and all that stand in it."""
     objects = tuple(
-        replace(one, hidden=index != document.active and not stands(one))
+        replace(one, hidden=index != document.active and not is_shown(one))
         for index, one in enumerate(document.scene.objects)
     )
     meshes = {one.mesh for one in objects if not one.hidden}
     renderers = {mesh: renderer_of(mesh).clone() for mesh in meshes}
     index = 0 if len(objects) == 1 else None
     scene = replace(document.scene, objects=objects)
-    shown = api.Registration(scene, renderers, index, document.at)
+    shown = api.Registration(scene, renderers, index, document.view_index)
     return shown.picture(look, opacity=opacity)

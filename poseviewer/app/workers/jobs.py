@@ -100,13 +100,13 @@ def prepare(mesh: Mesh) -> Iterator[Preparation]:
 def preparing(notify: Callable[[], None]) -> Worker[Mesh, Edit]:
     """Make ready the model at hand."""
 
-    def asked(session: Session) -> Mesh | None:
+    def request_of(session: Session) -> Mesh | None:
         mesh = session.document.mesh
         return None if has_renderer(mesh) else mesh
 
     return Worker(
         "preparation",
-        asked,
+        request_of,
         lambda mesh: map(preparation_advanced, prepare(mesh)),
         notify,
         failed=lambda _, error: preparation_advanced(Preparation(trouble=str(error))),
@@ -126,14 +126,14 @@ def searching() -> Worker[SearchRequest, Edit]:
 def proposing(notify: Callable[[], None]) -> Worker[Document, Edit]:
     """Propose start poses, as soon as all is ready."""
 
-    def asked(session: Session) -> Document | None:
+    def request_of(session: Session) -> Document | None:
         wanted = session.proposals if session.preparation is None else None
         return wanted.document if wanted is not None and not wanted.is_over else None
 
     job = Worker(
         "proposals",
-        asked,
-        lambda document: proposed(document, lambda: job.require_asked(document)),
+        request_of,
+        lambda document: propose_and_fit(document, lambda: job.require_current(document)),
         notify,
         failed=lambda *_: stop_proposing(),
         low_priority=True,
@@ -141,12 +141,12 @@ def proposing(notify: Callable[[], None]) -> Worker[Document, Edit]:
     return job
 
 
-def proposed(document: Document, watch: Callable[[], None]) -> Iterator[Edit]:
+def propose_and_fit(document: Document, watch: Callable[[], None]) -> Iterator[Edit]:
     """Propose start poses, and fit the best for a model that is nowhere; ``watch`` may raise."""
     query = start_query(document)
     renderer = renderer_of(document.mesh, document.settings.renderer).clone()
     try:
-        placed = [document.scene.model_at(index, document.at) for index in document.others]
+        placed = [document.scene.model_at(index, document.view_index) for index in document.others]
         same = [one for one in placed if one.mesh is document.mesh]
         starts = tuple(propose_beside(query, same, renderer, lower_priority, watch))
         lines = tuple(quick_silhouette(document.mesh, renderer, one.pose) for one in starts)
@@ -154,7 +154,7 @@ def proposed(document: Document, watch: Callable[[], None]) -> Iterator[Edit]:
         if document.object.is_placed:
             return
         best = best_start(query, starts, renderer, watch).pose
-        begun = put(document, best).started
+        begun = put(document, best).with_start_here
         request = SearchRequest(begun, (begun.settings,), (begun.active,))
         for progress in run_search(request):  # noqa: B007 - the last one is wanted
             watch()
@@ -191,7 +191,7 @@ def run_search(
     start, indices = request.start, request.object_indices
     settings = settings or request.methods[0]
     scene = start.scene.with_object(start.active, settings=settings)
-    view, objects = reference_view(scene, start.active, start.at), scene.objects
+    view, objects = reference_view(scene, start.active, start.view_index), scene.objects
     renderers = {i: renderer_of(objects[i].mesh, settings.renderer).clone() for i in indices}
     progress: SearchProgress | None = None
     for progress in Search(scene, renderers, indices, processors(), view).run():

@@ -98,7 +98,7 @@ class MapMaker:
         cases = [self._case(request, settings) for settings in request.mapped]
         own, width = request.document, request.display.half_width
         known = [
-            Landscape(own, case.problem, case.start, own.numbers_in(case.problem), width)
+            Landscape(own, case.problem, case.start, own.params_in(case.problem), width)
             for case in cases
         ]
         first, *more = QUICK_SIZES
@@ -123,13 +123,13 @@ class MapMaker:
         if before is not None and before.losses == losses:
             return before
         own = request.document
-        anchor = request.compared.with_object(own.active, settings=settings)
-        view = reference_view(anchor, own.active, own.at)
+        anchor = request.compared_scene.with_object(own.active, settings=settings)
+        view = reference_view(anchor, own.active, own.view_index)
         if search is not None and search.settings == settings:
             problem = search.problem
         else:
             problem, _ = make_problem(anchor, own.active, view)
-        numbers, start = own.numbers_in(problem), anchor.pose(own.active, view)
+        numbers, start = own.params_in(problem), anchor.pose(own.active, view)
         levels = [
             quick_level(alone, alone.chart.to_pose(numbers), self._renderer)
             for alone in problem.by_view

@@ -41,7 +41,7 @@ def open_files(
     """Photo and model from their files, with a start pose from one, or seen from a corner;
     ``without``: parts that are left out; ``objects``: models that the photo shows as well.
     """
-    parts, start = FitSettings(without=tuple(without)), pose or _seen_from_corner
+    parts, start = FitSettings(without=tuple(without)), pose or _corner_start
     scene = loading.open_photo_scene(photo, model, start, parts, calibration, mask)
     scene = scene.with_object(0, is_placed=pose is not None, settings=FitSettings())
     document = Document.of(scene)
@@ -100,7 +100,7 @@ def open_file_set(
             document = with_notes(document, [_camera_note(document, calibration)])
     if models:
         known = files.models[0].path == now.model.path
-        document = (completed if known else open_model)(document, models[0])
+        document = (complete_model if known else open_model)(document, models[0])
     if files.pose is not None:
         document = open_pose(document, files.pose)
     return with_models(document, models[1:])
@@ -153,7 +153,7 @@ def open_photo(now: Document, path: Path, calibration: Calibration | None = None
     view = View(PhotoFile.of(photo, path), camera, mask=mask)
     objects = []
     for index, one in enumerate(now.scene.objects):
-        old, own = now.scene.pose(index, now.at), now.scene.in_view(index, now.at)
+        old, own = now.scene.pose(index, now.view_index), now.scene.in_view(index, now.view_index)
         if is_same:
             pose = with_camera(old, camera, one.mesh.centre)
         else:
@@ -180,7 +180,7 @@ def has_demo_model(document: Document) -> bool:
     return [path is not None and path.parent in PLACES for path in files] == [True, False]
 
 
-def completed(now: Document, path: Path) -> Document:
+def complete_model(now: Document, path: Path) -> Document:
     """The model at hand with files that it missed; its pose and all marks on it stay."""
     model = load_model(path)
     left_out = [name for name in now.mesh.left_out if name in model.mesh.part_names]
@@ -198,7 +198,7 @@ def open_model(now: Document, path: Path) -> Document:
     changes = {"model": model, "settings": settings, "name": "", "hidden": False, "locked": False}
     changes |= {"without": ()}
     document = now.with_object(**changes).with_state(pins=(), marks={}).at_pose(pose, scale=scale)
-    document = put(document, pose).started.with_object(is_placed=False)
+    document = put(document, pose).with_start_here.with_object(is_placed=False)
     return with_notes(document, notes_of(model))
 
 
@@ -232,14 +232,14 @@ def open_pose(now: Document, path: Path) -> Document:
     without = opened.objects[0].without
     document = document if without == now.object.without else document.without_parts(without)
     document = document.with_view(names.index(opened.views[0].name))
-    document = document.at_pose(opened.pose(0), scale=scale).started
+    document = document.at_pose(opened.pose(0), scale=scale).with_start_here
     document = document.with_object(note=opened.objects[0].note or now.object.note)
     files = (*(view.photo for view in opened.views), now.model)
     of_files = {note for file in files for note in notes_of(file)}
     return with_notes(document, [note for note in opened.notes if note not in of_files])
 
 
-def _seen_from_corner(inputs: StartInputs) -> Start:
+def _corner_start(inputs: StartInputs) -> Start:
     return Start(_corner_view(inputs, inputs.photo.default_camera()), ())
 
 
@@ -271,7 +271,9 @@ def open_autosaved(kept: AutosavedSession) -> Document:
         for view, name in zip(scene.views, names, strict=True)
     )
     document = Document.of(replace(scene, views=views))
-    document = replace(document, active=scene.index(kept.active_object), at=kept.active_view)
+    document = replace(
+        document, active=scene.index(kept.active_object), view_index=kept.active_view
+    )
     return with_notes(document, notes)
 
 

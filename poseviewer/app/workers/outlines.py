@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from poseviewer.app.state.display_edits import set_fields
-from poseviewer.app.state.document import stands
+from poseviewer.app.state.document import is_shown
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.objects import MAX_OBJECTS
 from poseviewer.app.state.results import Outlines
@@ -50,18 +50,18 @@ class OutlineRequest:
         """The outlines that are to be drawn by now."""
         own, scene = session.document, session.document.scene
 
-        def placed(index: int, view: int) -> tuple[Mesh, Pose]:
+        def placed_model(index: int, view: int) -> tuple[Mesh, Pose]:
             return scene.objects[index].mesh, scene.pose(index, view)
 
         numbers = [int(one.id) for one in scene.objects]
-        large = {numbers[index]: placed(index, own.at) for index in own.others}
-        is_at_rest = large and not session.is_moving and stands(own.object)
-        shown = [index for index, one in enumerate(scene.objects) if stands(one)]
+        large = {numbers[index]: placed_model(index, own.view_index) for index in own.others}
+        is_at_rest = large and not session.is_moving and is_shown(own.object)
+        shown = [index for index, one in enumerate(scene.objects) if is_shown(one)]
         views = range(len(scene.views)) if len(scene.views) > 1 else ()
         return cls(
             large,
-            (placed(own.active, own.at),) if is_at_rest else (),
-            tuple({numbers[i]: placed(i, view) for i in shown} for view in views),
+            (placed_model(own.active, own.view_index),) if is_at_rest else (),
+            tuple({numbers[i]: placed_model(i, view) for i in shown} for view in views),
         )
 
 

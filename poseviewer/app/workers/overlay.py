@@ -71,11 +71,11 @@ class LossReader:
             self._note = ""
             # Which numbers are searched for is another matter.
             plain = replace(own.settings, lock=(), free_focal=False, chart="auto")
-            anchor = request.compared.with_object(own.active, settings=plain)
-            view = reference_view(anchor, own.active, own.at)
+            anchor = request.compared_scene.with_object(own.active, settings=plain)
+            view = reference_view(anchor, own.active, own.view_index)
             try:
                 self._views = make_problem(anchor, own.active, view)[0].views
-                self._start = self._read_all(own, own.reset.scene)[0].loss
+                self._start = self._read_all(own, own.at_start.scene)[0].loss
             except PoseViewerError as error:
                 self._note = str(error)
         return self._views
@@ -129,13 +129,17 @@ class OverlayDrawer:
         relight: Relight | None = None
         if display.style in ("relit", "residual"):
             views = self._reader.views(request)
-            compared = next((view.photo for view in views if view.view_index == own.at), None)
+            compared = next(
+                (view.photo for view in views if view.view_index == own.view_index), None
+            )
             if compared is None:
                 return Overlay(request, NO_LINES)
             relight = partial(render_relit, compared, self._reader.renderer, own.pose)
         view = ModelInPhoto(pixels, own.mesh, self._fine, pose, relight, display.opacity)
         picture = draw_style(display.style, view)
-        others = tuple((own.scene.objects[i].mesh, own.scene.pose(i, own.at)) for i in own.others)
+        others = tuple(
+            (own.scene.objects[i].mesh, own.scene.pose(i, own.view_index)) for i in own.others
+        )
         if others:
             behind = _depth_of(others, factor) < depth_image(PlacedModel(own.mesh, pose))
             picture = np.where(behind[..., None], pixels, picture)
@@ -185,7 +189,7 @@ def refining(notify: Callable[[], None]) -> Worker[Session, Edit]:
     """Draw the lines finely once the model has come to rest."""
     renderer = for_one_thread(lambda own: own)
 
-    def asked(session: Session) -> Session | None:
+    def request_of(session: Session) -> Session | None:
         overlay = session.results.overlay
         if overlay is None or session.is_moving or overlay.request.drawn != session.drawn:
             return None
@@ -193,11 +197,11 @@ def refining(notify: Callable[[], None]) -> Worker[Session, Edit]:
         return overlay.request if is_asked else None
 
     def make(request: Session) -> Iterator[Edit]:
-        job.require_asked(request, SETTLED_S)
+        job.require_current(request, SETTLED_S)
         overlay = draw_fine_lines(request, renderer(request.document.mesh))
         yield show_results(request.document, overlay=overlay)
 
-    job = Worker("fine overlay", asked, make, notify)
+    job = Worker("fine overlay", request_of, make, notify)
     return job
 
 
@@ -205,7 +209,7 @@ def picturing(notify: Callable[[], None]) -> Worker[Document, Edit]:
     """Draw the model alone where its points are marked."""
     renderer = for_one_thread(lambda own: own)
 
-    def asked(session: Session) -> Document | None:
+    def request_of(session: Session) -> Document | None:
         is_asked = session.marks_model and session.preparation is None and not session.is_moving
         return session.document if is_asked else None
 
@@ -218,7 +222,7 @@ def picturing(notify: Callable[[], None]) -> Worker[Document, Edit]:
         view = ModelInPhoto(ground, mesh, renderer(mesh), pose, opacity=1.0)
         yield show_results(document, alone=(pose, draw_style("solid", view)))
 
-    return Worker("model alone", asked, make, notify)
+    return Worker("model alone", request_of, make, notify)
 
 
 def reading(notify: Callable[[], None]) -> Worker[Session, Edit]:

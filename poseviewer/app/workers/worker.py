@@ -127,7 +127,7 @@ class Worker(Generic[A, T]):
                 self._held = held
                 self._change.notify_all()
 
-    def require_asked(self, asked: A, seconds: float = 0.0) -> None:
+    def require_current(self, asked: A, seconds: float = 0.0) -> None:
         """Raise unless this is still asked for after so long; from any thread."""
         with self._change:
             if self._change.wait_for(lambda: self._begun is not asked, seconds):

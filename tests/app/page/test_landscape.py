@@ -12,7 +12,7 @@ from lxml import html
 from PIL import Image
 
 from poseviewer.app.page.map_panel import PALETTE, LossGrid, maps_html, on_map
-from poseviewer.app.state.pose_edits import picked_parameters
+from poseviewer.app.state.pose_edits import parameters_at
 from poseviewer.confidence.pose_covariance import region_reach
 from poseviewer.fit.slices import Slice
 from tests.app.state.documents import make_session
@@ -58,8 +58,8 @@ def test_a_pick_at_a_mark_gives_the_marks_numbers():
         parameters[piece.first] += 0.137
         parameters[piece.second] -= 0.071
         u, v = on_map(piece, parameters)
-        np.testing.assert_allclose(picked_parameters(piece, CENTRE, u, v), parameters, atol=1e-12)
-        beside = picked_parameters(piece, CENTRE, 7.0, -3.0)  # its border is meant
+        np.testing.assert_allclose(parameters_at(piece, CENTRE, u, v), parameters, atol=1e-12)
+        beside = parameters_at(piece, CENTRE, 7.0, -3.0)  # its border is meant
         ends = piece.first_values[-1], piece.second_values[0]
         assert tuple(beside[[piece.first, piece.second]]) == ends
 

@@ -30,7 +30,7 @@ from poseviewer.app.page.texts import (
 )
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state.results import LossReading, Results
-from poseviewer.app.workers.exporting import saved_scene
+from poseviewer.app.workers.exporting import scene_to_save
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.fit.loss import LossScale, Unexplained
@@ -45,7 +45,7 @@ def test_a_focal_length_that_is_a_guess_is_said_in_the_panel_and_in_the_file():
     for camera, guessed in ((assumed, True), (PERSPECTIVE, False)):
         session = make_session(camera)
         assert ("is assumed" in focal_note(session)) == guessed
-        notes = pose_json(as_saved(saved_scene(session))).notes
+        notes = pose_json(as_saved(scene_to_save(session))).notes
         assert any("is assumed" in note for note in notes) == guessed
 
 

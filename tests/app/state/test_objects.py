@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poseviewer.app.state.document import compared, label_of, verdict_of
+from poseviewer.app.state.document import label_of, loss_inputs, verdict_of
 from poseviewer.app.state.dragging import nearest_object
 from poseviewer.app.state.objects import (
     MAX_OBJECTS,
@@ -172,14 +172,14 @@ def test_one_camera_sees_all_and_each_keeps_its_place(command):
 def test_the_active_one_is_compared_among_those_that_stand_firm():
     session = with_two()
     before, firm = (
-        compared(after(session, *edits).document.scene, 1)
+        loss_inputs(after(session, *edits).document.scene, 1)
         for edits in ((), (alter_object(1, locked=True),))
     )
     assert before != firm
     named = after(session, alter_object(1, locked=True), alter_object(1, name="ball"))
-    assert compared(named.document.scene, 1) == firm
+    assert loss_inputs(named.document.scene, 1) == firm
     hidden = after(named, alter_object(1, hidden=True))
-    assert compared(hidden.document.scene, 1) == before
+    assert loss_inputs(hidden.document.scene, 1) == before
 
 
 def test_removing_picks_the_next_and_never_the_last():

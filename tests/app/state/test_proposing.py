@@ -17,7 +17,7 @@ from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.objects import add_object, pick_object
 from poseviewer.app.state.searches import start_query
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.jobs import proposed as made
+from poseviewer.app.workers.jobs import propose_and_fit as made
 from poseviewer.app.workers.opening import open_files
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.geometry.camera import Pose

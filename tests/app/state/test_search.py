@@ -50,8 +50,8 @@ def updates(session) -> list[SearchProgress]:
 def landscape(session) -> tuple[Landscape, ...]:
     """The whole of small maps about the start."""
     document = session.document
-    problem, _ = make_problem(document.reset.scene)
-    about = Landscape(document, problem, document.start, document.numbers_in(problem), 0.2)
+    problem, _ = make_problem(document.at_start.scene)
+    about = Landscape(document, problem, document.start, document.params_in(problem), 0.2)
     with RendererPool(SoftwareRenderer(document.mesh)) as pool:
         *_, last = maps(about, problem, pool, 5)
     return (last,)
@@ -133,7 +133,7 @@ def test_a_picked_point_of_a_map_is_the_pose(session, landscape):
     (about,) = landscape
     piece = about.slices[0]
     picked = after(with_maps, c.pick_in_landscape(piece.first, piece.second, 1.0, 0.25))
-    wanted = c.picked_parameters(piece, about.parameters, 1.0, 0.25)
+    wanted = c.parameters_at(piece, about.parameters, 1.0, 0.25)
     assert picked.document.parameters == pytest.approx(wanted, abs=1e-9)
     assert picked.history.past == (session.document,)
     assert after(with_maps, c.pick_in_landscape(0, 99, 0.5, 0.5)) is with_maps

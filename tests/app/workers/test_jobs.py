@@ -77,7 +77,7 @@ def test_the_loss_is_that_of_the_search(document, renderer, settings):
     problem, _ = make_problem(document.scene)
     reader = LossReader(renderer)
     for shift in (0.0, 0.05, -0.1):
-        there = document.at_numbers(problem, problem.start + shift)
+        there = document.at_params(problem, problem.start + shift)
         losses = reader.read(Session(there, anchor=document.scene, display=Display("none")))
         assert losses.mean is not None
         wanted = pose_loss(problem, renderer, problem.start + shift)

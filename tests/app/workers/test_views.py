@@ -12,7 +12,7 @@ from poseviewer.app.state.objects import add_object, compare_view, pick_object, 
 from poseviewer.app.state.results import LossReading, Results
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import Autosaver
-from poseviewer.app.workers.exporting import filed_view, saved_scene
+from poseviewer.app.workers.exporting import pose_file_view, scene_to_save
 from poseviewer.app.workers.jobs import run_search
 from poseviewer.app.workers.maps import MapMaker
 from poseviewer.app.workers.opening import open_autosaved, open_pose, open_scene, open_set
@@ -43,7 +43,7 @@ def session(files: tuple[Path, Path, Path]) -> Session:
 
 def saved_record(session: Session) -> PoseRecord:
     document = session.document
-    return pose_json(as_saved(saved_scene(session)), document.active, filed_view(document))
+    return pose_json(as_saved(scene_to_save(session)), document.active, pose_file_view(document))
 
 
 def losses_of(session: Session) -> LossReading:
@@ -139,7 +139,7 @@ def test_objects_in_several_photos_come_back_from_scene_and_session(
     saver.close(changed)
     (kept,) = (tmp_path / "sessions").iterdir()
     restored, scene = open_autosaved(load_autosave(kept)), changed.document.scene
-    assert (restored.at, restored.active) == (1, 0)
+    assert (restored.view_index, restored.active) == (1, 0)
     for again, tolerance in ((open_scene(path).scene, 1e-6), (restored.scene, 0.0)):
         assert [view.name for view in again.views] == list(NAMES)
         for index, view in product(range(2), range(3)):

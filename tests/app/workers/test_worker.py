@@ -193,11 +193,11 @@ def test_a_job_is_begun_once_and_stopped_where_it_is_not_asked_for(bell):
     job.follow(asked)
     job.follow(asked)
     assert steps["pairs"].asked.acquire(timeout=LONG)
-    job.require_asked("pairs")
+    job.require_current("pairs")
     job.follow(session)
     assert not job.busy
     with pytest.raises(RuntimeError):
-        job.require_asked("pairs")
+        job.require_current("pairs")
     steps["pairs"].go(2)
     other = after(session, set_tool("wheels"))
     job.follow(other)
