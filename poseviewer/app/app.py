@@ -58,7 +58,7 @@ class App:
     ) -> None:
         sys.setswitchinterval(INTERPRETER_SHARE_S)
         self._mailbox: Mailbox[Request] = Mailbox()
-        self.session = Session(document, anchor=document.scene, saved=document).opened
+        self.session = Session(document, anchor=document.scene, saved=document).with_first_proposals
         notify = self._mailbox.notify
         self._tasks = TaskQueue(notify, state)
         self._review = review

@@ -62,7 +62,7 @@ class ClientScript:
 
     async def _greet(self, client: viser.ClientHandle) -> None:
         with self._lock:
-            calls = map(_call, self._last_calls, self._report_errors.values())
+            calls = map(_call, self._last_calls, self._last_calls.values())
             _run_on(client, "\n".join([self._source, *calls]))
 
 

@@ -26,8 +26,13 @@ from poseviewer.app.page.texts import (
     verdict_text,
 )
 from poseviewer.app.state import hiding as h
-from poseviewer.app.state.camera_change import MAX_FIELD_DEG, MIN_FIELD_DEG
-from poseviewer.app.state.camera_edits import set_camera, set_field_of_view, set_projection
+from poseviewer.app.state.camera_edits import (
+    MAX_FIELD_DEG,
+    MIN_FIELD_DEG,
+    set_camera,
+    set_field_of_view,
+    set_projection,
+)
 from poseviewer.app.state.display_edits import show_style
 from poseviewer.app.state.document import is_alone
 from poseviewer.app.state.keys_and_buttons import ACTIONS, STYLES

@@ -29,7 +29,7 @@ def add_object(session: Session, model: ModelFile | None = None) -> Session:
     document = session.document
     added = session.with_document(with_added(document, model or document.model))
     display = replace(added.display, photo_alone=False)
-    return replace(added, tool="pose", display=display).opened
+    return replace(added, tool="pose", display=display).with_first_proposals
 
 
 def with_added(document: Document, model: ModelFile) -> Document:

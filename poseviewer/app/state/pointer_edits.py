@@ -1,4 +1,4 @@
-"""Edits by the pointer on the photo, in its px; and the update by any edit, which ends a drag."""
+"""Edits by the pointer, in photo px; and ``update``, which makes any edit."""
 
 from dataclasses import replace
 from typing import Literal
@@ -8,7 +8,7 @@ import numpy as np
 from poseviewer.app.state.dragging import (
     draw_rectangle,
     nearest_object,
-    nearest_place,
+    nearest_point,
     pins_in_photo,
     take_hold,
     translate,
@@ -28,7 +28,6 @@ from poseviewer.app.state.pose_edits import put
 from poseviewer.app.state.proposal_edits import propose_starts
 from poseviewer.app.state.session import Session, is_in_sight
 from poseviewer.errors import PoseViewerError, QuickStartError, SettingsError
-from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.starts.placing import fit_into_rectangle, surface_point
 from poseviewer.vehicle.chart import VehicleChart
@@ -38,18 +37,18 @@ Tool = Literal[
 ]
 MAX_PINS = 3
 MAX_INPUT = 1e9
-"""Largest number (px, steps, parameters) that is no mistake; larger ones would overflow."""
+"""Largest number (px, steps, parameters) that is taken; larger ones would overflow."""
 
 
 @edit
 def press(
     session: Session, x: Px, y: Px, zoom: Zoom = 1.0, shift: bool = False, ctrl: bool = False
 ) -> Session:
-    """Take hold of what is at a point of the photo, of any object; with a marking tool, set a mark
-    where there is none; a model that is nowhere yet goes there, to be dragged on.
+    """Press the main button: take hold of what is there, or do what the tool does. A model without
+    a pose goes there and is held.
 
     Args:
-        session: the session before it.
+        session: before the edit.
         x: px of the photo.
         y: likewise.
         zoom: screen px per photo px.
@@ -65,35 +64,30 @@ def press(
     if tool == "measure":
         return press_point(x, y)(session)
     if tool in MARKING:
-        mark = mark_at(document, tool, point, zoom)
+        mark = mark_at(session, point, zoom)
         if mark is None:
             return session.with_document(with_mark(document, tool, point))
-        drag = hold_mark(document, tool, mark, point)
+        drag = hold_mark(session, mark, point)
     elif tool in ("region", "box"):
         drag = draw_rectangle(tool, point)
     else:
         kind = "roll" if ctrl else "turn" if shift else "move"
         if not document.object.is_placed:
-            session = _place_at(session, point)
+            centre = document.mesh.centre
+            pose = translate(document.pose, centre, point - document.pose.project(centre))
+            session = session.with_document(put(document, pose))
             return replace(session, drag=take_hold(session.document, point, zoom, kind))
         drag = take_hold(document, point, zoom, kind)
-        if drag is None or drag.model_from is not None:
+        if drag is None or drag.holds_model:
             session = session.with_active(nearest_object(document, point))
             if session.document is not document:
                 drag = take_hold(session.document, point, zoom, kind)
     return session if drag is None else replace(session, drag=drag)
 
 
-def _place_at(session: Session, point: FloatArray) -> Session:
-    """Session with the model's middle at a point (2,) of the photo."""
-    document, centre = session.document, session.document.mesh.centre
-    pose = translate(document.pose, centre, point - document.pose.project(centre))
-    return session.with_document(put(document, pose))
-
-
 @drag_edit
 def drag_to(session: Session, x: Px, y: Px) -> Session:
-    """Bring what is held to the pointer; a search ends. ``release`` checks the pose."""
+    """Move what is held to the pointer, and end a search. The pose is checked on ``release``."""
     drag = session.drag
     if drag is None:
         return session
@@ -106,8 +100,8 @@ def drag_to(session: Session, x: Px, y: Px) -> Session:
 
 @drag_edit
 def release(session: Session) -> Session:
-    """End the drag, one undoable step. The model goes into a box that was drawn, where starts are
-    looked for.
+    """End the drag, as one undo step. A box that was drawn takes the model, and starts are proposed
+    in it.
     """
     drag = session.drag
     document = session.document
@@ -129,7 +123,7 @@ def release(session: Session) -> Session:
 
 @drag_edit
 def cancel_drag(session: Session) -> Session:
-    """Forget the drag: the pose goes back to where it was; proposals are no longer looked for."""
+    """Take the drag back, leave the tool, and stop proposing starts."""
     session, drag = session.stop_proposing(), session.drag
     document = session.document if drag is None or drag.before is None else drag.before
     return replace(session, drag=None, tool="pose", document=document)
@@ -137,19 +131,26 @@ def cancel_drag(session: Session) -> Session:
 
 @edit
 def double_press(session: Session, x: Px, y: Px, zoom: Zoom = 1.0) -> Session:
-    """Pin the surface point seen there, or take the pin (with a marking tool: the mark) away."""
+    """Double-click: pin the surface there, or remove the pin or the mark that is there.
+
+    Args:
+        session: before the edit.
+        x: px of the photo.
+        y: likewise.
+        zoom: screen px per photo px.
+    """
     document = session.document
     point = np.array([x, y])
     tool = session.tool
     if tool in (*HIDING, "measure"):
         return session
     if tool in MARKING:
-        mark = mark_at(document, tool, point, zoom)
+        mark = mark_at(session, point, zoom)
         return session if mark is None else remove_mark(mark)(session)
     if isinstance(document.chart, VehicleChart):
         raise QuickStartError("A vehicle has its pins already: wheels and axle.")
     pins = document.state.pins
-    pin = nearest_place(pins_in_photo(document), point, zoom)
+    pin = nearest_point(pins_in_photo(document), point, zoom)
     if pin is not None:
         return session.with_document(document.with_state(pins=(*pins[:pin], *pins[pin + 1 :])))
     if len(pins) == MAX_PINS:
@@ -162,22 +163,23 @@ def double_press(session: Session, x: Px, y: Px, zoom: Zoom = 1.0) -> Session:
 
 @edit
 def set_tool(session: Session, tool: Tool) -> Session:
-    """Choose what a press does: move the model, draw a rectangle, set a mark, or hide."""
+    """Choose what a press does."""
     return replace(session, tool=tool)
 
 
-def update(session: Session, asked: Edit) -> Session:
-    """The session after an edit; the same object where nothing changes.
+def update(session: Session, request: Edit) -> Session:
+    """The session after an edit; the same object if nothing changes.
 
     Raises:
-        PoseViewerError: the edit cannot be made; a sentence for the user.
+        SettingsError: the edit cannot be made; a sentence for the user.
     """
-    for value in (*asked.arguments, *asked.named.values()):
+    for value in (*request.arguments, *request.named.values()):
         if isinstance(value, int | float) and not abs(value) <= MAX_INPUT:
             wanted = f"wanted one within {MAX_INPUT:g} of zero; nothing was changed."
             raise SettingsError(f"A number is {value}: {wanted}")
     try:
-        return asked(session if asked.keeps_drag or session.drag is None else release()(session))
+        keeps_drag = request.keeps_drag or session.drag is None
+        return request(session if keeps_drag else release()(session))
     except (PoseViewerError, OutsideChartError, ArithmeticError) as error:
         text = str(error)
         end = "" if text.endswith((".", "!", "?")) else "."

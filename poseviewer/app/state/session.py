@@ -194,7 +194,7 @@ class Session:
         return self.is_proposing and not self.document.object.is_placed
 
     @property
-    def opened(self) -> Session:
+    def with_first_proposals(self) -> Session:
         """The session that looks for an active object that is nowhere yet."""
         is_placed = self.document.object.is_placed
         return self if is_placed else self.with_proposals(ProposedStarts(self.document))

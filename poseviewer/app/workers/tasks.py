@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from poseviewer.app.state.document_edits import open_document
 from poseviewer.app.state.edits import Edit, ReviewRow, SavePose, ShowHelp
-from poseviewer.app.state.hiding import Stroke, paint_found
+from poseviewer.app.state.hiding import Stroke, mask_pixels
 from poseviewer.app.state.marking import lay_wheels
 from poseviewer.app.state.objects import add_object
 from poseviewer.app.state.pointer_edits import set_tool
@@ -171,8 +171,7 @@ def find_wheels_in_region() -> QueuedTask:
         photo, camera = own.photo, own.pose.camera
         is_guess = camera == photo.default_camera() and photo.focal_length_35mm is None
         best = likely_wheels(inputs, region, camera, is_guess)[0]
-        laid = lay_wheels(own, best.wheels.rear, best.wheels.front, best.fit.pose)
-        return TaskResult((set_tool("wheels"), laid))
+        return TaskResult((set_tool("wheels"), lay_wheels(own, best)))
 
     return QueuedTask(run, "Looking for wheels ...", draws=True)
 
@@ -192,7 +191,7 @@ def grow(stroke: Stroke) -> QueuedTask:
 
     def run(session: Session, _: Path) -> TaskResult:
         photo = session.document.photo
-        return TaskResult((paint_found(photo, grown(photo, stroke), stroke.erase),))
+        return TaskResult((mask_pixels(photo, grown(photo, stroke), stroke.erase),))
 
     return QueuedTask(run, "Finding its edge ...")
 

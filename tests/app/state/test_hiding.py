@@ -72,8 +72,8 @@ def test_pixels_found_for_another_photo_are_dropped():
     where = np.zeros((HEIGHT, WIDTH), bool)
     where[10:20, 10:20] = True
     own = session.document.photo
-    assert np.sum(counts(after(session, h.paint_found(own, where))) == 0.0) == 100
-    other = after(session, h.paint_found(make_photo(7), where))
+    assert np.sum(counts(after(session, h.mask_pixels(own, where))) == 0.0) == 100
+    other = after(session, h.mask_pixels(make_photo(7), where))
     assert other.document is session.document
 
 

@@ -203,7 +203,7 @@ def test_what_is_only_proposed_places_nothing():
 def edits(scene) -> tuple[Session, list[Edit]]:
     """A model that is nowhere on its photo, and what the search for it brings."""
     document = open_files(scene.photo, scene.model, None)
-    session = Session(document.with_own(region=Rectangle(0, 0, 160, 120))).opened
+    session = Session(document.with_own(region=Rectangle(0, 0, 160, 120))).with_first_proposals
     return session, list(made(session.document, lambda: None))
 
 
