@@ -1,4 +1,4 @@
-"""The tool that measures: pixels are pressed, and what is seen there follows from the poses."""
+"""The measuring tool: pixels are kept, and surface points follow from the poses."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from poseviewer.starts.measuring import measure_point
 
 @edit
 def toggle_measuring(session: Session) -> Session:
-    """Take the tool that measures, with nothing measured, or put it away."""
+    """Take the measuring tool, with no points yet, or leave it."""
     return replace(session, tool="pose" if session.tool == "measure" else "measure", measured=())
 
 
@@ -25,11 +25,11 @@ def press_point(session: Session, x: Px, y: Px) -> Session:
         raise QuickStartError("There is no model there to measure; press a point of one.")
     before = measurement_pixels(session)
     pixels = (*before, pixel) if len(before) == 1 else (pixel,)
-    return replace(session, measured=tuple((document.photo, own) for own in pixels))
+    return replace(session, measured=tuple((document.photo, p) for p in pixels))
 
 
 def measurement_pixels(session: Session) -> tuple[FloatArray, ...]:
-    """Pixels (2,) of the large photo that are measured, while the tool is in use."""
+    """Pixels (2,) that the measuring tool, if it is in use, has pressed in the large photo."""
     if session.tool != "measure":
         return ()
     return tuple(pixel for photo, pixel in session.measured if photo is session.document.photo)

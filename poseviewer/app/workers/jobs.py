@@ -13,10 +13,15 @@ import numpy as np
 from poseviewer.app.state.document import Document, reference_view
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.pose_edits import put
-from poseviewer.app.state.proposal_edits import start_fitted, starts_proposed, stop_proposing
+from poseviewer.app.state.proposal_edits import list_starts, stop_proposing, take_fitted_start
 from poseviewer.app.state.results import Preparation
 from poseviewer.app.state.search_edits import preparation_advanced, search_advanced, search_failed
-from poseviewer.app.state.searches import LossComparison, SearchRequest, start_query
+from poseviewer.app.state.searches import (
+    LossComparison,
+    ProposedStarts,
+    SearchRequest,
+    start_query,
+)
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.worker import Worker, lower_priority
 from poseviewer.errors import PoseViewerError, RendererUnavailableError, SettingsError, sentence_of
@@ -150,7 +155,7 @@ def propose_and_fit(document: Document, watch: Callable[[], None]) -> Iterator[E
         same = [one for one in placed if one.mesh is document.mesh]
         starts = tuple(propose_beside(query, same, renderer, lower_priority, watch))
         lines = tuple(quick_silhouette(document.mesh, renderer, one.pose) for one in starts)
-        yield starts_proposed(document, starts, lines)
+        yield list_starts(ProposedStarts(document, starts, lines))
         if document.object.is_placed:
             return
         best = best_start(query, starts, renderer, watch).pose
@@ -159,11 +164,11 @@ def propose_and_fit(document: Document, watch: Callable[[], None]) -> Iterator[E
         for progress in run_search(request):  # noqa: B007 - the last one is wanted
             watch()
         away = [pose_error(document.mesh, best, one.pose).reprojection_px for one in starts]
-        yield start_fitted(document, request, progress, int(np.argmin(away)))
+        yield take_fitted_start(document, request, progress, int(np.argmin(away)))
     except PoseViewerError:
         if document.object.is_placed:
             raise
-        yield starts_proposed(document, (), ())
+        yield list_starts(ProposedStarts(document))
 
 
 def search_edits(request: SearchRequest) -> Iterator[Edit]:

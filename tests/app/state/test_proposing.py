@@ -15,7 +15,7 @@ from poseviewer.app.page.texts import PROPOSED_HINT, hint_of, proposals_text, se
 from poseviewer.app.state.document import verdict_of
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.objects import add_object, pick_object
-from poseviewer.app.state.searches import start_query
+from poseviewer.app.state.searches import ProposedStarts, start_query
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import propose_and_fit as made
 from poseviewer.app.workers.opening import open_files
@@ -55,7 +55,7 @@ def nowhere(**more: bool) -> Session:
 def proposed(session: Session) -> Session:
     asked = after(session, c.propose_starts())
     assert asked.proposals is not None
-    return after(asked, c.starts_proposed(asked.proposals.document, STARTS, OUTLINES))
+    return after(asked, c.list_starts(ProposedStarts(asked.proposals.document, STARTS, OUTLINES)))
 
 
 def test_starts_are_looked_for_in_a_box_that_is_seen_meanwhile():
@@ -73,7 +73,7 @@ def test_starts_are_looked_for_in_a_box_that_is_seen_meanwhile():
     for ending in (c.stop_proposing(), c.cancel_drag()):
         assert after(drawn, ending).shown_box is after(drawn, ending).proposals is None
     assert after(drawn, c.undo()).document is drawn.history.past[0]
-    found = after(drawn, c.starts_proposed(drawn.proposals.document, STARTS, OUTLINES))
+    found = after(drawn, c.list_starts(ProposedStarts(drawn.proposals.document, STARTS, OUTLINES)))
     searching = after(found, c.start_search())
     assert (found.shown_box, searching.shown_box) == (box, None)
     stopped = after(searching, c.stop_search())
@@ -132,8 +132,10 @@ def test_old_news_and_other_photos_change_nothing():
     assert session.proposals is not None
     assert after(session, c.propose_starts()).proposals is None  # its button ends it
     asked, other = session.proposals.document, make_document(photo=make_photo(1))
-    assert after(session, c.starts_proposed(other, STARTS, OUTLINES)) is session
-    opened = after(session, c.open_document(other), c.starts_proposed(asked, STARTS, OUTLINES))
+    assert after(session, c.list_starts(ProposedStarts(other, STARTS, OUTLINES))) is session
+    opened = after(
+        session, c.open_document(other), c.list_starts(ProposedStarts(asked, STARTS, OUTLINES))
+    )
     assert opened.document is other
     assert opened.proposals is None
 
@@ -158,7 +160,9 @@ def test_a_model_that_is_nowhere_shows_nothing_but_the_likeliest_proposal():
     assert "pv-pin" not in handles_of(replace(session, tool="pose"))
     assert (loss_bar(session), search_text(session)) == ("", "The model is not placed yet.")
     assert session.proposals is not None
-    listed = after(session, c.starts_proposed(session.proposals.document, STARTS, OUTLINES))
+    listed = after(
+        session, c.list_starts(ProposedStarts(session.proposals.document, STARTS, OUTLINES))
+    )
     first, second = (path_of(lines) for lines in OUTLINES[:2])
     for shown in (listed, after(listed, c.stop_proposing())):
         assert first in handles_of(shown)
@@ -182,7 +186,7 @@ def test_what_is_only_proposed_places_nothing():
     session = nowhere()
     assert session.proposals is not None
     document = session.proposals.document
-    listed = after(session, c.starts_proposed(document, STARTS, OUTLINES))
+    listed = after(session, c.list_starts(ProposedStarts(document, STARTS, OUTLINES)))
     assert listed.is_looking  # the best of them is fitted now
     assert not listed.document.object.is_placed
     assert "pv-at" not in proposals_row(listed)
@@ -191,7 +195,7 @@ def test_what_is_only_proposed_places_nothing():
         assert_same_pose(taken.document.pose, POSES[index])
         assert not taken.is_proposing
         assert after(taken, c.undo()).document is document
-    nothing = after(session, c.starts_proposed(document, (), ()))
+    nothing = after(session, c.list_starts(ProposedStarts(document, (), ())))
     assert not nothing.is_proposing
     assert hint_of(nothing).startswith("Not found by itself")
     pressed = after(listed, c.press(80, 60), c.release())
@@ -228,7 +232,7 @@ def test_a_fit_that_is_not_sure_or_not_asked_for_any_more_places_nothing(edits):
     result = replace(latest.results[0], verdict=Verdict("doubtful", 0.5))
     unsure = replace(latest, scene=latest.scene.with_object(0, result=result))
     listed = after(session, listing)
-    left = after(listed, c.start_fitted(document, asked, unsure, index))
+    left = after(listed, c.take_fitted_start(document, asked, unsure, index))
     assert (left.document, left.is_proposing) == (session.document, False)
     assert "none of them sure" in proposals_text(left)
     for edit in (c.press(80, 60), c.cancel_drag()):

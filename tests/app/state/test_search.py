@@ -133,7 +133,7 @@ def test_a_picked_point_of_a_map_is_the_pose(session, landscape):
     (about,) = landscape
     piece = about.slices[0]
     picked = after(with_maps, c.pick_in_landscape(piece.first, piece.second, 1.0, 0.25))
-    wanted = c.parameters_at(piece, about.parameters, 1.0, 0.25)
+    wanted = c.parameters_at(piece, about.parameters, (1.0, 0.25))
     assert picked.document.parameters == pytest.approx(wanted, abs=1e-9)
     assert picked.history.past == (session.document,)
     assert after(with_maps, c.pick_in_landscape(0, 99, 0.5, 0.5)) is with_maps
