@@ -218,7 +218,7 @@ def _model(session: Session) -> Iterator[Drawing]:
 
 def _other_objects(session: Session) -> Iterator[Drawing]:
     """The objects that are not active: outlines in colours of their own."""
-    outlines = {} if session.results.outlines is None else session.results.outlines.lines
+    outlines = {} if session.results.outlines is None else session.results.outlines.large
     for index in session.document.others:
         number = int(session.document.scene.objects[index].id)
         if number in outlines:

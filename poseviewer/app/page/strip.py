@@ -130,10 +130,10 @@ def _loss_text(session: Session, index: int) -> str:
         session.is_searching
         or not session.document.object.is_placed
         or losses is None
-        or not losses.of_views
+        or not losses.by_view
     ):
         return ""
-    result = losses.of_views.get(index)
+    result = losses.by_view.get(index)
     return "not seen" if result is None else f"{result.scale.as_shown(result.loss):.3f}"
 
 

@@ -199,7 +199,7 @@ def search_text(session: Session) -> str:
         loss = session.loss
         if losses is None or losses.mean is None or loss is None:
             return plain(losses.note if losses else "") or PREPARING
-        count, text = len(losses.of_views), losses.mean.scale.text(loss)
+        count, text = len(losses.by_view), losses.mean.scale.text(loss)
         if session.is_moving or losses.request.at_pose != session.at_pose:
             text = _as_coarse(text)
         of_set = f", mean of {count} photos" if count > 1 else ""

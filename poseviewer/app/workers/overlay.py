@@ -85,16 +85,16 @@ class LossReader:
         own, views = request.document, self.views(request)
         if not views:
             return LossReading(request, note=self._note)
-        mean, of_views = self._read_all(own, own.scene)
-        return LossReading(request, mean, "", self._start, of_views)
+        mean, by_view = self._read_all(own, own.scene)
+        return LossReading(request, mean, "", self._start, by_view)
 
     def _read_all(self, own: Document, scene: Scene) -> tuple[Unexplained, dict[int, Unexplained]]:
         """Unexplained shares where the active object is in a scene: mean, and of each view."""
-        of_views = {
+        by_view = {
             view.view_index: self._read(view, own, scene.pose(own.active, view.view_index))
             for view in self._views
         }
-        return mean_over(tuple(of_views.values())), of_views
+        return mean_over(tuple(by_view.values())), by_view
 
     def _read(self, view: ViewResidual, own: Document, pose: Pose) -> Unexplained:
         scale = LossScale.of(view.photo)

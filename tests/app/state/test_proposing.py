@@ -12,7 +12,7 @@ from poseviewer.app.page.handles import handles_of, path_of
 from poseviewer.app.page.reports import meaning_of
 from poseviewer.app.page.strip import proposals_row
 from poseviewer.app.page.texts import PROPOSED_HINT, hint_of, proposals_text, search_text
-from poseviewer.app.state.document import verdict_of
+from poseviewer.app.state.document import Document, verdict_of
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.objects import add_object, pick_object
 from poseviewer.app.state.searches import ProposedStarts, start_query
@@ -52,10 +52,14 @@ def nowhere(**more: bool) -> Session:
     return after(make_session(), c.open_document(document, **more))
 
 
+def listed_in(session: Session, document: Document | None = None) -> Session:
+    """The session after the starts at a document, by default its own, are found."""
+    proposals = ProposedStarts(document or session.document, STARTS, OUTLINES)
+    return after(session, c.list_starts(proposals))
+
+
 def proposed(session: Session) -> Session:
-    asked = after(session, c.propose_starts())
-    assert asked.proposals is not None
-    return after(asked, c.list_starts(ProposedStarts(asked.proposals.document, STARTS, OUTLINES)))
+    return listed_in(after(session, c.propose_starts()))
 
 
 def test_starts_are_looked_for_in_a_box_that_is_seen_meanwhile():
@@ -73,7 +77,7 @@ def test_starts_are_looked_for_in_a_box_that_is_seen_meanwhile():
     for ending in (c.stop_proposing(), c.cancel_drag()):
         assert after(drawn, ending).shown_box is after(drawn, ending).proposals is None
     assert after(drawn, c.undo()).document is drawn.history.past[0]
-    found = after(drawn, c.list_starts(ProposedStarts(drawn.proposals.document, STARTS, OUTLINES)))
+    found = listed_in(drawn)
     searching = after(found, c.start_search())
     assert (found.shown_box, searching.shown_box) == (box, None)
     stopped = after(searching, c.stop_search())
@@ -132,10 +136,8 @@ def test_old_news_and_other_photos_change_nothing():
     assert session.proposals is not None
     assert after(session, c.propose_starts()).proposals is None  # its button ends it
     asked, other = session.proposals.document, make_document(photo=make_photo(1))
-    assert after(session, c.list_starts(ProposedStarts(other, STARTS, OUTLINES))) is session
-    opened = after(
-        session, c.open_document(other), c.list_starts(ProposedStarts(asked, STARTS, OUTLINES))
-    )
+    assert listed_in(session, other) is session
+    opened = listed_in(after(session, c.open_document(other)), asked)
     assert opened.document is other
     assert opened.proposals is None
 
@@ -159,10 +161,7 @@ def test_a_model_that_is_nowhere_shows_nothing_but_the_likeliest_proposal():
     session = nowhere()
     assert "pv-pin" not in handles_of(replace(session, tool="pose"))
     assert (loss_bar(session), search_text(session)) == ("", "The model is not placed yet.")
-    assert session.proposals is not None
-    listed = after(
-        session, c.list_starts(ProposedStarts(session.proposals.document, STARTS, OUTLINES))
-    )
+    listed = listed_in(session)
     first, second = (path_of(lines) for lines in OUTLINES[:2])
     for shown in (listed, after(listed, c.stop_proposing())):
         assert first in handles_of(shown)
@@ -184,9 +183,7 @@ def test_a_press_places_the_model_and_the_drag_goes_on_with_it():
 
 def test_what_is_only_proposed_places_nothing():
     session = nowhere()
-    assert session.proposals is not None
-    document = session.proposals.document
-    listed = after(session, c.list_starts(ProposedStarts(document, STARTS, OUTLINES)))
+    document, listed = session.document, listed_in(session)
     assert listed.is_looking  # the best of them is fitted now
     assert not listed.document.object.is_placed
     assert "pv-at" not in proposals_row(listed)

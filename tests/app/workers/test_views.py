@@ -53,15 +53,15 @@ def losses_of(session: Session) -> LossReading:
 def test_the_loss_is_the_mean_over_the_photos_that_are_compared(session: Session):
     losses = losses_of(session)
     assert losses.mean is not None
-    assert set(losses.of_views) == {0, 1, 2}
-    of_views = [one.loss for one in losses.of_views.values()]
-    assert losses.mean.loss == pytest.approx(np.mean(of_views))
+    assert set(losses.by_view) == {0, 1, 2}
+    by_view = [one.loss for one in losses.by_view.values()]
+    assert losses.mean.loss == pytest.approx(np.mean(by_view))
     left = losses_of(after(session, compare_view(2, False))).mean
     assert left is not None
-    assert left.loss == pytest.approx(np.mean(of_views[:2]))
+    assert left.loss == pytest.approx(np.mean(by_view[:2]))
     # It is the same, whichever photo is large.
     other = losses_of(after(session, show_view(1)))
-    assert other.of_views[0].loss == pytest.approx(of_views[0], abs=1e-6)
+    assert other.by_view[0].loss == pytest.approx(by_view[0], abs=1e-6)
 
 
 @pytest.mark.slow
