@@ -1,6 +1,6 @@
-"""The app: one main loop that owns the session, hands work to the workers, and writes the page.
+"""The app: a main loop that owns the session, feeds the workers, and writes the page.
 
-Callbacks only post requests; workers only publish updates; the loop waits for nobody.
+Callbacks only post requests, and workers only publish edits.
 """
 
 import logging
@@ -40,14 +40,16 @@ from poseviewer.errors import PoseViewerError, sentence_of
 
 _log = logging.getLogger(__name__)
 
-IDLE_S, BUSY_S = 0.25, 0.03
-"""The loop looks for updates of search and maps at least this often."""
-INTERPRETER_SHARE_S = 0.001
-"""A thread that computes in Python lets others in after so long (Python's own: 5 ms)."""
+IDLE_S = 0.25
+"""Longest period of the loop."""
+BUSY_S = 0.03
+"""Longest period while a search or maps run, whose results the loop polls."""
+SWITCH_INTERVAL_S = 0.001
+"""Interval of thread switches, below Python's 5 ms, so that the page stays responsive."""
 
 
 class App:
-    """Everything that runs while the page is served."""
+    """Main loop, workers and page."""
 
     def __init__(
         self,
@@ -56,7 +58,7 @@ class App:
         state: Path,
         review: Reviewer | None = None,
     ) -> None:
-        sys.setswitchinterval(INTERPRETER_SHARE_S)
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
         self._mailbox: Mailbox[Request] = Mailbox()
         self.session = Session(document, anchor=document.scene, saved=document).with_first_proposals
         notify = self._mailbox.notify
@@ -96,7 +98,7 @@ class App:
         self._mailbox.notify()
 
     def step(self) -> None:
-        """Take what has come, start what is wanted, show what is new."""
+        """Handle requests, run the workers, and show the session."""
         busy = self._searcher.busy or self._mapper.busy
         for request in newest_drags(self._mailbox.take(BUSY_S if busy else IDLE_S)):
             with self._report_errors():
@@ -115,7 +117,7 @@ class App:
 
     @contextmanager
     def _report_errors(self) -> Iterator[None]:
-        """Tell errors: the session goes on, and nothing of the user's is lost."""
+        """Show errors on the page, and go on."""
         try:
             yield
         except Exception as error:  # noqa: BLE001 - the loop must not end
@@ -153,9 +155,9 @@ class App:
             self._tasks.add(self._review.decide("accepted", goes_on=False))
             return
         self._page.close_question()
-        taken = self._autosaver.file_to_replace(self.session.document)
-        if taken is not None and on_taken == "ask":
-            self._page.ask_to_replace(taken)
+        existing = self._autosaver.file_to_replace(self.session.document)
+        if existing is not None and on_taken == "ask":
+            self._page.ask_to_replace(existing)
             return
         if on_taken == "leave":
             return
@@ -164,7 +166,7 @@ class App:
         self._edit(set_fields(saved=self.session.document))
 
     def _work(self) -> None:
-        """Take what the workers have found out, and let them begin what is asked for by now."""
+        """Take the workers' edits, and let them begin the session's requests."""
         with self._report_errors():
             for result in self._tasks.take():
                 self._finish(result)
@@ -175,16 +177,16 @@ class App:
             with self._report_errors():
                 for edit in worker.take():
                     self._edit(edit)
-        # By what the user waits for: a drag, what was asked for, a search, maps.
+        # By priority: a drag, tasks and proposals, a search, maps.
         self._tasks.follow(self.session)
-        awaited = self._tasks.busy or self._proposer.busy
-        self._searcher.hold(awaited)
-        self._mapper.hold(self._drawer.busy or awaited)
+        is_awaited = self._tasks.busy or self._proposer.busy
+        self._searcher.hold(is_awaited)
+        self._mapper.hold(self._drawer.busy or is_awaited)
         for worker in self._workers:
             worker.follow(self.session)
 
     def _finish(self, result: TaskResult) -> None:
-        """Take what a task has brought."""
+        """Take the result of a task."""
         self._page.working("")
         self._edit(forget_strokes())
         for edit in result.edits:

@@ -1,4 +1,4 @@
-"""The model drawn over the photo, and its loss there: at once while it moves, finely at rest."""
+"""Workers that draw the active object, quickly while it moves and finely at rest, and its loss."""
 
 from __future__ import annotations
 
@@ -35,24 +35,23 @@ if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer
 
 MAX_PICTURE_PIXELS = 2_000_000
-"""Pixels of a drawn picture; of larger photos it is drawn smaller."""
+"""Pixels of a drawn picture; larger photos are drawn smaller."""
 SEARCH_DRAW_S = 0.1
-"""A search is drawn no oftener: the processor is for the search."""
+"""Period of drawings during a search, which needs the processors."""
 SETTLED_S = 0.15
-"""After so long without motion the fine drawing is begun."""
-
-
+"""Time at rest before the fine drawing begins."""
 ALONE_PX = 760
-"""px: longer side of the picture of the model alone."""
+"""Longer side of the picture of the model alone."""
 ALONE_MARGIN = 0.08
-"""Fraction of that picture's sides left free."""
+"""Share of that picture's sides left free."""
 ALONE_GROUND = (22, 24, 29)
 """RGB behind the model alone."""
-_shown_pixels, _sketch_of = lru_cache(maxsize=1)(Photo.as_rgb8), lru_cache(maxsize=1)(Sketch)
+_cached_pixels = lru_cache(maxsize=1)(Photo.as_rgb8)
+_cached_sketch = lru_cache(maxsize=1)(Sketch)
 
 
 class LossReader:
-    """Reads the losses of one pose after another, for one thread."""
+    """Evaluates the loss of poses in one thread, and caches the views."""
 
     def __init__(self, renderer: SoftwareRenderer) -> None:
         self.renderer = renderer
@@ -62,14 +61,14 @@ class LossReader:
         self._start = 0.0
 
     def views(self, request: Session) -> tuple[ViewResidual, ...]:
-        """The views as they are compared about the request's anchor; none where they cannot be."""
+        """The views as they are compared about the request's anchor; empty if they cannot be."""
         own = request.document
         about = own.object.start, own.object.start_cameras, *request.pixels
         if about != self._about:
             self._about = about
             self._views = ()
             self._note = ""
-            # Which numbers are searched for is another matter.
+            # The loss does not depend on the free parameters.
             plain = replace(own.settings, lock=(), free_focal=False, chart="auto")
             anchor = request.compared_scene.with_object(own.active, settings=plain)
             view = reference_view(anchor, own.active, own.view_index)
@@ -81,7 +80,7 @@ class LossReader:
         return self._views
 
     def read(self, request: Session) -> LossReading:
-        """The losses of a pose, or why there are none."""
+        """Evaluate the losses, or say why there are none."""
         own, views = request.document, self.views(request)
         if not views:
             return LossReading(request, note=self._note)
@@ -89,7 +88,7 @@ class LossReader:
         return LossReading(request, mean, "", self._start, by_view)
 
     def _read_all(self, own: Document, scene: Scene) -> tuple[Unexplained, dict[int, Unexplained]]:
-        """Unexplained shares where the active object is in a scene: mean, and of each view."""
+        """Unexplained shares at the active object's pose in a scene: mean, and by view."""
         by_view = {
             view.view_index: self._read(view, own, scene.pose(own.active, view.view_index))
             for view in self._views
@@ -105,15 +104,15 @@ class LossReader:
 
 
 class OverlayDrawer:
-    """Draws one model after another, for one thread; keeps what takes time to make."""
+    """Draws overlays in one thread, with cached renderers."""
 
     def __init__(self, renderer: SoftwareRenderer) -> None:
-        # A renderer keeps what helps with the next picture of the same size: one for each size.
+        # A renderer caches for pictures of one size.
         self._quick, self._fine = renderer, renderer.clone()
         self._reader = LossReader(renderer.clone())
 
     def draw(self, request: Session) -> Overlay:
-        """Draw lines quickly, or a picture."""
+        """Draw the quick outline, or a picture."""
         own, style = request.document, request.display.style
         if style == "outline":
             return Overlay(request, quick_silhouette(own.mesh, self._quick, own.pose))
@@ -125,7 +124,7 @@ class OverlayDrawer:
         display = request.display
         factor = min(1.0, (MAX_PICTURE_PIXELS / (photo.width * photo.height)) ** 0.5)
         pose = own.pose.rescale(factor)
-        pixels = _shown_pixels(photo, pose.camera.width, pose.camera.height)
+        pixels = _cached_pixels(photo, pose.camera.width, pose.camera.height)
         relight: Relight | None = None
         if display.style in ("relit", "residual"):
             views = self._reader.views(request)
@@ -148,13 +147,13 @@ class OverlayDrawer:
 
 @lru_cache(maxsize=1)
 def _depth_of(others: tuple[tuple[Mesh, Pose], ...], factor: float) -> DepthImage:
-    """Depth of the nearest object in a photo drawn ``factor`` as large."""
-    placed = [PlacedModel(mesh, pose.rescale(factor)) for mesh, pose in others]
-    return np.minimum.reduce([depth_image(one) for one in placed])
+    """Depth of the nearest object in a photo rescaled by ``factor``."""
+    models = (PlacedModel(mesh, pose.rescale(factor)) for mesh, pose in others)
+    return np.minimum.reduce([*map(depth_image, models)])
 
 
 def draw_fine_lines(request: Session, renderer: SoftwareRenderer) -> Overlay:
-    """Draw the outline in full resolution, with the edges inside it."""
+    """Draw the outline and the edges inside it at full resolution."""
     mesh, pose = request.document.mesh, request.document.pose
     scale = line_scale(pose.camera.width, pose.camera.height)
     lines = find_lines(mesh, renderer, pose, scale)
@@ -164,13 +163,13 @@ def draw_fine_lines(request: Session, renderer: SoftwareRenderer) -> Overlay:
 
 
 def drawing(notify: Callable[[], None]) -> Worker[Session, Edit]:
-    """Draw the model at once, one picture after another: none is displaced before it is shown."""
+    """Draw the model; a drawing under way is finished before the next one."""
     drawer = for_one_thread(OverlayDrawer)
 
     def make(request: Session) -> Iterator[Edit]:
         mesh, pose = request.document.mesh, request.document.pose
         if request.preparation is not None:
-            overlay = Overlay(request, quick_silhouette(mesh, _sketch_of(mesh), pose))
+            overlay = Overlay(request, quick_silhouette(mesh, _cached_sketch(mesh), pose))
         else:
             overlay = drawer(mesh).draw(request)
         yield show_results(request.document, overlay=overlay)
@@ -180,21 +179,21 @@ def drawing(notify: Callable[[], None]) -> Worker[Session, Edit]:
         lambda session: session.request,
         make,
         notify,
-        serves=lambda begun, asked, busy: busy or begun.drawn == asked.drawn,
+        serves=lambda begun, request, busy: busy or begun.drawn == request.drawn,
         period_s=lambda session: SEARCH_DRAW_S if session.is_searching else 0.0,
     )
 
 
 def refining(notify: Callable[[], None]) -> Worker[Session, Edit]:
-    """Draw the lines finely once the model has come to rest."""
+    """Draw the lines finely once the model is at rest."""
     renderer = for_one_thread(lambda own: own)
 
     def request_of(session: Session) -> Session | None:
         overlay = session.results.overlay
         if overlay is None or session.is_moving or overlay.request.drawn != session.drawn:
             return None
-        is_asked = session.preparation is None and session.display.style == "outline"
-        return overlay.request if is_asked else None
+        is_wanted = session.preparation is None and session.display.style == "outline"
+        return overlay.request if is_wanted else None
 
     def make(request: Session) -> Iterator[Edit]:
         job.require_current(request, SETTLED_S)
@@ -206,12 +205,12 @@ def refining(notify: Callable[[], None]) -> Worker[Session, Edit]:
 
 
 def picturing(notify: Callable[[], None]) -> Worker[Document, Edit]:
-    """Draw the model alone where its points are marked."""
+    """Draw the model alone, for marking its points."""
     renderer = for_one_thread(lambda own: own)
 
     def request_of(session: Session) -> Document | None:
-        is_asked = session.marks_model and session.preparation is None and not session.is_moving
-        return session.document if is_asked else None
+        is_wanted = session.marks_model and session.preparation is None and not session.is_moving
+        return session.document if is_wanted else None
 
     def make(document: Document) -> Iterator[Edit]:
         photo, mesh = document.photo, document.mesh
@@ -226,7 +225,7 @@ def picturing(notify: Callable[[], None]) -> Worker[Document, Edit]:
 
 
 def reading(notify: Callable[[], None]) -> Worker[Session, Edit]:
-    """Read the losses of the pose at hand; a search finds those of its poses itself."""
+    """Evaluate the loss of the current pose, except during a search, which reports its own."""
     reader = for_one_thread(LossReader)
 
     def make(request: Session) -> Iterator[Edit]:
@@ -238,5 +237,5 @@ def reading(notify: Callable[[], None]) -> Worker[Session, Edit]:
         lambda now: None if now.preparation or now.is_searching else now.request,
         make,
         notify,
-        serves=lambda begun, asked, busy: busy or begun.at_pose == asked.at_pose,
+        serves=lambda begun, request, busy: busy or begun.at_pose == request.at_pose,
     )

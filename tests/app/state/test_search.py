@@ -10,7 +10,7 @@ from poseviewer.app.state.results import Landscape, Preparation
 from poseviewer.app.state.searches import LossComparison
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import run_search, search_edits
-from poseviewer.app.workers.maps import maps
+from poseviewer.app.workers.maps import refine_maps
 from poseviewer.app.workers.opening import open_files
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.progress import SearchProgress
@@ -53,7 +53,7 @@ def landscape(session) -> tuple[Landscape, ...]:
     problem, _ = make_problem(document.at_start.scene)
     about = Landscape(document, problem, document.start, document.params_in(problem), 0.2)
     with RendererPool(SoftwareRenderer(document.mesh)) as pool:
-        *_, last = maps(about, problem, pool, 5)
+        *_, last = refine_maps(about, problem, pool, 5)
     return (last,)
 
 

@@ -15,7 +15,7 @@ from poseviewer.app.state.results import Landscape, LossReading
 from poseviewer.app.state.searches import SearchRequest
 from poseviewer.app.state.session import Display, Session
 from poseviewer.app.workers.jobs import renderer_of, run_search
-from poseviewer.app.workers.maps import MapMaker, maps, will_do
+from poseviewer.app.workers.maps import MapMaker, refine_maps, serves
 from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.overlay import LossReader, OverlayDrawer, draw_fine_lines
 from poseviewer.errors import SettingsError
@@ -162,7 +162,7 @@ def test_maps_become_known_until_they_are_complete(document, renderer, lock):
     problem, _ = make_problem(compared_by(document, settings).scene)
     about = Landscape(document, problem, document.pose, problem.start, 0.2)
     with RendererPool(renderer) as pool:
-        updates = list(maps(about, problem, pool, 5))
+        updates = list(refine_maps(about, problem, pool, 5))
     known = [sum(int(np.isfinite(s.losses).sum()) for s in item.slices) for item in updates]
     assert known == sorted(known)
     assert 0 < known[0] < known[-1]
@@ -200,4 +200,4 @@ def test_two_losses_are_mapped_about_one_pose(document, renderer):
         assert np.array_equal(one.first_values, other.first_values)
         assert np.array_equal(one.second_values, other.second_values)
         assert other.losses.max() <= 1.0 < one.losses.max()
-    assert not will_do(moving, after(moving, set_fields("display", mapped_loss="paper")), busy=True)
+    assert not serves(moving, after(moving, set_fields("display", mapped_loss="paper")), busy=True)
