@@ -365,7 +365,7 @@ def _add_hiding(controls: Controls) -> None:
     for_one = controls.gui.add_checkbox("For this object only", False)
     several = lambda s: s.tool in h.SHAPES and len(s.document.scene.objects) > 1  # noqa: E731
     controls.bind(for_one, "pen", "for_one", visible=several)
-    has_found = kept(hidden, lambda s: h.occluded_pixels(s) is not None)
+    has_found = kept(hidden, lambda s: h.occlusion_pixels(s) is not None)
     controls.action("hide found", visible=has_found)
     controls.action("unhide", visible=lambda s: is_hiding(s) and any(h.masks_of(s)))
     controls.html(lambda s: parts_left_out(s.document.mesh))

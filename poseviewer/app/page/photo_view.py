@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from poseviewer.app.page.above_steps import object_colour
 from poseviewer.app.page.controls import kept, set_properties
 from poseviewer.app.state.document import is_shown
-from poseviewer.app.state.hiding import HIDING, masks_of, occluded_pixels
+from poseviewer.app.state.hiding import HIDING, masks_of, occlusion_pixels
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import size_at_scale
@@ -98,7 +98,7 @@ class PhotoScene:
                 s.document.object.result,
                 s.document.view_index,
             ),
-            lambda s: _tint(occluded_pixels(s), FOUND_COLOUR, HIDDEN_OPACITY),
+            lambda s: _tint(occlusion_pixels(s), FOUND_COLOUR, HIDDEN_OPACITY),
         )
 
     def show(self, session: Session) -> None:

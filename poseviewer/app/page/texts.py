@@ -251,7 +251,7 @@ def verdict_text(session: Session) -> str:
 
 def occlusion_text(session: Session) -> str:
     """Say how much of the photo is hidden (markdown); "" where nothing is."""
-    mask, occluders = session.document.mask, h.occluded_pixels(session)
+    mask, occluders = session.document.mask, h.occlusion_pixels(session)
     lines = []
     if mask is not None:
         lines.append(f"**{percent(1.0 - float(np.mean(mask.weights)), 1)}** of the photo is hidden")

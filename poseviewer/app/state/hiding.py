@@ -143,7 +143,7 @@ def bring_back(session: Session, index: int) -> Session:
 @edit
 def hide_found(session: Session) -> Session:
     """Mask the pixels that the search took for occluders, for the user to correct."""
-    occluded, document = occluded_pixels(session), session.document
+    occluded, document = occlusion_pixels(session), session.document
     if occluded is None:
         return session
     result = document.object.result
@@ -166,7 +166,7 @@ def masks_of(session: Session) -> tuple[Mask | None, Mask | None]:
     return session.document.view.mask, session.document.own.mask
 
 
-def occluded_pixels(session: Session) -> NDArray[np.bool_] | None:
+def occlusion_pixels(session: Session) -> NDArray[np.bool_] | None:
     """(height, width): pixels that the search for the current pose took for occluders."""
     document, progress = session.document, session.own_progress
     result, view_index, photo = document.object.result, document.view_index, document.photo

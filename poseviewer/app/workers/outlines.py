@@ -49,18 +49,18 @@ class OutlineRequest:
         """The request of a session."""
         own, scene = session.document, session.document.scene
 
-        def placed_model(index: int, view: int) -> tuple[Mesh, Pose]:
+        def model_at(index: int, view: int) -> tuple[Mesh, Pose]:
             return scene.objects[index].mesh, scene.pose(index, view)
 
         ids = [int(item.id) for item in scene.objects]
-        large = {ids[index]: placed_model(index, own.view_index) for index in own.others}
+        large = {ids[index]: model_at(index, own.view_index) for index in own.others}
         is_at_rest = large and not session.is_moving and is_shown(own.object)
         shown = [index for index, item in enumerate(scene.objects) if is_shown(item)]
         views = range(len(scene.views)) if len(scene.views) > 1 else ()
         return cls(
             large,
-            (placed_model(own.active, own.view_index),) if is_at_rest else (),
-            tuple({ids[i]: placed_model(i, view) for i in shown} for view in views),
+            (model_at(own.active, own.view_index),) if is_at_rest else (),
+            tuple({ids[i]: model_at(i, view) for i in shown} for view in views),
         )
 
 

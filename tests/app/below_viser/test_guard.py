@@ -228,7 +228,7 @@ def test_a_page_cannot_open_a_public_tunnel(local: GuardedServer) -> None:
 
 
 def test_a_viser_that_comes_past_the_guard_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("poseviewer.app.below_viser.guard.VISERS_OWN", "another.module")
+    monkeypatch.setattr("poseviewer.app.below_viser.guard.VISERS_MODULE", "another.module")
     with no_thread_left(), pytest.raises(RuntimeError, match=r"unguarded; install viser 1\.1\.1"):
         serve("127.0.0.1", 0)
 

@@ -118,8 +118,8 @@ ODD_VALUES: tuple[tuple[str, Any], ...] = (
     ("View", 7),
     ("Use greyscale", "yes"),
     ("Name", ["a"]),
-    ("fx  (px)", [1.0]),
-    ("fx  (px)", math.inf),
+    ("fx (px)", [1.0]),
+    ("fx (px)", math.inf),
 )
 
 
