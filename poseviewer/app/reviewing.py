@@ -44,7 +44,7 @@ class Reviewer:
         files = [path and path.resolve() for path in (document.view.path, document.model.path)]
         for index, row in enumerate(self.queue.rows):
             job = row.job
-            if document.number == job.row:
+            if document.object_id == job.row:
                 paths = job.path(job.photo), job.path(job.model)
                 return index if files == [path.resolve() for path in paths] else None
         return None

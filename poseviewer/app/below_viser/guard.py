@@ -264,7 +264,9 @@ def _check_requests(policy: AccessPolicy, answer: Answer) -> Answer:
 def _begin_page(response: Response) -> None:
     """Put ``first.html`` in place of the title of viser's page."""
     if response.headers.get("Content-Type", "").startswith("text/html"):
-        response.body = _with_head(response.body, response.headers["Content-Encoding"] == "gzip")
+        response.body = _with_head(
+            bytes(response.body), response.headers["Content-Encoding"] == "gzip"
+        )
         response.headers.pop("Content-Length")
         response.headers["Content-Length"] = str(len(response.body))
 

@@ -12,7 +12,6 @@ from poseviewer.app.state.document import is_shown
 from poseviewer.app.state.dragging import pins_in_photo
 from poseviewer.app.state.hiding import HIDING
 from poseviewer.app.state.marking import MARKING, marks_in_photo
-from poseviewer.app.state.measuring import measurement_pixels
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
@@ -94,7 +93,7 @@ def _marks(session: Session) -> Iterator[str]:
 
 def _measured(session: Session) -> Iterator[str]:
     """Numbered crosses at the measured pixels, a line between two, and their distance."""
-    pixels = measurement_pixels(session)
+    pixels = session.measurement_pixels
     for number, pixel in enumerate(pixels, 1):
         yield _at(pixel, f'{CROSS}<text x="6" y="-6">{number}</text>', MARK_COLOUR)
     if len(pixels) > 1:

@@ -399,7 +399,7 @@ def _add_object_text(controls: Controls, name: str) -> None:
     """A field for a text of the active object."""
     controls.field(
         controls.gui.add_text(name.capitalize(), ""),
-        lambda text: alter_object(controls.session.document.number, **{name: text}),
+        lambda text: alter_object(controls.session.document.object_id, **{name: text}),
         value=attrgetter(f"document.object.{name}"),
     )
 

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 from typing import Literal
 
-from poseviewer.app.state.camera_change import with_camera
+from poseviewer.app.state.document import with_camera
 from poseviewer.app.state.edits import edit
 from poseviewer.app.state.session import Session
 from poseviewer.errors import SettingsError

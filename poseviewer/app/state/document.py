@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.app.state.camera_change import with_camera
 from poseviewer.errors import SingularChartError
 from poseviewer.fit.compared_pixels import box_near
 from poseviewer.fit.problem import FitProblem, pose_to_params, with_params
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.charts import Chart
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.image import Photo
@@ -28,6 +27,7 @@ from poseviewer.render.renderers import RendererName
 from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import InView, Scene, SceneObject, View
+from poseviewer.starts.placing import with_point_at
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS, Ellipse, ellipse_through
 
@@ -173,7 +173,7 @@ class Document:
         return self.state.marks.get(self.view_index, Marks())
 
     @property
-    def number(self) -> int:
+    def object_id(self) -> int:
         """The active object's id, which picks its colour."""
         return int(self.object.id)
 
@@ -369,7 +369,12 @@ class Document:
     @property
     def shown(self) -> tuple[object, ...]:
         """Values that are equal while view, object, model and photos stay the same."""
-        return self.view_index, self.number, self.mesh, *(view.photo for view in self.scene.views)
+        return (
+            self.view_index,
+            self.object_id,
+            self.mesh,
+            *(view.photo for view in self.scene.views),
+        )
 
     @property
     def placement(self) -> tuple[object, ...]:
@@ -400,6 +405,18 @@ def verdict_of(item: SceneObject) -> str:
     if item.result is None:
         return "not searched" if item.is_placed else "not placed"
     return "searched" if item.result.verdict is None else item.result.verdict.label
+
+
+def with_camera(pose: Pose, camera: Camera, centre: FloatArray) -> Pose:
+    """The pose by another camera; ``centre`` (3,) of the model keeps its pixel and px per unit."""
+    old, in_camera = pose.camera, pose.camera_from_model.apply(centre)
+    depth = in_camera[2]
+    px_per_unit = old.scale if isinstance(old, Parallel) else old.fx / depth
+    if isinstance(camera, Parallel):
+        camera = replace(camera, scale=px_per_unit)
+    else:
+        depth = camera.fx / px_per_unit
+    return with_point_at(replace(pose, camera=camera), centre, old.project(in_camera), depth)
 
 
 def scale_at(chart: Chart, params: FloatArray) -> float | None:

@@ -9,9 +9,8 @@ from poseviewer.app.state.document_edits import redo, undo
 from poseviewer.app.state.edits import Edit, ReviewRow, SavePose, ShowHelp
 from poseviewer.app.state.hiding import hide_found, toggle_hiding, unhide
 from poseviewer.app.state.marking import clear_marks, remove_mark
-from poseviewer.app.state.measuring import toggle_measuring
 from poseviewer.app.state.objects import add_object
-from poseviewer.app.state.pointer_edits import cancel_drag, set_tool
+from poseviewer.app.state.pointer_edits import cancel_drag, set_tool, toggle_measuring
 from poseviewer.app.state.pose_edits import NudgeKind, make_start, nudge, reset_to_start
 from poseviewer.app.state.proposal_edits import propose_starts, step_proposals, toggle_box
 from poseviewer.app.state.search_edits import (

@@ -18,9 +18,9 @@ MAX_LETTERS = {"name": 60, "note": 1000}
 
 
 @edit
-def pick_object(session: Session, number: int) -> Session:
+def pick_object(session: Session, object_id: int) -> Session:
     """Make an object active, by its id; no undo step."""
-    return session.with_active(session.document.scene.index(str(number)))
+    return session.with_active(session.document.scene.index(str(object_id)))
 
 
 @edit
@@ -64,34 +64,36 @@ def with_added(document: Document, model: ModelFile) -> Document:
 
 
 @edit
-def remove_object(session: Session, number: int) -> Session:
+def remove_object(session: Session, object_id: int) -> Session:
     """Remove one of several objects, by its id."""
     document = session.document
-    index = document.scene.index(str(number))
+    index = document.scene.index(str(object_id))
     if len(document.scene.objects) == 1:
         raise SettingsError("this is the only object; open another model in its place")
     return session.with_document(document.without(index))
 
 
 @edit
-def alter_object(session: Session, number: int, **changes: Any) -> Session:
+def alter_object(session: Session, object_id: int, **changes: Any) -> Session:
     """Change ``hidden``, ``locked`` or a text of an object, by its id."""
-    index = session.document.scene.index(str(number))
+    index = session.document.scene.index(str(object_id))
     item = session.document.scene.objects[index]
     texts = changes.keys() & MAX_LETTERS.keys()
     changes |= {key: changes[key][: MAX_LETTERS[key]] for key in texts}
     if all(getattr(item, key) == value for key, value in changes.items()):
         return session
-    key = f"{min(texts)} {number}" if texts else None
+    key = f"{min(texts)} {object_id}" if texts else None
     return session.with_document(session.document.with_object(index, **changes), key)
 
 
 @edit
-def show_view(session: Session, index: int) -> Session:
+def show_view(session: Session, view_index: int) -> Session:
     """Show another view large; no undo step, and a search goes on."""
-    if index == session.document.view_index or not 0 <= index < len(session.document.scene.views):
+    if view_index == session.document.view_index or not 0 <= view_index < len(
+        session.document.scene.views
+    ):
         return session
-    document, anchor = session.document.with_view(index), session.compared_scene
+    document, anchor = session.document.with_view(view_index), session.compared_scene
     if not is_in_sight(document):
         name = document.view.name
         raise SettingsError(f"{name} does not show the model where it is now")
@@ -99,16 +101,16 @@ def show_view(session: Session, index: int) -> Session:
 
 
 @edit
-def compare_view(session: Session, index: int, on: bool) -> Session:
+def compare_view(session: Session, view_index: int, on: bool) -> Session:
     """Compare the active object with a view, or leave the view out."""
     document = session.document
     compared = [own.is_compared for own in document.object.in_views]
-    if not 0 <= index < len(compared) or compared[index] is on:
+    if not 0 <= view_index < len(compared) or compared[view_index] is on:
         return session
     if not on and sum(compared) == 1:
         raise SettingsError("one photo at least is compared: switch another one on first")
     # The result was by other photos.
-    changed = document.with_view(index).with_own(is_compared=on)
+    changed = document.with_view(view_index).with_own(is_compared=on)
     return session.with_document(changed.with_object(result=None).with_view(document.view_index))
 
 

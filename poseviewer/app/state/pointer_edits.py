@@ -23,12 +23,13 @@ from poseviewer.app.state.marking import (
     solve_pose,
     with_mark,
 )
-from poseviewer.app.state.measuring import press_point
 from poseviewer.app.state.pose_edits import put
 from poseviewer.app.state.proposal_edits import propose_starts
 from poseviewer.app.state.session import Session, is_in_sight
 from poseviewer.errors import PoseViewerError, QuickStartError, SettingsError
+from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.starts.measuring import measure_point
 from poseviewer.starts.placing import fit_into_rectangle, surface_point
 from poseviewer.vehicle.chart import VehicleChart
 
@@ -62,7 +63,7 @@ def press(
     if tool == "part":
         return leave_out(x, y)(session)
     if tool == "measure":
-        return press_point(x, y)(session)
+        return _measure(session, point)
     if tool in MARKING:
         mark = mark_at(session, point, zoom)
         if mark is None:
@@ -83,6 +84,21 @@ def press(
             if session.document is not document:
                 drag = take_hold(session.document, point, zoom, kind)
     return session if drag is None else replace(session, drag=drag)
+
+
+def _measure(session: Session, pixel: FloatArray) -> Session:
+    """Measure the surface at a pixel, and its distance from the point before."""
+    document, before = session.document, session.measurement_pixels
+    if measure_point(document.scene, pixel, document.view_index) is None:
+        raise QuickStartError("There is no model there to measure; press a point of one.")
+    pixels = (*before, pixel) if len(before) == 1 else (pixel,)
+    return replace(session, measured=tuple((document.photo, p) for p in pixels))
+
+
+@edit
+def toggle_measuring(session: Session) -> Session:
+    """Take the measuring tool, with no points yet, or leave it."""
+    return replace(session, tool="pose" if session.tool == "measure" else "measure", measured=())
 
 
 @drag_edit

@@ -9,8 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from poseviewer.app.state.camera_change import with_camera
-from poseviewer.app.state.document import UNLOCK, Document, label_of, loss_inputs
+from poseviewer.app.state.document import UNLOCK, Document, label_of, loss_inputs, with_camera
 from poseviewer.app.state.dragging import Drag, radius_in_photo
 from poseviewer.app.state.history import History
 from poseviewer.app.state.results import Preparation, Results
@@ -174,12 +173,12 @@ class Session:
     @property
     def proposals(self) -> ProposedStarts | None:
         """Proposed starts of the active object in the large view."""
-        proposals = self.proposals_by_object.get(self.document.number)
+        proposals = self.proposals_by_object.get(self.document.object_id)
         return proposals if proposals and proposals.document.shown == self.document.shown else None
 
     def with_proposals(self, proposals: ProposedStarts | None) -> Session:
         """The session with other proposed starts of the active object."""
-        changed = {self.document.number: proposals}
+        changed = {self.document.object_id: proposals}
         return replace(self, proposals_by_object={**self.proposals_by_object, **changed})
 
     @property
@@ -206,6 +205,12 @@ class Session:
         return self.with_proposals(replace(proposals, is_over=True) if proposals.starts else None)
 
     @property
+    def measurement_pixels(self) -> tuple[FloatArray, ...]:
+        """Pixels (2,) that the measuring tool, if it is in use, has pressed in the large photo."""
+        measured = self.measured if self.tool == "measure" else ()
+        return tuple(pixel for photo, pixel in measured if photo is self.document.photo)
+
+    @property
     def marks_model(self) -> bool:
         """Whether the tool marks points of the model beside the photo."""
         is_first = self.tool == "wheels" and self.document.model.keypoints is None
@@ -224,7 +229,7 @@ class Session:
 
     def at(self, history: History, document: Document) -> Session:
         """The session at a document of a history, without a search and stale results."""
-        is_same = document.number == self.document.number
+        is_same = document.object_id == self.document.object_id
         has_pose_now = is_same and self.is_looking and document.object.is_placed
         session = self.stop_proposing() if has_pose_now else self
         if document.shown != self.document.shown:

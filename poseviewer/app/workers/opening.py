@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from poseviewer.app.state.camera_change import with_camera
-from poseviewer.app.state.document import Document
+from poseviewer.app.state.document import Document, with_camera
 from poseviewer.app.state.objects import with_added
 from poseviewer.app.state.pose_edits import put
 from poseviewer.errors import PoseFileError, QuickStartError

@@ -160,18 +160,12 @@ def compiling() -> Session:
     return Session(make_document(), preparation=Preparation(0.5))
 
 
-def test_a_search_that_waits_is_there_when_all_is_ready(compiling: Session):
+def test_a_search_that_waits_runs_once_all_is_ready_or_is_taken_back(compiling: Session):
     waiting = after(compiling, c.start_search(), c.preparation_advanced(Preparation(0.9)))
-    assert waiting.is_searching
     ready = after(waiting, c.preparation_advanced(None))
-    assert ready.is_searching
-    assert ready.preparation is None
-
-
-def test_a_search_that_waits_can_be_stopped_as_if_it_were_never_asked_for(compiling: Session):
-    stopped = after(compiling, c.start_search(), c.stop_search())
-    assert stopped.search is None
-    assert stopped.document is compiling.document
+    assert (waiting.is_searching, ready.is_searching, ready.preparation) == (True, True, None)
+    stopped = after(waiting, c.stop_search())
+    assert (stopped.search, stopped.document) == (None, compiling.document)
     assert stopped.history.past == compiling.history.past
 
 

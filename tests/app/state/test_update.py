@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.app.state.camera_change import with_camera
+from poseviewer.app.state.document import with_camera
 from poseviewer.app.state.dragging import pins_in_photo, radius_in_photo
 from poseviewer.app.state.history import MAX_OPENED, History
 from poseviewer.app.state.session import Session

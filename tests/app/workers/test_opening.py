@@ -89,7 +89,7 @@ def test_all_objects_of_a_session_come_back(plain: Document, tmp_path: Path) -> 
     kept = load_autosave(path)
     opened = open_autosaved(kept)
     before, after = session.document.scene, opened.scene
-    assert opened.number == 3
+    assert opened.object_id == 3
     for index, (one, again) in enumerate(zip(before.objects, after.objects, strict=True)):
         for name in ("id", "name", "hidden", "locked"):
             assert getattr(one, name) == getattr(again, name)

@@ -44,27 +44,20 @@ def test_models_on_one_photo_have_files_of_their_own(scene, session, saver):
     assert next(iter(export("pose", session))) == names[0]  # as it is downloaded
 
 
-def test_what_others_wrote_is_asked_about_and_kept(session, saver, scene):
-    path = scene.photo.with_name("p.m.pose.json")
+@pytest.mark.parametrize("name", ["p.m.pose.json", "p.m.mask.png"])
+def test_what_others_wrote_is_asked_about_and_kept(session, saver, scene, name):
+    path, other = scene.photo.with_name("p.m.pose.json"), scene.photo.with_name(name)
     assert saver.file_to_replace(session.document) is None
-    path.write_text("mine")
+    other.write_text("mine")
     assert saver.file_to_replace(session.document) == path
     assert saver.save(session) == path
-    backup = path.with_name("p.m.pose.json.bak")
+    backup = other.with_name(f"{name}.bak")
     assert backup.read_text() == "mine"
     assert saver.file_to_replace(session.document) is None  # this session's own by now
     saver.save(after(session, nudge("move", 1.0)))
     assert backup.read_text() == "mine"
-    path.write_text("changed by another program")
+    other.write_text("changed by another program")
     assert saver.file_to_replace(session.document) == path
-
-
-def test_a_mask_of_others_is_asked_about(session: Session, saver: Autosaver, scene: Scene):
-    mask = scene.photo.with_name("p.m.mask.png")
-    mask.write_bytes(b"painted elsewhere")
-    assert saver.file_to_replace(session.document) is not None
-    saver.save(session)
-    assert mask.with_name("p.m.mask.png.bak").read_bytes() == b"painted elsewhere"
 
 
 def test_another_model_of_the_same_name_does_not_replace_the_first_ones_pose(session, saver):
