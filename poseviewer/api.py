@@ -247,7 +247,7 @@ class PosedScene:
 
     @property
     def unexplained(self) -> float:
-        """Unexplained share of the photo, in [0, 1]: the loss on a linear scale."""
+        """The loss as unexplained share of the photo, in [0, 1]; 0: all is explained."""
         return self.problem.scale.as_unexplained(self.loss)
 
     @property

@@ -182,16 +182,10 @@ def open_photo(now: Document, path: Path, calibration: Calibration | None = None
         scale = item.world_from_model.scale / now.object.world_from_model.scale
         scale = 1.0 if isinstance(old.camera, Parallel) else scale
         world_from_model = view.world_from_model(pose, scale)
-        moved = replace(
-            item,
-            world_from_model=world_from_model,
-            start=world_from_model,
-            start_cameras=(camera,),
-            in_views=(InView(mask=own.mask if same_pixels else None),),
-            is_placed=is_same and item.is_placed,
-            result=None,
-        )
-        objects.append(moved)
+        start = {"start": world_from_model, "start_cameras": (camera,)}
+        in_views = (InView(mask=own.mask if same_pixels else None),)
+        item = replace(item, in_views=in_views, is_placed=is_same and item.is_placed, result=None)
+        objects.append(replace(item, world_from_model=world_from_model, **start))
     states = tuple(replace(state, marks={}) for state in now.states)
     scene = replace(now.scene, views=(view,), objects=tuple(objects), free_scale=False)
     notes = notes_of(photo)
@@ -222,9 +216,8 @@ def open_model(now: Document, path: Path) -> Document:
     known = known_scale(LoadedViews(now.scene.name, now.scene.views, now.scene.unit), model.mesh)
     scale = 1.0 / known if known else None
     settings = FitSettings(seed=now.settings.seed)
-    document = now.with_object(
-        model=model, settings=settings, name="", hidden=False, locked=False, without=()
-    )
+    document = now.with_object(model=model, settings=settings, without=())
+    document = document.with_object(name="", hidden=False, locked=False)
     document = document.with_state(pins=(), marks={}).at_pose(pose, scale=scale)
     document = put(document, pose).with_start_here.with_object(is_placed=False)
     return with_notes(document, notes_of(model))
