@@ -70,10 +70,10 @@ class App:
         self._searcher = searching()
         self._mapper = mapping()
         self._proposer = proposing(notify)
-        others = refining, picturing, reading, outlining, preparing
-        own = self._autosaver.job, self._drawer, self._proposer, self._searcher, self._mapper
-        own += () if review is None else (review.job,)
-        self._workers = (*own, *(job(notify) for job in others))
+        makers = refining, picturing, reading, outlining, preparing
+        workers = self._autosaver.job, self._drawer, self._proposer, self._searcher, self._mapper
+        workers += () if review is None else (review.job,)
+        self._workers = (*workers, *(make(notify) for make in makers))
         self._running, self._failed = True, False
         self._page.tell("Note", *document.scene.notes)
         if self._autosaver.offer is not None:

@@ -163,7 +163,7 @@ class Reviewer:
             # If only the start fails, a person can place the model.
             document = open_files(photo, model, None)
         settings = self.settings
-        document = document.with_own(region=settings.region)
+        document = document.with_in_view(region=settings.region)
         return document.with_object(settings=replace(settings, region=None), id=str(job.row))
 
 

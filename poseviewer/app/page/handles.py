@@ -42,7 +42,7 @@ def handles_of(session: Session) -> str:
     proposals, is_placed = session.proposals, document.object.is_placed
     proposed = proposals.outlines[:1] if proposals and not is_placed else ()
     drawn = [
-        _rectangle(document.own.region, REGION_COLOUR),
+        _rectangle(document.in_view.region, REGION_COLOUR),
         _rectangle(session.shown_box, BOX_COLOUR),
         *(_lines(lines, OTHER_END_COLOUR) for lines in session.other_outlines if not alone),
         *(_lines(lines, PROPOSED_COLOUR) for lines in proposed if not alone),

@@ -90,7 +90,7 @@ WAITING = '<div class="pv-wait"></div>'
 
 
 def _has_region(session: Session) -> bool:
-    return session.document.own.region is not None
+    return session.document.in_view.region is not None
 
 
 def _is_papers(session: Session) -> bool:

@@ -163,7 +163,7 @@ class Document:
         return view.pose(self.object.start or self.object.world_from_model)
 
     @property
-    def own(self) -> InView:
+    def in_view(self) -> InView:
         """Mask and region of the active object in the view."""
         return self.scene.in_view(self.active, self.view_index)
 
@@ -210,8 +210,8 @@ class Document:
             document = document.with_object(index, settings=replace(item.settings, renderer=name))
         return document
 
-    def with_own(self, **changes: Any) -> Document:
-        """The document with changed fields of ``own``."""
+    def with_in_view(self, **changes: Any) -> Document:
+        """The document with changed fields of ``in_view``."""
         in_views = list(self.object.in_views)
         in_views[self.view_index] = replace(in_views[self.view_index], **changes)
         return self.with_object(in_views=tuple(in_views))
@@ -223,18 +223,21 @@ class Document:
             return None
         return self.scene.with_object(self.active, result=None).mask(self.active, self.view_index)
 
-    def with_mask(self, mask: Mask | None, own: bool = False) -> Document:
-        """The document with another mask of the view, or with ``own`` of the active object in it;
-        results of searches that read a changed pixel are dropped.
+    def with_mask(self, mask: Mask | None, for_object: bool = False) -> Document:
+        """The document with another mask of the view, or of the active object in it; results of
+        searches that read a changed pixel are dropped.
         """
-        before = self.own.mask if own else self.view.mask
+        before = self.in_view.mask if for_object else self.view.mask
         old, new = (1.0 if weights is None else weights.weights for weights in (before, mask))
         changed = np.broadcast_to(np.not_equal(old, new), (self.photo.height, self.photo.width))
-        document, views = self.with_own(mask=mask) if own else self, list(self.scene.views)
-        if not own:
+        document, views = (
+            self.with_in_view(mask=mask) if for_object else self,
+            list(self.scene.views),
+        )
+        if not for_object:
             views[self.view_index] = replace(self.view, mask=mask)
             document = replace(self, scene=replace(self.scene, views=tuple(views)))
-        for index in (self.active,) if own else range(len(self.states)):
+        for index in (self.active,) if for_object else range(len(self.states)):
             if self._compares(index, changed):
                 document = document.with_object(index, result=None)
         return document

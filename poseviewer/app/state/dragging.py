@@ -86,7 +86,7 @@ def draw_rectangle(tool: str, start: FloatArray) -> Drag:
         rectangle = Rectangle.from_corners(*corners)
         drawn = None if min(rectangle.width, rectangle.height) < MIN_SIDE_PX else rectangle
         if tool == "region":
-            return document.with_own(region=drawn)
+            return document.with_in_view(region=drawn)
         return document.with_marks(box=drawn)
 
     return Drag(follow)

@@ -81,13 +81,13 @@ def mask_pixels(
     document, is_own = session.document, masks_one_object(session)
     if document.photo is not photo:
         return session
-    for own in (True,) if is_own else (False, True) if erase else (False,):
-        mask = document.own.mask if own else document.view.mask
+    for for_object in (True,) if is_own else (False, True) if erase else (False,):
+        mask = document.in_view.mask if for_object else document.view.mask
         before = np.ones((photo.height, photo.width), np.float32) if mask is None else mask.weights
         weights = np.where(pixels, np.float32(erase), before)
         if not np.array_equal(weights, before):
             mask = None if np.all(weights == 1.0) else Mask.of(weights)
-            document = document.with_mask(mask, own)
+            document = document.with_mask(mask, for_object)
     if document is not session.document:
         if document.settings.in_front == "nothing" and not erase:
             settings = replace(document.settings, in_front="painted")
@@ -114,7 +114,7 @@ def unhide(session: Session) -> Session:
     document, is_own = session.document, masks_one_object(session)
     if not any(masks_of(session)[is_own:]):
         return session
-    document = document.with_mask(None, own=True)
+    document = document.with_mask(None, for_object=True)
     return session.with_document(document if is_own else document.with_mask(None))
 
 
@@ -151,9 +151,9 @@ def hide_found(session: Session) -> Session:
         hidden = list(result.hidden)
         hidden[document.view_index] = None
         document = document.with_object(result=replace(result, hidden=tuple(hidden)))
-    mask = document.own.mask
+    mask = document.in_view.mask
     weights = ~occluded if mask is None else mask.weights * ~occluded
-    return session.with_document(document.with_own(mask=Mask.of(weights)))
+    return session.with_document(document.with_in_view(mask=Mask.of(weights)))
 
 
 def masks_one_object(session: Session) -> bool:
@@ -163,7 +163,7 @@ def masks_one_object(session: Session) -> bool:
 
 def masks_of(session: Session) -> tuple[Mask | None, Mask | None]:
     """Masks of the large view, and of the active object alone in it."""
-    return session.document.view.mask, session.document.own.mask
+    return session.document.view.mask, session.document.in_view.mask
 
 
 def occlusion_pixels(session: Session) -> NDArray[np.bool_] | None:

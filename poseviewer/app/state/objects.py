@@ -110,7 +110,7 @@ def compare_view(session: Session, view_index: int, on: bool) -> Session:
     if not on and sum(compared) == 1:
         raise SettingsError("one photo at least is compared: switch another one on first")
     # The result was by other photos.
-    changed = document.with_view(view_index).with_own(is_compared=on)
+    changed = document.with_view(view_index).with_in_view(is_compared=on)
     return session.with_document(changed.with_object(result=None).with_view(document.view_index))
 
 

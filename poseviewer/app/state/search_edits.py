@@ -26,7 +26,7 @@ def alter_settings(session: Session, alter: Callable[[FitSettings], FitSettings]
 @edit
 def clear_region(session: Session) -> Session:
     """Compare the active object with the whole photo."""
-    return session.with_document(session.document.with_own(region=None))
+    return session.with_document(session.document.with_in_view(region=None))
 
 
 @edit

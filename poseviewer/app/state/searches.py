@@ -52,7 +52,7 @@ class ProposedStarts:
 
 def start_query(document: Document) -> StartQuery:
     """Query for start poses of the active object in the large view."""
-    region = document.own.region
+    region = document.in_view.region
     inputs = StartInputs(document.photo, document.mesh, document.model.keypoints, document.mask)
     settings = replace(document.settings, region=region)
     return StartQuery(inputs, document.pose.camera, document.marks.box or region, settings)

@@ -80,8 +80,8 @@ def _export_stem(document: Document, view: int, of_all: bool = False) -> str:
         return stem_of(document, view)
     name = item.name.strip() or Path(item.model.name).stem
     name += f".{item.id}" * ([label_of(other) for other in objects].count(label_of(item)) > 1)
-    own = safe_path(name).name.encode()[:MAX_STEM_BYTES].decode(errors="ignore")
-    return f"{stem_of(document, view)}.{own}"
+    name = safe_path(name).name.encode()[:MAX_STEM_BYTES].decode(errors="ignore")
+    return f"{stem_of(document, view)}.{name}"
 
 
 def export(what: Export, session: Session, unit: str = "") -> dict[str, bytes]:
@@ -90,24 +90,25 @@ def export(what: Export, session: Session, unit: str = "") -> dict[str, bytes]:
     Raises:
         PoseViewerError: there is nothing of that kind yet, or a format needs the unit.
     """
-    own = session.document
+    document = session.document
     if what == RELATIVE:
-        return _relative_poses(own)
+        return _relative_poses(document)
     if what in CONVERTED:
         return _convert(what, session, unit if unit in METRES else None)
-    view = pose_file_view(own) if what == "pose" else own.view_index
-    photo = own.scene.views[view].photo
-    stem = _export_stem(own, view)
+    view = pose_file_view(document) if what == "pose" else document.view_index
+    photo = document.scene.views[view].photo
+    stem = _export_stem(document, view)
     if what == "pose":
         name, scene = f"{stem}.pose.json", scene_to_save(session)
-        record, mask = pose_json(as_saved(scene), own.active, view), scene.mask(own.active, view)
+        record = pose_json(as_saved(scene), document.active, view)
+        mask = scene.mask(document.active, view)
         beside = mask_path(name).name
         record = structs.replace(record, mask=None if mask is None else beside)
         files = {} if mask is None else {beside: mask_as_png(mask)}
         return {name: pose_bytes(Path(name), record), **files}
     stem += ".undistorted" * (photo.undistortion is not None)
     if what == "overlay":
-        picture = picture_of(own, session.display.style, session.display.opacity)
+        picture = picture_of(document, session.display.style, session.display.opacity)
         data = np.asarray(cv2.imencode(".png", picture[..., ::-1])[1]).tobytes()
         return {f"{stem}.overlay.png": data}
     kind = "png" if what == "sheet" else what.removeprefix("maps-")
@@ -123,14 +124,14 @@ def export(what: Export, session: Session, unit: str = "") -> dict[str, bytes]:
 
 def _convert(what: str, session: Session, unit: str | None) -> dict[str, bytes]:
     """Convert to one file, or a zip of several; for all objects if the format holds several."""
-    own, scene = session.document, as_saved(scene_to_save(session))
+    document, scene = session.document, as_saved(scene_to_save(session))
     of_all = what not in FORMATS or FORMATS[what].several_objects
-    stem = _export_stem(own, own.view_index, of_all)
+    stem = _export_stem(document, document.view_index, of_all)
     with TemporaryDirectory() as folder:
         out = Path(folder, f"{stem}{CONVERTED[what]}")
         if what in FORMATS:
             if not FORMATS[what].several_objects:
-                scene = replace(scene, objects=(scene.objects[own.active],))
+                scene = replace(scene, objects=(scene.objects[document.active],))
             options = ConvertOptions(image="0", object_id=1, unit=unit, overwrite=True)
             FORMATS[what].convert(scene, out, options)
         else:
@@ -150,17 +151,17 @@ def _convert(what: str, session: Session, unit: str | None) -> dict[str, bytes]:
         return {f"{stem}.{what.partition(',')[0]}.zip": memory.getvalue()}
 
 
-def _relative_poses(own: Document) -> dict[str, bytes]:
+def _relative_poses(document: Document) -> dict[str, bytes]:
     """JSON file of the active object's pose in the frame of every other one."""
-    name, is_placed = Path(own.photo.name).stem + CONVERTED[RELATIVE], own.object.is_placed
+    name = Path(document.photo.name).stem + CONVERTED[RELATIVE]
     poses = [
-        {"frame": label_of(item), **measure_relative(own.scene, own.active, index)}
-        for index, item in enumerate(own.scene.objects)
-        if is_placed and item.is_placed and index != own.active
+        {"frame": label_of(item), **measure_relative(document.scene, document.active, index)}
+        for index, item in enumerate(document.scene.objects)
+        if document.object.is_placed and item.is_placed and index != document.active
     ]
     if not poses:
         raise SettingsError("relative poses are between objects that are placed; add another one")
-    data = {"object": label_of(own.object), "unit": own.mesh.unit, "poses": poses}
+    data = {"object": label_of(document.object), "unit": document.mesh.unit, "poses": poses}
     return {name: json_bytes(Path(name), data, SettingsError)}
 
 

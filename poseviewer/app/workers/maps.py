@@ -54,12 +54,12 @@ def mapping() -> Worker[Session, Edit]:
     maker = for_one_thread(MapMaker)
 
     def make(request: Session) -> Iterator[Edit]:
-        own = request.document
+        document = request.document
         try:
-            for landscapes in maker(own.mesh, own.settings.renderer).run(request):
-                yield show_results(own, landscapes=landscapes, maps_note="")
+            for landscapes in maker(document.mesh, document.settings.renderer).run(request):
+                yield show_results(document, landscapes=landscapes, maps_note="")
         except PoseViewerError as error:
-            yield show_results(own, maps_note=str(error))
+            yield show_results(document, maps_note=str(error))
 
     return Worker(
         "maps",
@@ -97,9 +97,9 @@ class MapMaker:
     def run(self, request: Session) -> Iterator[tuple[Landscape, ...]]:
         """Yield the maps by each loss, coarse to fine, once each map has its first grid."""
         cases = [self._case(request, settings) for settings in request.mapped]
-        own, width = request.document, request.display.half_width
+        document, width = request.document, request.display.half_width
         known = [
-            Landscape(own, case.problem, case.start, own.params_in(case.problem), width)
+            Landscape(document, case.problem, case.start, document.params_in(case.problem), width)
             for case in cases
         ]
         first, *more = QUICK_SIZES
@@ -123,14 +123,14 @@ class MapMaker:
         losses, search = _losses_of(request), request.own_progress
         if before is not None and before.losses == losses:
             return before
-        own = request.document
-        anchor = request.compared_scene.with_object(own.active, settings=settings)
-        view = reference_view(anchor, own.active, own.view_index)
+        document = request.document
+        anchor = request.compared_scene.with_object(document.active, settings=settings)
+        view = reference_view(anchor, document.active, document.view_index)
         if search is not None and search.settings == settings:
             problem = search.problem
         else:
-            problem, _ = make_problem(anchor, own.active, view)
-        params, start = own.params_in(problem), anchor.pose(own.active, view)
+            problem, _ = make_problem(anchor, document.active, view)
+        params, start = document.params_in(problem), anchor.pose(document.active, view)
         levels = [
             quick_level(alone, alone.chart.to_pose(params), self._renderer)
             for alone in problem.by_view

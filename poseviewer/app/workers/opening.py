@@ -247,9 +247,9 @@ def open_pose(now: Document, path: Path) -> Document:
             file = PhotoFile.of(view.photo, document.view.path)
             shown = replace(document.view, file=file, mask=None)
             document = replace(document, scene=replace(now.scene, views=(shown,)))
-            document = document.with_mask(None, own=True)
+            document = document.with_mask(None, for_object=True)
         if view.mask is not None:
-            document = document.with_mask(view.mask, own=len(now.scene.objects) > 1)
+            document = document.with_mask(view.mask, for_object=len(now.scene.objects) > 1)
     without = opened.objects[0].without
     document = document if without == now.object.without else document.without_parts(without)
     document = document.with_view(names.index(opened.views[0].name))

@@ -47,19 +47,19 @@ class OutlineRequest:
     @classmethod
     def of(cls, session: Session) -> OutlineRequest:
         """The request of a session."""
-        own, scene = session.document, session.document.scene
+        document, scene = session.document, session.document.scene
 
         def model_at(index: int, view: int) -> tuple[Mesh, Pose]:
             return scene.objects[index].mesh, scene.pose(index, view)
 
         ids = [int(item.id) for item in scene.objects]
-        large = {ids[index]: model_at(index, own.view_index) for index in own.others}
-        is_at_rest = large and not session.is_moving and is_shown(own.object)
+        large = {ids[index]: model_at(index, document.view_index) for index in document.others}
+        is_at_rest = large and not session.is_moving and is_shown(document.object)
         shown = [index for index, item in enumerate(scene.objects) if is_shown(item)]
         views = range(len(scene.views)) if len(scene.views) > 1 else ()
         return cls(
             large,
-            (model_at(own.active, own.view_index),) if is_at_rest else (),
+            (model_at(document.active, document.view_index),) if is_at_rest else (),
             tuple({ids[i]: model_at(i, view) for i in shown} for view in views),
         )
 

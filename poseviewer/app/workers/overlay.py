@@ -28,7 +28,7 @@ from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.contour import Sketch, quick_silhouette, silhouette
 from poseviewer.render.overlay.edges import find_lines
 from poseviewer.render.overlay.styles import ModelInPhoto, Relight, draw_style, line_scale
-from poseviewer.scene.types import PlacedModel, Scene
+from poseviewer.scene.types import PlacedModel
 from poseviewer.starts.placing import fit_into_rectangle
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
@@ -62,44 +62,45 @@ class LossReader:
 
     def views(self, request: Session) -> tuple[ViewResidual, ...]:
         """The views as they are compared about the request's anchor; empty if they cannot be."""
-        own = request.document
-        about = own.object.start, own.object.start_cameras, *request.pixels
+        document = request.document
+        about = document.object.start, document.object.start_cameras, *request.pixels
         if about != self._about:
             self._about = about
             self._views = ()
             self._note = ""
             # The loss does not depend on the free parameters.
-            plain = replace(own.settings, lock=(), free_focal=False, chart="auto")
-            anchor = request.compared_scene.with_object(own.active, settings=plain)
-            view = reference_view(anchor, own.active, own.view_index)
+            plain = replace(document.settings, lock=(), free_focal=False, chart="auto")
+            anchor = request.compared_scene.with_object(document.active, settings=plain)
+            view = reference_view(anchor, document.active, document.view_index)
             try:
-                self._views = make_problem(anchor, own.active, view)[0].views
-                self._start = self._read_all(own, own.at_start.scene)[0].loss
+                self._views = make_problem(anchor, document.active, view)[0].views
+                self._start = self._read_all(document.at_start)[0].loss
             except PoseViewerError as error:
                 self._note = str(error)
         return self._views
 
     def read(self, request: Session) -> LossReading:
         """Evaluate the losses, or say why there are none."""
-        own, views = request.document, self.views(request)
+        document, views = request.document, self.views(request)
         if not views:
             return LossReading(request, note=self._note)
-        mean, by_view = self._read_all(own, own.scene)
+        mean, by_view = self._read_all(document)
         return LossReading(request, mean, "", self._start, by_view)
 
-    def _read_all(self, own: Document, scene: Scene) -> tuple[Unexplained, dict[int, Unexplained]]:
-        """Unexplained shares at the active object's pose in a scene: mean, and by view."""
+    def _read_all(self, document: Document) -> tuple[Unexplained, dict[int, Unexplained]]:
+        """Unexplained shares at the active object's pose: mean, and by view."""
+        scene, active = document.scene, document.active
         by_view = {
-            view.view_index: self._read(view, own, scene.pose(own.active, view.view_index))
+            view.view_index: self._read(view, scene.model_at(active, view.view_index))
             for view in self._views
         }
         return mean_over(tuple(by_view.values())), by_view
 
-    def _read(self, view: ViewResidual, own: Document, pose: Pose) -> Unexplained:
+    def _read(self, view: ViewResidual, model: PlacedModel) -> Unexplained:
         scale = LossScale.of(view.photo)
-        if not pose.camera_from_model.apply(own.mesh.centre)[2] > 0.0:
+        if not model.depth > 0.0:
             return Unexplained(scale, scale.worst)
-        moments = self.renderer.moments(pose, view.photo)
+        moments = self.renderer.moments(model.pose, view.photo)
         return scale.read(view.loss(moments), moments)
 
 
@@ -113,35 +114,30 @@ class OverlayDrawer:
 
     def draw(self, request: Session) -> Overlay:
         """Draw the quick outline, or a picture."""
-        own, style = request.document, request.display.style
+        document, style = request.document, request.display.style
         if style == "outline":
-            return Overlay(request, quick_silhouette(own.mesh, self._quick, own.pose))
+            return Overlay(request, quick_silhouette(document.mesh, self._quick, document.pose))
         return Overlay(request, NO_LINES) if style == "none" else self._picture(request)
 
     def _picture(self, request: Session) -> Overlay:
-        own = request.document
-        photo = request.document.photo
-        display = request.display
+        document, display = request.document, request.display
+        photo, scene, view_index = document.photo, document.scene, document.view_index
         factor = min(1.0, (MAX_PICTURE_PIXELS / (photo.width * photo.height)) ** 0.5)
-        pose = own.pose.rescale(factor)
+        pose = document.pose.rescale(factor)
         pixels = _cached_pixels(photo, pose.camera.width, pose.camera.height)
         relight: Relight | None = None
         if display.style in ("relit", "residual"):
             views = self._reader.views(request)
-            compared = next(
-                (view.photo for view in views if view.view_index == own.view_index), None
-            )
+            compared = next((view.photo for view in views if view.view_index == view_index), None)
             if compared is None:
                 return Overlay(request, NO_LINES)
-            relight = partial(render_relit, compared, self._reader.renderer, own.pose)
-        view = ModelInPhoto(pixels, own.mesh, self._fine, pose, relight, display.opacity)
+            relight = partial(render_relit, compared, self._reader.renderer, document.pose)
+        view = ModelInPhoto(pixels, document.mesh, self._fine, pose, relight, display.opacity)
         picture = draw_style(display.style, view)
-        others = tuple(
-            (own.scene.objects[i].mesh, own.scene.pose(i, own.view_index)) for i in own.others
-        )
+        others = tuple((scene.objects[i].mesh, scene.pose(i, view_index)) for i in document.others)
         if others:
-            behind = _depth_of(others, factor) < depth_image(PlacedModel(own.mesh, pose))
-            picture = np.where(behind[..., None], pixels, picture)
+            occluded = _depth_of(others, factor) < depth_image(PlacedModel(document.mesh, pose))
+            picture = np.where(occluded[..., None], pixels, picture)
         return Overlay(request, NO_LINES, picture=picture)
 
 
@@ -186,7 +182,7 @@ def drawing(notify: Callable[[], None]) -> Worker[Session, Edit]:
 
 def refining(notify: Callable[[], None]) -> Worker[Session, Edit]:
     """Draw the lines finely once the model is at rest."""
-    renderer = for_one_thread(lambda own: own)
+    renderer = for_one_thread(lambda renderer: renderer)
 
     def request_of(session: Session) -> Session | None:
         overlay = session.results.overlay
@@ -206,7 +202,7 @@ def refining(notify: Callable[[], None]) -> Worker[Session, Edit]:
 
 def picturing(notify: Callable[[], None]) -> Worker[Document, Edit]:
     """Draw the model alone, for marking its points."""
-    renderer = for_one_thread(lambda own: own)
+    renderer = for_one_thread(lambda renderer: renderer)
 
     def request_of(session: Session) -> Document | None:
         is_wanted = session.marks_model and session.preparation is None and not session.is_moving

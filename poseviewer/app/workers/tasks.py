@@ -168,14 +168,14 @@ def find_wheels_in_region() -> QueuedTask:
     """Find wheels in the region by the current camera."""
 
     def run(session: Session, _: Path) -> TaskResult:
-        own, region = session.document, session.document.own.region
+        document, region = session.document, session.document.in_view.region
         if region is None:
             raise QuickStartError("Draw a region about the car first; wheels are sought in it.")
-        inputs = StartInputs(own.photo, own.mesh, own.model.keypoints, own.mask)
-        photo, camera = own.photo, own.pose.camera
+        inputs = StartInputs(document.photo, document.mesh, document.model.keypoints, document.mask)
+        photo, camera = document.photo, document.pose.camera
         is_guess = camera == photo.default_camera() and photo.focal_length_35mm is None
         best = likely_wheels(inputs, region, camera, is_guess)[0]
-        return TaskResult((set_tool("wheels"), lay_wheels(own, best)))
+        return TaskResult((set_tool("wheels"), lay_wheels(document, best)))
 
     return QueuedTask(run, "Looking for wheels ...", draws=True)
 

@@ -204,7 +204,7 @@ def test_what_is_only_proposed_places_nothing():
 def edits(scene) -> tuple[Session, list[Edit]]:
     """A model that is nowhere on its photo, and what the search for it brings."""
     document = open_files(scene.photo, scene.model, None)
-    session = Session(document.with_own(region=Rectangle(0, 0, 160, 120))).with_first_proposals
+    session = Session(document.with_in_view(region=Rectangle(0, 0, 160, 120))).with_first_proposals
     return session, list(made(session.document, lambda: None))
 
 
@@ -236,6 +236,6 @@ def test_a_fit_that_is_not_sure_or_not_asked_for_any_more_places_nothing(edits):
         by_hand = after(listed, edit)
         assert after(by_hand, fitting).document is by_hand.document
     # It was fitted on other pixels.
-    region = listed.document.with_own(region=Rectangle(0, 0, 160, 60))
+    region = listed.document.with_in_view(region=Rectangle(0, 0, 160, 60))
     changed = replace(listed, document=region)
     assert after(changed, fitting).document is region

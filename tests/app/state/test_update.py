@@ -124,12 +124,12 @@ def test_surface_pins_are_set_dragged_and_taken_away(camera):
 def test_a_region_is_drawn_cut_to_the_photo_and_taken_away():
     session = after(make_session(), c.set_tool("region"))
     drawn = after(session, c.press(150.2, 20.7), c.drag_to(300.0, 5.5), c.drag_to(170.0, 60.1))
-    assert drawn.document.own.region == (150, 20, 10, 41)
+    assert drawn.document.in_view.region == (150, 20, 10, 41)
     done = after(drawn, c.release())
     assert done.tool == "pose"
     assert done.history.past == (session.document,)
     again = c.set_tool("region"), c.press(20.0, 20.0), c.drag_to(20.5, 60.0), c.release()
-    assert after(done, *again).document.own.region is None
+    assert after(done, *again).document.in_view.region is None
 
 
 @pytest.mark.parametrize("kind", ["move", "turn", "roll", "scale"])

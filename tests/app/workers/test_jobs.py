@@ -88,7 +88,7 @@ def test_the_loss_is_that_of_the_search(document, renderer, settings):
 def test_the_compared_pixels_stay_with_the_anchor_and_go_with_the_settings(document, renderer):
     reader = LossReader(renderer)
     request = Session(document)
-    other = Session(document.with_own(region=Rectangle(40, 30, 80, 60)))
+    other = Session(document.with_in_view(region=Rectangle(40, 30, 80, 60)))
     read = [reader.read(asked).mean for asked in (request, other, request)]
     fresh = [losses_of(asked.document, renderer).mean for asked in (request, other, request)]
     losses = [None if mean is None else mean.loss for mean in read]
@@ -109,7 +109,7 @@ def test_the_start_is_the_start_pose_wherever_the_pixels_are_about(document, ren
 
 
 def test_why_there_is_no_loss_is_told(document, renderer):
-    losses = losses_of(document.with_own(region=Rectangle(0, 0, 2, 2)), renderer)
+    losses = losses_of(document.with_in_view(region=Rectangle(0, 0, 2, 2)), renderer)
     assert losses.mean is None
     assert len(losses.note) > 20
 
