@@ -339,7 +339,8 @@ class Document:
         """Start pose by the current intrinsics, which a chart about the start's own would reset; a
         focal length that is a parameter itself stays the start's.
         """
-        start, camera, centre = self.start, self.pose.camera, self.mesh.centre
+        start, centre = self.start, self.mesh.centre
+        camera = self.pose.camera
         is_behind = not start.camera_from_model.apply(centre)[2] > 0.0
         if is_behind and Perspective in (type(start.camera), type(camera)):
             return self.pose

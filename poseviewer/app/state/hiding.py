@@ -169,7 +169,7 @@ def masks_of(session: Session) -> tuple[Mask | None, Mask | None]:
 def occlusion_pixels(session: Session) -> NDArray[np.bool_] | None:
     """(height, width): pixels that the search for the current pose took for occluders."""
     document, progress = session.document, session.own_progress
-    result, view_index, photo = document.object.result, document.view_index, document.photo
+    result, view_index = document.object.result, document.view_index
     if result is not None:
         return result.hidden[view_index] if result.hidden else None
     if progress is None or session.is_searching:
@@ -178,4 +178,5 @@ def occlusion_pixels(session: Session) -> NDArray[np.bool_] | None:
     view = next(view for view in progress.problem.views if view.view_index == view_index)
     if view.occluded is None:
         return None
+    photo = document.photo
     return enlarge_mask(view.occluded, view.photo.factor, photo.width, photo.height)

@@ -70,7 +70,8 @@ def open_set(
         without: parts that are left out.
     """
     choice = choice or SetChoice()
-    views, loaded, view, start = load_views(path, choice), load_model(model), choice.view, pose
+    views, loaded = load_views(path, choice), load_model(model)
+    view, start = choice.view, pose
     if start is None:
         view, start = views.views[0].name, _corner_view(loaded, views.views[0].camera)
     parts = FitSettings(without=tuple(without))

@@ -121,7 +121,8 @@ class OverlayDrawer:
 
     def _picture(self, request: Session) -> Overlay:
         document, display = request.document, request.display
-        photo, scene, view_index = document.photo, document.scene, document.view_index
+        scene, view_index = document.scene, document.view_index
+        photo = document.photo
         factor = min(1.0, (MAX_PICTURE_PIXELS / (photo.width * photo.height)) ** 0.5)
         pose = document.pose.rescale(factor)
         pixels = _cached_pixels(photo, pose.camera.width, pose.camera.height)
