@@ -142,10 +142,10 @@ class App:
             case ReviewRow() if self._review is not None:
                 self._tasks.add(self._review.make_task(request))
             case Restore(wanted):
-                kept = self._autosaver.take_offer(wanted)
+                autosave = self._autosaver.take_offer(wanted)
                 self._page.close_offer()
-                if wanted and kept is not None:
-                    self._tasks.add(restore(kept))
+                if wanted and autosave is not None:
+                    self._tasks.add(restore(autosave))
 
     def _edit(self, edit: Edit) -> None:
         self.session = update(self.session, edit)

@@ -11,13 +11,13 @@ from poseviewer.app.state.session import Session
 @edit
 def undo(session: Session) -> Session:
     """Undo one step; a search is one."""
-    return session.at(*session.history.undo(session.document))
+    return session.with_history(*session.history.undo(session.document))
 
 
 @edit
 def redo(session: Session) -> Session:
     """Redo one step."""
-    return session.at(*session.history.redo(session.document))
+    return session.with_history(*session.history.redo(session.document))
 
 
 @edit

@@ -227,7 +227,7 @@ class Session:
         """Whether a pose, or what files keep with it, has changed since it was saved."""
         return self.saved is None or self.saved.placement != self.document.placement
 
-    def at(self, history: History, document: Document) -> Session:
+    def with_history(self, history: History, document: Document) -> Session:
         """The session at a document of a history, without a search and stale results."""
         is_same = document.object_id == self.document.object_id
         has_pose_now = is_same and self.is_looking and document.object.is_placed
@@ -248,7 +248,7 @@ class Session:
     def with_active(self, index: int) -> Session:
         """Make an object active; no undo step."""
         document = self.document.with_active(index)
-        return self if document is self.document else self.at(self.history, document)
+        return self if document is self.document else self.with_history(self.history, document)
 
     def with_document(self, document: Document, key: object = None) -> Session:
         """Take an undo step to another document; consecutive steps with the same ``key`` are one.
@@ -262,7 +262,7 @@ class Session:
                 "that pose is behind the camera or out of all proportion; nothing was changed"
             )
         _require_unlocked(self.document, document)
-        return self.at(self.history.with_step(self.document, document, key), document)
+        return self.with_history(self.history.with_step(self.document, document, key), document)
 
     def with_pose(self, pose: Pose) -> Session:
         """Take an undo step to another pose; fails like ``with_document``."""

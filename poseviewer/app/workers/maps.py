@@ -98,7 +98,7 @@ class MapMaker:
         """Yield the maps by each loss, coarse to fine, once each map has its first grid."""
         cases = [self._case(request, settings) for settings in request.mapped]
         document, width = request.document, request.display.half_width
-        known = [
+        landscapes = [
             Landscape(document, case.problem, case.start, document.params_in(case.problem), width)
             for case in cases
         ]
@@ -110,12 +110,12 @@ class MapMaker:
             for index, case in enumerate(cases):
                 coarse, fine = (case.quick, case.pool), (case.problem, self._fine)
                 levels = coarse if size < SIZE else fine
-                for landscape in refine_maps(known[index], *levels, size):
-                    known[index] = landscape
+                for landscape in refine_maps(landscapes[index], *levels, size):
+                    landscapes[index] = landscape
                     if size != first:
-                        yield tuple(known)
+                        yield tuple(landscapes)
             if size == first:
-                yield tuple(known)
+                yield tuple(landscapes)
 
     def _case(self, request: Session, settings: FitSettings) -> _Case:
         """The case of a loss: cached, with the problem of a search if there is one."""

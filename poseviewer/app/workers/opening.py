@@ -214,8 +214,9 @@ def open_model(now: Document, path: Path) -> Document:
     """Open another model for the active object, seen from a corner."""
     model = load_model(path)
     pose = _corner_view(model, now.pose.camera)
-    known = known_scale(LoadedViews(now.scene.name, now.scene.views, now.scene.unit), model.mesh)
-    scale = 1.0 / known if known else None
+    views = LoadedViews(now.scene.name, now.scene.views, now.scene.unit)
+    scale = known_scale(views, model.mesh)
+    scale = 1.0 / scale if scale else None
     settings = FitSettings(seed=now.settings.seed)
     document = now.with_object(model=model, settings=settings, without=())
     document = document.with_object(name="", hidden=False, locked=False)
@@ -257,8 +258,8 @@ def open_pose(now: Document, path: Path) -> Document:
     document = document.at_pose(opened.pose(0), scale=scale).with_start_here
     document = document.with_object(note=opened.objects[0].note or now.object.note)
     files = (*(view.photo for view in opened.views), now.model)
-    known = {note for file in files for note in notes_of(file)}
-    return with_notes(document, [note for note in opened.notes if note not in known])
+    old_notes = {note for file in files for note in notes_of(file)}
+    return with_notes(document, [note for note in opened.notes if note not in old_notes])
 
 
 def _corner_start(inputs: StartInputs) -> Start:
@@ -269,21 +270,21 @@ def _corner_view(model: ModelFile | StartInputs, camera: Camera) -> Pose:
     return look_from("three-quarter", model.mesh, model.keypoints, camera)
 
 
-def open_autosaved(kept: AutosavedSession) -> Document:
+def open_autosaved(autosave: AutosavedSession) -> Document:
     """Open the session of an earlier run, with notes on objects whose models are gone.
 
     Raises:
         PoseViewerError: a photo or the active object's model is gone, or cannot be used.
     """
-    scene, notes = kept.scene, list[str]()
-    names = kept.photo_names or tuple(view.name for view in scene.views)
+    scene, notes = autosave.scene, list[str]()
+    names = autosave.photo_names or tuple(view.name for view in scene.views)
     for view, name in zip(scene.views, names, strict=True):
         _require_there(view.file.location, name)
     for item in scene.objects:
         try:
             _require_there(item.model.location, item.model.name)
         except PoseFileError as error:
-            if item.id == kept.active_object:
+            if item.id == autosave.active_object:
                 raise
             notes.append(str(error))
     objects = tuple(item for item in scene.objects if item.model.location.is_file())
@@ -294,7 +295,7 @@ def open_autosaved(kept: AutosavedSession) -> Document:
     )
     document = Document.of(replace(scene, views=views))
     document = replace(
-        document, active=scene.index(kept.active_object), view_index=kept.active_view
+        document, active=scene.index(autosave.active_object), view_index=autosave.active_view
     )
     return with_notes(document, notes)
 

@@ -144,11 +144,11 @@ def upload(
     return QueuedTask(run, f"Reading {name[:60]} ...", size=len(data))
 
 
-def restore(kept: AutosavedSession) -> QueuedTask:
+def restore(autosave: AutosavedSession) -> QueuedTask:
     """Open the autosave of an earlier session."""
 
     def run(*_: object) -> TaskResult:
-        document = open_autosaved(kept)
+        document = open_autosaved(autosave)
         return TaskResult((open_document(document, unsaved=True),), document.scene.notes)
 
     return QueuedTask(run)
